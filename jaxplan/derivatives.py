@@ -1,9 +1,9 @@
 """A plan as a function of its scenario, and what is held fixed of it.
 
 What a planner chooses has no derivative and is held fixed (`hold`): the goal among the local minima of step
-1 and the limits and zones it leans on, the corners of the path, and which limits, zones and nodes bind in
-step 3. All else follows the scenario (`replan`): first and last node are its start and its goal, nodes on
-straight motions next to these go along with them (`jaxplan.model.leads`), in the global method nodes are
+1 and the limits and zones that are active there, the corners of the path, and which limits, zones and nodes
+bind in step 3. All else follows the scenario (`replan`): first and last node are its start and its goal,
+nodes on straight motions next to these move with them (`jaxplan.model.leads`), in the global method nodes are
 passed as the pace along the path has it, and the trajectory is the optimum of step 3. Where targets or zones
 move, in a given duration, the goal is where they are then, and so are its rates. Where a choice is about to
 change, the derivative is that of the side that is held. After tuning, plan again: another path may have
@@ -42,7 +42,7 @@ from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name, fit_batch
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
 
-_OPTIMAL = 1e-6  # rad, of a goal from where its derivative is taken
+_OPTIMAL = 1e-6  # rad, largest distance of a plan's goal from the optimum whose derivative is taken
 _A_PLAN = "jp.plan makes one of a scenario"
 _optimum_near = quick_jit(differentiable_goal)
 
@@ -56,11 +56,11 @@ class Held:
     Attributes:
         goal: where the manoeuvre ends.
         moves: how devices without a target make way there.
-        attitudes: (m + 1, 3, 3) nodes, padded with the last one.
-        joints: (m + 1, 2n) likewise.
-        last: which node is the last.
-        leads: of the nodes, which of them go along with the ends.
-        fit: of step 3.
+        attitudes: (m + 1, 3, 3) of the nodes, body to inertial, padded with the last one.
+        joints: (m + 1, 2n + d) rad, likewise.
+        last: number of the last node before the padding.
+        leads: which of the nodes move with the ends.
+        fit: what is held of the fit of step 3.
         trajectory: that of the fit, for the shapes of its arrays, which are those of `replan`.
         turns: whole turns of the yaw after which each mask of the spacecraft is met again.
         criterion: of which the goal is an optimum. Among goals of least time are those of least rotation,
@@ -80,7 +80,7 @@ class Held:
 
 
 def hold(plan: Plan, *, nodes: int = FEWEST_NODES) -> Held:
-    """What is held fixed of a plan while its scenario changes.
+    """What is held fixed of a plan while its scenario changes; refits the trajectory to find what binds.
 
     Args:
         plan: with a trajectory in a given duration; where nothing moves also the shortest one, or one whose
@@ -92,8 +92,8 @@ def hold(plan: Plan, *, nodes: int = FEWEST_NODES) -> Held:
         TypeError: if it is no plan.
         ValueError: if it has no trajectory that can be followed: it failed, its path has no length, it is a
             shortest motion with rates at its ends, a target or a zone moves and the duration is not given,
-            another limit is about to bind, its goal leans on what a device prefers or on what step 1 leaves
-            open (`jaxplan.goal.problem.leaves_open`), or a device without a target makes way for two things
+            another limit is about to bind, its goal depends on what a device prefers or on what step 1 leaves
+            open (`jaxplan.goal.problem.leaves_open`), or a device without a target is stopped by two things
             at once.
     """
     expect("plan", plan, Plan, _A_PLAN)
@@ -103,7 +103,7 @@ def hold(plan: Plan, *, nodes: int = FEWEST_NODES) -> Held:
 
 
 def hold_each(plans: Sequence[Plan], *, nodes: int) -> Iterator[Held]:
-    """Hold plans one after the other as `hold` does, with their fits made together."""
+    """Yield what is held of each plan, as of `hold`, with all their fits made together."""
     clear_if_full()
     ways = [_followable(plan) for plan in plans]
     with one_thread():
@@ -117,7 +117,11 @@ def hold_each(plans: Sequence[Plan], *, nodes: int) -> Iterator[Held]:
 
 
 def _followable(plan: Plan) -> tuple[Plan, Path, Goal]:
-    """A plan with arrays of its own, its path and its goal; a ValueError if it cannot be followed."""
+    """A plan whose scenario's arrays are copied, its path and its goal.
+
+    Raises:
+        ValueError: if the plan is not OK, or something moves and the duration is not given.
+    """
     if not plan.ok or plan.path is None or plan.goal is None:
         raise ValueError(
             f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
@@ -127,7 +131,7 @@ def _followable(plan: Plan) -> tuple[Plan, Path, Goal]:
 
 
 def own_arrays(scenario: Scenario) -> Scenario:
-    """The scenario with arrays of its own.
+    """The scenario with its arrays copied.
 
     While JAX differentiates with 32 bits by arrays of numpy, it takes these very arrays for narrow ones, even
     in calls of compiled code for wide ones.
@@ -139,7 +143,11 @@ def own_arrays(scenario: Scenario) -> Scenario:
 
 
 def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit, nodes: int) -> Held:
-    """All of an OK plan that derivatives hold fixed, from its path, goal and fit, padded to so many nodes."""
+    """What derivatives hold fixed of an OK plan, from its path, goal and fit, padded to `nodes` nodes.
+
+    Raises:
+        ValueError: if the plan does not move, or its goal is no optimum whose derivative is known.
+    """
     origin, curve = fitted.origin, fitted.trajectory
     if origin is None or curve is None:
         raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")
@@ -253,7 +261,7 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
 
 
 def _goal_of(held: Held, scenario: Scenario, rows: Constraints) -> tuple[Any, Any, tuple[Any, Any]]:
-    """Attitude and joints at the goal of a scenario, and its rates; where something moves, at the end."""
+    """Attitude (3, 3), joints (J,) and both rates at a scenario's goal near the held one, at the end time."""
     asked = scenario.asked
     rates = _rates(scenario, asked)
     if isinstance(asked, GivenState):
@@ -272,13 +280,13 @@ def _goal_of(held: Held, scenario: Scenario, rows: Constraints) -> tuple[Any, An
 
 
 def _place(goal: Goal) -> Goal:
-    """A goal without time and rates."""
+    """A copy of a goal without time and rates."""
     return Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle)
 
 
 @one_thread()
 def follow(plan: Plan, scenario: Scenario) -> Plan:
-    """The plan of a scenario near that of another plan: without a search, by the same corners.
+    """Plan a scenario near another plan: without a search, along a path with the same corners.
 
     Args:
         plan: with a path.
@@ -304,7 +312,7 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
 
 @one_thread()
 def follow_and_hold(plan: Plan, scenario: Scenario, *, nodes: int = FEWEST_NODES) -> tuple[Plan, Held | None]:
-    """Follow a plan and `hold` the result, with one fit; None for what is held where that raises."""
+    """`follow` a plan to a scenario and `hold` the result, with one fit; None for the latter if it fails."""
     followed, fitted = _followed(plan, scenario)
     path, goal = followed.path, followed.goal
     if not followed.ok or fitted is None or path is None or goal is None:
@@ -316,7 +324,16 @@ def follow_and_hold(plan: Plan, scenario: Scenario, *, nodes: int = FEWEST_NODES
 
 
 def _followed(plan: Plan, scenario: Scenario, near: Trajectory | None = None) -> tuple[Plan, Fit | None]:
-    """The plan near another, and its fit where there is one; perhaps with the breaks of a motion."""
+    """Plan a scenario near another plan, see `follow`, and return the plan with its fit, if there is one.
+
+    Args:
+        plan: with a path.
+        scenario: to be planned.
+        near: a trajectory near which a shortest motion is looked for, on its breaks; None for anywhere.
+
+    Raises:
+        ValueError: if the plan has no path, or something moves and the duration is not given.
+    """
     if plan.path is None or plan.goal is None:
         raise ValueError(f"the plan of {plan.scenario.name} has no path, it ended as {plan.status.name}")
     expect_known_time(scenario)
@@ -347,7 +364,7 @@ def _followed(plan: Plan, scenario: Scenario, near: Trajectory | None = None) ->
 
 
 def _of_arrays(scenario: Scenario) -> Scenario:
-    """The scenario with arrays in the place of lists of numbers, of which some may be traced."""
+    """The scenario with JAX arrays instead of lists of numbers, of which some may be traced."""
 
     def is_vector(value: object) -> bool:
         if not isinstance(value, list | tuple) or not len(value) or any(map(is_dataclass, value)):
@@ -361,7 +378,7 @@ def _of_arrays(scenario: Scenario) -> Scenario:
 
 
 def _rates(scenario: Scenario, end: Any) -> tuple[Any, Any]:
-    """Angular velocity and joint rates that are asked for at start or goal, zeros where none are."""
+    """Angular velocity (3,) and joint rates (J,), rad/s, of a start or goal `end`, zeros where None."""
     given, counts = (end.angular_velocity, end.joint_rates), (3, scenario.spacecraft.joint_count)
     velocity, rates = (
         np.zeros(count) if own is None else own for own, count in zip(given, counts, strict=True)
@@ -370,7 +387,7 @@ def _rates(scenario: Scenario, end: Any) -> tuple[Any, Any]:
 
 
 def expect_known_time(scenario: Scenario) -> None:
-    """Raise where something moves and the duration is not given: it and the goal would settle each other."""
+    """Raise ValueError where something moves and no duration is given, which then depends on the goal."""
     if moves(scenario) and not scenario.trajectory.timed:
         raise ValueError(
             f"{scenario.name} has targets or zones that move: derivatives and tuning then know given "

@@ -3,8 +3,8 @@
     >>> trajectory = jp.differentiable(plan)
     >>> slopes = jax.grad(lambda scenario: jp.measures.effort(trajectory(scenario)))(plan.scenario)
 
-It is `replan` of what `hold` holds (`jaxplan.derivatives`), by kernels of its own where plain numbers are
-differentiated, and as any other function of JAX within `jax.jit`.
+It is `replan` of what `hold` returns (`jaxplan.derivatives`), by compiled kernels of its own where plain
+numbers are differentiated, and as any other function of JAX within `jax.jit`.
 
 All is computed in 64 bits, since an optimum of 32 bits has no slopes worth the name. Where JAX itself is set
 to 32 bits, as it is by default, `differentiable` exports the function once from within 64 bits, and what a
@@ -38,12 +38,12 @@ _replan = quick_jit(replan, optimised=False)
 
 
 def _is_real(leaf: Any) -> bool:
-    """Tell whether a number of a scenario can be differentiated."""
+    """Whether a number of a scenario can be differentiated: floating-point ones."""
     return bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating))
 
 
 def _real(scenario: Scenario) -> list[Any]:
-    """Its numbers that can be differentiated."""
+    """The numbers of a scenario that can be differentiated, leaves of its tree in order."""
     return list(filter(_is_real, jax.tree.leaves(scenario)))
 
 
@@ -58,7 +58,7 @@ def _replan_by(held: Held, scenario: Scenario, numbers: list[Any]) -> Trajectory
 def _with_slopes(
     held: Held, scenario: Scenario, cotangents: Trajectory, wanted: bool
 ) -> tuple[Trajectory, list[Any]]:
-    """A scenario's trajectory and, if wanted, the product of cotangents with its derivatives.
+    """A scenario's trajectory and, if `wanted`, the product of cotangents with its derivatives, else zeros.
 
     One kernel serves both ways of a gradient, since most of it is the same. On the way back it computes the
     trajectory once more: with what could be passed on instead, the functions that JAX makes of it, the kernel
@@ -74,18 +74,18 @@ def _with_slopes(
 
 @partial(quick_jit, optimised=False)
 def _along(held: Held, scenario: Scenario, way: list[Any]) -> Trajectory:
-    """How a scenario's trajectory changes as its `_real` numbers do."""
+    """The derivative of a scenario's trajectory along tangents `way` of its `_real` numbers."""
     along: Trajectory = jax.jvp(partial(_replan_by, held, scenario), (_real(scenario),), (way,))[1]
     return along
 
 
 def _plain(tree: Any) -> Any:
-    """The same numbers as arrays of numpy, so that the kernel is the same whoever calls it."""
+    """A tree with its numbers as arrays of numpy, but for tracers, so that one kernel serves all callers."""
     return jax.tree.map(lambda leaf: leaf if isinstance(leaf, jax.core.Tracer) else np.asarray(leaf), tree)
 
 
 def _value(held: Held, scenario: Scenario) -> Trajectory:
-    """A scenario's trajectory, by the kernel that has its slopes, too."""
+    """A scenario's trajectory, by the kernel that computes its derivatives, too."""
     nothing = jax.tree.map(np.zeros_like, held.trajectory)
     return _with_slopes(*_plain((held, scenario, nothing)), False)[0]
 
@@ -96,10 +96,12 @@ def _pulled(held: Held, scenario: Scenario, cotangents: Trajectory) -> list[Any]
 
 
 def _forward(own: tuple[Held, Scenario], way: Any) -> list[Any]:
+    """Leaves of `_along`, as `linear_map` takes them."""
     return jax.tree.leaves(_along(*_plain((*own, list(way)))))
 
 
 def _backward(own: tuple[Held, Scenario], answers: Any) -> list[Any]:
+    """`_pulled` of cotangents given as leaves of a trajectory, the transpose of `_forward`."""
     return _pulled(*own, jax.tree.unflatten(jax.tree.structure(own[0].trajectory), answers))
 
 
@@ -266,6 +268,8 @@ def _in_32_bits(held: Held, wide: Scenario) -> Callable[[Scenario], Trajectory]:
 
 
 def _cast(tree: Any, dtype: Any) -> Any:
+    """A tree with all its leaves converted to a dtype, traced or not."""
+
     def cast(leaf: Any) -> Any:
         if isinstance(leaf, jax.core.Tracer):
             return jax.lax.convert_element_type(leaf, dtype)

@@ -39,7 +39,7 @@ def _coefficients(square: AnyArray, last: int = 3) -> tuple[AnyArray, ...]:
 
 
 def _values(square: AnyArray, last: int) -> tuple[AnyArray, ...]:
-    """The functions of `_coefficients`."""
+    """The first `last` functions of `_coefficients` of the square (...) rad^2."""
     xp = array_module(square)
     small = square < 1
     near, safe = xp.where(small, square, 0), xp.where(small, 1, square)  # what each side can bear
@@ -55,7 +55,7 @@ def _values(square: AnyArray, last: int) -> tuple[AnyArray, ...]:
 
 
 def _series(square: AnyArray, n: int) -> AnyArray:
-    """``S_n`` of `_coefficients`, below one."""
+    """``S_n`` of `_coefficients` by its series, for squares (...) rad^2 below one."""
     total = array_module(square).zeros_like(square)
     for k in reversed(range(_TERMS)):
         total = total * square + (-1) ** k / factorial(2 * k + n)
@@ -69,24 +69,25 @@ _differentiable = jax.custom_jvp(_values, nondiff_argnums=(1,))
 def _slopes(
     last: int, primals: tuple[AnyArray], tangents: tuple[AnyArray]
 ) -> tuple[tuple[AnyArray, ...], tuple[AnyArray, ...]]:
+    """The functions of `_coefficients` and their derivatives along a tangent, for `jax.custom_jvp`."""
     found = _differentiable(*primals, last + 2)
     slopes = [_slope(found, n) for n in range(1, last + 1)]
     return found[:last], tuple(slope * tangents[0] for slope in slopes)
 
 
 def _slope(found: tuple[AnyArray, ...], n: int) -> AnyArray:
-    """``S_n'`` from the functions of `_coefficients`."""
+    """``S_n'`` from the functions of `_coefficients`, of which `found` has at least n + 2."""
     return (n * found[n + 1] - found[n]) / 2
 
 
 def _coefficient_slopes(square: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Derivatives in ``t^2`` of the second and third function of `_coefficients`."""
+    """Derivatives by ``t^2`` of the second and third function of `_coefficients`; squares (...) rad^2."""
     found = _coefficients(square, 5)
     return _slope(found, 2), _slope(found, 3)
 
 
 def _coefficient_bends(square: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Derivatives in ``t^2`` of those of `_coefficient_slopes`."""
+    """Derivatives by ``t^2`` of those of `_coefficient_slopes`, at squares (...) rad^2."""
     found = _coefficients(square, 7)
     second, third = ((n * _slope(found, n + 2) - _slope(found, n + 1)) / 2 for n in (2, 3))
     return second, third
@@ -113,7 +114,7 @@ def hat(vector: ArrayLike) -> AnyArray:
 
 
 def _hat_square(vector: AnyArray) -> AnyArray:
-    """``hat(x) @ hat(x)`` written as ``x x^T - |x|^2 I``, which fuses with what surrounds it."""
+    """``hat(x) @ hat(x)`` (..., 3, 3) of vectors (..., 3), as ``x x^T - |x|^2 I``, which XLA fuses."""
     xp = array_module(vector)
     square = xp.sum(vector * vector, axis=-1)[..., None, None]
     return vector[..., :, None] * vector[..., None, :] - square * xp.eye(3, dtype=vector.dtype)

@@ -1,4 +1,4 @@
-"""Bounds between samples: how far polynomials through them may be off, and how small their values get.
+"""Bounds between samples: errors of the polynomials through them, and their least values.
 
 **Interpolation.** A trajectory is sampled on intervals so short that polynomials through the samples leave
 out next to nothing (`gather`). The polynomial of degree K through the samples at `motion.NODES` of an
@@ -39,9 +39,7 @@ from jaxplan.certificate import series
 from jaxplan.certificate.motion import DEGREE, Intervals, Motion, Samples, Way
 from jaxplan.certificate.series import ROUNDING
 
-NEGLIGIBLE = (
-    1e-11  # of what it is compared with: what polynomials may leave out, a hundredth of the allowances
-)
+NEGLIGIBLE = 1e-11  # share of a limit or angle that polynomials may leave out, a hundredth of the allowances
 LEBESGUE = 3.0  # by how much the polynomial through samples at most enlarges their errors, up to degree 12
 _MOST_INTERVALS = (
     4000  # of a trajectory, or twice as many as before a round: beyond, intervals stay as they are
@@ -54,13 +52,13 @@ _MOST_ROWS = 400_000  # of an owner, in one round: beyond, its bounds stay as th
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Errors:
-    """Bounds of errors on intervals.
+    """Bounds of errors on n intervals.
 
     Attributes:
-        direction: (S + k, n) of all sights as seen from inertial axes that may move, then of what is seen
-            within the body (`motion.Views`).
+        direction: (S + k, n) of all S sights relative to inertial axes, which may move, then of the k pairs
+            within the body (`motion.Views.within`).
         spin: (3, n) of the angular velocity and its two derivatives, rad/s, rad/s^2, rad/s^3.
-        joints: (3, 2T, n) of the joints and their two derivatives, rad, rad/s, rad/s^2.
+        joints: (3, J, n) of the joints and their two derivatives, rad, rad/s, rad/s^2.
     """
 
     direction: np.ndarray
@@ -75,8 +73,8 @@ class Majorants:
     Attributes:
         turning: (orders, n) ``m`` above, rad; zero at order zero.
         direction: (orders, S + k, n) of scalar products of sights with axes, as `Errors` has them.
-        spin: (orders, n) of h times the angular velocity.
-        joints: (orders, 2T, n) rad.
+        spin: (orders, n) of h times the angular velocity, rad.
+        joints: (orders, J, n) rad.
     """
 
     turning: np.ndarray
@@ -87,7 +85,7 @@ class Majorants:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evidence:
-    """Samples of trajectories with all that is needed to speak for the time between them.
+    """Samples of trajectories with all that is needed to bound the motion between them.
 
     Attributes:
         on: intervals that cover all the time of each, in its order.
@@ -105,7 +103,7 @@ class Evidence:
 
 
 def _of_sights(motion: Motion, joints: np.ndarray) -> np.ndarray:
-    """Angles of joints added for what moves with them, else zero: (..., J, n) to (..., S, n)."""
+    """For each sight the sum (..., S, n) of its yaw's and pitch's values among (..., J, n); zero without."""
     yaw, pitch = (np.moveaxis(part, 0, -2) for part in motion.mountings.split(np.moveaxis(joints, -2, 0)))
     still = np.zeros((*yaw.shape[:-2], len(motion.fixed), yaw.shape[-1]))
     both = yaw + pitch
@@ -113,13 +111,19 @@ def _of_sights(motion: Motion, joints: np.ndarray) -> np.ndarray:
 
 
 def _within(motion: Motion, of_sights: np.ndarray) -> np.ndarray:
-    """The sums of a sight's and its axis' for what is seen within the body: (..., S, n) to (..., k, n)."""
+    """For each pair within the body the sum (..., k, n) of its sight's and its axis' values (..., S, n)."""
     sight, axis = motion.views.within.T
     return of_sights[..., sight, :] + np.where(axis[:, None] < 0, 0, of_sights[..., axis, :])
 
 
 def majorants(motion: Motion, on: Intervals, ways: Sequence[Way] = ()) -> Majorants:
-    """Majorants of everything that moves, on some intervals, each within a piece of every way."""
+    """Majorants of everything that moves on some intervals.
+
+    Args:
+        motion: of the trajectories.
+        on: intervals, each within one piece of every way.
+        ways: of the inertial axes that move.
+    """
     orders = DEGREE + 5
     centre = on.centre[:, None]
     unit = on.half ** np.arange(max(motion.platform.length, motion.joints.length, 2))[:, None]
@@ -142,7 +146,7 @@ def majorants(motion: Motion, on: Intervals, ways: Sequence[Way] = ()) -> Majora
 
 
 def interpolation(on: Intervals, bounds: Majorants) -> Errors:
-    """What the polynomials through samples leave out."""
+    """Bounds of the interpolation errors of the polynomials through samples, from majorants."""
     factor = 2.0 ** (1 - DEGREE)
     order, unit = DEGREE + 1, on.half ** -np.arange(3.0)[:, None]
     spin = np.stack([perm(order + d, d) * bounds.spin[order + d] for d in range(3)])
@@ -155,7 +159,7 @@ def interpolation(on: Intervals, bounds: Majorants) -> Errors:
 
 
 def rounding(motion: Motion, on: Intervals, bounds: Majorants, ways: Sequence[Way] = ()) -> Errors:
-    """Sizes of the rounding errors of samples, those of axes included."""
+    """Sizes of the rounding errors of samples, those of axes included; arguments as of `majorants`."""
     unit = on.half ** np.arange(4)[:, None]
     eta = np.linalg.norm(motion.platform.rounding(on.piece, 4), axis=1) * unit
     eta[0] += ROUNDING
@@ -174,13 +178,13 @@ def rounding(motion: Motion, on: Intervals, bounds: Majorants, ways: Sequence[Wa
 
 
 def gather(motion: Motion, wanted: Errors, ways: Sequence[Way] = ()) -> Evidence:
-    """Samples trajectories on intervals so short that the polynomials leave out at most as much as wanted.
+    """Sample trajectories on intervals so short that the polynomials' errors are at most as large as wanted.
 
     Args:
         motion: of one trajectory or of several.
         wanted: the errors that may remain, with the last axis for the trajectories. Where one would take too
-            many intervals, larger ones do.
-        ways: of the axes that move, where there is a single trajectory; they must be known all the time.
+            many intervals, larger errors remain.
+        ways: the axes that move, where there is a single trajectory; they must be known all the time.
     """
     on = motion.pieces(ways)
     unsettled = np.ones(len(on.begins) - 1, dtype=bool)
@@ -231,7 +235,7 @@ class Layout:
 
     @classmethod
     def joined(cls, layouts: Sequence[Self]) -> Self:
-        """The layouts of some owners, of one quantity each; they are numbered in this order."""
+        """One layout of those of several owners, each with a single quantity, numbered in this order."""
         owner = np.repeat(np.arange(len(layouts)), [len(layout.owner) for layout in layouts])
         return cls(
             opens_entry=np.concatenate([layout.opens_entry for layout in layouts]),
@@ -246,10 +250,10 @@ class Layout:
         return np.cumsum(self.opens_clause) - 1
 
     def fold(self, kind: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Values of tasks from those of their rows, which lie together: the best entry's worst row.
+        """Values of tasks from those of their rows: the best entry's worst row.
 
         Args:
-            kind: (rows,).
+            kind: (rows,) int, kinds of the rows, those of a task side by side.
             values: (..., rows).
 
         Returns:
@@ -268,8 +272,8 @@ class Rows:
 
     Attributes:
         coefficients: (K + 1, rows) in the Bernstein basis.
-        error: (rows,) how far each polynomial may be off.
-        kind: (rows,) int.
+        error: (rows,) bound of each polynomial's error.
+        kind: (rows,) int, of each row.
         low: (tasks,) s, start of the interval.
         high: (tasks,) s, its end.
     """
@@ -287,8 +291,8 @@ class Minima:
 
     Attributes:
         bound: (clauses,) proved lower bound.
-        seen: (clauses,) least value met.
-        time: (clauses,) s, when it was met.
+        seen: (clauses,) least value that was evaluated, an upper bound.
+        time: (clauses,) s, at which that is.
     """
 
     bound: np.ndarray
@@ -297,21 +301,21 @@ class Minima:
 
     @classmethod
     def of(cls, clauses: int) -> Self:
-        """Minima of so many clauses, of which nothing is known yet."""
+        """Minima of `clauses` clauses, of which nothing is known yet: infinite."""
         return cls(bound=np.full(clauses, np.inf), seen=np.full(clauses, np.inf), time=np.zeros(clauses))
 
     def part(self, of: slice) -> Self:
-        """The minima of some clauses; what is changed in one is changed in both."""
+        """The minima of a slice of the clauses, which share memory with these."""
         return type(self)(bound=self.bound[of], seen=self.seen[of], time=self.time[of])
 
     def meet(self, clause: np.ndarray, value: np.ndarray, time: np.ndarray) -> None:
-        """Take in values (k,) of clauses at some times."""
+        """Update `seen` and `time` in place with values (k,) of clauses, by number (k,), at times (k,) s."""
         np.minimum.at(self.seen, clause, value)
         least = value == self.seen[clause]
         self.time[clause[least]] = time[least]
 
     def wanted(self, layout: Layout, tolerance: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """Bounds that are good enough, for each clause; see `minimise`."""
+        """For each clause the lower bound that suffices, see `minimise`; `tolerance` as there."""
         least = np.full(layout.quantity.max(initial=0) + 1, np.inf)
         np.minimum.at(least, layout.quantity, self.seen)
         enough = np.maximum(least - tolerance(least), 0)[layout.quantity]
@@ -355,7 +359,7 @@ def growth(degree: int) -> float:
 
 
 def to_rows(samples: np.ndarray) -> np.ndarray:
-    """Bernstein coefficients (K + 1, rows) from samples (rows, K + 1) at the places of `to_bernstein`."""
+    """Bernstein coefficients (K + 1, rows) from samples (rows, K + 1) at the nodes of `to_bernstein`."""
     values = np.ascontiguousarray(samples.T)
     if values.shape[1] == 1:  # of one row alone numpy takes the sum in another order
         return to_rows(np.repeat(samples, 2, axis=0))[:, :1]
@@ -363,7 +367,10 @@ def to_rows(samples: np.ndarray) -> np.ndarray:
 
 
 def _halved(coefficients: np.ndarray) -> np.ndarray:
-    """Coefficients (K + 1, 2 rows) of all left halves and then of all right ones, by de Casteljau."""
+    """Bernstein coefficients (K + 1, 2 rows) on all left half intervals and then on all right ones.
+
+    By de Casteljau's algorithm, from those (K + 1, rows) on the whole intervals.
+    """
     last, count = len(coefficients) - 1, coefficients.shape[1]
     halves = np.empty((last + 1, 2 * count))
     left, right = halves[:, :count], halves[:, count:]
@@ -382,7 +389,7 @@ def minimise(
     value: Callable[[np.ndarray, np.ndarray], np.ndarray],
     tolerance: Callable[[np.ndarray], np.ndarray],
 ) -> None:
-    """Bounds the least value of every clause over all its tasks, and completes `minima` with it.
+    """Bound the least value of every clause over all its tasks, and update `minima` with it.
 
     The least clause of a quantity is bounded to within the tolerance, and so is every clause that falls
     below zero; of the others it is only proved that they are larger. Where the work for an owner exceeds a
@@ -392,7 +399,7 @@ def minimise(
         rows: what is not settled yet.
         layout: how rows nest.
         minima: what is known already; changed in place.
-        value: rising function of polynomials' values (..., rows) and of the rows' kinds (rows,).
+        value: function of polynomials' values (..., rows), with which it rises, and of rows' kinds (rows,).
         tolerance: how close a bound must come to the least value met, (clauses,) to (clauses,).
     """
     clause_of = layout.clause

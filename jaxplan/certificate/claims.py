@@ -1,4 +1,4 @@
-"""What the certificate is asked about a trajectory, and what it says."""
+"""The data of a certificate: the claim about a trajectory that is to be proved, and what is proved of it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,9 +18,9 @@ class EndState:
 
     Attributes:
         attitude: (3, 3) body to inertial.
-        joints: (2n,) rad, all yaws then all pitches.
+        joints: (2n + d,) rad, all yaws, all pitches, all drives.
         angular_velocity: (3,) rad/s, body axes; None for rest.
-        joint_rates: (2n,) rad/s; None for rest.
+        joint_rates: (2n + d,) rad/s; None for rest.
     """
 
     attitude: np.ndarray
@@ -32,7 +32,7 @@ class EndState:
 @shown("trajectory", "spacecraft", "zone_names", "start", "goal")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Claim:
-    """The claim that a trajectory is safe and does what it should.
+    """The claim that a trajectory keeps all limits and zones and leads from one state to another.
 
     Attributes:
         trajectory: the manoeuvre.
@@ -42,7 +42,7 @@ class Claim:
         start: the state it must start from; None for any.
         goal: the state it must end in; None for any.
         sight_names: (S,) names of all that the constraints bind: devices, axes of the body, and vectors of
-            terminals' moving parts; None for words for those that are no devices.
+            terminals' moving parts; None for general names of those that are no devices.
     """
 
     trajectory: Trajectory
@@ -55,7 +55,7 @@ class Claim:
 
     @property
     def sights(self) -> Sequence[str]:
-        """(S,) names of all that the constraints bind, or words for it."""
+        """(S,) names of all that the constraints bind, general ones where `sight_names` is None."""
         if self.sight_names is not None:
             return self.sight_names
         names = self.spacecraft.device_names

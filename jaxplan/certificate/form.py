@@ -1,4 +1,4 @@
-"""What must hold before a trajectory can be evaluated: shapes, finite numbers, rotations, rising breaks.
+"""Checks before a trajectory can be evaluated: shapes, finite numbers, rotations, rising breaks.
 
 The checks go in three stages, each of which relies on the ones before: shapes; that every number is finite;
 what the numbers are. `faults` has the sentences of the first stage that finds any.
@@ -26,7 +26,7 @@ Data = TypeVar("Data", bound=Any)
 
 
 def _arrays(data: Any) -> dict[str, np.ndarray]:
-    """All arrays of a dataclass by name, in float64; what is None, and paths, aside."""
+    """All arrays of a dataclass by name, in float64, without those that are None, and without paths."""
     fields = dataclasses.fields(data)
     names = (f.name for f in fields if not f.metadata.get("static") and f.name != "paths")
     given = ((name, getattr(data, name)) for name in names)
@@ -44,13 +44,13 @@ def is_static(trajectory: Trajectory) -> bool:
 
 
 def held(trajectory: Data) -> Data:
-    """The state of a trajectory without duration, held for a second."""
+    """A trajectory without duration, changed to one that keeps its state for a second."""
     second = np.array([0.0, 1.0])
     return dataclasses.replace(trajectory, breaks=second, joint_breaks=second)
 
 
 def faults(claim: Claim, trajectory: Trajectory, cones: Constraints) -> list[str]:
-    """All faults of form of the first stage that finds any.
+    """A sentence for every fault of the first stage that finds any.
 
     Args:
         claim: what is claimed.
@@ -89,7 +89,7 @@ def faults(claim: Claim, trajectory: Trajectory, cones: Constraints) -> list[str
 
 
 def _shapes(given: dict[str, np.ndarray], claim: Claim, cones: Constraints) -> Iterator[str]:
-    """Check the shapes of arrays by name; a curve has a piece at least, with a coefficient at least."""
+    """Yield a fault for each array, by name, of wrong shape; a curve needs a piece and a coefficient."""
     rows, joints = cones.half_angle.size, claim.spacecraft.joint_count
     body, carried = (len(np.atleast_1d(vectors)) for vectors in (cones.body, cones.carried))
     sights = len(claim.spacecraft.device_names) + body + carried
@@ -121,26 +121,30 @@ def _shapes(given: dict[str, np.ndarray], claim: Claim, cones: Constraints) -> I
 
 
 def _wrong(arrays: dict[str, np.ndarray], good: Callable[[np.ndarray], bool], *tail: int) -> list[str]:
-    """Names of the arrays (..., *tail) that are not good: nearly always none, as all of them together say."""
+    """Names of the arrays (..., *tail) for which `good` is False; it is first asked of all of them in one."""
     if good(np.concatenate([array.reshape(-1, *tail) for array in arrays.values()])):
         return []
     return [name for name, array in arrays.items() if not good(array)]
 
 
 def _rotations(matrices: np.ndarray) -> bool:
+    """Whether all matrices (..., 3, 3) are rotations, to `_ORTHONORMAL`."""
     off = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3))
     return bool((off <= _ORTHONORMAL).all() and (np.linalg.det(matrices) > 0).all())
 
 
 def _unit(vectors: np.ndarray) -> bool:
+    """Whether all vectors (..., 3) have length one, to `_UNIT`."""
     return bool((np.abs(np.linalg.norm(vectors, axis=-1) - 1) <= _UNIT).all())
 
 
 def _across(first: np.ndarray, second: np.ndarray) -> bool:
+    """Whether two vectors (3,) are unit vectors at right angles, to `_UNIT`."""
     return _unit(first) and _unit(second) and bool(abs(np.dot(first, second)) <= _UNIT)
 
 
 def _trajectory(trajectory: Trajectory) -> Iterator[str]:
+    """Yield the faults of a trajectory's breaks, and of one without duration that is not constant."""
     ends = trajectory.breaks[[0, -1]]
     if ends[0] != 0:
         yield f"trajectory.breaks start at {ends[0]:g} s and not at 0"
@@ -158,7 +162,14 @@ def _trajectory(trajectory: Trajectory) -> Iterator[str]:
 
 
 def _cones(cones: Constraints, still: np.ndarray, zones: int, craft: Spacecraft) -> Iterator[str]:
-    """Check the numbers of constraints, of whose axes some stand still, and what their rows may bind."""
+    """Yield the faults of the numbers of constraints, and of what their rows bind.
+
+    Args:
+        cones: the constraints in float64.
+        still: (Z,) bool, rows whose axes stand still.
+        zones: number of rows that have a name.
+        craft: the spacecraft.
+    """
     terminals, gimbals = len(craft.terminals), len(craft.terminals) + len(craft.drives)
     frame, bound = cones.frame, cones.bound != 0
     of_joints, of_sights = frame == JOINTS, frame == SIGHT
@@ -191,12 +202,12 @@ def _cones(cones: Constraints, still: np.ndarray, zones: int, craft: Spacecraft)
 
 
 def _whole(numbers: np.ndarray, count: int) -> bool:
-    """Tell whether all numbers are whole, at least zero and below a count."""
+    """Whether all numbers are whole, at least zero and below a count."""
     return bool(((numbers == np.floor(numbers)) & (numbers >= 0) & (numbers < count)).all())
 
 
 def _path(name: str, path: DirectionPath, last: float) -> Iterator[str]:
-    """Check an axis that moves, in a trajectory that ends at `last` s."""
+    """Yield the faults of the times of an axis that moves, in a trajectory that ends at `last` s."""
     times = np.asarray(path.times, np.float64)
     if not (np.diff(times) > 0).all():
         yield f"{name}.times do not rise"
@@ -205,6 +216,7 @@ def _path(name: str, path: DirectionPath, last: float) -> Iterator[str]:
 
 
 def _spacecraft(spacecraft: Spacecraft) -> Iterator[str]:
+    """Yield the faults of a spacecraft's limits, mountings and boresights."""
     positive = []
     of_axes = "rate_limit", "acceleration_limit", "jerk_limit", "torque_limit", "wheel_momentum_limit"
     for name in (*of_axes, "rate_norm_limit", "acceleration_norm_limit"):

@@ -1,4 +1,4 @@
-"""Limits at every instant, and what must hold at single ones: no jumps at breaks, wanted states at the ends.
+"""Proof of limits at every instant, of continuity at breaks, and of the wanted states at the ends.
 
 **Limits** are on rates, accelerations, jerk, joint angles, torque and momentum. Every limited quantity has
 components ``f`` that must stay within ``-limit`` and ``+limit``; angles of joints count from the middle of
@@ -32,20 +32,20 @@ _UNITS = ("rad", "rad/s", "rad/s^2", "rad/s^3")
 
 
 def tolerance(margin: np.ndarray) -> np.ndarray:
-    """How close a bound comes to the largest ratio met: a twentieth of the margin, from 1e-10 to 5e-7."""
+    """How close a bound must come to the least margin met: a twentieth of it, from 1e-10 to 5e-7."""
     return np.clip(np.abs(margin) / 20, 1e-10, 5e-7)
 
 
 @dataclass(frozen=True, eq=False)
 class Limited:
-    """A limited quantity, sampled.
+    """Samples of a limited quantity, in SI units: c components at m instants of each of n intervals.
 
     Attributes:
-        limit: on it, which gives names and unit.
-        values: (c, n, m) samples on the intervals, of a length of its square; so are the next two.
-        left_out: (c, n) or (n,), how far the polynomials through the samples may be off.
+        limit: the limit, which gives names and unit.
+        values: (c, n, m) samples less the centre of the range; of a length its square, so are the next two.
+        left_out: (c, n) or (n,), bound of the error of the polynomials through the samples.
         rounding: (c, n) or (n,), size of the samples' rounding errors.
-        bound: (c,) positive.
+        bound: (c,) the limit of each component, positive.
     """
 
     limit: Limit
@@ -61,12 +61,12 @@ class Limited:
 
     @property
     def scale(self) -> np.ndarray:
-        """(c,) what the samples are at the bound."""
+        """(c,) the value of the samples at the limit: the bound, or its square for a length."""
         return self.bound**2 if self.limit.quantity.of_length else self.bound
 
 
 def quantities(spacecraft: Spacecraft, evidence: Evidence) -> list[Limited]:
-    """All that the spacecraft limits, in the order of the certificate."""
+    """Samples of all quantities that the spacecraft limits, in the order of the certificate."""
     found = []
     for limit in limits(spacecraft):
         values, left_out, rounding = _SAMPLED[limit.quantity.name](evidence, spacecraft)
@@ -81,12 +81,12 @@ _Sampled = Sequence[np.ndarray]  # values, what is left out, and rounding
 
 
 def _spin(evidence: Evidence, derivative: int) -> _Sampled:
-    """The angular velocity or a derivative of it, body axes."""
+    """The angular velocity, body axes, or its derivative of order `derivative` (0 the velocity itself)."""
     return [part.spin[derivative] for part in (evidence.samples, evidence.left_out, evidence.rounding)]
 
 
 def _square(evidence: Evidence, derivative: int) -> _Sampled:
-    """The square of the length of the angular velocity or of a derivative of it."""
+    """The square of the length of the angular velocity, or of its derivative of order `derivative`."""
     values, _, rounding = _spin(evidence, derivative)
     size = evidence.majorants.spin
     for _ in range(derivative):
@@ -97,13 +97,13 @@ def _square(evidence: Evidence, derivative: int) -> _Sampled:
 
 
 def _joints(evidence: Evidence, derivative: int, some: slice = slice(None)) -> _Sampled:
-    """Joint angles or a derivative of them, of all or of some joints."""
+    """Joint angles, rad, or their derivative of order `derivative` (0 the angles); `some` selects joints."""
     parts = evidence.samples, evidence.left_out, evidence.rounding
     return [part.joints[derivative, some] for part in parts]
 
 
 def _momentum(evidence: Evidence, spacecraft: Spacecraft) -> _Sampled:
-    """``J w``, body axes."""
+    """The angular momentum ``J w``, N m s, body axes."""
     velocity, left_out, rounding = _spin(evidence, 0)
     inertia = np.asarray(spacecraft.inertia, np.float64)
     size = np.linalg.norm(inertia, 2)  # the most by which it makes a vector longer
@@ -111,7 +111,7 @@ def _momentum(evidence: Evidence, spacecraft: Spacecraft) -> _Sampled:
 
 
 def _torque(evidence: Evidence, spacecraft: Spacecraft) -> _Sampled:
-    """``J w' + w x J w``, body axes."""
+    """The torque ``J w' + w x J w``, N m, body axes."""
     velocity, (momentum, _, of_momentum) = evidence.samples.spin[0], _momentum(evidence, spacecraft)
     acceleration, left_out, rounding = _spin(evidence, 1)
     inertia = np.asarray(spacecraft.inertia, np.float64)
@@ -123,7 +123,7 @@ def _torque(evidence: Evidence, spacecraft: Spacecraft) -> _Sampled:
     return torque, left_out, size * rounding + 2 * speed[0] / half * of_momentum
 
 
-# The certificate's own writing of every quantity; a limit on another one cannot be proved.
+# The certificate's own formula for every quantity; a limit on another one cannot be proved.
 _SAMPLED: dict[str, Callable[[Evidence, Spacecraft], _Sampled]] = {
     "angular_velocity": lambda evidence, _: _spin(evidence, 0),
     "angular_acceleration": lambda evidence, _: _spin(evidence, 1),
@@ -143,10 +143,10 @@ _SAMPLED: dict[str, Callable[[Evidence, Spacecraft], _Sampled]] = {
 
 
 def prove(limited: Sequence[Limited], evidence: Evidence) -> Minima:
-    """Bounds the least of ``1 - |f| / limit`` over all time.
+    """Bound the least of ``1 - |f| / limit`` over all time.
 
     Returns:
-        For the components of all quantities in turn, trajectory by trajectory.
+        The minima, a clause each for the components of all quantities in turn, trajectory by trajectory.
     """
     on, limit = evidence.on, np.concatenate([q.scale for q in limited])[:, None]
     ratio = np.concatenate([q.values for q in limited]) / limit[..., None]
@@ -182,7 +182,10 @@ def prove(limited: Sequence[Limited], evidence: Evidence) -> Minima:
 
 
 def peaks(limited: Sequence[Limited], minima: Minima) -> dict[str, tuple[float, float]]:
-    """Upper bound of the largest ``|f| / limit`` of each quantity, and when it is largest, s."""
+    """Upper bound of the largest ``|f| / limit`` of each quantity, by name, and the time of it, s.
+
+    `minima` are those of one trajectory.
+    """
     found, begin = {}, 0
     for quantity in limited:
         own = slice(begin, begin + len(quantity.bound))
@@ -192,7 +195,10 @@ def peaks(limited: Sequence[Limited], minima: Minima) -> dict[str, tuple[float, 
 
 
 def faults(limited: Sequence[Limited], minima: Minima, allowance: float) -> Iterator[str]:
-    """A sentence for each component that is not proved to stay within its limit and the allowance."""
+    """Yield a sentence for each component that is not proved to keep its limit.
+
+    `minima` are those of one trajectory; `allowance` is the share of the limit by which it may be passed.
+    """
     components = [
         (one.limit.quantity, owner, limit)
         for one in limited
@@ -213,15 +219,18 @@ def faults(limited: Sequence[Limited], minima: Minima, allowance: float) -> Iter
 
 
 def _apart(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Angle between attitudes (3, 3, ...), rad, exact when small: the norm is ``sqrt(8) sin(angle / 2)``."""
+    """Angle (...) rad between attitudes (3, 3, ...), exact when small.
+
+    The norm of their difference is ``sqrt(8) sin(angle / 2)``.
+    """
     distance = np.linalg.norm((first - second).reshape(9, *first.shape[2:]), axis=0)
     return 2 * np.arcsin(np.minimum(distance / np.sqrt(8), 1))
 
 
 def jumps(samples: Samples) -> dict[str, np.ndarray]:
-    """Jumps by the names and units of `Certificate.jumps`, (n, c) each: of components from interval to next.
+    """Jumps (n, c) of c components from each of n intervals to the next, by the names of `Certificate.jumps`.
 
-    From the last one it is to the first, so that there are two at least (see `motion`).
+    The last one is from the last interval to the first, so that there are two at least (see `motion`).
     """
     turn = _apart(samples.attitude[..., -1], np.roll(samples.attitude[..., 0], -1, axis=-1))
     found = {_PLATFORM[0]: turn[:, None]}
@@ -238,11 +247,11 @@ def jump_faults(
     jerk_limited: bool,
     joint_names: Sequence[str],
 ) -> Iterator[str]:
-    """A sentence for each quantity that jumps though it must not.
+    """Yield a sentence for each quantity that jumps though it must not.
 
     Args:
         found: (k, c) each, the jumps of a trajectory.
-        times: (k,) s, when they are.
+        times: (k,) s, of the jumps.
         smoothness: number of derivatives that the trajectory claims to be continuous; rates must be anyway.
         jerk_limited: whether the spacecraft limits the jerk, so that the angular acceleration must not jump.
         joint_names: of the joints.
@@ -262,13 +271,13 @@ def jump_faults(
 
 
 def end_faults(samples: Samples, name: str, end: EndState, instant: tuple[int, int]) -> Iterator[str]:
-    """A sentence for each part of a wanted state that the trajectory misses.
+    """Yield a sentence for each part of a wanted state that the trajectory misses.
 
     Args:
         samples: of the motion.
         name: of the state, for the sentences.
         end: the wanted state.
-        instant: its interval, and its number there.
+        instant: number of the interval, and of the sample there, at which it must be.
     """
     at = (..., *instant)
     velocity = 0.0 if end.angular_velocity is None else end.angular_velocity
@@ -285,4 +294,5 @@ def end_faults(samples: Samples, name: str, end: EndState, instant: tuple[int, i
 
 
 def _words(name: str) -> str:
+    """A name with spaces for underscores."""
     return name.replace("_", " ")

@@ -1,4 +1,4 @@
-"""Constraints on what points, and proved lower bounds of their margins over all time.
+"""Pointing constraints, and proved lower bounds of their margins over all time.
 
 The margin of a sight to a cone is the angle by which it is clear, as in equations (11) and (12). It is taken
 from the square of the chord between sight and axis,
@@ -9,8 +9,8 @@ which is linear in p and in e and loses no digit at small angles. A cone of more
 complement of the opposite one.
 
 An inertial axis that moves is taken where it is at each instant. An axis of the body, or one that is itself a
-sight, is seen in body axes, where the platform's turn does not count. How far polynomials in time may be off
-by the motion of both is in the evidence. The margin of a row of joints is ``f . (yaw, pitch) - d``.
+sight, is taken in body axes, where the platform's turn does not count. The errors of polynomials in time that
+follow from the motion of both are in the evidence. The margin of a row of joints is ``f . (yaw, pitch) - d``.
 
 An entry holds where all its rows do, for all that they bind; a constraint where one of its entries does. A
 constraint of a single entry must hold for each sight by itself, so each is a clause (see `bounds`); one of
@@ -44,7 +44,7 @@ def tolerance(margin: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bindings:
-    """Pairs of a row and a sight that it binds; they are the kinds of `layout`.
+    """All pairs of a row and a sight that it binds; they are the kinds of `layout`.
 
     Attributes:
         row: (pairs,) number of the row, among those of its trajectory.
@@ -57,8 +57,8 @@ class Bindings:
             joints ``d``.
         side: (pairs,) +1 to stay outside of that cone, -1 to stay inside; +1 for a row of joints.
         view: (pairs,) number of the pair's scalar product among those of `bounds.Errors`.
-        views: what is looked at beside boresights from inertial axes.
-        ways: of the inertial axes that move, by row.
+        views: directions that are sampled beside the devices' boresights.
+        ways: the inertial axes that move, by row.
         terminals: number of terminals, T.
         layout: how pairs make up constraints; owners are the trajectories on which they must hold.
     """
@@ -79,7 +79,7 @@ class Bindings:
 
     @classmethod
     def of(cls, cones: Constraints, terminals: int) -> Self:
-        """The pairs of constraints of arrays in float64 whose form has been checked, of so many terminals."""
+        """The pairs of constraints in float64 whose form has been checked, of `terminals` terminals."""
         row, sight, layout = _nested(cones)
         frame, partner = cones.frame[row].astype(int), cones.partner[row].astype(int)
         half_angle, axis, linear = cones.half_angle[row], cones.axis[row], frame == JOINTS
@@ -111,7 +111,7 @@ class Bindings:
 
     @classmethod
     def joined(cls, several: Sequence[Self]) -> Self:
-        """The pairs of several trajectories of the same views, none with axes that move; or of one."""
+        """The pairs of several trajectories of the same views without moving axes, or of a single one."""
         if len(several) == 1:
             return several[0]
         arrays = [field.name for field in fields(cls) if field.name not in _SHARED]
@@ -134,11 +134,11 @@ class Bindings:
         return bool((self.frame == JOINTS).any())
 
     def margin(self, value: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """Margins in rad from what `_values` has, with which they rise.
+        """Margins in rad from values of `_values`, with which they rise.
 
         Args:
             value: (..., rows).
-            pair: (rows,) int.
+            pair: (rows,) int, number of each row's pair.
 
         Returns:
             (..., rows).
@@ -155,9 +155,9 @@ class Bindings:
         Args:
             samples: of the motion.
             on: the intervals that were sampled.
-            pair: (rows,) int.
-            where: (rows,) int, interval of each.
-            at: which samples of an interval.
+            pair: (rows,) int, number of each row's pair.
+            where: (rows,) int, number of each row's interval.
+            at: which samples of an interval, m of them.
         """
         sight, frame, flip = self.sight[pair], self.frame[pair], self.flip[pair, None, None]
 
@@ -187,13 +187,16 @@ class Bindings:
         return values
 
     def _linear(self, pair: np.ndarray) -> np.ndarray:
-        """Which of some pairs are of rows of joints."""
+        """Indices of those of some pairs (rows,) that are of rows of joints."""
         return np.flatnonzero(self.frame[pair] == JOINTS)
 
     def _weighed(
         self, weight: np.ndarray, joints: np.ndarray, pair: np.ndarray, where: np.ndarray
     ) -> np.ndarray:
-        """Sums of yaw and pitch with weights (rows, 3), of joints (J, n, ...): (rows, ...)."""
+        """Weighted sums (rows, ...) of yaw and pitch of pairs on intervals `where`, both (rows,) int.
+
+        Weights are (rows, 3), of which the last counts for nothing, joints (J, n, ...).
+        """
         # rows of joints are of terminals, whose yaws come first and whose pitches follow
         yaw = joints[self.sight[pair], where].T
         pitch = joints[self.sight[pair] + self.terminals, where].T
@@ -201,14 +204,14 @@ class Bindings:
         return total.T
 
     def prove(self, evidence: Evidence) -> Minima:
-        """Bounds the least margin of every clause, rad, over all time."""
+        """Bound the least margin of every clause, rad, over all time."""
         minima, on = Minima.of(len(self.layout.quantity)), evidence.on
         if len(self.row) == 0:
             return minima
         number = np.diff(on.begins)[self.layout.owner]
         clause = np.repeat(np.arange(len(number)), number)
         interval = on.begins[self.layout.owner][clause] + places(number)
-        # First a cap around where it is at mid-interval, as wide as it may move: that settles nearly all.
+        # First a cap around the direction at mid-interval, as wide as it may move: that settles nearly all.
         pair, where = self._rows_of(clause, interval)
         lower, met = self.layout.fold(pair, self.margin(self._caps(evidence, pair, where), pair))
         minima.meet(clause[::-1], met[::-1], on.centre[interval[::-1]])  # of equals the first
@@ -220,13 +223,19 @@ class Bindings:
         return minima
 
     def _rows_of(self, clause: np.ndarray, interval: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs and intervals (rows,) of the rows of some clauses on some intervals, (tasks,) each."""
+        """Pairs and intervals (rows,) of all rows of tasks, given by clauses and intervals, (tasks,) each."""
         opening = np.flatnonzero(self.layout.opens_clause)
         size = np.diff(np.append(opening, len(self.row)))[clause]
         return np.repeat(opening[clause], size) + places(size), np.repeat(interval, size)
 
     def _caps(self, evidence: Evidence, pair: np.ndarray, where: np.ndarray) -> np.ndarray:
-        """The least that `_values` may be on intervals, and what they are in their middle: (2, rows)."""
+        """Lower bounds of `_values` on intervals, and the values in their middles: (2, rows).
+
+        Args:
+            evidence: of the trajectories.
+            pair: (rows,) int, number of each row's pair.
+            where: (rows,) int, number of each row's interval.
+        """
         side = self.side[pair]
         middle = self._values(evidence.samples, evidence.on, pair, where, _MIDDLE)[:, 0]
         reach = (evidence.majorants.direction[1] + evidence.rounding.direction)[self.view[pair], where]
@@ -239,12 +248,12 @@ class Bindings:
         return np.stack([least, middle])
 
     def _noise(self, evidence: Evidence, pair: np.ndarray, where: np.ndarray) -> np.ndarray:
-        """Sizes (rows,) of the rounding errors of `_values` of rows of joints."""
+        """Sizes (rows,) of the rounding errors of `_values` of rows of joints; arguments as of `_caps`."""
         angle, weight = self.angle[pair], np.abs(self.axis[pair])
         return self._weighed(weight, evidence.rounding.joints[0], pair, where) + ROUNDING * np.abs(angle)
 
     def _rows(self, evidence: Evidence, clause: np.ndarray, interval: np.ndarray) -> Rows:
-        """The polynomials through `_values` for some clauses on some intervals, (tasks,) each."""
+        """The polynomials through `_values` for tasks, given by clause (tasks,) and interval (tasks,)."""
         pair, where = self._rows_of(clause, interval)
         view, on = self.view[pair], evidence.on
         values = self._values(evidence.samples, on, pair, where)
@@ -266,7 +275,10 @@ class Bindings:
         )
 
     def deciding(self, clause: int, time: float, motion: Motion) -> int:
-        """The pair whose margin is that of a clause at a time, s: the worst one of the best entry."""
+        """Number of the pair whose margin is that of a clause, by number, at a time, s.
+
+        It is the worst one of the best entry; `motion` is that of all trajectories.
+        """
         pairs = np.flatnonzero(self.layout.clause == clause)
         if len(pairs) > 1:
             on = motion.between(np.array([time, time]), self.layout.owner[clause])
@@ -278,7 +290,7 @@ class Bindings:
     def faults(
         self, clauses: np.ndarray, minima: Minima, motion: Motion, claim: Claim, allowance: float
     ) -> Iterator[str]:
-        """A sentence for each clause whose margin is not proved to be at least minus the allowance.
+        """Yield a sentence for each clause whose margin is not proved to be at least minus the allowance.
 
         Args:
             clauses: (k,) int, those of the trajectory of the claim.
@@ -308,7 +320,7 @@ class Bindings:
                 yield f"the margin of {sight} to {place} {proof}"
 
     def _kind(self, pair: int) -> tuple[str, str]:
-        """The kind of a pair's row, and the side on which a sight breaks it."""
+        """The kind of a pair's row and the side on which a sight breaks it, as messages have them."""
         if self.frame[pair] == JOINTS:
             return "mask", "inside"
         outside = self.flip[pair] * self.side[pair] > 0
@@ -316,7 +328,7 @@ class Bindings:
 
 
 def _nested(cones: Constraints) -> tuple[np.ndarray, np.ndarray, Layout]:
-    """Rows and sights (pairs,) of all pairs that are bound, and how they nest, of one owner."""
+    """Rows and sights (pairs,) of all pairs that are bound, and their layout, with a single owner."""
     row, sight = np.nonzero(cones.bound)
     entry, group = cones.entry[row].astype(int), cones.group[row].astype(int)
     leading = cones.group[np.unique(entry)].astype(int)  # a constraint for each of its entries

@@ -1,4 +1,4 @@
-"""Motion of platform, joints and moving axes, written anew for the certificate from what they are.
+"""Motion of platform, joints and moving axes, computed anew for the certificate from their definition.
 
 **Trajectories.** Conventions. ``R`` maps body to inertial, angular velocities are in body axes, joints are
 all yaws, all pitches and all angles of drives (J = 2T + D), sights the boresights of terminals, drives and
@@ -17,7 +17,7 @@ spacecraft are evaluated together, their intervals one after the other. What is 
 the last bit, the same whichever others there are, as long as there are others: over a single one numpy sums
 in another order. So every trajectory is cut in two at least.
 
-**Axes that move** go by ``e = s / |s|``, with ``s`` the cubic between two samples that has the given slopes
+**Axes that move** (*ways*) are ``e = s / |s|``, with ``s`` the cubic between two samples of the given slopes
 there. The majorant of ``e`` on an interval (see `series`) is that of ``s`` times that of ``q^(-1/2)`` with
 ``q = |s|^2``: where ``q`` is at least ``l`` on the interval, and ``Q`` is a majorant of it without its
 constant term, ``(l - Q)^(-1/2)`` is one.
@@ -69,7 +69,7 @@ class Trajectory(Protocol):
 
     @property
     def joint_coefficients(self) -> np.ndarray:
-        """(M, p + 1, 2n) rad, Legendre coefficients of the joints."""
+        """(M, p + 1, J) rad, Legendre coefficients of the joints."""
 
     @property
     def smoothness(self) -> int:
@@ -78,10 +78,10 @@ class Trajectory(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Way:
-    """An axis over time.
+    """A moving inertial axis as a function of time, a normalised cubic spline.
 
     Attributes:
-        breaks: (n,) s.
+        breaks: (n,) s, ends of its pieces.
         cubics: (4, 3, n - 1) Taylor coefficients of ``s`` on each piece about its start.
     """
 
@@ -90,7 +90,7 @@ class Way:
 
     @classmethod
     def of(cls, path: DirectionPath) -> Self:
-        """The axis along a path of finite numbers whose times rise."""
+        """The axis of a path, whose numbers must be finite and whose times rise."""
         times, p, m = (np.asarray(part, np.float64) for part in (path.times, path.samples, path.slopes))
         h = np.diff(times)[:, None]
         chord = np.diff(p, axis=0) / h
@@ -98,7 +98,7 @@ class Way:
         return cls(breaks=times, cubics=np.moveaxis(np.stack([p[:-1], m[:-1], square, cube]), 1, 2))
 
     def holding(self, time: np.ndarray) -> np.ndarray:
-        """Numbers of the pieces that hold at some times; at a break the later one."""
+        """Numbers (n,) of the pieces that hold at times (n,) s; at a break the later one."""
         return np.clip(np.searchsorted(self.breaks, time, side="right") - 1, 0, len(self.breaks) - 2)
 
     def at(self, piece: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -110,9 +110,9 @@ class Way:
         """Majorant (orders, n) on intervals within pieces, in the unit of half widths; one at order zero.
 
         Args:
-            centre: (n,) s.
-            half: (n,) s.
-            orders: how many.
+            centre: (n,) s, of the intervals.
+            half: (n,) s, their half widths.
+            orders: number of orders to return.
         """
         cubic = self._cubic(centre, half)
         padded = np.concatenate([cubic, np.zeros((3, *cubic.shape[1:]))])
@@ -124,16 +124,16 @@ class Way:
         return found
 
     def rounding(self, centre: np.ndarray, half: np.ndarray) -> np.ndarray:
-        """Sizes (n,) of the rounding errors of `at` on intervals."""
+        """Sizes (n,) of the rounding errors of `at` on intervals of centres (n,) and half widths (n,), s."""
         return ROUNDING * (1 + np.linalg.norm(self._cubic(centre, half), axis=1).sum(axis=0))
 
     def _cubic(self, centre: np.ndarray, half: np.ndarray) -> np.ndarray:
-        """Taylor coefficients (4, 3, n) of ``s`` about centres, in the unit of half widths."""
+        """Taylor coefficients (4, 3, n) of ``s`` about centres (n,) s, in the unit of half widths (n,) s."""
         about = self._taylor(self.holding(centre), centre[:, None])[..., 0]
         return about * half ** np.arange(4)[:, None, None]
 
     def _taylor(self, piece: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Taylor coefficients (4, 3, n, m) of ``s`` about times (n, m) of pieces (n,)."""
+        """Taylor coefficients (4, 3, n, m) of ``s`` about times (n, m) s, on pieces (n,) by number."""
         x = time - self.breaks[piece, None]
         a, b, c, d = self.cubics[:, :, piece, None]
         return np.stack(
@@ -142,7 +142,7 @@ class Way:
 
 
 def _inverse_root(least: np.ndarray, majorant: np.ndarray) -> np.ndarray:
-    """Series (orders, n) of ``(least - Q)^(-1/2)``, ``Q`` the majorant without its constant term."""
+    """Series (orders, n) of ``(least - Q)^(-1/2)``, ``Q`` the majorant (orders, n) without constant term."""
     result = np.empty_like(majorant)
     result[0] = least**-0.5
     for k in range(1, len(majorant)):
@@ -152,7 +152,7 @@ def _inverse_root(least: np.ndarray, majorant: np.ndarray) -> np.ndarray:
 
 
 def places(sizes: np.ndarray) -> np.ndarray:
-    """Numbers from zero on within each of some runs of such sizes (k,), one after the other: (sum,)."""
+    """The ranges ``0 .. size - 1`` of sizes (k,), one after the other: (sum of sizes,)."""
     return np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
 
 
@@ -165,7 +165,7 @@ class Intervals:
         high: (n,) s, where it ends.
         piece: (n,) number of the platform's piece.
         joint_piece: (n,) number of the joints' piece.
-        trajectory: (n,) its number, rising.
+        trajectory: (n,) number of the trajectory, rising.
     """
 
     low: np.ndarray
@@ -176,7 +176,7 @@ class Intervals:
 
     @cached_property
     def centre(self) -> np.ndarray:
-        """(n,) s."""
+        """(n,) s, middles."""
         return (self.low + self.high) / 2
 
     @cached_property
@@ -186,7 +186,7 @@ class Intervals:
 
     @cached_property
     def begins(self) -> np.ndarray:
-        """(trajectories + 1,) number of the first interval of each, and n."""
+        """(trajectories + 1,) number of the first interval of each trajectory, and n."""
         return np.searchsorted(self.trajectory, np.arange(self.trajectory[-1] + 2))
 
     @classmethod
@@ -196,7 +196,7 @@ class Intervals:
         return cls(**{name: np.concatenate([getattr(on, name) for on in several]) for name in names})
 
     def cut(self, parts: np.ndarray) -> Self:
-        """The intervals, each in so many equal parts, (n,) int."""
+        """The intervals, each cut into a number of equal parts, `parts` (n,) int."""
         whole = {each.name: np.repeat(getattr(self, each.name), parts) for each in fields(self)}
         share = places(parts) / np.repeat(parts, parts)
         low = whole["low"] + share * (whole["high"] - whole["low"])
@@ -234,8 +234,8 @@ class Views:
         body: (b, 3) unit vectors, axes of the body that are sights.
         carrier: (v,) int, the devices whose moving parts carry further sights.
         carried: (v, 3) unit vectors, these sights at no angles: ahead, to the left, and up.
-        within: (k, 2) int, what is seen within the body: a sight, and the sight it is seen from, or -1 for
-            axes of the body.
+        within: (k, 2) int, pairs whose scalar products are taken in body axes: a sight, and the sight that is
+            the axis, or -1 for axes of the body.
     """
 
     body: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
@@ -245,7 +245,7 @@ class Views:
 
     @classmethod
     def of(cls, cones: Constraints, within: np.ndarray) -> Self:
-        """The views of checked constraints with arrays in float64, and of pairs as above."""
+        """The views of checked constraints with arrays in float64, and of pairs `within` as above."""
         return cls(
             body=cones.body / np.linalg.norm(cones.body, axis=-1, keepdims=True),
             carrier=cones.carrier.astype(int),
@@ -256,7 +256,7 @@ class Views:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mountings:
-    """How devices with joints stand on the body: T terminals, then D drives.
+    """How devices with joints are mounted on the body: T terminals, then D drives.
 
     Attributes:
         axes: (T + D, 3, 3) unit vectors in body axes, rows: where a terminal points at no angles, or across a
@@ -285,14 +285,17 @@ class Mountings:
         return cls(axes=np.array(axes, np.float64).reshape(-1, 3, 3), tilts=np.array(tilts, np.float64))
 
     def split(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What turns (T + D, ...) and what lifts boresights, of joints (J, ...); drives lift by nothing."""
+        """Yaws and pitches (T + D, ...) of devices, from joints (J, ...); of a drive its angle and zero."""
         terminals = len(self.axes) - len(self.tilts)
         yaw, pitch, angle = np.split(joints, [terminals, 2 * terminals])
         return np.concatenate([yaw, angle]), np.concatenate([pitch, np.zeros_like(angle)])
 
 
 def _axes(axis: np.ndarray, boresight: np.ndarray) -> tuple[np.ndarray, float]:
-    """Axes (3, 3), rows, of a device that turns about an axis, and its boresight's tilt, rad."""
+    """Axes (3, 3) of a device, as rows of `Mountings.axes`, and its boresight's tilt, rad.
+
+    `axis`, about which the device turns, and `boresight` are (3,), body axes.
+    """
     up = np.asarray(axis, np.float64) / np.linalg.norm(axis)
     ahead = np.asarray(boresight, np.float64)
     level = ahead - (ahead @ up) * up
@@ -312,7 +315,7 @@ class Motion:
         chart_rate: (N, 3) rad/s, ``Omega``.
         mountings: of terminals and drives.
         fixed_boresights: (i, 3) unit vectors of the instruments, body axes.
-        views: what else is looked at.
+        views: directions that are sampled beside the devices' boresights.
     """
 
     platform: Pieces
@@ -326,7 +329,7 @@ class Motion:
 
     @classmethod
     def of(cls, spacecraft: Spacecraft, views: Views, *trajectories: Trajectory) -> Self:
-        """The motion of checked trajectories with arrays in float64, of as many coefficients each."""
+        """The motion of checked trajectories in float64, all of the same number of coefficients a piece."""
         fixed = spacecraft.fixed_boresights
         return cls(
             platform=Pieces.of(*((one.breaks, one.coefficients) for one in trajectories)),
@@ -345,7 +348,7 @@ class Motion:
         return np.concatenate([self.fixed_boresights, self.views.body])
 
     def between(self, edges: np.ndarray, trajectory: int = 0) -> Intervals:
-        """The intervals between edges (n + 1,) in s, which must include the breaks of both its curves."""
+        """The intervals of a trajectory, by number, between edges (n + 1,) s, its breaks among them."""
         centre = (edges[:-1] + edges[1:]) / 2
         return Intervals(
             low=edges[:-1],
@@ -359,7 +362,7 @@ class Motion:
         """The longest intervals on which no piece changes, those of ways included; two a trajectory at least.
 
         Args:
-            ways: of zones' axes that move, where there is a single trajectory.
+            ways: zones' axes that move, where there is a single trajectory.
         """
         found = []
         for number in range(len(self.platform.begins) - 1):
@@ -372,7 +375,7 @@ class Motion:
         return Intervals.joined(found)
 
     def turn(self, on: Intervals, time: np.ndarray, orders: int) -> np.ndarray:
-        """Jets (orders, 3, n, m) of ``eta`` at some times (n, m) of some intervals; at least two orders."""
+        """Jets (orders, 3, n, m) of ``eta``, rad, at times (n, m) s of n intervals; at least two orders."""
         eta = self.platform.taylor(on.piece, time, orders)
         rate = self.chart_rate[on.piece].T[..., None]
         eta[0] -= (time - self.chart_start[on.piece, None]) * rate
@@ -409,7 +412,7 @@ class Motion:
         )
 
     def _in_body(self, joints: np.ndarray) -> np.ndarray:
-        """Sights (S, 3, n, m) in body axes."""
+        """Sights (S, 3, n, m), unit vectors in body axes, at joints (J, n, m) rad."""
         azimuth, elevation = self.mountings.split(joints)
         if len(self.mountings.tilts):
             elevation[-len(self.mountings.tilts) :] += self.mountings.tilts[:, None, None]

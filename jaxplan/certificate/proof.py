@@ -1,4 +1,4 @@
-"""The proof of claims: of many at once, and of every margin of one.
+"""Prove claims, many at once, and every margin of one claim.
 
 Claims are put in groups of one shape, whose trajectories lie one after the other in the same arrays; see
 `motion` and `bounds`. What is said of each is, to the last bit, the same whichever others there are.
@@ -28,7 +28,7 @@ _PIECES = 64  # of a trajectory: longer ones are proved one by one
 
 
 def certify(claim: Claim) -> Certificate:
-    """Prove, or refuse to, that a trajectory is safe and does what it should.
+    """Prove that a trajectory keeps all limits and zones and ends where it should, or say what fails.
 
     Certified is a trajectory on which at every instant every zone and every limit holds, attitude,
     joints and their rates are continuous, with as many more derivatives as it claims, and which starts and
@@ -79,13 +79,13 @@ def prove_margins(claim: Claim) -> tuple[ProvedMargin, ...]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
-    """A claim of legible form.
+    """A claim whose form has been checked.
 
     Attributes:
         claim: as it was made.
         static: whether it is of a state without duration, which is held for a second.
-        curve: its trajectory in float64, held.
-        bindings: its zones.
+        curve: its trajectory in float64, held for a second if static.
+        bindings: the pairs of its zones and sights.
     """
 
     claim: Claim
@@ -129,7 +129,7 @@ class Case:
 
 
 def _gathered(cases: Sequence[Case]) -> tuple[Motion, Bindings, Evidence]:
-    """The motion, the zones and the evidence of cases of one kind."""
+    """The motion, the pairs of zones and sights, and the evidence of cases of one kind."""
     craft, several = cases[0].claim.spacecraft, [case.bindings for case in cases]
     bindings = Bindings.joined(several)
     motion = Motion.of(craft, bindings.views, *(case.curve for case in cases))
@@ -137,7 +137,7 @@ def _gathered(cases: Sequence[Case]) -> tuple[Motion, Bindings, Evidence]:
 
 
 def _legible(evidence: Evidence) -> bool:
-    """Whether the trajectories could be evaluated."""
+    """Whether all samples of the trajectories are finite."""
     samples = evidence.samples
     return all(np.isfinite(part).all() for part in (samples.boresights, samples.spin, samples.joints))
 
@@ -165,16 +165,16 @@ def _certify(cases: Sequence[Case]) -> list[Certificate]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Proof:
-    """Bounds that were found of trajectories that are proved together.
+    """Bounds of trajectories that are proved together.
 
     Attributes:
-        motion: of all.
-        bindings: their zones.
-        evidence: of all.
-        limited: what their spacecraft limits.
-        margin: of the clauses of all.
-        room: of the limited components, trajectory by trajectory.
-        jumps: of every component from every interval to the next.
+        motion: of all trajectories.
+        bindings: their pairs of zones and sights.
+        evidence: of all trajectories.
+        limited: samples of what their spacecraft limits.
+        margin: least margins of the clauses of all.
+        room: least ``1 - |f| / limit`` of the limited components, trajectory by trajectory.
+        jumps: of every component from every interval to the next, as of `limits.jumps`.
     """
 
     motion: Motion
@@ -186,7 +186,7 @@ class _Proof:
     jumps: dict[str, np.ndarray]
 
     def certificate(self, case: Case, place: int) -> Certificate:
-        """The certificate of one trajectory, by its place among all."""
+        """The certificate of a case, whose trajectory has the number `place` among all."""
         claim, bindings, margin, samples = case.claim, self.bindings, self.margin, self.evidence.samples
         first, beyond = self.evidence.on.begins[place : place + 2].tolist()
         clauses = np.flatnonzero(bindings.layout.owner == place)
@@ -233,7 +233,7 @@ class _Proof:
 
 
 def _proved_margin(case: Case, clause: int, found: Minima, pair: int) -> ProvedMargin:
-    """The margin of a clause, which a pair decides."""
+    """The margin of a clause, by number, as `ProvedMargin`; `pair` is the one that decides it."""
     bindings, names = case.bindings, case.claim.zone_names
     rows = np.unique(bindings.row[bindings.layout.clause == clause])
     return ProvedMargin(
@@ -246,7 +246,7 @@ def _proved_margin(case: Case, clause: int, found: Minima, pair: int) -> ProvedM
 
 
 def negligible(spacecraft: Spacecraft, several: Sequence[Bindings]) -> Errors:
-    """Errors that do not matter beside the angles and limits they are compared with.
+    """Errors that are `bounds.NEGLIGIBLE` beside the angles and limits they are compared with.
 
     Args:
         spacecraft: of all trajectories.

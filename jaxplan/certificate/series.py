@@ -1,4 +1,4 @@
-"""Power series of what moves, and the pieces of time on which they hold.
+"""Power series in time of what moves, and piecewise polynomials in the Legendre basis.
 
 **Jets** are the first Taylor coefficients of functions of time, many at once. A jet is an array whose first
 axis is the order: ``f(t + s) = sum_k jet[k] s^k``. The last axis numbers the instants (or intervals), ``n``
@@ -24,7 +24,7 @@ from numpy.polynomial import legendre
 # The series of `quaternion` holds up to this length of a rotation vector, in rad: the first
 # term left out is below 1e-22 and the largest is about 3000.
 LARGEST_TURN = 20.0
-_TERMS = 32
+_TERMS = 32  # of that series
 
 
 def product(subscripts: str, first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -69,11 +69,14 @@ def exponential(jet: np.ndarray) -> np.ndarray:
 
 @lru_cache
 def _binomials(orders: int, length: int) -> np.ndarray:
+    """Binomial coefficients ``j over k`` (orders, length), k along the first axis."""
     return np.array([[comb(j, k) for j in range(length)] for k in range(orders)], dtype=float)
 
 
 def majorant(sizes: np.ndarray, orders: int) -> np.ndarray:
-    """Majorant of a polynomial from the sizes of its coefficients about the centre, in the unit h.
+    """Majorant of a polynomial on an interval, from the sizes of its Taylor coefficients about the centre.
+
+    Both are in the unit of the half width h.
 
     Args:
         sizes: (p + 1, ...) lengths of the Taylor coefficients.
@@ -93,7 +96,7 @@ def _chain_series(members: int) -> np.ndarray:
 
 
 def _cosine_and_sinc(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Jets (K, n) of ``cos x`` and ``sin x / x`` from that of ``x^2``, smooth at zero.
+    """Jets (K, n) of ``cos x`` and ``sin x / x`` from that (K, n) of ``x^2``, smooth at zero.
 
     They begin the chain ``f_0 = cos x, f_1 = sin x / x, ...`` in which ``df_m / d(x^2) = -f_(m+1) / 2``:
     order k + 1 of one member follows from the orders up to k of the next.
@@ -133,7 +136,7 @@ def multiply(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def rotation(quaternion: np.ndarray) -> np.ndarray:
-    """Rotation matrices of unit quaternions, not of jets: (4, n) to (3, 3, n)."""
+    """Rotation matrices (3, 3, n) of unit quaternions (4, n), which are no jets."""
     w, x, y, z = quaternion
     return np.array(
         [
@@ -145,7 +148,7 @@ def rotation(quaternion: np.ndarray) -> np.ndarray:
 
 
 def body_rate(quaternion_jet: np.ndarray) -> np.ndarray:
-    """Jet of the rotation's rate in body axes, ``2 q* q'``: (K, 4, n) to (K - 1, 3, n), rad/s."""
+    """Jet (K - 1, 3, n) of the angular velocity ``2 q* q'``, rad/s, body axes, from that (K, 4, n) of q."""
     conjugate = quaternion_jet * np.array([1, -1, -1, -1])[:, None]
     return 2 * multiply(conjugate[:-1], slope(quaternion_jet))[:, 1:]
 
@@ -187,7 +190,7 @@ class Pieces:
 
     @classmethod
     def of(cls, *curves: tuple[np.ndarray, np.ndarray]) -> Self:
-        """From the breaks and the Legendre coefficients of each curve, the latter (pieces, p + 1, c)."""
+        """The pieces of curves, each given by breaks (pieces + 1,) s and coefficients (pieces, p + 1, c)."""
         first, last = (np.concatenate([breaks[part] for breaks, _ in curves]) for part in _ENDS)
         coefficients = np.concatenate([own for _, own in curves])
         pieces, length, components = coefficients.shape
@@ -208,12 +211,12 @@ class Pieces:
         return self.derivatives.shape[1]
 
     def breaks(self, curve: int = 0) -> np.ndarray:
-        """(pieces + 1,) s, of one curve."""
+        """Breaks (pieces + 1,) s of one curve, by number."""
         own = slice(*self.begins[curve : curve + 2])
         return np.append(self.first[own], self.last[own][-1:])
 
     def holding(self, time: np.ndarray, curve: int = 0) -> np.ndarray:
-        """Numbers of the pieces of one curve that hold at some times; at a break the later one."""
+        """Numbers of the pieces of the given curve that hold at times (n,) s; at a break the later one."""
         begin, end = self.begins[curve : curve + 2]
         return begin + np.clip(np.searchsorted(self.first[begin:end], time, side="right") - 1, 0, None)
 
@@ -239,7 +242,7 @@ class Pieces:
         return result
 
     def rounding(self, piece: np.ndarray, orders: int) -> np.ndarray:
-        """Sizes of the rounding errors of `taylor` on whole pieces, (orders, c, n).
+        """Sizes (orders, c, n) of the rounding errors of `taylor` on whole pieces (n,), by number.
 
         They are those of the sums and, a quarter as large relative to its slope, that of their argument.
         """

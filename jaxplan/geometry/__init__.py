@@ -1,8 +1,8 @@
-"""The algebra that everything else computes with: of rotations, of directions, of small vectors.
+"""Algebra of rotations, of directions and of small vectors.
 
 Each function computes with numpy or with JAX, whichever its arguments are of (`vectors.array_module`).
 """
 
 from jaxplan.runtime.cache import keep_by_default
 
-keep_by_default()  # here, since whatever this package has compiled computes with these
+keep_by_default()  # here, since every module with compiled kernels imports this package

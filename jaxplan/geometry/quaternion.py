@@ -1,4 +1,4 @@
-"""Unit quaternions, scalar first: the way between rotation matrices and rotation vectors.
+"""Unit quaternions, scalar first: conversion between rotation matrices and rotation vectors.
 
 A quaternion and its negative are the same rotation; those handed out have a scalar part that is not
 negative. Everything broadcasts over leading axes, computes with numpy or JAX as its arguments do, in their
@@ -82,7 +82,7 @@ def log(quaternion: ArrayLike) -> AnyArray:
     """Rotation vector of a unit quaternion.
 
     Args:
-        quaternion: (..., 4) whose scalar part is not negative.
+        quaternion: (..., 4) as ``w x y z``, whose scalar part is not negative.
 
     Returns:
         (..., 3) rad, of length at most pi; through ``atan2``, so no branch near half a turn.
@@ -102,11 +102,11 @@ def product(first: ArrayLike, second: ArrayLike) -> AnyArray:
     """Quaternion of the rotation ``R(first) @ R(second)``.
 
     Args:
-        first: (..., 4).
+        first: (..., 4) as ``w x y z``.
         second: (..., 4), broadcast.
 
     Returns:
-        (..., 4) of unit length, so that no error builds up over many products.
+        (..., 4) of unit length, so that no error builds up over many products; scalar part >= 0.
     """
     xp, *factors = arrays(first, second)
     w, *vector = unit(rotations.product(*(components(factor) for factor in factors)))
@@ -117,7 +117,7 @@ def distance(first: ArrayLike, second: ArrayLike) -> AnyArray:
     """Angle of the rotation from one attitude to another.
 
     Args:
-        first: (..., 4).
+        first: (..., 4) as ``w x y z``, unit.
         second: (..., 4), broadcast.
 
     Returns:

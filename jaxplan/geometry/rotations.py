@@ -34,7 +34,7 @@ def conjugate(quaternion: Components) -> Quaternion:
 
 
 def relative(first: Components, second: Components) -> Quaternion:
-    """Quaternion of the turn from one attitude to another, in the body axes of the first."""
+    """Quaternion of ``R(first)^T @ R(second)``, the turn from the first attitude to the second."""
     return product(conjugate(first), second)
 
 
@@ -46,7 +46,7 @@ def angle(quaternion: Components) -> AnyArray:
 
 
 def matrix(quaternion: Components) -> tuple[tuple[AnyArray, AnyArray, AnyArray], ...]:
-    """Rows of the rotation matrix."""
+    """Rows of the rotation matrix, three components each."""
     w, x, y, z = quaternion
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -56,7 +56,7 @@ def matrix(quaternion: Components) -> tuple[tuple[AnyArray, AnyArray, AnyArray],
 
 
 def turned_back(quaternion: Components, vector: Components) -> tuple[AnyArray, ...]:
-    """The vector turned by the inverse rotation: its coordinates in the axes that the rotation leads to."""
+    """``R(quaternion)^T vector``: of an attitude's quaternion the body coordinates of an inertial vector."""
     return tuple(dot(column, vector) for column in zip(*matrix(quaternion), strict=True))
 
 

@@ -62,6 +62,7 @@ def arrays(*values: Any) -> tuple[Any, ...]:
 
 
 def _is_floating(value: Any) -> bool:
+    """Whether a value is an array or scalar of numpy of a floating-point type."""
     return isinstance(value, np.ndarray | np.generic) and bool(np.issubdtype(value.dtype, np.inexact))
 
 
@@ -80,13 +81,13 @@ def dot(first: Components, second: Components) -> AnyArray:
 
 
 def cross(first: Components, second: Components) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Cross product."""
+    """Cross product of vectors of three components."""
     (a, b, c), (x, y, z) = first, second
     return b * z - c * y, c * x - a * z, a * y - b * x
 
 
 def norm(vector: Components) -> AnyArray:
-    """Euclidean length; at zero, where it has no derivative, the derivative is taken as zero."""
+    """Euclidean length of a vector; at zero, where it has no derivative, the derivative is taken as zero."""
     square = reduce(add, [component * component for component in vector])
     xp = array_module(square)
     zero = square == 0
@@ -94,7 +95,7 @@ def norm(vector: Components) -> AnyArray:
 
 
 def unit(vector: Components) -> tuple[AnyArray, ...]:
-    """The vector of length one; of zero there is none."""
+    """The vector divided by its length; NaN for a zero vector."""
     square = reduce(add, [component * component for component in vector])
     size = array_module(square).sqrt(square)
     return tuple(component / size for component in vector)
@@ -114,6 +115,7 @@ def length(vector: ArrayLike) -> AnyArray:
 
 
 Vector: TypeAlias = tuple[AnyArray, AnyArray, AnyArray]
+"""The three components of vectors, arrays of any shape."""
 
 
 def separation(first: ArrayLike, second: ArrayLike) -> AnyArray:
@@ -137,13 +139,19 @@ def outward(ca: AnyArray, sa: AnyArray, cb: AnyArray, sb: AnyArray) -> Vector:
 
 
 def frame(ca: AnyArray, sa: AnyArray, cb: AnyArray, sb: AnyArray) -> tuple[Vector, Vector, Vector]:
-    """Components of ``v(a, b)``, of the unit vector to its left (level), and of the one upward from it."""
+    """Components of ``v(a, b)``, of the horizontal unit vector to its left, and of the one upward from it.
+
+    Arguments are cosine and sine of the azimuth, then of the elevation.
+    """
     left = -sa, ca, array_module(sa).zeros_like(sa)
     return outward(ca, sa, cb, sb), left, (-sb * ca, -sb * sa, cb)
 
 
 def carried(vector: Components, ca: AnyArray, sa: AnyArray, cb: AnyArray, sb: AnyArray) -> Vector:
-    """Components of what is ``vector`` ahead, to the left and upward of ``v(a, b)``, see `frame`."""
+    """Components of the vector that has the components `vector` in the axes of `frame`: ahead, left, up.
+
+    The other arguments are those of `frame`.
+    """
     x, y, z = (dot(vector, column) for column in zip(*frame(ca, sa, cb, sb), strict=True))
     return x, y, z
 

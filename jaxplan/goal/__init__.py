@@ -1,4 +1,4 @@
-"""Step 1: the attitudes from which all devices can point at their targets, the nearest first.
+"""Step 1: compute the attitudes from which all devices can point at their targets, the nearest first.
 
 Problem (7) of section 3.1, with equations (3) and (4) as in the errata: the ``R_d = R0 exp(eta^)`` of least
 ``|eta| <= pi`` at which every joint is within its limits and every constraint holds that the attitude decides
@@ -36,8 +36,8 @@ from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 
 CANDIDATES = 16
-"""Goals to choose from where their joints decide more; hardly a problem has as many minima."""
-_BROKEN = -1e-9  # rad, a margin
+"""Most goals that are computed where pairs are left open (`leaves_open`); few problems have so many."""
+_BROKEN = -1e-9  # rad; a constraint whose margin is below this is broken
 
 
 @shown(
@@ -51,9 +51,9 @@ _BROKEN = -1e-9  # rad, a margin
 )
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Decomposition:
-    """Goals, or why there are none.
+    """The goals of a problem, nearest first; where it has none, by how much the best attitude misses.
 
-    All but the goals tells of one attitude, the best there is. Where the joints' ranges and the zones can be
+    All but the goals describes one attitude, the best there is. Where the joints' ranges and the zones can be
     met, it is the nearest at which they are, if need be beyond the bound of the slew. Where some joint must
     leave its range, it is the one at which the worst joint does so least, zones left aside; else the one
     within the joints' ranges at which the worst sight is least deep in a zone.
@@ -64,14 +64,17 @@ class Decomposition:
             left open and the first breaks it, others that keep it are among them.
         slew_angle: rad, rotation from the start to the best attitude. Where there are no goals though neither
             excess is above zero, it is the slew that would be needed.
-        aim_excess: rad, how far the worst device is from pointing at its target: a joint beyond its range, or
-            what has none off it; -inf where nothing has a target.
+        aim_excess: rad, how far the worst device is from pointing at its target: the angle by which its joint
+            would have to leave its range or, of an angle that no joint sets, by which the boresight is off;
+            -inf where nothing has a target.
         worst_aim: the device's number among those with targets, and 0 for its azimuth or 1 for its elevation;
-            None likewise.
-        aim_excesses: (n, 2) rad, the same of the azimuth and elevation of each device with a target.
-        zone_excess: rad, how deep the worst sight is in a zone; -inf where no zone matters.
+            None where nothing has a target.
+        aim_excesses: (n, 2) rad, the same of azimuth and elevation of each of the n devices with a target.
+        zone_excess: rad, how deep the worst sight (boresight or body axis) is in a zone; -inf where no zone
+            is decided on by the attitude.
         worst_zone: row of that zone among the cones; None where no zone matters.
-        worst_device: number of that sight: of a device, or beyond these of an axis of the body, likewise.
+        worst_device: number of that sight: of a device, or beyond these of an axis of the body; None where no
+            zone matters.
     """
 
     goals: tuple[Goal, ...]
@@ -109,11 +112,12 @@ def decompose(
         start_attitude: (3, 3) ``R0``, body to inertial.
         targets: directions for devices, and limits at the goal where those are tighter.
         cones: all constraints, for the devices of the spacecraft.
-        start_joints: (J,) rad, that devices without a target have; zero unless told.
+        start_joints: (J,) rad, joint angles that devices without a target keep; zero by default.
         max_slew: rad, bound of ``|eta|`` (equations 5 and 6).
         max_goals: how many goals are wanted at most, at least 1; their attitudes are 2 deg apart or more.
             Where something is left open there may be more, to choose from.
-        seed: turns the set of starts; the same seed gives the same goals to the last bit.
+        seed: of the random rotation of the set of starting attitudes; the same seed gives the same goals to
+            the last bit.
 
     Returns:
         The goals, stationary to 1e-10 and within all of these constraints, or why there are none.
@@ -153,20 +157,29 @@ def decompose(
 
 
 def _goal(problem: GoalProblem, turn: np.ndarray) -> Goal:
-    """The goal after a rotation (4,) from the start."""
+    """The goal at ``R0 E``: its attitude, its joints with those of free devices chosen, and its slew angle.
+
+    Args:
+        problem: what is asked.
+        turn: (4,) unit quaternion of ``E``, the rotation from the start.
+    """
     attitude = problem.start @ quaternion.to_matrix(turn)
     joints, _ = settled(problem, attitude, np.clip(problem.joints(attitude), *problem.ranges.T))
     return Goal(attitude=attitude, joints=joints, slew_angle=float(multistart.slew(turn[None])[0]))
 
 
 def _breaks(problem: GoalProblem, goal: Goal) -> bool:
-    """Whether a goal breaks a constraint."""
+    """Whether any constraint of the problem has a margin below `_BROKEN` at a goal."""
     margins = constraint_margins(problem.rows, problem.margins(goal.attitude, goal.joints))
     return not np.all(margins >= _BROKEN)
 
 
 def _least_broken(problem: GoalProblem, seed: int) -> np.ndarray:
-    """The best attitude (4,), as a rotation from the start, of a problem without solution."""
+    """Quaternion (4,) of the rotation from the start at which a problem without solution is broken least.
+
+    What is widened is the zones, where devices can point at their targets without them; else the ranges of
+    azimuth and elevation, without zones.
+    """
 
     def easier_zones(by: float) -> Caps:
         return assemble(problem, widening=by)
@@ -191,15 +204,15 @@ def tracking_rates(
     target_rates: np.ndarray,
     axis_rates: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rates of platform and joints at a goal, with which it follows what moves.
+    """Rates of platform and joints at a goal with which devices follow moving targets.
 
     Args:
         goal: one that `decompose` found for this problem.
         spacecraft: terminals and instruments.
         start_attitude: (3, 3) ``R0``, body to inertial.
-        start_joints: (J,) rad, that devices without a target have.
+        start_joints: (J,) rad, joint angles that devices without a target keep.
         targets: where they are when the manoeuvre ends, with limits.
-        cones: all constraints as they are then.
+        cones: all constraints at that instant.
         target_rates: (n, 3) 1/s, derivatives of the targets' directions.
         axis_rates: (Z, 3) 1/s, those of the cones' axes; zero for all that are not inertial.
 

@@ -1,4 +1,4 @@
-"""What must point where at a goal, and what is known of every sight there.
+"""Aims of a goal (which device must point where, within which ranges), and sights known before its attitude.
 
 Each device with a target is treated alike: in axes of its own, `jaxplan.model.gimbals`, the target must lie
 in a range of azimuth and one of elevation. A terminal's are the ranges of its joints at the goal. A drive has
@@ -8,7 +8,9 @@ its boresight. What has no range is an equation, met to a tolerance.
 A device without a target either stays as it is, *held*, so that its boresight is an axis of the body; or it
 is *free* to move, and nothing is known of it before its joints are chosen (`jaxplan.goal.free`).
 
-Shapes: k devices with targets, J joints, S sights. All of it computes with numpy or JAX.
+A *sight* is a direction that constraints bind, such as a device's boresight or an axis of the body, numbered
+as in `jaxplan.model.directions.Sights`. Shapes: k devices with targets, J joints, S sights. All of it
+computes with numpy or JAX.
 """
 
 from dataclasses import dataclass, field
@@ -31,15 +33,15 @@ _SHARE = 0.5  # of the tolerance that either angle of an equation may take
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Aims:
-    """The devices that have targets.
+    """The devices that have targets, with the azimuths and elevations at which each must see its own.
 
     Attributes:
-        devices: their numbers (k), as of sights.
+        devices: numbers (k) of the devices with targets, as of sights.
         held: numbers of the gimbals that keep their joints.
         equations: (k) of each, whether azimuth and elevation are equations.
         directions: (k, 3) inertial, of the targets.
-        frames: (k, 3, 3) body from the axes in which azimuth and elevation count.
-        ranges: (k, 2, 2) rad, of azimuth and elevation, least and largest.
+        frames: (k, 3, 3) rotations from each device's axes, in which azimuth and elevation are, to body axes.
+        ranges: (k, 2, 2) rad, least and largest azimuth, then elevation.
     """
 
     devices: tuple[int, ...] = field(metadata={"static": True})
@@ -51,7 +53,7 @@ class Aims:
 
     @property
     def has_equations(self) -> bool:
-        """Whether any device asks for more than a range."""
+        """Whether azimuth or elevation of any device is an equation."""
         return any(any(own) for own in self.equations)
 
     def free(self, gimbals: Gimbals) -> list[int]:
@@ -59,7 +61,7 @@ class Aims:
         return [number for number in range(gimbals.count) if number not in (*self.devices, *self.held)]
 
     def angles(self, attitude: ArrayLike) -> tuple[AnyArray, AnyArray]:
-        """Azimuth and elevation (..., k) of the targets at attitudes (..., 3, 3)."""
+        """Azimuths and elevations (..., k) rad of targets in the devices' axes, at attitudes (..., 3, 3)."""
         _, turn, directions, frames, ranges = arrays(attitude, self.directions, self.frames, self.ranges)
         azimuth, elevation = angles_toward(frames, turn, directions)
         return in_range(azimuth, ranges[:, AZIMUTH]), elevation
@@ -71,24 +73,24 @@ class Aims:
 
 
 def goal_ranges(craft: Spacecraft, targets: Targets) -> AnyArray:
-    """(J, 2) rad, ranges of the joints at the goal: their own, or tighter ones given for the goal."""
+    """Ranges (J, 2) rad of the joints at the goal: the spacecraft's, or the targets' limits where tighter."""
     n, drives = len(craft.terminals), len(craft.drives)
     given = [np.inf if limit is None else limit for limit in (targets.yaw_limit, targets.pitch_limit)]
     most = stacked([*[given[0]] * n, *[given[1]] * n, *[np.inf] * drives])
     xp, own, most = arrays(craft.joint_ranges, most)
-    # a comparison keeps the joint's own where both are the same, and with it the derivative
+    # where both are equal the comparison takes the joint's own limit, and its derivative
     low = xp.where(-most > own[:, 0], -most, own[:, 0])
     high = xp.where(most < own[:, 1], most, own[:, 1])
     return xp.stack([low, high], axis=-1)
 
 
 def aims_of(craft: Spacecraft, targets: Targets, ranges: AnyArray, tolerance: float = 0.0) -> Aims:
-    """The aims of targets.
+    """The aims that targets set for the devices of a spacecraft.
 
     Args:
         craft: terminals, drives and instruments.
         targets: where they are at the goal.
-        ranges: (J, 2) rad, of `goal_ranges`.
+        ranges: (J, 2) rad, joint ranges at the goal, see `goal_ranges`.
         tolerance: rad, to which equations are met; zero for exactly.
     """
     names, gimbals = craft.device_names, craft.gimbals.count
@@ -130,7 +132,7 @@ def box_of(craft: Spacecraft, number: int, ranges: AnyArray, share: float) -> tu
 
 
 def _across(boresight: AnyArray) -> AnyArray:
-    """(3,) a direction across a boresight; which one does not matter."""
+    """Some vector (3,) perpendicular to a unit boresight (3,), not of unit length; which one is arbitrary."""
     xp, ahead = arrays(boresight)
     flat = jax.lax.stop_gradient(ahead) if xp is not np else ahead
     least = xp.eye(3)[xp.argmin(xp.abs(flat))]
@@ -138,14 +140,14 @@ def _across(boresight: AnyArray) -> AnyArray:
 
 
 def pointed(gimbals: Gimbals, aims: Aims, attitude: ArrayLike, rest: ArrayLike) -> AnyArray:
-    """Joints (..., J) at attitudes (..., 3, 3) at which devices with targets point along them.
+    """Joints (..., J) rad with which devices with targets point along them, at attitudes (..., 3, 3).
 
     Args:
         gimbals: of the spacecraft.
         aims: what must point where.
         attitude: body to inertial.
-        rest: (J,) rad, joints of the others; of angles that differ by whole turns the ones near these are
-            taken.
+        rest: (J,) rad, joints of the other devices, which keep them; a yaw is taken within its range at the
+            turn nearest to its angle here.
     """
     xp, turn, others = arrays(attitude, rest)
     joints = xp.broadcast_to(others, (*turn.shape[:-2], *others.shape))
@@ -169,13 +171,13 @@ def pointed(gimbals: Gimbals, aims: Aims, attitude: ArrayLike, rest: ArrayLike) 
 
 
 class Known(NamedTuple):
-    """What is known of sights at a goal, whatever the attitude.
+    """Directions of the sights at a goal that are known whatever the attitude, and in which frame.
 
     Attributes:
-        inertial: (S,) bool, those whose inertial direction is known.
-        in_body: (S,) bool, those whose direction in body axes is.
-        toward: (S, 3) inertial unit vectors, of the first; of the others zero.
-        along: (S, 3) unit vectors in body axes, of the second.
+        inertial: (S,) bool, sights whose inertial direction is known.
+        in_body: (S,) bool, sights whose direction in body axes is known.
+        toward: (S, 3) inertial unit vectors of sights known there; zero for the others.
+        along: (S, 3) unit vectors in body axes of sights known there; zero for the others.
         angles: (S,) bool, sights that are boresights of gimbals that keep their joints.
         winds: (S,) bool, sights with a target whose azimuth may go round more than once.
     """
@@ -189,11 +191,11 @@ class Known(NamedTuple):
 
 
 def known_sights(aims: Aims, sights: Sights, rest: ArrayLike) -> Known:
-    """What is known of sights.
+    """What the aims of a goal tell of the directions of sights, whatever the attitude.
 
     Args:
-        aims: at the goal.
-        sights: of the constraints.
+        aims: of the goal.
+        sights: that the constraints bind.
         rest: (J,) rad, joints that held devices keep.
     """
     count, gimbals, carriers = sights.count, sights.gimbals.count, sights.carriers

@@ -1,10 +1,12 @@
-"""Goals beside constraints that step 1 leaves open: oblique bounds of joints, and vectors that joints turn.
+"""Find goals that keep what step 1 leaves open: oblique bounds of joints, and vectors that joints turn.
 
 At a goal every joint is a function of the attitude, so all that is asked of a state is asked of three
 numbers, the rotation vector ``eta`` of equation (2). Random attitudes around goals that break something show
 where all of it holds, and by which entries. From the nearest of these, sequential quadratic programming
 (SLSQP of scipy) goes to the least ``|eta|`` beside the same entries. It proves nothing: there may be a goal
 that is nearer.
+
+Here ``eta`` is the rotation vector from the start, rad, as in ``R = R0 exp(eta^)``.
 """
 
 from collections.abc import Callable
@@ -31,20 +33,20 @@ APART = np.deg2rad(2.0)
 SPARE = 2e-5
 """rad by which all is kept, but for half of it: a motion that ends there may swing a little on the way."""
 _STEP = 1e-5  # rad, of central differences
-_ITERATIONS = 60
-_NEWTON = 6  # steps onto the equations; each squares what is off
-_CHANGES = 4  # of the entries
+_ITERATIONS = 60  # of SLSQP at most
+_NEWTON = 6  # steps of Newton's method onto the equations; each squares the residual
+_CHANGES = 4  # descents at most, each with the entries that hold best where the one before ended
 
 
 def _equations(problem: GoalProblem, eta: np.ndarray) -> np.ndarray:
-    """What must be zero at ``eta`` (..., 3), rad: azimuths and elevations with a tolerance and no range."""
+    """Residuals (..., e) rad, at ``eta`` (..., 3), of the e azimuths and elevations that are equations."""
     aims, attitudes = problem.aims, problem.start @ np.asarray(so3.exp(eta))
     off = np.stack(aims.angles(attitudes), axis=-1) - np.mean(aims.ranges, axis=-1)
     return off[..., np.array(aims.equations, bool).reshape(-1, 2)]
 
 
 def _met(problem: GoalProblem, eta: np.ndarray) -> np.ndarray:
-    """Rotation vectors (..., 3) near given ones at which all equations hold, by Newton's method."""
+    """Rotation vectors (..., 3) rad near ``eta`` (..., 3) at which all equations hold, by Newton's method."""
     for _ in range(_NEWTON if problem.aims.has_equations else 0):
         slopes = _slopes(lambda moved: _equations(problem, moved), eta)
         off = _equations(problem, eta)
@@ -64,7 +66,7 @@ def goals_beside(problem: GoalProblem, around: np.ndarray, max_slew: float, seed
 
     Args:
         problem: what is asked.
-        around: (k, 3, 3) attitudes of goals that break some of it, at least one.
+        around: (k, 3, 3) attitudes of goals that break some constraint, at least one.
         max_slew: rad, bound of ``|eta|``.
         seed: of the random attitudes.
 
@@ -90,7 +92,12 @@ def goals_beside(problem: GoalProblem, around: np.ndarray, max_slew: float, seed
 
 
 def _spare(problem: GoalProblem, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What azimuths and elevations have left of ranges (..., r), and margins (..., Z, S), at ``eta``."""
+    """What is left of the ranges of aims, and the margins of all pairs, at ``eta`` (..., 3).
+
+    Returns:
+        (..., r) rad, distances of azimuths and elevations from the nearer ends of their r ranges, and margins
+        (..., Z, S) rad; below zero where something is broken.
+    """
     attitudes = problem.start @ np.asarray(so3.exp(eta))
     ranged = ~np.array(problem.aims.equations, bool).reshape(-1, 2)
     left = -problem.aims.excess(attitudes)[..., ranged]
@@ -98,7 +105,16 @@ def _spare(problem: GoalProblem, eta: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _around(start: np.ndarray, around: np.ndarray, seed: int) -> np.ndarray:
-    """Random attitudes near given ones, as rotation vectors (k, 3) from the start."""
+    """Draw `TRIES` random attitudes, each up to `WIDEST` from one of some given ones.
+
+    Args:
+        start: (3, 3) attitude at the start.
+        around: (k, 3, 3) the attitudes that they are drawn around.
+        seed: of the draw.
+
+    Returns:
+        (TRIES, 3) rad, rotation vectors from the start.
+    """
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     axes = rng.standard_normal((TRIES, 3))
     turns = rng.uniform(0, WIDEST, (TRIES, 1)) * axes / np.linalg.norm(axes, axis=-1, keepdims=True)
@@ -107,7 +123,10 @@ def _around(start: np.ndarray, around: np.ndarray, seed: int) -> np.ndarray:
 
 
 def _distinct(start: np.ndarray, etas: np.ndarray, apart: float) -> list[int]:
-    """Numbers of the shortest rotation vectors (k, 3), `STARTS` at most, but of those close to one before."""
+    """Indices of the shortest of rotation vectors (k, 3) from the start, `STARTS` at most.
+
+    Their attitudes are more than `apart` rad from each other; `start` is (3, 3).
+    """
     attitudes, found = start @ np.asarray(so3.exp(etas)), list[int]()
     left = np.argsort(np.linalg.norm(etas, axis=-1), kind="stable")
     while len(left) and len(found) < STARTS:
@@ -117,9 +136,10 @@ def _distinct(start: np.ndarray, etas: np.ndarray, apart: float) -> list[int]:
 
 
 def _nearest(problem: GoalProblem, eta: np.ndarray) -> np.ndarray | None:
-    """The shortest rotation vector (3,) to be had from one at which all holds; None if it breaks something.
+    """The shortest rotation vector (3,) that descents reach from one at which every constraint holds.
 
-    Where another entry of a constraint has become the best one on the way, it goes on from there by that.
+    Where another entry of a constraint holds best at the end of a descent, the next one starts there with it.
+    None if the end breaks something.
     """
     before: np.ndarray | None = None
     for _ in range(_CHANGES):
@@ -135,7 +155,10 @@ def _nearest(problem: GoalProblem, eta: np.ndarray) -> np.ndarray | None:
 
 
 def _descended(problem: GoalProblem, eta: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Where the descent from ``eta`` ends beside some of the rows' sights, (Z, S) bool."""
+    """Where SLSQP ends (3,) that minimises ``|eta|`` from ``eta`` (3,).
+
+    It keeps the ranges and equations of the aims and the margins of the pairs in `which`, (Z, S) bool.
+    """
     from scipy.optimize import minimize  # slow to import, and seldom needed
 
     def spare(eta: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The constraints of problem (7) in one form: cones about body axes, caps, that directions must stay out of.
+"""The constraints of problem (7) in one form: caps (cones about body axes) that directions must stay out of.
 
 At a goal a device points along its target ``z``, so along ``R^T z`` in the body. Of most directions it is
 known, then, in which frame they stand still, and a pair of a row and a sight that do so in different ones is
@@ -16,8 +16,8 @@ goal keeps one such vector out of a cap of the unit sphere in body axes, of axis
 
 So the angle between ``a`` and ``E^T R0^T z`` is at least ``h``, and what is missing is the excess, in rad.
 Constraints of which one is enough (a yaw range wider than half a turn, entries of one constraint) are members
-of a group: it asks for one of its members, a member for all of its caps. An entry is held against what is
-settled, and where a constraint has an entry that nothing of a cap stands against, it gives none at all.
+of a group: it asks for one of its members, a member for all of its caps. An entry that a settled pair breaks
+is left out; where a constraint has an entry that no cap can break, the constraint gives no cap at all.
 
 Shapes: Z rows, S sights, m caps; in kernels lanes are the last axis.
 """
@@ -48,13 +48,13 @@ HAIR = 1e-12
 EMPTY = 1e-9
 """rad; caps of a smaller half-angle are left out."""
 SHARP = 2e-6
-"""rad; of a narrower cone about a wish the square in it counts: in a cone's curvature descents get lost."""
+"""rad; a narrower cone about a wish is replaced by the square in it, since descents fail at its curvature."""
 ALTERNATIVES = 16
-"""Members that an entry is made of at most; beyond, its wide bounds of yaws are left open."""
+"""Most members that an entry is written as; beyond, its wide bounds of yaws are left open."""
 
 
 def group_excess(excess: np.ndarray, member: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Excess of each group: the worst cap of its best member; where no group has several, of each cap.
+    """Excess of each group, that of the worst cap of its best member; of each cap where no group has several.
 
     Args:
         excess: (m, K) of every cap.
@@ -122,7 +122,7 @@ class Caps:
     open: bool
 
     def excess(self, rotation: np.ndarray) -> np.ndarray:
-        """How deep (m,) the directions are inside the caps after a rotation ``E`` (3, 3), rad."""
+        """Excess (m,) rad, how deep the directions are inside the caps, after a rotation ``E`` (3, 3)."""
         return np.asarray(self.half_angle - separation(self.axis, self.direction @ rotation))
 
 
@@ -142,14 +142,14 @@ _Group = list[_Member]
 
 
 def assemble(problem: GoalProblem, widening: float = 0.0) -> Caps:
-    """The caps of a problem.
+    """The caps of a problem, padded.
 
     Pairs that are settled or open give no cap. A constraint of several entries gives none either when one of
     these holds for that reason or may hold, or when none can.
 
     Args:
         problem: what is asked.
-        widening: rad by which every row is made easier.
+        widening: rad by which the bound of every row is widened.
     """
     rows, pairs = problem.rows, problem.pairs
     fails = np.any(pairs.settled & (pairs.margin < 0), axis=-1)
@@ -178,11 +178,11 @@ def assemble(problem: GoalProblem, widening: float = 0.0) -> Caps:
 
 
 def _of_rows(problem: GoalProblem, fails: np.ndarray) -> Iterator[_Group]:
-    """The groups of caps that all rows give, in the order of their constraints.
+    """Yield the groups of caps that all rows give, in the order of their constraints.
 
     Args:
         problem: what is asked.
-        fails: (Z,) bool, rows that cannot hold, since a pair is settled that breaks them.
+        fails: (Z,) bool, rows that cannot hold, since one of their settled pairs has a negative margin.
     """
     rows, pairs = problem.rows, problem.pairs
     for constraint in np.unique(rows.group[np.any(pairs.capped, axis=-1)]):
@@ -198,9 +198,9 @@ def _of_rows(problem: GoalProblem, fails: np.ndarray) -> Iterator[_Group]:
 
 
 def _of_row(row: int, problem: GoalProblem) -> Iterator[_Group]:
-    """For each pair of a row that asks for something the ways to meet it: one, or two of which one is enough.
+    """Yield for each pair of a row, by number, that is a cap its members: one, or two of which one is enough.
 
-    A bound of a yaw is met on an arc from there to the end of the joint's range.
+    A bound of a yaw is met on the arc from the bound to the end of the joint's range.
     """
     rows, pairs, aims = problem.rows, problem.pairs, problem.aims
     of_yaw = single_yaws(rows)[row]
@@ -222,7 +222,15 @@ def _of_row(row: int, problem: GoalProblem) -> Iterator[_Group]:
 
 
 def _of_arc(low: float, high: float, cap: _Cap, frame: np.ndarray) -> _Group:
-    """The ways to keep an azimuth between two, rad, by planes; none where all are.
+    """The members that keep an azimuth within `low` to `high` rad, of which one is enough.
+
+    There is none where the two span a whole turn.
+
+    Args:
+        low: rad, the least azimuth.
+        high: rad, the largest.
+        cap: whose row, sight and direction the caps get.
+        frame: (3, 3) body from the device's axes.
 
     More than half a turn is the union of two half-spaces, so one of their caps is enough. Less is their
     intersection. Of a narrow one the point right behind is nearly clear of both caps, too; the cap over the
@@ -244,8 +252,8 @@ def _of_arc(low: float, high: float, cap: _Cap, frame: np.ndarray) -> _Group:
 
 
 def _groups(asked: list[list[list[_Member]]]) -> Iterator[_Group]:
-    """The groups of a constraint, from the ways to meet each pair of each of its entries."""
-    if len(asked) == 1:  # each of its pairs must hold, so those with two ways are groups by themselves
+    """Yield the groups of a constraint; `asked` has the members of each pair of each entry."""
+    if len(asked) == 1:  # each of its pairs must hold, so those with two members are groups by themselves
         (entry,) = asked
         plain = [cap for ways in entry if len(ways) == 1 for cap in ways[0]]
         yield from [[plain]] if plain else []
@@ -256,14 +264,14 @@ def _groups(asked: list[list[list[_Member]]]) -> Iterator[_Group]:
         few = 2 ** sum(len(ways) > 1 for ways in entry) <= ALTERNATIVES
         kept = entry if few else [ways for ways in entry if len(ways) == 1]
         if not kept:
-            return  # holds, or may hold
+            return  # no cap can break this entry
         group += [list(chain.from_iterable(choice)) for choice in product(*kept)]
     if group:
         yield group
 
 
 def _of_aims(aims: Aims) -> Iterator[_Group]:
-    """The groups of caps that azimuth and elevation of each device with a target give."""
+    """Yield the groups of caps that the ranges of azimuth and elevation of devices with targets give."""
     for device, frame, direction, ranges in zip(
         aims.devices, aims.frames, aims.directions, aims.ranges, strict=True
     ):
@@ -277,7 +285,7 @@ def _of_aims(aims: Aims) -> Iterator[_Group]:
 
 
 def _of_wish(wish: Wished) -> _Group:
-    """The group of caps that keeps a device near what it is wished to be near to; none where all is near."""
+    """The group of caps that keeps a wish within its `reach`; empty where every attitude does."""
     reach, frame = wish.reach, wish.frame
     cap = _Cap(-1, wish.device, np.zeros(3), wish.direction, 0.0)
 
@@ -311,13 +319,13 @@ def _of_wish(wish: Wished) -> _Group:
 def deepest_row(
     caps: Caps, problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray
 ) -> tuple[float, int | None, int | None]:
-    """The row of the caps that a state breaks most, or is nearest to breaking.
+    """The row that a state breaks most, or is nearest to breaking, of the rows that give caps.
 
     Args:
-        caps: the caps.
-        problem: that they are of.
-        attitude: (3, 3) of the state.
-        joints: (2n,) rad, likewise.
+        caps: all caps of the problem.
+        problem: what is asked.
+        attitude: (3, 3) of the state, body to inertial.
+        joints: (J,) rad, of the state.
 
     Returns:
         How deep a sight is inside, rad, negative when it is clear; the row and the sight. Of a constraint it
@@ -332,7 +340,7 @@ def deepest_row(
     asked, possible = np.isin(rows.group, rows.group[some]), np.isin(rows.entry, rows.entry[some])
     margins = np.where(capped, problem.margins(attitude, joints), np.inf)
     worst = np.min(margins, axis=-1)
-    worst = np.where(asked & ~possible, -np.inf, worst)  # an entry that what is settled rules out
+    worst = np.where(asked & ~possible, -np.inf, worst)  # an entry that a settled pair breaks
     of_constraint = best_entries(rows, worst)
     leader = int(np.argmin(of_constraint))
     of_entry = np.where(rows.entry == chosen_entries(rows, worst)[leader], worst, np.inf)

@@ -40,17 +40,17 @@ from jaxplan.runtime.jit import materialise, quick_jit
 
 
 def inner(first: Array, second: Array) -> Array:
-    """Scalar product of vectors of any number of components."""
+    """Scalar product (...) of vectors (n, ...), the component first."""
     return reduce(add, [one * other for one, other in zip(first, second, strict=True)])
 
 
 def apply(matrix: Array, vector: Array) -> Array:
-    """Product of matrices and vectors."""
+    """Products (n, ...) of symmetric matrices (n, n, ...) and vectors (n, ...)."""
     return inner(matrix, vector[:, None])
 
 
 def identity(matrix: Array) -> Array:
-    """Identity of the type of a matrix."""
+    """Identity (n, n, 1, ...) with the type and number of axes of a matrix (n, n, ...)."""
     size = matrix.shape[0]
     return jnp.eye(size, dtype=matrix.dtype).reshape(size, size, *[1] * (matrix.ndim - 2))
 
@@ -61,7 +61,7 @@ def sum_of_squares(vectors: Array) -> Array:
 
 
 def inverse(matrix: Array) -> Array:
-    """Inverse of (3, 3, ..., K), by the adjugate; of (4, 4, ..., K) by that of a part of it."""
+    """Inverse of (3, 3, ..., K) by the adjugate; of (4, 4, ..., K) by `bordered_inverse`."""
     if len(matrix) > 3:
         border, corner = matrix[:3, 3], matrix[3, 3]
         return bordered_inverse(matrix[:3, :3] - border[:, None] * border[None] / corner, border, corner)
@@ -94,17 +94,17 @@ def least_eigenvalue(matrix: Array) -> Array:
 
 CHANGES = 64  # of the active set at most; most programs take three to eight
 ROUNDING = 1e-13  # rad, a violation that counts as none
-REGULARISATION = 1e-6  # added to the least squares of a restoration, so that they have one solution
+REGULARISATION = 1e-6  # added to the diagonal of a restoration's normal equations, which makes them regular
 DEPENDENT = 1e-12  # squared sine below which a constraint's gradient lies in the span of the active ones
-MET = -1e3  # excess that stands for a constraint that need not be looked at
+MET = -1e3  # excess given to a constraint that is to be ignored
 
 
 class Active(NamedTuple):
     """Up to n active constraints of each program.
 
     Attributes:
-        number: (n, K), -1 where free.
-        multiplier: (n, K), 0 where free.
+        number: (n, K) index of the constraint in each slot, -1 where the slot is free.
+        multiplier: (n, K) its multiplier, 0 where free.
     """
 
     number: Array
@@ -112,12 +112,14 @@ class Active(NamedTuple):
 
 
 def none_active(lanes: int, dtype: jnp.dtype, unknowns: int = 3) -> Active:
-    """No active constraint in any of so many programs."""
+    """The active sets of `lanes` programs of `unknowns` variables, all empty."""
     return Active(number=jnp.full((unknowns, lanes), -1), multiplier=jnp.zeros((unknowns, lanes), dtype))
 
 
 class _Progress(NamedTuple):
-    changes: Array | int
+    """State of the dual method; n unknowns, K programs."""
+
+    changes: Array | int  # of the active set so far
     move: Array  # (n, K) d so far
     active: Active
     normals: Array  # (n, n, K) gradients of the active constraints, the component first
@@ -130,13 +132,13 @@ class _Progress(NamedTuple):
 def solve(
     inverse_hessian: Array, gradient: Array, gradients: Array, excess: Array
 ) -> tuple[Array, Active, Array]:
-    """Solve the programs.
+    """Solve K quadratic programs, in the notation of the module.
 
     Args:
-        inverse_hessian: (n, n, K) of ``H``, positive definite.
-        gradient: (n, K).
+        inverse_hessian: (n, n, K) inverse of ``H``, positive definite.
+        gradient: (n, K) of the objective at ``d = 0``.
         gradients: (n, m, K) of the constraints.
-        excess: (m, K).
+        excess: (m, K) of the constraints at ``d = 0``, above zero where broken.
 
     Returns:
         ``d`` (n, K), the active constraints, and which programs (K,) have no solution: in these no constraint
@@ -165,7 +167,10 @@ def solve(
 
 
 def _change(progress: _Progress, inverse_hessian: Array, gradients: Array, excess: Array) -> _Progress:
-    """Bring in the most violated constraint, or the one on its way, until it arrives or another leaves."""
+    """The state after one step of the dual method: the entering constraint arrives, or an active one leaves.
+
+    Where none is entering, the most violated one starts to; where none is violated, the program is done.
+    """
     _, move, active, normals, entering, pressure, lost, done = progress
     violation = excess + inner(gradients, move[:, None])
     # the active ones are met but for rounding
@@ -211,7 +216,13 @@ def _change(progress: _Progress, inverse_hessian: Array, gradients: Array, exces
 def _directions(
     inverse_hessian: Array, normals: Array, used: Array, normal: Array
 ) -> tuple[Array, Array, Array]:
-    """What bringing in a constraint does, for a unit of its multiplier.
+    """How ``d``, multipliers and violation change while a constraint enters, per unit of its multiplier.
+
+    Args:
+        inverse_hessian: (n, n, K) inverse of ``H``.
+        normals: (n, n, K) gradients of the active constraints.
+        used: (n, K) bool, slots that have one.
+        normal: (n, K) gradient of the entering constraint.
 
     Returns:
         The way (n, K) that ``d`` moves against, along which the active constraints keep their bounds; how
@@ -228,7 +239,10 @@ def _directions(
 
 
 def restoration(gradients: Array, excess: Array) -> tuple[Array, Array]:
-    """Least squares of the violations: ``M`` (3, 3, K) and ``b`` (3, K), whose ``d`` is ``-M^-1 b``."""
+    """Normal equations of the least squares of the violations: ``M`` (3, 3, K) and ``b`` (3, K).
+
+    The step that restores feasibility is ``d = -M^-1 b``. Gradients are (3, m, K), excess (m, K).
+    """
     violated = excess > 0
     matrix = sum_of_squares(jnp.where(violated, gradients, 0))
     pull = jnp.sum(gradients * jnp.where(violated, excess, 0), axis=1)
@@ -241,9 +255,9 @@ CLEAR = 5e-13
 """rad; an excess over caps that counts as none, half of what caps are wider than their constraints."""
 FLAT = 1e-5
 """Curvature that counts as none: at half a turn of an instrument a tolerance leaves a few millionths."""
-STEPS = 10
+STEPS = 10  # of each descent
 LONGEST_STEP = 0.5  # rad
-LEAST_CURVATURE = 0.01  # that the Hessian is raised to
+LEAST_CURVATURE = 0.01  # least eigenvalue that the Hessian is shifted to have
 TINY = 1e-20  # least square of the sine of an angle to a cap's axis, where the angle has no derivative
 # The Hessian is that of the Lagrangian plus this times the squares of the active caps, which change nothing
 # where these are at their bounds; relative to the multipliers.
@@ -252,7 +266,7 @@ WITHIN = 1e6  # likewise, so large that the least curvature is that of a motion 
 
 
 class Minima(NamedTuple):
-    """Where the descents ended; K lanes.
+    """End points of the descents; K lanes.
 
     Attributes:
         quaternion: (K, 4) of ``E``, scalar first and below zero beyond half a turn.
@@ -269,18 +283,18 @@ class Minima(NamedTuple):
     curvature: np.ndarray
 
     def good(self, tolerance: float) -> np.ndarray:
-        """(...) bool, ends that are local minima, their conditions of optimality met to so many rad."""
+        """(...) bool, ends that are local minima: feasible, stationary to `tolerance` rad, not concave."""
         within = (self.excess <= CLEAR) & (self.residual <= tolerance)
         # the longer way round is no minimum, and bends by about one
         return within & (self.curvature >= -FLAT) & (self.slew <= np.pi + 1e-9)
 
 
 def descend(caps: Caps, starts: np.ndarray) -> Minima:
-    """Descend from each start.
+    """Run a descent from each start, and return where they end.
 
     Args:
         caps: what directions must stay out of.
-        starts: (at most LANES, 4) unit quaternions; they are repeated to fill the batch.
+        starts: (at most LANES, 4) unit quaternions of ``E``; they are repeated to fill the batch.
     """
     arguments = (caps.axis, caps.direction, caps.half_angle, caps.member, caps.group)
     starts = np.resize(starts, (LANES, 4))
@@ -289,7 +303,7 @@ def descend(caps: Caps, starts: np.ndarray) -> Minima:
 
 
 class _Point(NamedTuple):
-    """What a descent knows of the point that it stands on."""
+    """Point of a descent that was evaluated last, with the fields of `Minima`, lanes last."""
 
     quaternion: Array  # (4, K)
     slew: Array  # (K,)
@@ -302,7 +316,7 @@ class _Point(NamedTuple):
 def descent_ends(
     starts: Array, axis: Array, direction: Array, half_angle: Array, member: Array, group: Array
 ) -> Array:
-    """The fields of `Minima` as rows (8, K), of starts (4, K) and the arrays of `Caps`."""
+    """Where descents from starts (4, K) among the arrays of `Caps` end: rows (8, K), fields of `Minima`."""
 
     def step(_count: int, state: tuple[Array, Active, _Point]) -> tuple[Array, Active, _Point]:
         quaternion, active, _ = state
@@ -337,7 +351,7 @@ def descent_ends(
 
 
 def angle_terms(quaternion: Array) -> tuple[Array, Array, Array]:
-    """Angle (K,), and gradient (3, K) and Hessian (3, 3, K) of half its square."""
+    """Angle (K,) rad of quaternions (4, K), and gradient (3, K) and Hessian (3, 3, K) of half its square."""
     scalar, vector = quaternion[0], quaternion[1:]
     square = dot(vector, vector)
     small = square < 1e-16
@@ -353,7 +367,14 @@ def angle_terms(quaternion: Array) -> tuple[Array, Array, Array]:
 def cap_terms(
     quaternion: Array, axis: Array, direction: Array, half_angle: Array
 ) -> tuple[Array, Array, Array]:
-    """Directions in body axes (3, m, K), excess over the caps (m, K), and its gradients (3, m, K)."""
+    """Directions in body axes (3, m, K), excess over the caps (m, K) rad, and its gradients (3, m, K).
+
+    Args:
+        quaternion: (4, K) of ``E``.
+        axis: (m, 3) of the caps, body axes.
+        direction: (m, 3) in the body axes of the start.
+        half_angle: (m,) rad.
+    """
     a, d = axis.T[:, :, None], direction.T[:, :, None]
     body = jnp.stack(rotations.turned_back(quaternion, d))
     normal = jnp.stack(cross(a, body))
@@ -364,7 +385,18 @@ def cap_terms(
 def active_terms(
     active: Active, axis: Array, body: Array, excess: Array, gradients: Array
 ) -> tuple[Array, Array, Array]:
-    """Sum of Hessians (3, 3, K), gradients (3, 3, K) and excess (3, K) of active caps that still apply."""
+    """Curvature, gradients and excess of the active caps that still apply; zero in other slots.
+
+    Args:
+        active: numbers (n, K) of caps and their multipliers.
+        axis: (m, 3) of all caps.
+        body: (3, m, K), with the next two as of `cap_terms`.
+        excess: (m, K) rad.
+        gradients: (3, m, K).
+
+    Returns:
+        The sum (3, 3, K) of their Hessians times their multipliers, gradients (3, n, K), excess (n, K) rad.
+    """
     cap = jnp.maximum(active.number, 0)
     depth = jnp.take_along_axis(excess, cap, axis=0)
     used = (active.number >= 0) & (depth > MET)
@@ -380,5 +412,5 @@ def active_terms(
 
 
 def turned(quaternion: Array, move: Array) -> Array:
-    """The quaternion of ``E exp(move^)``."""
+    """Unit quaternions (4, K) of ``E exp(move^)``, of quaternions (4, K) of ``E`` and rad (3, K)."""
     return jnp.stack(unit(rotations.product(quaternion, rotations.exp(move))))

@@ -7,8 +7,10 @@ those are taken that are reached in the least time, and brought back toward wher
 everything stays clear. Devices take their turns in the order of their numbers, twice where two are free,
 since each may be in the other's way.
 
-So a device that makes way ends on a line of its joints, where one pair has a margin of `SPARE`. With line and
-pair held that is a function of all that a goal depends on (`places`).
+So a device that *makes way* ends on the straight line of its joint angles from where it would rather be
+(share 0) to that clear place (share 1), where one pair of a constraint's row and a sight has a margin of
+`SPARE`. With line and pair held fixed that is a differentiable function of all that a goal depends on
+(`places`). Shapes: J joints, o joints of one device (1 or 2), Z rows.
 """
 
 from collections.abc import Sequence
@@ -29,24 +31,24 @@ from jaxplan.runtime.display import shown
 SPARE = 2e-5
 """rad by which zones are kept: a motion that ends there may swing a little on the way."""
 _GRIDS = (121, 41)  # places of a drive's angle, and of each of a terminal's
-_HALVINGS = 40  # of the way back
-_CLOSER = 3  # grids, each a few spacings of the one before wide
-_TIE = 1e-8  # rad; pairs whose margins differ by less are as near
+_HALVINGS = 40  # bisections of the share of the way
+_CLOSER = 3  # further grids, each four spacings of the one before wide
+_TIE = 1e-8  # rad; pairs whose margins differ by less from the least one are as near
 
 
 @shown("joints", "share", "row", "sight", "ties")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MadeWay:
-    """How a device made way.
+    """How a device without a target moved out of the way: along which line, how far, and what stopped it.
 
     Attributes:
         joints: numbers of its joints.
-        toward: (o,) the place toward which it moved, as shares of the joints' ranges.
-        share: () of the way there from where it would rather be.
-        row: () int, of the constraints, which it keeps with `sight` by just `SPARE`.
-        sight: () int.
-        ties: whether other pairs are as near, so that nobody can tell which of them it will lean on.
+        toward: (o,) the clear place toward which it moved, as shares of the joints' ranges.
+        share: () of the line from where it would rather be (0) to that place (1).
+        row: () int, row of the constraints whose margin with `sight` is just `SPARE` there.
+        sight: () int, number of the sight.
+        ties: whether other pairs have the same margin, so that it is unknown which of them will bind.
     """
 
     joints: tuple[int, ...] = field(metadata={"static": True})
@@ -60,12 +62,13 @@ class MadeWay:
 def settled(
     problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray
 ) -> tuple[np.ndarray, tuple[MadeWay, ...]]:
-    """Joints at a goal, those of free devices where they are best.
+    """Joints at a goal, with free devices as near to what they prefer as constraints let them.
 
     Args:
         problem: what is asked.
         attitude: (3, 3) of the goal.
-        joints: (J,) rad, those of devices with targets and held ones as they are to be.
+        joints: (J,) rad, of devices with targets and held ones as they are to be, of free ones as at the
+            start.
 
     Returns:
         (J,) rad, and how devices made way, in the order in which they did. Where no place of a device is
@@ -94,14 +97,14 @@ def preferred(
     attitude: AnyArray,
     joints: AnyArray,
 ) -> AnyArray:
-    """Joints (J,) with free devices where they would be without zones: as they are, or nearest to wishes.
+    """Joints (J,) rad, free devices where they would be without zones: as they are, or nearest a wish.
 
     Args:
         gimbals: of the spacecraft.
         ranges: (J, 2) rad, at the goal.
-        free: numbers of the devices.
-        wishes: number of a device and inertial direction (3,), the first ones first.
-        attitude: (3, 3) of the goal.
+        free: numbers of the free devices.
+        wishes: pairs of a device's number and an inertial direction (3,); of a device the first counts.
+        attitude: (3, 3) of the goal, body to inertial.
         joints: (J,) rad.
     """
     for number in free:
@@ -127,17 +130,17 @@ def places(
     attitude: AnyArray,
     joints: AnyArray,
 ) -> AnyArray:
-    """Joints (J,) with those of devices that make way where they are just clear of what was in their way.
+    """Joints (J,) rad, with each device that makes way where its pair has a margin of just `SPARE`.
 
     One step of Newton's method along each device's line: at what was found it changes nothing, and its
     first derivatives are those of the place.
 
     Args:
-        moves: in their order.
+        moves: how devices made way, in the order in which they did.
         ranges: (J, 2) rad, at the goal.
         rows: all constraints.
         sights: that they bind.
-        attitude: (3, 3) of the goal.
+        attitude: (3, 3) of the goal, body to inertial.
         joints: (J,) rad, of free devices as `preferred` has them.
     """
     for move in moves:
@@ -154,14 +157,14 @@ def places(
 
 
 def _place(move: MadeWay, joints: AnyArray, ranges: AnyArray, share: AnyArray) -> AnyArray:
-    """(o,) rad, joints of a device after some share of its way."""
+    """Joints (o,) rad of a device at a share of its line, which begins where `joints` (J,) has them."""
     own = np.array(move.joints)
     low, high = ranges[own].T
     return joints[own] + share * (low + move.toward * (high - low) - joints[own])
 
 
 def _concerned(problem: GoalProblem, number: int) -> np.ndarray:
-    """(Z,) bool, the rows of all constraints in which a device takes part."""
+    """(Z,) bool, the rows of all constraints that bind a sight carried by a device, or have one as axis."""
     rows = problem.rows
     takes_part = problem.sights.carriers == number
     concerned = np.any(rows.bound[:, takes_part], axis=1) | ((rows.frame == SIGHT) & takes_part[rows.partner])
@@ -169,14 +172,17 @@ def _concerned(problem: GoalProblem, number: int) -> np.ndarray:
 
 
 def _least(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> np.ndarray:
-    """(...) least margin of a device's constraints, at joints (..., J), less the spare; rad."""
+    """Least margin (...) rad, less `SPARE`, of the constraints that concern device `number`.
+
+    It is taken at an attitude (3, 3) and joints (..., J); infinite where nothing concerns the device.
+    """
     attitudes = np.broadcast_to(attitude, (*joints.shape[:-1], 3, 3))
     margins = constraint_margins(problem.rows, problem.margins(attitudes, joints))
     return np.min(np.where(_concerned(problem, number), margins, np.inf), axis=-1, initial=np.inf) - SPARE
 
 
 def _moved(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> MadeWay | None:
-    """How a device makes way to where all is clear that it takes part in; None if nowhere is."""
+    """How device `number` makes way to where all constraints that concern it hold; None if it cannot."""
     own = problem.spacecraft.gimbals.joints_of(number)
     wanted, ranges = joints[own], problem.ranges[own]
     rates = problem.spacecraft.joint_rate_limits[own]
@@ -205,12 +211,12 @@ def _moved(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, numbe
         step /= 2
     low, high = ranges.T
     toward = np.where(high > low, (best - low) / np.where(high > low, high - low, 1), 0)
-    return _leant(
+    return _with_nearest_pair(
         problem, attitude, _put(joints, own, wanted + share * (best - wanted)), number, toward, share
     )
 
 
-def _leant(
+def _with_nearest_pair(
     problem: GoalProblem,
     attitude: np.ndarray,
     joints: np.ndarray,
@@ -218,7 +224,16 @@ def _leant(
     toward: np.ndarray,
     share: float,
 ) -> MadeWay:
-    """How a device made way, with the pair that it is nearest to at joints (J,)."""
+    """The `MadeWay` of device `number`, with the pair of row and sight whose margin is the least one.
+
+    Args:
+        problem: what is asked.
+        attitude: (3, 3) of the goal.
+        joints: (J,) rad, with the device's where it ends.
+        number: of the device.
+        toward: (o,) as of `MadeWay`.
+        share: as of `MadeWay`.
+    """
     margins = problem.margins(attitude, joints)
     least = float(_least(problem, attitude, joints, number)) + SPARE
     counts = problem.rows.bound & _concerned(problem, number)[:, None]
@@ -236,7 +251,7 @@ def _leant(
 
 
 def _put(joints: AnyArray, own: Sequence[int] | np.ndarray, values: AnyArray) -> AnyArray:
-    """Joints (J,) with others in the place of some."""
+    """A copy of joints (J,) with `values` (o,) for those of numbers `own` (o,); of JAX where either is."""
     which = np.asarray(own)
     if array_module(joints, values) is jnp:
         return jnp.asarray(joints).at[which].set(values)
@@ -246,7 +261,7 @@ def _put(joints: AnyArray, own: Sequence[int] | np.ndarray, values: AnyArray) ->
 
 
 def _each(joints: np.ndarray, own: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Joints (k, J) with some of them at each of some places (k, o)."""
+    """Joints (k, J): k copies of joints (J,), in which those of numbers `own` (o,) are `places` (k, o)."""
     found = np.repeat(joints[None], len(places), axis=0)
     found[:, own] = places
     return found

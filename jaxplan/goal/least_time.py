@@ -1,4 +1,4 @@
-"""Goals of least time: of all attitudes that meet a problem those that platform and joints reach soonest.
+"""Find goals of least time: the attitudes that meet a problem and that platform and joints reach soonest.
 
 What is made least is the strict bound of the time from rest to rest, `jaxplan.model.least_time`: what the
 slowest of platform and joints takes by itself. Least rotation leaves all the way to the joints; where these
@@ -32,25 +32,28 @@ from jaxplan.model.turn_table import turn_table
 from jaxplan.runtime.batching import padded_count
 
 LANES = 64
-"""Starts of a batch; the ends of most come together in a few goals."""
+"""Starts of a batch; most descents end in a few goals."""
 STATIONARY = 1e-7
-"""Residual of the conditions of optimality of an end that is a goal; of others the best may be one, too."""
+"""Largest residual of the conditions of optimality of an end that is a goal; beyond, see `SURE`."""
 SURE = 2e-3
-"""Share of the time by which an end that is not stationary must be better than those that are."""
-_ALIKE = 1e-9  # share by which ratios of rates to accelerations differ at most that are taken for one
+"""Share of the time by which an end that is not stationary must beat all that are, to be a goal."""
+_ALIKE = 1e-9  # relative difference below which the axes' ratios of rate to acceleration count as equal
 _TERMS = (5, 4, 4)  # of the polynomials in place of tabulated shares: off by 0.4 % in the mean
 INSTANT = 1e-9
-"""s; where the least rotation takes no longer nothing is looked for."""
+"""s; where the goal of least rotation takes no longer than this, no other goals are looked for."""
 
 
 def times(problem: GoalProblem, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """(N,) s, strict bounds of the time from the start to attitudes (N, 3, 3) with joints (N, J), at rest."""
+    """Strict lower bounds (N,) s of the time from rest at the start to rest at attitudes and joints.
+
+    Attitudes are (N, 3, 3), body to inertial, joints (N, J) rad.
+    """
     turns = np.asarray(so3.log(problem.start.T @ attitudes))
     return np.asarray(rest_bounds(problem.spacecraft, turns, joints - problem.rest))
 
 
 def likely_joints(problem: GoalProblem, attitudes: np.ndarray) -> np.ndarray:
-    """Joints (N, J) at attitudes (N, 3, 3), of devices with targets and wishes; others stay, zones aside."""
+    """Joints (N, J) rad at attitudes (N, 3, 3), without zones: toward targets and wishes, others at rest."""
     joints = np.clip(problem.joints(attitudes), *problem.ranges.T)
     for wish in problem.wishes:
         if wish.kind != "instrument":
@@ -69,15 +72,15 @@ def soonest(
 
     Args:
         problem: what is asked.
-        caps: of it.
+        caps: of the problem.
         nearest: (k, 4) unit quaternions from the start, the local minima of the rotation, at least one.
         count: how many are wanted at most.
         max_slew: rad, bound of the rotation.
-        seed: of the covering.
+        seed: of the covering of SO(3), see `multistart.covering_points`.
 
     Returns:
-        (at most count, 4) unit quaternions of ``E`` with scalar part >= 0, 2 deg or more apart, the quickest
-        first. The nearest of all is among them where more than one is wanted.
+        (at most count, 4) unit quaternions of the rotation from the start, scalar part >= 0, 2 deg or more
+        apart, the quickest first. The nearest of all is among them where more than one is wanted.
     """
     if _times(problem, nearest)[0] <= INSTANT:
         return nearest
@@ -92,7 +95,7 @@ def soonest(
 
 
 def by_time(problem: GoalProblem, goals: list[Goal]) -> list[Goal]:
-    """The goals in the order of their times, with the joints that they have, and then of their slews."""
+    """The goals in the order of their least times (`times`) with their joints, then of their slews."""
     if not goals:
         return goals
     after = times(
@@ -103,7 +106,7 @@ def by_time(problem: GoalProblem, goals: list[Goal]) -> list[Goal]:
 
 
 def descended(problem: GoalProblem, caps: Caps, starts: np.ndarray) -> Soonest:
-    """Where the descents from starts (at most `LANES`, 4) end."""
+    """Run the descents of `minimax` from unit quaternions (at most `LANES`, 4), and return where they end."""
     unit = float(time_unit(problem.spacecraft))
     starts = np.resize(starts, (LANES, 4))
     asked = (caps.axis, caps.direction, caps.half_angle, caps.member, caps.group)
@@ -128,15 +131,15 @@ def pointers(
     rest: AnyArray,
     unit: AnyArray,
 ) -> Pointers:
-    """The devices whose joints follow directions, padded.
+    """The devices whose joints follow directions, padded with such that do not move.
 
     Args:
         craft: its devices and limits.
         aims: what must point where.
         wishes: what devices without a target are near to.
-        start: (3, 3) attitude at the start.
-        rest: (J,) rad, joints there.
-        unit: s, of times.
+        start: (3, 3) attitude at the start, body to inertial.
+        rest: (J,) rad, joints at the start.
+        unit: s, unit of time of the rates and accelerations.
     """
     gimbals = craft.gimbals
     aimed = zip(aims.devices, aims.directions, aims.frames, aims.ranges, strict=True)
@@ -147,7 +150,7 @@ def pointers(
     _, directions, frames, ranges, cut = zip(*each, *[_NOBODY] * spare, strict=True)
 
     def by_angle(values: AnyArray, other: float) -> AnyArray:
-        """(p, 2) of joint values (J,)."""
+        """Values (J,) of joints as (p, 2), azimuth and elevation of each device; `other` for no joint."""
         found = [[values[which[0]], values[which[1]] if len(which) > 1 else other] for which in own]
         flat = [value for pair in [*found, *[[other, other]] * spare] for value in pair]
         return stacked(flat).reshape(-1, 2)
@@ -168,7 +171,7 @@ _NOBODY = (-1, np.array([1.0, 0.0, 0.0]), np.eye(3), np.array([[-1.0, 1.0], [-1.
 
 
 def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
-    """Lengths of turns of the platform and limits of their speeds, with times in units of so many s.
+    """Lengths of turns of the platform and limits of their speeds, with times in units of `unit` s.
 
     Torque and momentum count as limits of acceleration and rate of each axis, as of a body at rest.
     """
@@ -202,7 +205,10 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
 
 
 def _smooth(shares: AnyArray) -> AnyArray:
-    """Coefficients (3, i, j, k) of the polynomials nearest to tabulated shares (3, A, L, L)."""
+    """Coefficients (3, i, j, k) of Legendre polynomials, fitted by least squares to shares (3, A, L, L).
+
+    i, j and k are `_TERMS`; the shares are tabulated by A angles and twice L ratios, see `turn_table`.
+    """
     for count, terms in zip(shares.shape[1:], _TERMS, strict=True):
         shares = array_module(shares).tensordot(shares, _fit(count, terms), axes=(1, 1))
     return shares
@@ -210,18 +216,18 @@ def _smooth(shares: AnyArray) -> AnyArray:
 
 @cache
 def _fit(count: int, terms: int) -> np.ndarray:
-    """(terms, count) coefficients of polynomials by values at even places in [0, 1]."""
+    """Matrix (terms, count) from values at `count` even places in [0, 1] to Legendre coefficients."""
     return np.linalg.pinv(np.stack(legendre(np.linspace(0, 1, count), terms), axis=1))
 
 
 def _times(problem: GoalProblem, quaternions: np.ndarray) -> np.ndarray:
-    """(K,) s of rotations from the start, before devices make way for zones."""
+    """Least times (K,) s of rotations from the start, quaternions (K, 4), with joints of `likely_joints`."""
     attitudes = problem.start @ quaternion.to_matrix(quaternions)
     return times(problem, attitudes, likely_joints(problem, attitudes))
 
 
 def _starts(problem: GoalProblem, caps: Caps, count: int, seed: int) -> np.ndarray:
-    """Points (at most count, 4) of the covering that are possible, those of least time first."""
+    """Points (at most count, 4) of the covering near which a solution may lie, those of least time first."""
     points = multistart.covering_points(seed)
     possible = np.flatnonzero(multistart.depths(caps, seed) <= 0)
     first = np.argsort(_times(problem, points[possible]), kind="stable")[:count]
@@ -229,7 +235,14 @@ def _starts(problem: GoalProblem, caps: Caps, count: int, seed: int) -> np.ndarr
 
 
 def _distinct(quaternions: np.ndarray, times: np.ndarray, nearest: np.ndarray, count: int) -> np.ndarray:
-    """The first (at most count, 4) by time that are not close to one before, and the nearest of all."""
+    """The quickest (at most count, 4) of quaternions (K, 4), `multistart.APART` or more from each other.
+
+    Args:
+        quaternions: (K, 4) of the rotations from the start.
+        times: (K,) s.
+        nearest: (4,) of the goal of least rotation, which takes the last place where it is not among them.
+        count: how many are wanted at most.
+    """
     slews = multistart.slew(quaternions)
     left = np.lexsort([slews, times])
     kept = np.empty((0, 4))

@@ -1,7 +1,8 @@
 """Descent to goals of least time among caps: the slowest of platform and joints as quick as can be.
 
 From rest to rest a joint goes at most ``reach(t)`` within the time ``t``, a trapezoid of its rate, and so
-does the platform along its turn. With the way ``w`` that each has to go from the start, the least time is
+does the platform along its turn. With the *way* ``w``, the distance that each has to go from the start, the
+least time is
 
     minimise  t^2 / 2 + STILLNESS theta^2 / 2   over E and t
     such that  w(E) <= reach(t)  for platform and joints to either side, and  excess(E) <= 0  for all caps
@@ -12,7 +13,7 @@ quadratic programming in four unknowns, as in `jaxplan.goal.descent`, with which
 programs; ``E = R0^T R`` is a unit quaternion that is turned by ``exp(d^)``.
 
 Ways with their slopes and bends are those of `jaxplan.goal.ways`. Time is in units of about that of half a
-turn. Shapes: w ways, m caps, K lanes.
+turn. Shapes: w ways, m caps, K lanes (problems side by side, the last axis).
 """
 
 from typing import NamedTuple
@@ -44,17 +45,17 @@ from jaxplan.goal.descent import (
     sum_of_squares,
     turned,
 )
-from jaxplan.goal.ways import Platform, Pointers, paces, reach, ways
+from jaxplan.goal.ways import Platform, Pointers, reach, speed_limits, ways
 from jaxplan.runtime.jit import quick_jit
 
-STEPS = 14
+STEPS = 14  # of each descent
 STILLNESS = 1e-4
 """Weight of the square of the turn, rad^2, beside that of the time, in units."""
-TIMES = 0.01, 50.0  # units of time, least and largest that a step may lead to
+TIMES = 0.01, 50.0  # units of time, least and largest that a step may lead to; outside is clipped
 
 
 class _Point(NamedTuple):
-    """A point of a descent with all that its next step needs."""
+    """Point of a descent that was evaluated last, with the fields of `Soonest`, lanes last."""
 
     quaternion: Array  # (4, K)
     time: Array  # (K,)
@@ -63,7 +64,7 @@ class _Point(NamedTuple):
 
 
 class Soonest(NamedTuple):
-    """Where the descents ended; K lanes.
+    """End points of the descents; K lanes.
 
     Attributes:
         quaternion: (K, 4) of ``E``, scalar first and below zero beyond half a turn.
@@ -90,8 +91,11 @@ def soonest_ends(
     pointers: Pointers,
     platform: Platform,
 ) -> Array:
-    """The fields of `Soonest` as rows (7, K), of starts (4, K) with times (K,), of `Caps`, and what moves."""
-    rates = paces(pointers, platform)
+    """Where the descents from starts (4, K) and times (K,) end: the fields of `Soonest` as rows (7, K).
+
+    Axis to group are the arrays of `Caps`; pointers and platform are what moves (`jaxplan.goal.ways`).
+    """
+    rates = speed_limits(pointers, platform)
     caps, count = len(axis), len(rates[0])
 
     def step(_count: int, state: tuple[Array, Array, Active, _Point]) -> tuple[Array, Array, Active, _Point]:

@@ -34,7 +34,7 @@ POINTS = 4096
 RADIUS = 0.25
 """rad; the largest distance found of any attitude to the nearest point is 0.2455."""
 BEYOND = 704
-"""Points taken twice: those within `RADIUS` of half a turn, (r + sin r) / pi of all, and a few more."""
+"""Points taken twice: the (r + sin r) / pi of all within r = `RADIUS` of half a turn, and a few more."""
 
 # The spiral turns by 1 / _FIRST and 1 / _SECOND of a circle a point in its two planes. Both come from the
 # positive roots of x^4 = x + 4 and x^2 = 2, which keep the points apart best.
@@ -44,15 +44,15 @@ _SECOND = 1.533751168755204288118041
 NEAR = 64
 """Starts of the first batch with the least slew; the others are spread over the rest."""
 TOLERANCE = 1e-10
-"""rad; of the conditions of optimality."""
+"""rad; largest residual of the conditions of optimality of a minimum."""
 LAST_TOLERANCE = 1e-7
-"""Likewise in the last round: rounding leaves more at the edge of a cone of arc seconds, bent as it is."""
+"""rad; likewise in the last round: rounding leaves more at the curved edge of a cone of arc seconds."""
 ROUNDS = 4
 """Descents in a row from one batch of starts."""
 APART = np.deg2rad(2.0)
-"""Minima closer than this count as one."""
+"""rad; minima closer than this count as one."""
 STILL = 1e-9
-"""rad; a smaller slew is none."""
+"""rad; a smaller slew counts as none."""
 PRECISION = 3e-7
 """rad; to which the least widening is found."""
 TOGETHER = 256
@@ -63,13 +63,13 @@ _STARTS = np.array([[1.0, 0.0, 0.0, 0.0], [_HALF, 0, 0, _HALF], [_HALF, 0, 0, -_
 
 @lru_cache(maxsize=8)
 def covering_points(seed: int) -> np.ndarray:
-    """Unit quaternions (N, 4) in the order of their angle, the identity first.
+    """Points of the covering of SO(3): unit quaternions (N, 4) by rising angle, the identity first.
 
     The scalar part is above zero up to half a turn. The last points, below zero, are those near half a turn
     once more, the longer way round: a solution near half a turn has a point near it on its own side, too.
 
     Args:
-        seed: of a random turn of the whole covering.
+        seed: of a random rotation of the whole covering.
     """
     step = np.arange(POINTS) + 0.5
     share = step / POINTS
@@ -90,20 +90,20 @@ def covering_points(seed: int) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _rotations(seed: int) -> np.ndarray:
-    """Rotation matrices of the points, entries first: (9, N), single precision."""
+    """Entries (9, N) of the rotation matrices of `covering_points`, single precision."""
     return np.array(rotations.matrix(covering_points(seed).T), dtype=np.float32).reshape(9, -1)
 
 
 def depths(caps: Caps, seed: int) -> np.ndarray:
-    """How far each point of the covering is from being possible.
+    """For each point of the covering, whether a solution may lie near it, and how far from that it is.
 
     Args:
         caps: what directions must stay out of.
         seed: of the covering.
 
     Returns:
-        (N,) zero or less where a solution may lie within `RADIUS` of the point; larger the deeper the point
-        is inside a cap.
+        (N,) differences of cosines: zero or less where a solution may lie within `RADIUS` of the point; the
+        larger, the deeper the point is inside a cap.
     """
     # a . E^T z is the sum of these times the entries of E
     entries = np.einsum("mi,mj->mji", caps.axis, caps.direction).reshape(-1, 9)
@@ -141,7 +141,7 @@ def minima(caps: Caps, count: int, seed: int) -> np.ndarray:
 
 
 def slew(quaternions: np.ndarray) -> np.ndarray:
-    """Angle (K,) of the rotations of unit quaternions (K, 4), the short way round."""
+    """Angle (K,) rad of the rotations of unit quaternions (K, 4), the short way round."""
     return np.asarray(rotations.angle(quaternions.T))
 
 
@@ -161,7 +161,7 @@ def _minima_from(caps: Caps, starts: np.ndarray) -> np.ndarray:
 
 
 def _distinct(quaternions: np.ndarray, count: int) -> np.ndarray:
-    """The first (at most count, 4) by slew that are not close to one before."""
+    """The quaternions (at most count, 4) of least slew that are `APART` or more from each other."""
     slews = slew(quaternions)
     left = np.argsort(slews, kind="stable")
     kept = np.empty((0, 4))
@@ -176,7 +176,7 @@ def _distinct(quaternions: np.ndarray, count: int) -> np.ndarray:
 def least_widening(
     widened: Callable[[float], Caps], enough: float, seed: int, near: np.ndarray | None = None
 ) -> tuple[np.ndarray, float]:
-    """The attitude that breaks a problem's constraints least.
+    """The attitude that needs the least widening of a problem's constraints, and that widening.
 
     The least widening with which the problem has a solution is found by bisection. Every trial starts from
     the points that are least deep in the caps as they are, and from the last solution.
@@ -185,7 +185,7 @@ def least_widening(
         widened: the caps when the constraints are made easier by so many radians.
         enough: rad; a widening with which there is a solution.
         seed: of the covering.
-        near: (4,) unit quaternion to start from besides; None for no more.
+        near: (4,) unit quaternion of a further start; None for no further one.
 
     Returns:
         (4,) unit quaternion of ``E``, and a widening with which it is a solution, rad.
@@ -217,8 +217,8 @@ def nearest_attitudes(
         directions: (N, n, 3) inertial unit vectors, one a terminal.
 
     Returns:
-        Attitudes (N, 3, 3), joints (N, J) within their ranges, and (N,) bool whether they were found: without
-        it an attitude may still exist.
+        Attitudes (N, 3, 3), joints (N, J) rad within their ranges, and (N,) bool whether they were found:
+        where not, an attitude may still exist.
     """
     count = len(start_attitudes)
     ranges = spacecraft.joint_ranges
@@ -235,6 +235,7 @@ def nearest_attitudes(
 def _nearest(
     spacecraft: Spacecraft, starts: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`nearest_attitudes` of one batch of `TOGETHER` satellites, its joints not clipped to their ranges."""
     first = GoalProblem.of(spacecraft, starts[0], Targets(directions=directions[0]))
     caps = assemble(first)  # the same for all
     toward = np.take(directions, np.maximum(caps.sight, 0), axis=1) @ starts
@@ -257,7 +258,7 @@ def _nearest(
 def _descents(
     starts: Array, axis: Array, directions: Array, half_angle: Array, member: Array, group: Array
 ) -> Array:
-    """`descent_ends` of N satellites (N, 8, K), whose directions (N, m, 3) differ."""
+    """`descent_ends` (N, 8, K) of N satellites, of directions (N, m, 3); all else is the same for all."""
     return jax.vmap(descent_ends, (None, None, 0, None, None, None))(
         starts, axis, directions, half_angle, member, group
     )

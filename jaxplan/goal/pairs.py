@@ -28,14 +28,14 @@ from jaxplan.model.constraints import (
 )
 from jaxplan.model.directions import Sights
 
-_SOMEWHERE = np.array([0.0, 0.0, 1.0])
+_SOMEWHERE = np.array([0.0, 0.0, 1.0])  # stands for a direction that is not known
 
 
 class Pairs(NamedTuple):
-    """Every pair at a goal.
+    """Every pair of a row and a sight at a goal: whether it is settled or a cap, with its margin and its cap.
 
     Attributes:
-        settled: (Z, S) bool, pairs that the attitude changes nothing about.
+        settled: (Z, S) bool, pairs whose margin is the same at every attitude.
         margin: (Z, S) rad, of those that are settled.
         capped: (Z, S) bool, pairs that are caps. A bound of a yaw is one beside others, see `caps`.
         axis: (Z, S, 3) of the cap, unit vectors in body axes.
@@ -57,7 +57,7 @@ def pairs_at_goal(rows: Constraints, sights: Sights, known: Known, rest: ArrayLi
     Args:
         rows: the constraints, at an instant.
         sights: what they bind.
-        known: of these.
+        known: the directions of these that are known.
         rest: (J,) rad, joints that held devices keep.
     """
     xp, toward, along, axis = arrays(known.toward, known.along, rows.axis)
@@ -102,7 +102,10 @@ def _is_known(vectors: AnyArray) -> AnyArray:
 
 
 def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, known: Known, rest: ArrayLike) -> Pairs:
-    """The pairs with those of rows of joints: settled of held devices, and caps of a yaw or a pitch alone."""
+    """The pairs with those of rows of joints put in, arguments as of `pairs_at_goal`.
+
+    Such a pair is settled for a held device, and a cap where the row bounds a yaw or a pitch alone.
+    """
     xp, normal, bound, frames = arrays(rows.axis, rows.half_angle, sights.gimbals.frames)
     of_yaw, sign = single_yaws(rows), xp.sign(normal[:, 0] + normal[:, 1])
     edge = sign * (bound - np.pi / 2)
@@ -127,20 +130,20 @@ def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, known: Known, 
 
 
 def single_yaws(rows: Constraints) -> AnyArray:
-    """(Z,) bool, the rows of joints that bound a yaw alone."""
+    """(Z,) bool, which rows are of joints and bound a yaw alone."""
     return (rows.frame == JOINTS) & (rows.axis[:, 1] == 0)
 
 
 def cleared(rows: Constraints, pairs: Pairs, clearance: ArrayLike) -> Constraints:
-    """The constraints with a clearance, of what is left to the attitude.
+    """The constraints, each tightened by a clearance as far as the attitude can keep it.
 
-    A row gives it up to half of the room that it leaves (`room`), and no more than the least margin of its
-    pairs that are settled, since no attitude helps these.
+    A row is tightened by at most half of the room that it leaves (`room`), and no more than the least margin
+    of its pairs that are settled, since no attitude helps these.
 
     Args:
         rows: the constraints, at an instant.
-        pairs: of these.
-        clearance: rad.
+        pairs: of these rows and their sights.
+        clearance: rad, wanted.
     """
     xp, margin, half_angle, side, wanted = arrays(pairs.margin, rows.half_angle, rows.side, clearance)
     settled = xp.min(xp.where(pairs.settled, margin, xp.inf), axis=-1, initial=xp.inf)
@@ -151,5 +154,5 @@ def cleared(rows: Constraints, pairs: Pairs, clearance: ArrayLike) -> Constraint
 
 
 def open_pairs(rows: Constraints, pairs: Pairs) -> AnyArray:
-    """(Z, S) bool, pairs that depend on the joints at a goal otherwise than as caps."""
+    """(Z, S) bool, bound pairs that are neither settled nor caps, so that joints at a goal decide on them."""
     return rows.bound & ~pairs.settled & ~pairs.capped

@@ -1,4 +1,4 @@
-"""What is asked at a goal, in one piece: the aims, the constraints, and what devices would like besides."""
+"""The problem of step 1 as data: aims of a goal, constraints, and wishes of devices without a target."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,12 +22,12 @@ class Wished(NamedTuple):
     """A direction that a device without a target shall come near to.
 
     Attributes:
-        device: its number.
+        device: number of the device.
         kind: "instrument", "drive" or "terminal".
         direction: (3,) inertial unit vector.
         frame: (3, 3) body from the device's axes.
-        box: (2, 2) rad, where in them it can point, see `aims.box_of`.
-        reach: rad, how far it may be away.
+        box: (2, 2) rad, azimuths and elevations in these axes at which it can point, see `aims.box_of`.
+        reach: rad, largest distance allowed from where the device can point to the direction.
     """
 
     device: int
@@ -39,7 +39,7 @@ class Wished(NamedTuple):
 
     @classmethod
     def all_of(cls, craft: Spacecraft, targets: Targets, ranges: np.ndarray) -> list[Self]:
-        """All wishes of targets in their order, as they are at an instant."""
+        """All wishes of targets at an instant, in order; `ranges` (J, 2) rad are the joints' at the goal."""
         found = []
         for wish in targets.prefer:
             number = craft.device_names.index(wish.device)
@@ -51,9 +51,9 @@ class Wished(NamedTuple):
         return found
 
     def distance(self, attitudes: np.ndarray) -> np.ndarray:
-        """(...) rad from where the device can point to the direction, at attitudes (..., 3, 3).
+        """Angles (...) rad from where the device can point to the direction, at attitudes (..., 3, 3).
 
-        Of a terminal it is by how much a joint would have to leave its range.
+        Of a terminal it is the larger angle by which a joint would have to leave its range.
         """
         body = self.direction @ attitudes
         if self.kind == "instrument":
@@ -77,8 +77,8 @@ class GoalProblem:
     Attributes:
         spacecraft: its devices.
         start: (3, 3) attitude at the start, body to inertial, ``R0``.
-        rest: (J,) rad, joints that devices without a target have at the goal; of angles of the others that
-            differ by whole turns the nearest to these are taken.
+        rest: (J,) rad, joints of devices without a target unless they make way; the others' yaws are taken at
+            the turns nearest to theirs here.
         aims: what must point where.
         ranges: (J, 2) rad, of the joints at the goal.
         rows: all constraints, at an instant.
@@ -102,7 +102,15 @@ class GoalProblem:
         rows: Constraints | None = None,
         rest: ArrayLike | None = None,
     ) -> Self:
-        """The problem of targets; without rows, and with other joints at zero, unless told."""
+        """The problem that targets state.
+
+        Args:
+            spacecraft: its devices.
+            start: (3, 3) attitude at the start, body to inertial.
+            targets: at an instant.
+            rows: the constraints; None for none.
+            rest: (J,) rad, joints of devices without a target; None for zero.
+        """
         ranges = np.asarray(goal_ranges(spacecraft, targets))
         return cls(
             spacecraft=spacecraft,
@@ -120,24 +128,24 @@ class GoalProblem:
 
     @cached_property
     def known(self) -> Known:
-        """What is known of them."""
+        """The directions of the sights that are known whatever the attitude."""
         return known_sights(self.aims, self.sights, self.rest)
 
     @cached_property
     def pairs(self) -> "Pairs":
-        """All pairs of the rows."""
+        """All pairs of the rows and the sights."""
         return pairs_at_goal(self.rows, self.sights, self.known, self.rest)
 
     def joints(self, attitudes: np.ndarray) -> np.ndarray:
-        """(..., J) rad, at attitudes (..., 3, 3) at which devices point along their targets."""
+        """Joints (..., J) rad with which devices point along their targets, at attitudes (..., 3, 3)."""
         return np.asarray(pointed(self.spacecraft.gimbals, self.aims, attitudes, self.rest))
 
     def margins(self, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """(..., Z, S) rad, of every pair in states."""
+        """Margins (..., Z, S) rad of every pair, at attitudes (..., 3, 3) and joints (..., J) rad."""
         return np.asarray(state_margins(self.rows, self.sights, attitudes, joints))
 
     def wider(self, by: float) -> "GoalProblem":
-        """The problem without rows, with azimuths and elevations so many rad easier."""
+        """The problem without constraints, its ranges of aims and joints wider by `by` rad on either side."""
         around = np.array([-by, by])
         nowhere = tabulate((), (), self.spacecraft)
         return replace(
@@ -149,5 +157,5 @@ class GoalProblem:
 
 
 def leaves_open(problem: GoalProblem) -> bool:
-    """Whether there are pairs that neither the targets nor the attitude at a goal decide."""
+    """Whether there are open pairs (`pairs.open_pairs`), which a goal found may break."""
     return bool(np.any(open_pairs(problem.rows, problem.pairs)))

@@ -12,7 +12,7 @@ from jaxplan.model.goals import Targets
 from jaxplan.model.path import Goal
 from jaxplan.model.spacecraft import Spacecraft
 
-_ALIKE = 1e-9  # share of the largest singular value below which an equation says nothing of its own
+_ALIKE = 1e-9  # share of the largest singular value below which one counts as zero
 
 
 def least_rates(
@@ -23,7 +23,7 @@ def least_rates(
     Args:
         craft: the spacecraft.
         targets: which devices have them.
-        state: attitude and joints, at which these point along their targets.
+        state: attitude and joints at which these devices point along their targets.
         target_rates: (k, 3) 1/s, how fast the directions turn, inertial.
 
     Returns:
@@ -38,7 +38,7 @@ def least_rates(
     by_joints = {}
     for number, rate in zip(numbers, turned, strict=True):
         beam = boresights[number]
-        across = np.linalg.svd(beam[None])[2][1:]  # (2, 3), what a direction can do
+        across = np.linalg.svd(beam[None])[2][1:]  # (2, 3), how a direction can change
         if number < gimbals.count:
             axes = np.concatenate(gimbals.axes(azimuth[[number]], np.array([number])))
             axes = axes[: 2 if number < gimbals.terminals else 1]
@@ -58,7 +58,12 @@ def least_rates(
 
 
 def _beyond(directions: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Unit vectors (c, 3) within the span of some (2, 3) that joints, which move a beam by (j, 3), leave."""
+    """Orthonormal basis (c, 3) of the part of a plane in which joints cannot move a beam.
+
+    Args:
+        directions: (2, 3) orthonormal vectors that span the plane across the beam.
+        moved: (j, 3) derivatives of the beam by the j joints.
+    """
     across = directions @ moved.T
     _, sizes, own = np.linalg.svd(across.T)
     rank = int(np.sum(sizes > _ALIKE * max(float(np.max(sizes, initial=0.0)), _ALIKE)))

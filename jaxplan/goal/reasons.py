@@ -1,6 +1,6 @@
-"""Words for why no attitude lets devices point at their targets.
+"""Messages that say why no attitude lets devices point at their targets.
 
-They tell of the best attitude there is, see `Decomposition`; angles are told in degrees.
+They describe the best attitude there is, see `Decomposition`, with angles in degrees.
 """
 
 from itertools import combinations
@@ -12,11 +12,14 @@ from jaxplan.goal.aims import AZIMUTH, goal_ranges
 from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
 
-_AS_BAD = 0.5  # share of the worst excess from which on others are told, too: at best several are as bad
+_AS_BAD = 0.5  # share of the worst excess from which on others are named, too: often several are as bad
 
 
 def apart(craft: Spacecraft, asked: Targets) -> str | None:
-    """On two instruments that cannot both see their targets, both angles; None where no two are so."""
+    """Text on two instruments that cannot both see their targets: the angles between boresights and targets.
+
+    They differ by more than the tolerance allows; None where those of no two instruments do.
+    """
     first, names = craft.gimbals.count, craft.device_names
     fixed = [(place, number) for place, number in enumerate(asked.numbers(craft)) if number >= first]
     for (i, one), (j, other) in combinations(fixed, 2):
@@ -31,11 +34,11 @@ def apart(craft: Spacecraft, asked: Targets) -> str | None:
 
 
 def off(craft: Spacecraft, asked: Targets, excesses: np.ndarray) -> str:
-    """Which devices are not at their targets at best: joints beyond their limits, and what is off its target.
+    """Text on the devices that miss their targets most: joints beyond limits, boresights off their targets.
 
     Args:
         craft: with the devices.
-        asked: their targets.
+        asked: their targets, at an instant.
         excesses: (n, 2) rad, `Decomposition.aim_excesses`.
     """
     told: dict[str, str] = {}
@@ -54,5 +57,6 @@ def off(craft: Spacecraft, asked: Targets, excesses: np.ndarray) -> str:
 
 
 def _limits(ends: np.ndarray) -> str:
+    """Text for a joint's range (2,) rad, in degrees."""
     low, high = np.rad2deg(ends)
     return f"its limit of {high:.6g} deg" if low == -high else f"its range of {low:.6g} to {high:.6g} deg"

@@ -1,6 +1,7 @@
-"""How a goal of step 1 follows its problem: the derivative of the optimum of problem (7).
+"""Derivatives of a goal of step 1 by its problem: those of the optimum of problem (7).
 
-What is held fixed is every choice: which local minimum the goal is, and which limits and zones it leans on.
+What is held fixed is every choice: which local minimum the goal is, and which limits and zones are active
+there ("leant on").
 The rest is the implicit function theorem. Along ``E exp(d^)``, where ``E = R0^T R`` is the turn to the goal
 found, and with the caps of `caps` and the terms of `descent`, the optimum is where
 
@@ -69,8 +70,8 @@ def differentiable_goal(
             equal to the joint's own, the derivative is by the joint's own. Instruments and drives meet their
             targets exactly here.
         cones: all constraints, for the devices of the spacecraft; axes of any length.
-        start_joints: (J,) rad, that devices without a target have, those of the goal unless told; from which
-            all others move to a goal of least time, zero unless told.
+        start_joints: (J,) rad, that devices without a target have, those of the goal by default; from which
+            all others move to a goal of least time, zero by default.
         moves: how devices without a target make way, of `free.settled`, so that they follow what they prefer
             and what is in their way; None where they stay as they are at the goal.
 
@@ -102,15 +103,15 @@ def goal_in_time(
     target_rates: ArrayLike,
     axis_rates: ArrayLike,
 ) -> Goal:
-    """A goal that follows what moves, with its rates, as a function of the problem that it solves.
+    """A goal at which targets or zones move, with its rates, as a function of the problem that it solves.
 
     Args:
         goal: as of `differentiable_goal`, and so are all others.
         spacecraft: its devices.
         start_attitude: (3, 3) ``R0``, body to inertial.
         targets: where they are when the manoeuvre ends, with limits.
-        cones: all constraints as they are then.
-        start_joints: (J,) rad, that devices without a target have.
+        cones: all constraints at that instant.
+        start_joints: (J,) rad, joint angles that devices without a target keep.
         moves: as of `differentiable_goal`.
         target_rates: (k, 3) 1/s, derivatives of the targets' directions.
         axis_rates: (Z, 3) 1/s, those of the cones' axes; zero for all that are not inertial.
@@ -146,7 +147,13 @@ def _optimum(
     start_joints: ArrayLike | None,
     moves: Sequence[MadeWay] | None,
 ) -> Goal:
-    """The goal as `differentiable_goal` describes it, differentiable once or again as the equations are."""
+    """The goal as `differentiable_goal` describes it, with its arguments.
+
+    The equations are `_ONCE` for first derivatives, or `_AGAIN` where the result is differentiated twice.
+
+    Raises:
+        NotImplementedError: for a goal of least time with `_AGAIN`.
+    """
     found = jax.lax.stop_gradient(jnp.asarray(goal.attitude))
     start = jnp.asarray(start_attitude, found.dtype)
     turn = quaternion.from_matrix(jax.lax.stop_gradient(start).T @ found)[:, None]  # as one lane
@@ -166,7 +173,7 @@ def _optimum(
         own = soonest.Conditions(turn, of_caps, moving, platform(spacecraft, unit), none)
         optimum = soonest.soonest_turn(own, matter, _of_equations(state.aims))
     else:
-        number, multiplier = _leant_on(turn, jax.lax.stop_gradient(caps), matter, state.aims)
+        number, multiplier = _active_caps(turn, jax.lax.stop_gradient(caps), matter, state.aims)
         conditions = _Conditions(turn, _Caps(*(part[jnp.maximum(number, 0)] for part in caps)), number >= 0)
         guess = jnp.concatenate([jnp.zeros(3, found.dtype), multiplier])
         optimum = turned(turn, implicit_root(equations, conditions, guess)[:3, None])
@@ -177,7 +184,7 @@ def _optimum(
     if moves is not None:
         joints = _made_way(state, spacecraft, targets, moves, attitude, joints, start_joints)
     arrays: dict[str, Any] = {"attitude": attitude, "joints": joints, "slew_angle": slew_angle}
-    return Goal(**arrays)  # for once of jax's arrays
+    return Goal(**arrays)  # typed as numpy's, here JAX arrays
 
 
 def _made_way(
@@ -189,7 +196,17 @@ def _made_way(
     joints: Array,
     start_joints: ArrayLike | None,
 ) -> Array:
-    """The joints (J,) with those of free devices near what they prefer, and out of the way."""
+    """The joints (J,) rad with free devices where they prefer to be, or out of the way as `moves` says.
+
+    Args:
+        state: what is asked, as JAX arrays.
+        spacecraft: its devices.
+        targets: with what devices prefer.
+        moves: how devices made way.
+        attitude: (3, 3) of the goal, body to inertial.
+        joints: (J,) rad, with those of devices that have targets.
+        start_joints: (J,) rad, from which free devices move; None for `joints`.
+    """
     gimbals, dtype = state.sights.gimbals, joints.dtype
     free, ranges = state.aims.free(gimbals), jnp.asarray(goal_ranges(spacecraft, targets), dtype)
     for number in free if start_joints is not None else []:
@@ -205,7 +222,7 @@ def _made_way(
 
 
 def _rest(goal: Goal, start_joints: ArrayLike | None, dtype: jnp.dtype) -> Array:
-    """Joints (J,) of devices without a target: as at the start, or where they moved, as at the goal found."""
+    """Joints (J,) rad of devices without a target: of the start where they have stayed, else of the goal."""
     at_goal = jax.lax.stop_gradient(jnp.asarray(goal.joints, dtype))
     if start_joints is None:
         return at_goal
@@ -214,13 +231,13 @@ def _rest(goal: Goal, start_joints: ArrayLike | None, dtype: jnp.dtype) -> Array
 
 
 class _State(NamedTuple):
-    """What is asked at the goal, in jax's arrays.
+    """What is asked at the goal, as JAX arrays.
 
     Attributes:
-        aims: of devices with targets, exactly.
+        aims: of devices with targets, without tolerance.
         rows: all constraints.
         sights: that they bind.
-        rest: (J,) joints of devices without a target.
+        rest: (J,) rad, joints of devices without a target.
     """
 
     aims: Aims
@@ -232,6 +249,7 @@ class _State(NamedTuple):
     def of(
         cls, spacecraft: Spacecraft, targets: Targets, cones: Constraints, rest: Array, dtype: jnp.dtype
     ) -> "_State":
+        """The state of a problem, with vectors brought to unit length and arrays to `dtype`."""
         aims = aims_of(spacecraft, targets, goal_ranges(spacecraft, targets))
         directions = _unit(jnp.asarray(aims.directions, dtype))
         frames, ranges = (jnp.asarray(part, dtype) for part in (aims.frames, aims.ranges))
@@ -242,25 +260,25 @@ class _State(NamedTuple):
         parts |= {
             name: jnp.asarray(getattr(cones, name), dtype) for name in ("side", "half_angle", "carried")
         }
-        rows = replace(cones, **parts)  # for once of jax's arrays
+        rows = replace(cones, **parts)  # typed as numpy's, here JAX arrays
         boresights = _unit(jnp.asarray(spacecraft.fixed_boresights, dtype))
         gimbals = jax.tree.map(lambda part: jnp.asarray(part, dtype), spacecraft.gimbals)
         return cls(aims=aims, rows=rows, sights=rows.sights(gimbals, boresights), rest=rest)
 
     @property
     def known(self) -> Known:
-        """What is known of the sights."""
+        """The directions of the sights that are known whatever the attitude."""
         return known_sights(self.aims, self.sights, self.rest)
 
     def cleared(self, clearance: ArrayLike) -> "_State":
-        """The same with rows that have the goal's clearance, as step 1 had them."""
+        """The same with rows tightened by the goal's clearance, rad, as in step 1."""
         pairs = pairs_at_goal(self.rows, self.sights, self.known, self.rest)
         wanted = jnp.asarray(clearance, self.rest.dtype)
         return self._replace(rows=cleared(self.rows, pairs, wanted))
 
     @property
     def columns(self) -> slice | np.ndarray:
-        """The sights that rows may be caps for."""
+        """The numbers of the sights with which rows may make caps."""
         count = self.sights.gimbals.count
         if self.rows.inner or self.aims.held:
             return slice(None)
@@ -269,15 +287,15 @@ class _State(NamedTuple):
 
 
 class _Caps(NamedTuple):
-    """Every cap that a goal may lean on, in the form of `caps.Caps`, and one at the end that never matters.
+    """Every cap that may be active at a goal, in the form of `caps.Caps`, and an empty one at the end.
 
     First those of the largest azimuths (k,) and elevations, then likewise of the least, then for each row
-    one a sight; where all rows are inertial only for the sights that these are caps for.
+    one a sight of `_State.columns`.
     """
 
     axis: Array  # (m, 3) unit vectors in body axes
     direction: Array  # (m, 3) unit vectors in the body axes of the start
-    half_angle: Array  # (m,)
+    half_angle: Array  # (m,) rad
 
 
 class _Conditions(NamedTuple):
@@ -285,8 +303,8 @@ class _Conditions(NamedTuple):
 
     Attributes:
         turn: (4, 1) quaternion of the turn from the start to the goal found.
-        caps: the three that may be leant on.
-        used: (3,) bool, whether they are.
+        caps: three of the caps, among them the active ones.
+        used: (3,) bool, whether each is active.
     """
 
     turn: Array
@@ -295,17 +313,23 @@ class _Conditions(NamedTuple):
 
 
 def _of_equations(aims: Aims) -> np.ndarray:
-    """(2, e) numbers of the caps above and below azimuths and elevations that are equations."""
+    """(2, e) numbers in `_Caps` of the upper and lower caps of azimuths and elevations that are equations."""
     above = np.flatnonzero(np.array(aims.equations, bool).reshape(-1, 2).T)
     return np.stack([above, above + 2 * len(aims.devices)])
 
 
-def _leant_on(turn: Array, caps: _Caps, matter: Array, aims: Aims) -> tuple[Array, Array]:
-    """Numbers (3,) of the caps that the goal found leans on, -1 for none, and their multipliers (3,).
+def _active_caps(turn: Array, caps: _Caps, matter: Array, aims: Aims) -> tuple[Array, Array]:
+    """Numbers (3,) of the caps that are active at the goal found, -1 for none, and their multipliers (3,).
 
-    They are told by the quadratic program of the least turn with the caps taken as linear. At an optimum its
-    answer is no turn at all; where more than three caps are touched, it chooses. An equation is leant on from
-    whichever side the turn would leave it, if any; else from above, with no multiplier.
+    They come from the quadratic program of the least turn with the caps taken as linear. At an optimum its
+    solution is zero; where more than three caps are touched, it chooses. Of an equation the cap on the side
+    to which the turn would leave it is active, if any; else the upper one, with multiplier zero.
+
+    Args:
+        turn: (4, 1) quaternion of the turn from the start to the goal found.
+        caps: all caps.
+        matter: (m,) bool, which caps must be kept.
+        aims: with the equations.
     """
     _, eta, _ = angle_terms(turn)
     _, excess, gradients = cap_terms(turn, *caps)
@@ -324,7 +348,10 @@ def _leant_on(turn: Array, caps: _Caps, matter: Array, aims: Aims) -> tuple[Arra
 
 
 def _gradient(own: _Conditions, z: Array) -> Array:
-    """What is zero at the optimum, of the turn (3,) from the goal found and multipliers (3,)."""
+    """Residual (6,) of the conditions of optimality.
+
+    ``z`` is the turn (3,) rad from the goal found and the multipliers (3,).
+    """
     turn = turned(own.turn, z[:3, None])
     _, eta, _ = angle_terms(turn)
     _, depth, slope = cap_terms(turn, *own.caps)
@@ -333,7 +360,7 @@ def _gradient(own: _Conditions, z: Array) -> Array:
 
 
 def _inverse_curvature(own: _Conditions, z: Array) -> Array:
-    """Inverse (6, 6) of its derivative where there is one; where nothing is decided it gives zero."""
+    """Pseudoinverse (6, 6) of the derivative of `_gradient` by ``z``, zero along undetermined directions."""
     turn = turned(own.turn, z[:3, None])
     _, _, hessian = angle_terms(turn)
     body, depth, slope = cap_terms(turn, *own.caps)
@@ -350,6 +377,7 @@ _AGAIN = replace(_ONCE, again=True)
 
 
 def _caps(state: _State, start: Array) -> _Caps:
+    """All caps of a problem, for a start attitude (3, 3)."""
     aims, dtype, own = state.aims, start.dtype, state.columns
     frames, (low, high) = jnp.asarray(aims.frames), jnp.moveaxis(jnp.asarray(aims.ranges), -1, 0)
     edges = jnp.stack([high[:, AZIMUTH] + jnp.pi / 2, low[:, AZIMUTH] - jnp.pi / 2])  # (2, k)
@@ -369,7 +397,10 @@ def _caps(state: _State, start: Array) -> _Caps:
 
 
 def _matter(attitude: Array, state: _State) -> Array:
-    """Which caps (m,) must be kept: of a range the nearer end, of a constraint its best entry."""
+    """Which caps (m,) bool must be kept at an attitude (3, 3).
+
+    Of a range it is that of the nearer end, of a constraint those of its best entry.
+    """
     aims, rows = state.aims, state.rows
     ranges, angles = jnp.asarray(aims.ranges), jnp.stack(aims.angles(attitude), axis=-1)  # (k, 2)
     above = angles >= jnp.mean(ranges, axis=-1)
@@ -384,11 +415,12 @@ def _matter(attitude: Array, state: _State) -> Array:
     chosen = chosen_entries(rows, jnp.min(margins, axis=-1, initial=jnp.inf))
     capped = pairs_at_goal(rows, state.sights, state.known, state.rest).capped
     capped = capped & (rows.entry == chosen)[:, None]
-    if rows.inner:  # a yaw more than a quarter turn off its bound is on the other side of that's plane
+    if rows.inner:  # a yaw more than a quarter turn off its bound may be on the other side of its plane
         capped = capped & ~(single_yaws(rows)[:, None] & (margins > jnp.pi / 2))
     of_rows = capped[:, state.columns]
     return jnp.concatenate([upper.T.ravel(), lower.T.ravel(), of_rows.ravel(), jnp.zeros(1, bool)])
 
 
 def _unit(vectors: Array) -> Array:
+    """Vectors (..., 3) brought to unit length."""
     return vectors / length(vectors)[..., None]

@@ -1,10 +1,11 @@
-"""How a goal of least time follows its problem: the derivative of the optimum of `jaxplan.goal.minimax`.
+"""Derivatives of a goal of least time by its problem: those of the optimum of `jaxplan.goal.minimax`.
 
 With ``E exp(d^)`` and the time ``t`` it is where, with the ways and caps that bind, at most four,
 
     slopes by d and t of  t^2 / 2 + STILLNESS theta^2 / 2 + sum of m_i c_i = 0       and      c_i = 0
 
-with ``c`` the way less its reach, or the excess over a cap. What binds is held, as in `sensitivity`.
+with ``c`` the way less its reach, or the excess over a cap. Which bind is held fixed, as in `sensitivity`.
+A *way* is the distance that a joint or the platform has to go (`jaxplan.goal.ways`). Shapes: m caps, w ways.
 """
 
 from typing import Any, NamedTuple
@@ -17,19 +18,19 @@ from jax import Array
 from jaxplan.goal import descent
 from jaxplan.goal.descent import MET, angle_terms, cap_terms, turned
 from jaxplan.goal.minimax import STILLNESS
-from jaxplan.goal.ways import Platform, Pointers, paces, reach, ways
+from jaxplan.goal.ways import Platform, Pointers, reach, speed_limits, ways
 from jaxplan.runtime.implicit import Equations, implicit_root
 
 
 class Conditions(NamedTuple):
-    """A goal of least time with the pieces and caps that it leans on, from which its conditions follow.
+    """A goal of least time with its active ways and caps, from which the conditions of optimality follow.
 
     Attributes:
         turn: (4, 1) quaternion of the turn from the start to the goal found.
-        caps: axes (m, 3), directions (m, 3) and half-angles (m,) of all that may be leant on.
-        pointers: devices whose joints follow.
-        platform: what turns cover.
-        number: (4,) of the caps, or of the ways beyond them, that bind; -1 for none.
+        caps: axes (m, 3), directions (m, 3) and half-angles (m,) rad of all caps that may be active.
+        pointers: devices whose joints follow directions.
+        platform: lengths of the platform's turns, with limits of their speeds.
+        number: (4,) numbers of the caps, and m on of the ways, that are active; -1 for none.
     """
 
     turn: Array
@@ -40,16 +41,16 @@ class Conditions(NamedTuple):
 
 
 def soonest_turn(conditions: Conditions, matter: Array, equations: np.ndarray) -> Array:
-    """The turn (4, 1) of least time near the one found, differentiable once.
+    """Quaternion (4, 1) of the turn of least time near the one found, differentiable once.
 
     Args:
-        conditions: with any numbers, which are found here.
+        conditions: whose `number` is ignored, since it is found here.
         matter: (m,) bool, which caps must be kept.
         equations: (2, k) numbers of the caps on either side of what is met exactly.
     """
     still = jax.lax.stop_gradient(conditions)
     way, *_ = ways(still.turn, still.pointers, still.platform)
-    time = jnp.max(_times(way[:, 0], *paces(still.pointers, still.platform)))
+    time = jnp.max(_times(way[:, 0], *speed_limits(still.pointers, still.platform)))
     guess = jnp.concatenate([jnp.zeros(3, time.dtype), time[None]])
     at = jnp.zeros(4, time.dtype).at[3].set(time)
     excess, slopes = _beyond(still, at), jax.jacfwd(lambda z: _beyond(still, z))(at)
@@ -71,28 +72,34 @@ def soonest_turn(conditions: Conditions, matter: Array, equations: np.ndarray) -
 
 
 def _times(way: Array, top: Array, growth: Array) -> Array:
-    """Least times (w,) from rest to rest."""
+    """Least times (w,) from rest to rest over ways (w,), with limits (w,) of rate and acceleration."""
     way = jnp.maximum(way, 0)
     return jnp.where(way * growth < top**2, 2 * jnp.sqrt(way / growth), way / top + top / growth)
 
 
 def _beyond(own: Conditions, at: Array) -> Array:
-    """Excess (m,) over the caps, and ways less what is reached (w,), after a turn and at a time (4,)."""
+    """Excess (m,) over the caps, and ways less their reach (w,), in one array (m + w,).
+
+    `at` (4,) is the turn from the goal found, rad, and the time.
+    """
     turn = turned(own.turn, at[:3, None])
     _, excess, _ = cap_terms(turn, *own.caps)
     way, *_ = ways(turn, own.pointers, own.platform)
-    reached, *_ = reach(at[3:], *paces(own.pointers, own.platform))
+    reached, *_ = reach(at[3:], *speed_limits(own.pointers, own.platform))
     return jnp.concatenate([excess, way - reached])[:, 0]
 
 
 def _least(own: Conditions, at: Array) -> Array:
-    """Objective of the goal: half the square of the time, and a little of the turn's so that it is unique."""
+    """Objective: half the square of the time and, so that the optimum is unique, a little of the turn's."""
     _, eta, _ = angle_terms(turned(own.turn, at[:3, None]))
     return at[3] ** 2 / 2 + STILLNESS * jnp.sum(eta**2) / 2
 
 
 def _gradient(own: Conditions, z: Array) -> Array:
-    """Residual (8,) of the conditions of optimality, at a turn from the goal, a time, and multipliers."""
+    """Residual (8,) of the conditions of optimality.
+
+    ``z`` is the turn (3,) rad from the goal found, the time, and the multipliers (4,).
+    """
     used, number = own.number >= 0, jnp.maximum(own.number, 0)
 
     def lagrangian(at: Array) -> tuple[Array, Array]:
@@ -104,7 +111,7 @@ def _gradient(own: Conditions, z: Array) -> Array:
 
 
 def _inverse(own: Conditions, z: Array) -> Array:
-    """Inverse (8, 8) of its derivative; where nothing is decided it gives zero."""
+    """Pseudoinverse (8, 8) of the derivative of `_gradient` by ``z``, zero along undetermined directions."""
     derivative: Any = jax.jacfwd(lambda z: _gradient(own, z))(z)
     return jnp.linalg.pinv(derivative, rtol=float(jnp.finfo(z.dtype).eps) ** (2 / 3))
 

@@ -1,4 +1,4 @@
-"""A state in which devices point along their targets now, at the rates at which these move.
+"""Compute a start state in which devices point along their targets, at the rates at which these move.
 
 It is the start of a manoeuvre that begins while a telescope looks at one thing and an antenna follows
 another, so that no attitude need be computed by hand. Of all attitudes the one is taken that comes nearest to
@@ -26,11 +26,11 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut
 from jaxplan.schema.reading import take_in
 
-_GOALS = 8  # attitudes that are looked at, for one that is clear of all zones
+_GOALS = 8  # most attitudes that are tried, for one that is clear of all zones
 
 
 class NotPointingError(ValueError):
-    """No state points as it is asked to; the message says what is in the way."""
+    """Raised where no state points as asked; the message says what is in the way."""
 
 
 def point(
@@ -50,9 +50,9 @@ def point(
         spacecraft: its devices.
         targets: by names of devices inertial unit vectors (3,), or paths of what moves; or `Targets`.
         prefer: what devices without a target shall come near to, in order.
-        attitude: (3, 3) body to inertial, from which the platform is turned least; the identity unless told.
-        joints: (2n + d,) rad, which devices without a target or a wish have then; unless told zero, or the
-            nearest that is in range and clear of zones.
+        attitude: (3, 3) body to inertial, from which the platform is turned least; the identity by default.
+        joints: (2n + d,) rad, which devices without a target or a wish have then; by default zero, or the
+            nearest to it that is in range and clear of zones.
         keep_out: zones that hold at the start, likewise the next two.
         keep_in: zones to stay in.
         joint_bounds: bounds of joint angles.
@@ -86,7 +86,7 @@ def point(
     assert isinstance(goal, Targets)
     if joints is None:
         return pointing_state(scenario, goal, attitude=attitude)
-    # Devices whose angles are told have these, whatever stands in the way.
+    # Devices whose angles are given keep these, whatever is in their way.
     asked_for = (*goal.names(craft), *(wish.device for wish in goal.prefer))
     told = tuple(name for name in craft.device_names[: craft.gimbals.count] if name not in asked_for)
     return pointing_state(scenario, replace(goal, hold=told), attitude=attitude, joints=scenario.start.joints)
@@ -95,7 +95,17 @@ def point(
 def pointing_state(
     scenario: Scenario, asked: Targets, *, attitude: ArrayLike | None = None, joints: ArrayLike | None = None
 ) -> GivenState:
-    """The state of `point`, for spacecraft and zones of a scenario; devices on hold have the given joints."""
+    """The state of `point`, for the spacecraft and zones of a scenario.
+
+    Args:
+        scenario: whose spacecraft and zones count.
+        asked: targets at the start; devices on hold have the given joints.
+        attitude: (3, 3) body to inertial, as of `point`.
+        joints: (2n + d,) rad, as of `point`.
+
+    Raises:
+        NotPointingError: if there is none, with what is in the way.
+    """
     spacecraft, rows = scenario.spacecraft, scenario.constraints
     near = np.eye(3) if attitude is None else np.asarray(attitude, float)
     given = np.zeros(spacecraft.joint_count) if joints is None else np.asarray(joints, float)
@@ -124,7 +134,14 @@ def pointing_state(
 
 
 def _check_range(craft: Spacecraft, held: Sequence[str], given: np.ndarray, near: np.ndarray) -> None:
-    """Refuse angles that are told of devices, and out of the ranges of these."""
+    """Raise `NotPointingError` if a device on hold is given a joint angle out of its range.
+
+    Args:
+        craft: the spacecraft.
+        held: names of the devices on hold.
+        given: (2n + d,) rad, the joint angles.
+        near: (2n + d,) rad, these clipped to their ranges.
+    """
     for number, name in enumerate(craft.device_names[: craft.gimbals.count]):
         for joint in (craft.gimbals.yaws[number], *craft.gimbals.pitches[number : number + 1]):
             if name in held and abs(given[joint] - near[joint]) > ROUNDING:
@@ -134,6 +151,7 @@ def _check_range(craft: Spacecraft, held: Sequence[str], given: np.ndarray, near
 
 
 def _unreachable(craft: Spacecraft, asked: Targets, found: Decomposition) -> str:
+    """Text that no attitude lets devices point at their targets, and which miss them at best."""
     words = "no attitude lets all devices point at their targets at the start"
     if not found.aim_excess > 0:
         return words
@@ -141,7 +159,7 @@ def _unreachable(craft: Spacecraft, asked: Targets, found: Decomposition) -> str
 
 
 def _broken(scenario: Scenario, rows: Constraints, goal: Goal) -> list[str]:
-    """What a goal breaks of the rows at the start."""
+    """A phrase for each of the rows' constraints that a goal breaks."""
     zones = [scenario.zones[zone] for zone in rows.zone if zone >= 0]
     state = scenario.spacecraft, goal.attitude, goal.joints
     return list(constraint_breaches(rows, *state, zones, scenario.sight_names))

@@ -1,11 +1,13 @@
-"""Ways that platform and joints go from the start, with their slopes and bends, for goals of least time.
+"""Distances that platform and joints go from the start, with two derivatives, for goals of least time.
 
-Along ``E exp(d^)`` a way ``w`` has the slopes ``dw / dd`` and the bends ``d^2 w / dd^2``, both at ``d = 0``,
-written out here: with those of nested derivatives of JAX the descents took five times as long to compile. An
-angle with target ``b`` in body axes has the slopes ``g x b``, with ``g`` its gradient by ``b``. The turn's
-ways follow from its rotation vector ``eta``, whose slopes are ``J = k I + (1 - k) u u^T + eta^ / 2`` with
-``k = (theta / 2) cot(theta / 2)``. Shapes: p pointers (devices whose joints follow a direction), b tables of
-turns, w = 1 + 3 b + 4 p ways, K lanes, which are the last axis.
+A *way* is such a distance: of a joint its change of angle, rad, taken with either sign; of the platform the
+angle of its turn, rad, or a length of it by `jaxplan.model.turn_table`. Along ``E exp(d^)`` a way ``w``
+has the first derivatives, or *slopes*, ``dw / dd`` and the second ones, *bends*, ``d^2 w / dd^2``, both at
+``d = 0``. They are written out here: with those of nested derivatives of JAX the descents took five times as
+long to compile. An angle with target ``b`` in body axes has the slopes ``g x b``, with ``g`` its gradient by
+``b``. The turn's ways follow from its rotation vector ``eta``, whose slopes are ``J = k I + (1 - k) u u^T +
+eta^ / 2`` with ``k = (theta / 2) cot(theta / 2)``. Shapes: p pointers (devices whose joints follow a
+direction), b tables of turns, w = 1 + 3 b + 4 p ways, K lanes (problems side by side), the last axis.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,16 +22,16 @@ from jaxplan.geometry.vectors import AnyArray, cross, dot
 from jaxplan.goal.descent import angle_terms, inner
 from jaxplan.model.gimbals import in_range
 
-_ABOVE = 1e-9  # least square of the cosine of an elevation, where the azimuth has no derivative
-_NO_TURN = 1e-16  # rad^2, a square of an angle below which it has no derivative
-_NOWHERE = -1.0  # rad, way of what does not move
-_FACES = (np.arange(3)[:, None] + np.arange(3)) % 3  # axes in the order of each face, its own first
+_ABOVE = 1e-9  # least square of the cosine of an elevation; at zero the azimuth has no derivative
+_NO_TURN = 1e-16  # rad^2, square of the turn's angle below which its derivatives are taken as zero
+_NOWHERE = -1.0  # rad, way of a joint that there is not: no constraint, since it is below any reach
+_FACES = (np.arange(3)[:, None] + np.arange(3)) % 3  # row f: the axes, that of the largest ``q_f`` first
 _SINGLE = np.eye(3, dtype=int)
 _ORDERS = [np.zeros(3, int), *_SINGLE, *(_SINGLE[a] + _SINGLE[b] for a in range(3) for b in range(a, 3))]
-"""Of derivatives along three places."""
+"""Orders of the derivative by each of three places, of the value and of its first and second derivatives."""
 _ONCE = np.array([1, 2, 3])
 _TWICE = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
-"""Places of derivatives among `_ORDERS`, by the numbers of the places."""
+"""Indices among `_ORDERS` of the first and of the second derivatives, by the numbers of the places."""
 
 
 class Pointers(NamedTuple):
@@ -38,12 +40,12 @@ class Pointers(NamedTuple):
     Attributes:
         direction: (p, 3) unit vectors in the body axes of the start.
         frame: (p, 3, 3) body from the device's axes.
-        ranges: (p, 2, 2) rad.
-        cut: (p,) bool, whether angles beyond the ranges are brought to their ends, as of wishes.
+        ranges: (p, 2, 2) rad, least and largest azimuth, then elevation.
+        cut: (p,) bool, whether angles beyond the ranges are clipped to their ends, as of wishes.
         rest: (p, 2) rad, angles at the start.
         moves: (p, 2) bool, whether there is such a joint.
-        rate: (p, 2) rad per unit of time.
-        acceleration: (p, 2) likewise.
+        rate: (p, 2) rad per unit of time, limit of the joint's rate.
+        acceleration: (p, 2) rad per unit of time squared, limit of its acceleration.
     """
 
     direction: np.ndarray
@@ -59,6 +61,8 @@ class Pointers(NamedTuple):
 class Platform(NamedTuple):
     """Lengths of a turn of the platform, its angle and those by tables, with limits of their speeds.
 
+    There are b tables of lengths, i, j and k coefficients along each of their places.
+
     A length is the largest ``q_f`` times its share, see `jaxplan.model.turn_table`; the share is here a
     polynomial near the tabulated one, which is smooth. The three that it may be are ways of their own, each
     with its share as of the edge where it is not the largest: so a program sees both sides of an edge.
@@ -67,8 +71,8 @@ class Platform(NamedTuple):
         axes: (b, 3, 3) body from the axes of each table, in the order of its rates.
         rates: (b, 3) of the table, rad/s.
         shares: (b, 3, i, j, k) coefficients of Legendre polynomials of |r| and of the two others' ``q``.
-        top: (1 + b,) of the speeds, per unit of time, the angle's first.
-        growth: (1 + b,) likewise.
+        top: (1 + b,) largest speed along each length, per unit of time, the angle's first.
+        growth: (1 + b,) largest acceleration along each, per unit of time squared.
     """
 
     axes: np.ndarray
@@ -79,7 +83,10 @@ class Platform(NamedTuple):
 
 
 def reach(time: Array, top: Array, growth: Array) -> tuple[Array, Array, Array]:
-    """The longest ways (w, K) from rest to rest in times (K,), with first and second derivatives by time."""
+    """The longest ways (w, K) from rest to rest in times (K,), with first and second derivatives by time.
+
+    The speed is a trapezoid, or a triangle, of largest speeds `top` (w,) and accelerations `growth` (w,).
+    """
     own, most = growth[:, None], top[:, None]
     rises = own * time < 2 * most
     speed = jnp.where(rises, own * time / 2, most)
@@ -87,12 +94,12 @@ def reach(time: Array, top: Array, growth: Array) -> tuple[Array, Array, Array]:
 
 
 class Course(NamedTuple):
-    """Quantities that follow an attitude, with their derivatives.
+    """Functions of the attitude with their derivatives by ``d``, n of them in K lanes.
 
     Attributes:
         values: (n, K).
-        slopes: (3, n, K).
-        bends: (3, 3, n, K).
+        slopes: (3, n, K) first derivatives.
+        bends: (3, 3, n, K) second derivatives.
     """
 
     values: Array
@@ -103,7 +110,7 @@ class Course(NamedTuple):
 def ways(
     quaternion: Array, pointers: Pointers, platform: Platform
 ) -> tuple[Array, Array, Callable[[Array], Array]]:
-    """Ways of platform, and joints to either side, at attitudes (4, K).
+    """Ways of the platform, and of joints with either sign, at quaternions (4, K) of ``E``.
 
     Returns:
         The ways (w, K), their slopes (3, w, K), and the sum (3, 3, K) of their bends as a function of weights
@@ -122,11 +129,15 @@ def ways(
 
 
 def _joined(courses: Sequence[Course]) -> Course:
+    """All functions of several courses in one."""
     return Course(*(jnp.concatenate(parts, axis=-2) for parts in zip(*courses, strict=True)))
 
 
 def joint_angles(quaternion: Array, pointers: Pointers) -> Course:
-    """How far joints go, (2 p, K) rad with sign, azimuths first."""
+    """Signed changes (2 p, K) rad of joint angles from the start, azimuths first, at quaternions (4, K).
+
+    Zero, with zero derivatives, where there is no such joint.
+    """
     direction = jnp.moveaxis(pointers.direction, -1, 0)[:, :, None]
     frame = jnp.moveaxis(pointers.frame, 0, -1)[..., None]  # (3, 3, p, 1)
     body = jnp.stack(rotations.turned_back(quaternion, direction))  # (3, p, K)
@@ -155,7 +166,7 @@ def joint_angles(quaternion: Array, pointers: Pointers) -> Course:
 
 
 def _of_attitude(quaternion: Array, platform: Platform) -> Course:
-    """The ways of `turn_ways` at attitudes (4, K), by the chain rule."""
+    """The ways of `turn_ways` at quaternions (4, K), with derivatives by ``d`` by the chain rule."""
     angle, eta, hessian = angle_terms(quaternion)
     by_turn = turn_ways(eta, platform)
     nearness = jnp.trace(hessian) / 2 - 0.5  # k
@@ -181,9 +192,9 @@ def _of_attitude(quaternion: Array, platform: Platform) -> Course:
 
 
 def turn_ways(eta: Array, platform: Platform) -> Course:
-    """Ways (1 + 3 b, K) of the platform, with derivatives by the rotation vector (3, K).
+    """Ways (1 + 3 b, K) of the platform, with derivatives by its rotation vector ``eta`` (3, K) rad.
 
-    The first is the angle, the others what lengths may be.
+    The first is the angle; then for each axis taken as that of the largest ``q_f`` the lengths by b tables.
     """
     square = dot(eta, eta)
     small = square < _NO_TURN
@@ -219,7 +230,7 @@ def turn_ways(eta: Array, platform: Platform) -> Course:
 
 
 def _symmetric(first: Array, other: Array) -> Array:
-    """Symmetric part (3, 3, ...) of the products of two vectors (3, ...)."""
+    """Symmetric part (3, 3, ...) of the outer products of two vectors (3, ...)."""
     return (first[:, None] * other[None] + other[:, None] * first[None]) / 2
 
 
@@ -239,7 +250,7 @@ def _shares(coefficients: Array, places: Array) -> tuple[Array, Array, Array]:
         terms.append(jnp.stack(legendre(places[:, number], count)))  # (count, f, b, K)
         once = _derivative(count)
         orders = np.stack([np.eye(count), once, once @ once]).astype(coefficients.dtype)
-        # The axis of this place goes, and comes back last with that of the orders before it.
+        # The axis of this place's coefficients becomes two, at the end: order of the derivative, coefficient.
         every = jnp.tensordot(every, orders, axes=(2, 1))
     chosen = jnp.stack([every[:, :, first, :, other, :, third] for first, other, third in _ORDERS])
     basis = jnp.einsum("ifbk,jfbk,lfbk->bfijlk", *terms)
@@ -249,14 +260,17 @@ def _shares(coefficients: Array, places: Array) -> tuple[Array, Array, Array]:
 
 
 def _derivative(count: int) -> np.ndarray:
-    """(count, count) that takes coefficients, a row each, to those of the derivative by a place in [0, 1]."""
+    """Matrix (count, count) from the coefficients of a Legendre series, its rows, to those of its derivative.
+
+    The derivative is by a place in [0, 1].
+    """
     once = np.zeros((count, count))
     once[:, :-1] = 2 * np.polynomial.legendre.legder(np.eye(count), axis=1)
     return once
 
 
 def legendre(place: AnyArray, count: int) -> list[AnyArray]:
-    """The first Legendre polynomials, from [0, 1]."""
+    """The first `count` Legendre polynomials, shifted to [0, 1], at places of any shape."""
     x = 2 * place - 1
     terms = [0 * x + 1, x]
     for degree in range(1, count - 1):
@@ -264,8 +278,8 @@ def legendre(place: AnyArray, count: int) -> list[AnyArray]:
     return terms[:count]
 
 
-def paces(pointers: Pointers, platform: Platform) -> tuple[Array, Array]:
-    """Tops and growths (1 + 3 b + 4 p,) of the speeds along the ways."""
+def speed_limits(pointers: Pointers, platform: Platform) -> tuple[Array, Array]:
+    """Largest speeds and accelerations (w,) along the ways, w = 1 + 3 b + 4 p, in the order of `ways`."""
     found = []
     for of_turn, of_joint in ((platform.top, pointers.rate), (platform.growth, pointers.acceleration)):
         own = jnp.where(pointers.moves, of_joint, 1).T.reshape(-1)

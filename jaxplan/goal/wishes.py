@@ -1,4 +1,4 @@
-"""Wishes of a goal: of all attitudes that meet the targets, those nearest to what devices prefer, in order.
+"""Meet the wishes of a goal: of all attitudes that meet the targets, those nearest to what devices prefer.
 
 Each wish in turn is made as near as the ones before allow: the least angle within which there is an attitude
 that meets all targets, zones and former wishes is found by bisection, as the caps of `jaxplan.goal.caps` have
@@ -18,8 +18,8 @@ from jaxplan.goal.problem import GoalProblem, Wished
 
 SPARE = 4e-7
 """rad, by which a wish is met less than it might be, so that the next ones have room."""
-_NEARER = 6e-7  # rad; what is not nearer by this is not looked for
-_LOOKS = 6  # of the whole covering, for each wish
+_NEARER = 6e-7  # rad; a wish is not searched for anything nearer by less than this
+_LOOKS = 6  # searches of the whole covering at most, for each wish
 
 
 def with_wishes(problem: GoalProblem, wishes: list[Wished], seed: int) -> tuple[GoalProblem, np.ndarray]:
@@ -27,11 +27,11 @@ def with_wishes(problem: GoalProblem, wishes: list[Wished], seed: int) -> tuple[
 
     Args:
         problem: what is asked; one without solution is handed back as it is.
-        wishes: in the order of their worth.
+        wishes: in the order of their priority.
         seed: of the covering.
 
     Returns:
-        The problem, and an attitude (1, 4) that has all of it as a rotation from the start, or none (0, 4).
+        The problem, and a quaternion (1, 4) of a rotation from the start that solves it, or none (0, 4).
         Where the wishes leave hardly any room that may be all that there is to be found.
     """
     found = multistart.minima(assemble(problem), 1, seed) if wishes else np.empty((0, 4))
@@ -47,7 +47,17 @@ def with_wishes(problem: GoalProblem, wishes: list[Wished], seed: int) -> tuple[
 
 
 def _least(problem: GoalProblem, wish: Wished, seed: int, near: np.ndarray) -> tuple[np.ndarray, float]:
-    """Where a wish is least distant, (4,), and how far it is then with some to spare, rad."""
+    """Quaternion (4,) of the rotation from the start at which a wish is nearest, and its distance, rad.
+
+    Args:
+        problem: with the wishes before, each within its reach.
+        wish: the next one.
+        seed: of the covering.
+        near: (4,) a solution of the problem to start from.
+
+    Returns:
+        The quaternion, and the least reach with which there is a solution, plus `SPARE`.
+    """
 
     def within(reach: float) -> Caps:
         return assemble(replace(problem, wishes=(*problem.wishes, wish._replace(reach=reach))))

@@ -1,8 +1,9 @@
-"""What zones bind, by number and by name.
+"""Number and name the directions that zones bind, and check the names that zones give.
 
-Sights are numbered devices first (terminals, drives, instruments), then axes of the body, then vectors of
-moving parts, as in `jaxplan.model.constraints`. The axes are those that zones state, and the
-normals of the edges of instruments' fields of view; the vectors likewise, of devices with joints.
+Such a direction is a *sight*. Sights are numbered devices first (terminals, drives, instruments), then axes
+of the body, then vectors of moving parts, as in `jaxplan.model.constraints`. The axes are those that zones
+state, and the normals of the edges of instruments' fields of view; the vectors likewise, of devices with
+joints.
 """
 
 from collections.abc import Sequence
@@ -16,12 +17,13 @@ from jaxplan.runtime.jit import is_traced
 
 
 class Bound:
-    """The sights that cones bind; it finds those of a zone, and raises for names that are wrong.
+    """The sights that cones bind; its methods find those of a zone, and raise ValueError for wrong names.
 
     Attributes:
-        craft: whose devices they are.
-        body: vectors of the body beside the devices, each with its name.
-        carried: vectors of moving parts, each with its name and the device's number.
+        craft: the spacecraft whose devices they are.
+        body: vectors (3,) of the body beside the devices, body axes, each with its name.
+        carried: vectors (3,) of moving parts, in their device's axes, each with its name and the device's
+            number.
     """
 
     def __init__(self, cones: Sequence[Any], spacecraft: Spacecraft) -> None:
@@ -46,7 +48,7 @@ class Bound:
 
     @property
     def owners(self) -> list[int]:
-        """Number of the device that each edge of a field is of; of another sight its own."""
+        """For each sight the number of the device whose field it is an edge of, or its own if it is none."""
         found = list(range(self.count))
         for number, first in self._first.items():
             if number in range(len(self.devices)):
@@ -59,6 +61,7 @@ class Bound:
         return len(self.devices) + len(self.body) + len(self.carried)
 
     def _add_vector(self, zone: Any, vector: Any) -> tuple[bool, int]:
+        """Append a zone's vector to `body` or `carried`: whether to the former, and its index there."""
         if vector.to is None:
             self.body.append((vector.along, body_axis_name(vector.along)))
             return True, len(self.body) - 1
@@ -67,6 +70,11 @@ class Bound:
         return False, len(self.carried) - 1
 
     def _add_edges(self, number: int) -> tuple[bool, int]:
+        """Append the edge normals of a device's field to `body` or `carried`.
+
+        Returns:
+            Whether they went to `body`, and the index of the first one there.
+        """
         device: Any = self.craft.devices[number]
         of_body = number >= self.gimbals
         first = len(self.body if of_body else self.carried)
@@ -79,28 +87,31 @@ class Bound:
         return of_body, first
 
     def device(self, zone: Any, key: str, name: str) -> int:
-        """The number of a device, by its name."""
+        """The number of the device called `name`; raises ValueError if there is none.
+
+        The message names the zone and `key`, the zone's attribute in which the name stands.
+        """
         if name not in self.devices:
             known = ", ".join(self.devices) or "the spacecraft has none"
             raise ValueError(f"zone {zone.name}: {key}: there is no {name!r}, only {known}")
         return self.devices.index(name)
 
     def terminal(self, zone: Any, key: str, name: str) -> int:
-        """The number of a device that must be a terminal."""
+        """The number of the device called `name`, as of `device`; raises ValueError if it is no terminal."""
         number = self.device(zone, key, name)
         if number >= self.terminals:
             raise ValueError(f"zone {zone.name}: {key}: {name!r} is no terminal")
         return number
 
     def gimbal(self, zone: Any, key: str, name: str) -> int:
-        """The number of a device that must have joints."""
+        """The number of the device called `name`, as of `device`; raises ValueError if it has no joints."""
         number = self.device(zone, key, name)
         if number >= self.gimbals:
             raise ValueError(f"zone {zone.name}: {key}: {name!r} has no joints")
         return number
 
     def bound(self, zone: Any) -> list[int]:
-        """The numbers of all sights that a cone binds."""
+        """The numbers of all sights that a cone binds; raises ValueError where it names devices wrongly."""
         given: object = zone.devices  # whatever its type says
         if isinstance(given, str):
             raise ValueError(f"zone {zone.name}: devices = {given!r}: must be a tuple of names")
@@ -116,7 +127,11 @@ class Bound:
         return numbers + [self._first[id(vector)] for vector in zone.vectors]
 
     def fields(self, zone: Any) -> list[int]:
-        """The numbers of the devices whose fields a zone binds, by default of all that have one."""
+        """The numbers of the devices whose fields of view a zone binds, by default of all that have one.
+
+        Raises:
+            ValueError: if it binds a vector, or a device without a field, or none.
+        """
         if zone.vectors:
             raise ValueError(f"zone {zone.name}: vectors: have no field of view")
         with_field = [n for n, one in enumerate(self.craft.devices) if one.field_of_view is not None]
@@ -131,16 +146,17 @@ class Bound:
         return numbers
 
     def edges(self, number: int) -> range:
-        """The numbers of the normals of a device's field."""
+        """The numbers of the sights that are edge normals of device `number`'s field of view."""
         return range(self._first[number], self._first[number] + len(outlines.EDGES))
 
 
 def body_axis_name(axis: np.ndarray) -> str:
-    """What an axis (3,) of the body is called."""
+    """The name of an axis (3,) of the body in messages, such as "axis (0, 0, 1) of the body"."""
     return f"axis {_numbers(axis)} of the body"
 
 
 def _numbers(vector: np.ndarray) -> str:
+    """Text of a vector's components to three digits."""
     if is_traced(vector):  # nobody reads names then
         return "(traced)"
     return f"({', '.join(f'{part:.3g}' for part in vector)})"

@@ -1,4 +1,4 @@
-"""What a state breaks of the pointing constraints, in words; angles are told in degrees."""
+"""Messages on the pointing constraints that a state breaks, with angles in degrees."""
 
 from collections.abc import Iterator, Sequence
 
@@ -18,7 +18,7 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepIn, KeepOut, Mask, Zone
 
 ROUNDING = 1e-9
-"""rad, or share of a rate: what rounding may cost at the very limit; the certificate allows the same."""
+"""rad, or share of a rate, by which a limit may be passed and not be broken, as in the certificate."""
 
 
 def constraint_breaches(
@@ -29,14 +29,14 @@ def constraint_breaches(
     zones: Sequence[Zone],
     called: Sequence[str],
 ) -> Iterator[str]:
-    """Every pointing constraint that a state breaks, a phrase each.
+    """Yield a phrase for every pointing constraint that a state breaks.
 
     Args:
         rows: the constraints, at an instant.
         spacecraft: whose devices they bind.
         attitude: (3, 3) body to inertial.
-        joints: (2n,) rad.
-        zones: that the rows are of, without padding.
+        joints: (2n + d,) rad.
+        zones: (r,) the zone of each of the r rows before the padding.
         called: names of the sights.
 
     Yields:
@@ -61,7 +61,15 @@ def constraint_breaches(
 
 
 def _where(rows: Constraints, row: int, zone: Zone, name: str, axes: Sequence[str]) -> str:
-    """The end of a sentence on a sight that breaks a row; `axes` are the sights' names as axes of others."""
+    """The end of a sentence on a sight that breaks a row, such as "inside keep-out zone sun".
+
+    Args:
+        rows: the constraints.
+        row: number of the row.
+        zone: that the row is of.
+        name: the zone's, as the sentence has it.
+        axes: (S,) the sights' names as axes of cones.
+    """
     if rows.frame[row] == JOINTS:
         return f"{'inside' if isinstance(zone, Mask) else 'beyond joint bound'} {name}"
     inside = isinstance(zone, KeepIn)

@@ -1,4 +1,4 @@
-"""Pointing constraints as arrays: directions seen from the body, cones about axes, and how they combine.
+"""Pointing constraints as arrays: directions in body axes, cones about axes, and how they combine.
 
 Everything that points is a direction. A *sight* is one that a constraint binds: the boresight of a device, an
 axis of the body, or another vector of a device's moving part. A *row* is a cone about an axis, which a set of
@@ -13,16 +13,17 @@ sight, an *entry*'s that of its worst row, a *constraint*'s that of its best ent
 entries does, and that may change hands. What is not a number counts as broken, since ``jnp.min`` and
 ``jnp.max`` may drop a NaN on the CPU.
 
-Over a motion of platform and joints at constant rates the cosine ``u . a`` of a sight and an axis has
+Over a motion of platform and joints at constant rates, as a function of the share of the motion in [0, 1],
+the cosine ``u . a`` of a sight and an axis has
 
     abs((u . a)'') <= kappa_u + 2 rho_u rho_a + kappa_a
 
-with bounds ``rho`` and ``kappa`` of the first and second derivative of either, seen from the body: of an
+with bounds ``rho`` and ``kappa`` of the first and second derivative of either in body axes: of an
 inertial axis ``|w|`` and ``|w|^2`` for the platform's turn ``w``, of an axis of the body zero, of sights what
-`Sights.bounds` says. So the values at both ends of an interval speak for all of it (`edge_bound`). Rows of
+`Sights.bounds` says. So the values at both ends of an interval bound those between (`edge_bound`). Rows of
 joints are linear.
 
-Kernels compare *scores* with *thresholds* and leave arcs aside: the score is ``side * cos(angle)``, of a row
+Kernels compare *scores* with *thresholds*, with no arc cosine: the score is ``side * cos(angle)``, of a row
 of joints ``-f . (yaw, pitch)``, so the larger it is, the smaller is the margin.
 
 Rows are padded to a few fixed sizes with such that bind nothing (margin +inf), so that scenes of different
@@ -59,7 +60,7 @@ class Constraints:
         axis: (Z, 3) unit vectors, inertial or in body axes; NaN where it moves; of a row of joints ``f`` and
             a zero; where a sight is the axis, z.
         frame: (Z,) int, `INERTIAL`, `BODY`, `SIGHT` or `JOINTS`.
-        partner: (Z,) int, the sight that is the axis; zero where none is.
+        partner: (Z,) int, number of the sight that is the axis; zero where none is.
         half_angle: (Z,) rad; of a row of joints ``d``.
         side: (Z,) +1 to stay out, -1 to stay in.
         bound: (Z, S) bool, the sights each row binds; none for padding.
@@ -91,45 +92,48 @@ class Constraints:
     nested: bool = field(default=False, metadata={"static": True})
 
     def sights(self, gimbals: Gimbals, instruments: ArrayLike) -> Sights:
-        """What the rows bind on a spacecraft with some gimbals, and boresights of instruments (i, 3)."""
+        """The sights that the rows bind, for given gimbals and instrument boresights (i, 3) in body axes."""
         xp, fixed, body = arrays(instruments, self.body)
         still = xp.concatenate([fixed, body]) if body.shape[0] else fixed
         return Sights(gimbals=gimbals, fixed=still, carrier=self.carrier, carried=self.carried)
 
     def spread(self, trailing: int) -> Self:
-        """The constraints for elementwise functions of arrays whose first axis is the rows'."""
+        """The constraints with frame, side and half_angle of shape (Z, 1, ...), `trailing` ones.
+
+        So they broadcast against arrays whose first axis is the rows'.
+        """
         shape = (-1, *(1,) * trailing)
         parts = {name: getattr(self, name).reshape(shape) for name in ("frame", "side", "half_angle")}
         return replace(self, **parts)
 
     def some(self, which: ArrayLike) -> Self:
-        """Some of the rows by number (r,), each by itself, without their entries and constraints."""
+        """The rows of numbers `which` (r,) int, for use one by one: `entry` and `group` no longer hold."""
         names = ("axis", "frame", "partner", "half_angle", "side", "bound", "entry", "group", "zone")
         xp = array_module(which)
         return replace(self, **{name: xp.asarray(getattr(self, name))[which] for name in names}, paths=())
 
     def axes(self, times: ArrayLike) -> AnyArray:
-        """Axes (..., Z, 3) at times (...), s, of which some move."""
+        """Axes (..., Z, 3) at times (...), s, each in the frame of its row."""
         xp, t, still = arrays(times, self.axis)
         return self._each_path(xp.broadcast_to(still, (*t.shape, *still.shape)), lambda path: path.at(t))
 
     def axis_rates(self, time: ArrayLike) -> AnyArray:
-        """(Z, 3) 1/s, how fast axes turn at an instant, s; zero for those that stand still."""
+        """Derivatives (Z, 3) 1/s of the axes by time at an instant, s; zero for those that stand still."""
         return self._each_path(np.zeros(self.axis.shape), lambda path: path.rate(time))
 
     def _each_path(self, still: AnyArray, of_path: Callable[[DirectionPath], AnyArray]) -> AnyArray:
-        """Vectors (..., Z, 3), one a row, with those of axes that move put in."""
+        """Vectors (..., Z, 3): those of `still`, but `of_path` of the row's path where its axis moves."""
         if not self.paths:
             return still
         columns = [still[..., i, :] if path is None else of_path(path) for i, path in enumerate(self.paths)]
         return array_module(*columns).stack(columns, axis=-2)
 
     def at(self, time: ArrayLike) -> Self:
-        """The constraints as they are at an instant, s; no axis moves."""
+        """The constraints at an instant, s, in which no axis moves any more."""
         return replace(self, axis=self.axes(time), paths=()) if self.paths else self
 
     def part(self, which: np.ndarray) -> Self:
-        """Some of the rows, (Z,) bool, padded anew; of each constraint all or none are wanted.
+        """The rows that `which` (Z,) bool says, padded anew; of each constraint all or none must be said.
 
         Those of an entry lie side by side, and so do those of a constraint, as `worst_constraint` asks for.
         """
@@ -165,22 +169,22 @@ class Constraints:
     @property
     @made_once
     def single(self) -> np.ndarray:
-        """(Z,) bool, the rows that hold by themselves at every instant: their constraint has one entry."""
+        """(Z,) bool, whether each row must hold by itself at every instant: its constraint has one entry."""
         entries = np.bincount(self.group[np.unique(self.entry)], minlength=len(self.group))
         single: np.ndarray = entries[self.group] == 1
         return single
 
 
 def axes_in_body(rows: Constraints, inertial: ArrayLike, sights: ArrayLike) -> AnyArray:
-    """Axes of all rows, seen from the body.
+    """Axes of all rows in body axes.
 
     Args:
         rows: the constraints.
-        inertial: (..., Z, 3) what `Constraints.axes` has, taken for inertial and turned into body axes.
+        inertial: (..., Z, 3) of `Constraints.axes`, all turned from inertial into body axes.
         sights: (..., S, 3) in body axes, of `Sights.in_body`.
 
     Returns:
-        (..., Z, 3); anything for rows of joints.
+        (..., Z, 3); meaningless for rows of joints.
     """
     if not rows.inner:
         return inertial
@@ -235,10 +239,10 @@ def state_margins(
 
 
 def joint_values(rows: Constraints, gimbals: Gimbals, joints: ArrayLike) -> AnyArray:
-    """Left sides ``f . (yaw, pitch)`` of the rows of joints, of every terminal.
+    """Left sides ``f . (yaw, pitch)`` of the rows of joints, for every terminal.
 
     Args:
-        rows: the constraints; of rows of another sort the answer means nothing.
+        rows: the constraints; of rows that are not of joints the result means nothing.
         gimbals: of the spacecraft.
         joints: (..., 2n + d) rad.
 
@@ -285,7 +289,10 @@ def chosen_entries(rows: Constraints, margin: ArrayLike) -> AnyArray:
 
 
 def _entries_and_constraints(rows: Constraints, margin: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Margins of each row's entry and of its constraint, (..., Z) each: THE rule of entries and groups."""
+    """Margins of each row's entry and of its constraint, (..., Z) each, from those of rows (..., Z).
+
+    All that says which entry or constraint holds follows from this one function.
+    """
     xp = array_module(margin)
     of_entry = margin
     if rows.nested:
@@ -295,7 +302,7 @@ def _entries_and_constraints(rows: Constraints, margin: AnyArray) -> tuple[AnyAr
 
 
 def _same(number: AnyArray) -> AnyArray:
-    """(Z, Z) whether two rows have the same number."""
+    """(Z, Z) bool, which pairs of rows have equal numbers (Z,)."""
     return number[:, None] == number[None, :]
 
 
@@ -344,7 +351,7 @@ def constraint_margins(rows: Constraints, margin: ArrayLike) -> AnyArray:
 
 
 def scores(rows: Constraints, cosines: ArrayLike, values: ArrayLike | None = None) -> AnyArray:
-    """Score of each row, to be compared with `thresholds`: the larger it is, the smaller is the margin.
+    """Score (..., Z) of each row, to be compared with `thresholds`: the larger it is, the smaller the margin.
 
     Args:
         rows: the constraints.
@@ -403,13 +410,13 @@ def margins_of_scores(rows: Constraints, score: ArrayLike) -> AnyArray:
 
 
 def score_curvature(rows: Constraints, turn: ArrayLike, rate: ArrayLike, bend: ArrayLike) -> AnyArray:
-    """Bound of the second derivative of scores, by the share of a motion.
+    """Bound of the second derivative of scores with respect to the share of a motion in [0, 1].
 
     Args:
         rows: the constraints.
-        turn: (...) rad, angle of the platform's turn.
-        rate: (..., S) of `Sights.bounds`.
-        bend: (..., S) likewise.
+        turn: (...) rad, angle of the platform's turn over the motion.
+        rate: (..., S) bounds of the sights' first derivatives, of `Sights.bounds`.
+        bend: (..., S) of their second derivatives, likewise.
 
     Returns:
         (..., S, Z), or (..., S, 1) where all rows have the same.

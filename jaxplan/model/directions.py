@@ -1,4 +1,4 @@
-"""Everything that points: inertial directions that stand still or move, and sights fixed to a device.
+"""Directions: inertial ones that stand still or move, and sights, which are fixed to a device or the body.
 
 **Directions over time** are inertial, of a target or a zone; a fixed one stands still. Between its samples a
 direction follows the cubic spline through them, brought to unit length:
@@ -35,7 +35,7 @@ from jaxplan.runtime.once import made_once
 # Largest distance of the spline's control points from the sample before them, so that it stays off zero;
 # and what turns farther between two samples is refused.
 FARTHEST = 0.6
-_PLACES = 65  # samples of a path that `reach` looks at; with more its bound is sharper
+_PLACES = 65  # instants at which `reach` evaluates a path; with more its bound is sharper
 _ROUNDING = 4 * np.finfo(float).eps  # by which the length of a unit vector may differ from one
 
 
@@ -111,7 +111,7 @@ class DirectionPath:
 
     @property
     def moves(self) -> bool:
-        """Whether it is not the same at all times."""
+        """Whether the direction changes with time."""
         return len(self.times) > 1
 
     def at(self, time: ArrayLike) -> Any:
@@ -132,7 +132,7 @@ class DirectionPath:
         return value / xp.linalg.norm(value, axis=-1, keepdims=True)
 
     def rate(self, time: ArrayLike) -> Any:
-        """How fast the direction turns at some times: the derivative of `at` by time.
+        """Derivative of `at` by time at some times (...), s.
 
         Returns:
             (..., 3) 1/s, across the direction; its length is the rate of turn in rad/s.
@@ -145,7 +145,7 @@ class DirectionPath:
         return (slope - xp.sum(slope * unit, axis=-1, keepdims=True) * unit) / length
 
     def largest_rate(self, first: float, last: float) -> float:
-        """A bound of the rate of turn between two times, rad/s; it holds for all times between."""
+        """Upper bound, rad/s, of the rate of turn at all times from `first` to `last`, s."""
         if not self.moves:
             return 0.0
         far, speed = self._spread()
@@ -153,7 +153,7 @@ class DirectionPath:
         return float(np.max((speed / (1 - far))[within]))
 
     def reach(self, axis: np.ndarray, first: float, last: float) -> float:
-        """A bound of the angle between an axis and the path, rad; it holds for all times between two.
+        """Upper bound, rad, of the angle between an axis and the path at all times between two.
 
         Args:
             axis: (3,) unit vector.
@@ -166,17 +166,21 @@ class DirectionPath:
         return float(min(np.max(apart) + between, np.pi))
 
     def covers(self, last: float) -> bool:
-        """Whether the direction is known from the start of the manoeuvre to some time, s."""
+        """Whether the direction is known from the start of the manoeuvre to the time `last`, s."""
         return not self.moves or bool(self.times[0] <= 0 and last <= self.times[-1])
 
     @staticmethod
     def _everywhere(vector: ArrayLike, time: ArrayLike) -> Any:
-        """A vector (3,) once for each time."""
+        """A vector (3,), repeated for each of times (...): (..., 3)."""
         xp, same = arrays(vector)
         return xp.broadcast_to(same, (*np.shape(time), 3))
 
     def _spline(self, time: ArrayLike) -> tuple[Any, Any, Any]:
-        """The module to compute with, and the spline with its derivative (..., 3)."""
+        """The module (numpy or JAX), and value (..., 3) and derivative (..., 3) 1/s of the spline ``s``.
+
+        Raises:
+            ValueError: if a time, of numpy, is outside the samples'.
+        """
         if not isinstance(time, jax.Array):
             time = floats("time", time, "a number of seconds, or an array of them")
         xp, t, times, p, m = arrays(time, self.times, self.samples, self.slopes)
@@ -203,9 +207,10 @@ class DirectionPath:
         return xp, value, slope
 
     def _spread(self) -> tuple[np.ndarray, np.ndarray]:
-        """How far control points are from the first sample of each interval (n - 1,), and the largest |s'|.
+        """Largest distance of control points from the first sample of each interval, and the largest |s'|.
 
-        The spline lies within the hull of its control points, and its derivative within that of theirs.
+        Both are (n - 1,), the latter in 1/s. The spline lies within the hull of its control points, and its
+        derivative within that of theirs.
         """
         h = np.diff(self.times)[:, None]
         p, m = self.samples, self.slopes
@@ -221,7 +226,7 @@ def as_path(direction: ArrayLike | DirectionPath) -> DirectionPath:
 
 
 def too_far(interval: int) -> str:
-    """The complaint about an interval in which a direction turns too far."""
+    """The message that a direction turns too far in an interval, given by its number."""
     return f"the direction turns too far between the samples {interval} and {interval + 1}: give more samples"
 
 
@@ -259,13 +264,13 @@ class Sights:
     @property
     @made_once
     def turning(self) -> AnyArray:
-        """(2, S), one where the yaw, and the pitch, of its gimbal turns a sight, else zero."""
+        """(2, S) one where the yaw of its gimbal (row 0) or the pitch (row 1) turns a sight, else zero."""
         xp = array_module(self.carrier)
         carriers: AnyArray = self.carriers
         return xp.stack([carriers >= 0, (carriers >= 0) & (carriers < self.gimbals.terminals)]).astype(float)
 
     def in_body(self, joints: ArrayLike) -> AnyArray:
-        """Unit vectors (..., S, 3) in body axes at joints (..., 2n + d), by equation (13)."""
+        """All sights (..., S, 3), unit vectors in body axes, at joints (..., 2n + d) rad, equation (13)."""
         xp, moving, fixed = arrays(self.gimbals.boresights(joints), self.fixed)
         still = xp.broadcast_to(fixed.astype(moving.dtype), (*moving.shape[:-2], *fixed.shape))
         seen = [moving, still]
@@ -292,7 +297,7 @@ class Sights:
         return vectors.carried([part.reshape(-1, *(1,) * behind) for part in own.T], ca, sa, ce, se)
 
     def bounds(self, joint_change: ArrayLike) -> tuple[AnyArray, AnyArray]:
-        """How fast sights turn and bend, seen from the body, while joints move steadily by some change.
+        """Bounds of the derivatives of sights in body axes while joints change at constant rates.
 
         With ``y = |dyaw|`` and ``p = |dpitch|`` a vector of the moving part turns about the yaw axis and one
         at right angles to it, so at ``hypot(y, p)`` at most, and its second derivative is at most the square

@@ -1,4 +1,4 @@
-"""Times: UTC at the edge, seconds from the start inside, and what each kind of file counts in.
+"""Conversions of times: UTC in files, seconds from the start inside, and SPICE's ephemeris time.
 
 A start is a ``datetime64[ns]`` in UTC, from 1972 on, when UTC got its leap seconds. Elapsed seconds are SI
 seconds, so a leap second within a manoeuvre is counted, and written as second 60. Which leap seconds there
@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-_FIRST, _LAST = 1972, 2099  # years
+_FIRST, _LAST = 1972, 2099  # years within which epochs must lie
 _TOO_FINE = re.compile(r"\.\d{6}\d*[1-9]")
 _SECOND = np.timedelta64(1, "s")
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
@@ -19,7 +19,7 @@ TT_MINUS_TAI = 32.184  # s, terrestrial time less atomic time
 
 
 def parse_epoch(text: object) -> np.datetime64:
-    """A time in UTC from its ISO 8601 text.
+    """Read a time in UTC from its ISO 8601 text.
 
     Args:
         text: such as ``2026-01-01T00:00:00``, with fractions down to 1e-6 s; UTC unless it names its offset.
@@ -77,7 +77,7 @@ def ephemeris_time(start: np.datetime64) -> float:
 
 
 def leaps(stamp: np.datetime64) -> float:
-    """Seconds that TAI is ahead of UTC; in years to come, as far as is known.
+    """Seconds that TAI is ahead of UTC at a UTC time; in years to come, as far as is known.
 
     Raises:
         ValueError: if pyerfa is not installed.

@@ -41,20 +41,22 @@ def stacked(values: Sequence[ArrayLike]) -> np.ndarray:
 
 
 def wrap(angle: ArrayLike) -> AnyArray:
-    """An angle brought into (-pi, pi]."""
+    """Angles (...) rad brought into (-pi, pi] by whole turns."""
     xp, a = arrays(angle)
     return a - TURN * xp.ceil((a - xp.pi) / TURN)
 
 
 def frame_about_z(angle: ArrayLike) -> AnyArray:
-    """(3, 3) body from the axes of a terminal that is mounted at an angle, rad, about the body's z axis."""
+    """Rotation (3, 3) from a terminal's axes to body axes, of one mounted at an angle, rad, about body z."""
     xp, a = arrays(angle)
     cosine, sine, zero = xp.cos(a), xp.sin(a), xp.zeros_like(a)
     return xp.stack([cosine, -sine, zero, sine, cosine, zero, zero, zero, zero + 1]).reshape(3, 3)
 
 
 def frame_of(axis: ArrayLike, boresight: ArrayLike) -> AnyArray:
-    """(3, 3) body from the axes of a device: its boresight's part across the axis, the left of it, the axis.
+    """Rotation (3, 3) from a device's axes to body axes.
+
+    Its columns are the part of the boresight across the axis, the left of that, and the axis.
 
     Args:
         axis: (3,) body axes, of any length.
@@ -67,7 +69,7 @@ def frame_of(axis: ArrayLike, boresight: ArrayLike) -> AnyArray:
 
 
 def in_range(angle: ArrayLike, ranges: ArrayLike, near: ArrayLike | None = None) -> AnyArray:
-    """Angles by whole turns brought into ranges, where that can be.
+    """Angles moved by whole turns into ranges, where that can be.
 
     Args:
         angle: (..., k) rad.
@@ -110,7 +112,10 @@ def angles_toward(frames: AnyArray, attitude: AnyArray, directions: AnyArray) ->
 
 
 def angles_along(frames: AnyArray, body: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Azimuth and elevation, (..., g) rad each, of directions (..., g, 3) in body axes, one a gimbal."""
+    """Azimuth and elevation, (..., g) rad each, of directions (..., g, 3) in body axes, one a gimbal.
+
+    They are in the gimbals' own axes, from which `frames` (g, 3, 3) lead to body axes.
+    """
     xp = array_module(frames, body)
     return azimuth_elevation(xp.sum(body[..., :, None] * frames.astype(body.dtype), axis=-2))
 
@@ -136,7 +141,7 @@ class Gimbals:
 
     @property
     def terminals(self) -> int:
-        """Number of them that are terminals, n."""
+        """Number of gimbals that are terminals, n."""
         return self.frames.shape[0] - self.tilts.shape[0]
 
     @property
@@ -162,7 +167,7 @@ class Gimbals:
         return np.array([self.yaws[number], *self.pitches[number : number + 1]])
 
     def parts(self, joints: AnyArray) -> tuple[AnyArray, AnyArray]:
-        """Parts (..., g) of joint vectors (..., 2n + d) that turn azimuths, and elevations; zero for none."""
+        """Yaws and pitches (..., g) of gimbals, from joints (..., 2n + d); of drives the angle and zero."""
         n, drives = self.terminals, self.tilts.shape[0]
         yaw, pitch = joints[..., :n], joints[..., n : 2 * n]
         if drives:
@@ -172,7 +177,7 @@ class Gimbals:
         return yaw, pitch
 
     def angles(self, joints: ArrayLike) -> tuple[AnyArray, AnyArray]:
-        """Azimuth and elevation (..., g) of gimbals in their own axes, at joints (..., 2n + d)."""
+        """Azimuths and elevations (..., g) rad of boresights in gimbals' axes, at joints (..., 2n + d)."""
         xp, q, tilts = arrays(joints, self.tilts)
         azimuth, elevation = self.parts(q)
         if tilts.shape[0]:
@@ -180,19 +185,19 @@ class Gimbals:
         return azimuth, elevation
 
     def boresights(self, joints: ArrayLike) -> AnyArray:
-        """Unit vectors (..., g, 3) in body axes at joints (..., 2n + d), by equation (13)."""
+        """Boresights (..., g, 3), unit vectors in body axes, at joints (..., 2n + d) rad, equation (13)."""
         xp, own, frames = arrays(pointing(*self.angles(joints)), self.frames)
         return xp.sum(frames.astype(own.dtype) * own[..., None, :], axis=-1)
 
     def axes(self, azimuth: AnyArray, which: AnyArray) -> tuple[AnyArray, AnyArray]:
-        """Unit vectors (r, 3) in body axes about which yaws and pitches turn what they carry.
+        """Rotation axes (r, 3) of yaws and of pitches, unit vectors in body axes.
 
         Args:
             azimuth: (r,) rad, of some gimbals.
             which: (r,) int, their numbers.
 
         Returns:
-            The yaw axes; and the opposites of what is to the left of the boresights.
+            The yaw axes; and the pitch axes, which are opposite to the left of the boresights.
         """
         xp, a, frames = arrays(azimuth, self.frames)
         ahead, left, up = (frames[which][..., column] for column in range(3))

@@ -152,11 +152,11 @@ class Targets:
 
     @classmethod
     def of(cls, targets: Mapping[str, Any], **more: Any) -> Self:
-        """Targets by names of devices.
+        """The targets of a mapping from names of devices.
 
         Args:
             targets: of each device by name an inertial unit vector (3,), or its path.
-            more: other attributes.
+            more: other attributes of `Targets`, by name.
 
         Example:
             >>> jp.Targets.of({"telescope": [1.0, 0.0, 0.0]}, hold=("antenna",))
@@ -174,23 +174,23 @@ class Targets:
         return self.devices or tuple(terminal.name for terminal in craft.terminals)
 
     def numbers(self, craft: Spacecraft) -> tuple[int, ...]:
-        """Numbers of these devices, as of `Spacecraft.device_names`."""
+        """Numbers of the devices that have the targets, as of `Spacecraft.device_names`."""
         return tuple(craft.device_names.index(name) for name in self.names(craft))
 
     @property
     def paths(self) -> tuple[DirectionPath, ...]:
-        """The directions over time."""
+        """The targets' directions over time, one a device."""
         return tuple(as_path(direction) for direction in self.directions)
 
     @property
     def moves(self) -> bool:
-        """Whether any moves."""
+        """Whether a target or a wish moves."""
         each = list(self.directions) if isinstance(self.directions, list | tuple) else []
         each += [wish.direction for wish in self.prefer]
         return any(isinstance(direction, DirectionPath) and direction.moves for direction in each)
 
     def at(self, time: ArrayLike) -> Self:
-        """The targets as they are at an instant, s; at rest if any moves."""
+        """The targets where they are at an instant, s, as targets that stand still."""
         if not self.moves:
             return self
         each = [path.at(time) for path in self.paths]
@@ -200,6 +200,6 @@ class Targets:
         )
 
     def rates(self, time: ArrayLike) -> AnyArray:
-        """(k, 3) 1/s, how fast the directions turn at an instant, s."""
+        """Derivatives (k, 3) 1/s of the targets' directions by time at an instant, s."""
         each = [path.rate(time) for path in self.paths]
         return array_module(*each).stack(each) if each else np.zeros((0, 3))

@@ -1,7 +1,7 @@
-"""When targets are hidden: behind the Earth, below their horizon, or behind something else.
+"""Spans of time during which targets are hidden: behind the Earth, below their horizon, or otherwise.
 
 A target that is hidden when the manoeuvre ends cannot be pointed at. Times are seconds from the start of the
-manoeuvre on. What hides is found where a sky is at hand (`jaxplan.sky`); here is what follows from it.
+manoeuvre on. `jaxplan.sky` computes the spans.
 """
 
 from collections.abc import Iterable
@@ -34,7 +34,7 @@ class Hidden:
 
 
 def after_hidden(spans: Iterable[Hidden], time: float) -> float:
-    """The first time, from some time on, that is in none of the spans, s."""
+    """The first time, s, at or after `time` that is in none of the spans."""
     every = sorted(spans, key=lambda span: span.start)
     for span in every:
         if span.at(time):

@@ -1,4 +1,4 @@
-"""How attributes of a scenario stand in files: key, range and meaning, told where each is declared.
+"""How attributes of a scenario are written in files: key, range and meaning, stated where each is declared.
 
 The dataclasses of the model give each field ``metadata=key(...)``, one with a default is `keyed`. Readers,
 writers, messages and the manual (`jaxplan.schema`) follow from that and from the field's type and default.
@@ -27,16 +27,16 @@ _UNITS = {
 
 @dataclass(frozen=True)
 class Key:
-    """What a field says of itself.
+    """How a dataclass field is written in files, and what the manual says of it.
 
     Attributes:
         name: key in files, with the unit; empty for an attribute that files hold in other ways only.
         meaning: one line for the manual.
         range: of its numbers, in the file's unit, as mathematics writes it, such as "(0, 180]".
         kind: what its value is, where the field's type does not tell; a name that the schema knows.
-        words: words that may stand in a number's place, and what the model holds for them.
-        options: the texts that there are, where not any will do.
-        required: whether it, or what may stand in its place, must be given though the field has a default.
+        words: words that files may have instead of a number, and what the model holds for them.
+        options: the texts that are allowed; empty where any is.
+        required: whether it, or what may be given instead, must be given though the field has a default.
         instead_of: the attribute in whose place it may be given.
         always: whether files have it at its default too, because a later version may have another.
     """
@@ -53,12 +53,12 @@ class Key:
 
     @property
     def unit(self) -> str:
-        """The unit that stands in the key; empty if there is none."""
+        """The unit that the key's name ends in; empty if there is none."""
         return unit_of(self.name)
 
 
 def unit_of(name: str) -> str:
-    """The unit that stands in a key, such as "deg/s²"; empty if there is none."""
+    """The unit that a key's name ends in, such as "deg/s²" of "x_deg_s2"; empty if there is none."""
     return next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
 
 
@@ -70,13 +70,13 @@ def key(
     Args:
         name: key in files.
         meaning: one line for the manual.
-        range: of its numbers.
-        static: whether it is no leaf to JAX but part of the tree's shape.
+        range: of its numbers, as of `Key`.
+        static: whether it is no leaf to JAX but part of the tree's structure.
         more: other attributes of `Key`.
     """
     return {"static": static, "key": Key(name, meaning, range, **more)}
 
 
 def keyed(default: Any, name: str, meaning: str = "", range: str = "", **more: Any) -> Any:
-    """A dataclass field with a default and the metadata of `key`."""
+    """A dataclass field with a default and the metadata of `key`, whose other arguments follow."""
     return field(default=default, metadata=key(name, meaning, range, **more))

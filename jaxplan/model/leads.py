@@ -1,8 +1,9 @@
-"""Nodes of a path that go along with its ends: those on straight motions from the start and to the goal.
+"""Nodes of a path that move with its ends: those on straight motions from the start and to the goal.
 
-A search cuts straight motions into edges of a step. So a node on the straight motion that leaves the start,
-or on the one that reaches the goal, has no place of its own: as the end moves, it stays at its share of that
-motion. Of a path that is straight as a whole that holds of every node. It computes with numpy or JAX.
+A motion is straight where platform and joints turn at constant rates. A search cuts such motions into edges
+of a step. So a node on the straight motion that leaves the start, or on the one that reaches the goal (a
+*lead*), was not chosen by itself: as the end moves, it stays at its share of that motion. Of a path that is
+straight as a whole that holds of every node. It computes with numpy or JAX.
 """
 
 from dataclasses import dataclass
@@ -14,21 +15,21 @@ from jaxplan import so3
 from jaxplan.geometry.vectors import AnyArray, array_module, length
 from jaxplan.runtime.display import shown
 
-_STRAIGHT = 1e-9  # rad; an edge that is off a line by less is on it
+_STRAIGHT = 1e-9  # rad; an edge that is off a line by no more than this lies on it
 
 
 @shown("first", "second", "share")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Leads:
-    """Where the nodes of a path are on the straight motions next to its ends.
+    """Where the m + 1 nodes of a path are on the straight motions next to its ends.
 
     Attributes:
         first: (m + 1,) int, the node where the straight motion begins that each node is on; of a node that is
             on none, itself.
         second: (m + 1,) int, likewise where it ends.
-        share: (m + 1,) of that motion; zero of a node that is on none.
-        turn: (m + 1, 3) rad, the platform's on all of it, which may be more than half a turn.
+        share: (m + 1,) share of that motion at which the node lies; zero of a node that is on none.
+        turn: (m + 1, 3) rad, rotation vector of the platform on all of it, which may exceed half a turn.
     """
 
     first: np.ndarray
@@ -37,14 +38,22 @@ class Leads:
     turn: np.ndarray
 
     def nodes(self, attitudes: AnyArray, joints: AnyArray) -> tuple[AnyArray, AnyArray]:
-        """Nodes (m + 1, 3, 3) and (m + 1, J) between ends that have moved a little."""
+        """The nodes, of which those on straight motions are put back on these after their ends have moved.
+
+        Args:
+            attitudes: (m + 1, 3, 3) body to inertial, of the ends as they are now.
+            joints: (m + 1, J) rad, likewise.
+
+        Returns:
+            Attitudes (m + 1, 3, 3) and joints (m + 1, J).
+        """
         start, turn = attitudes[self.first], self._turn(attitudes)
         moves = joints[self.second] - joints[self.first]
         turned = start @ so3.exp(self.share[:, None] * turn)
         return turned, joints[self.first] + self.share[:, None] * moves
 
     def _turn(self, attitudes: AnyArray) -> AnyArray:
-        """(m + 1, 3) rad, the same way round as before."""
+        """Rotation vectors (m + 1, 3) rad of the straight motions, the same way round as `turn`."""
         xp = array_module(attitudes)
         turn = so3.log(xp.swapaxes(attitudes[self.first], -1, -2) @ attitudes[self.second])
         angle = length(turn)
@@ -56,9 +65,9 @@ def leads_of(attitudes: np.ndarray, joints: np.ndarray, nodes: int | None = None
     """The leads of a path.
 
     Args:
-        attitudes: (m + 1, 3, 3) of its nodes.
-        joints: (m + 1, J) rad.
-        nodes: how many of them there are; those after are padding. None for all.
+        attitudes: (m + 1, 3, 3) of its nodes, body to inertial.
+        joints: (m + 1, J) rad, of its nodes.
+        nodes: number of nodes before the padding; None for all.
     """
     count = len(attitudes)
     turns = so3.log(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])[: (nodes or count) - 1]
@@ -81,7 +90,10 @@ def leads_of(attitudes: np.ndarray, joints: np.ndarray, nodes: int | None = None
 
 
 def _straight(edges: np.ndarray) -> int:
-    """How many edges (m, 3 + J) there are from the first on along one line, short of a whole turn."""
+    """Number of the first edges that lie along one line, short of a whole turn of the platform.
+
+    Edges (m, 3 + J) rad are changes: rotation vectors of the platform, then joints.
+    """
     steps = np.linalg.norm(edges, axis=1)
     moving = np.flatnonzero(steps)
     if not len(moving):

@@ -1,9 +1,9 @@
-"""The least time that any motion takes within the limits of a spacecraft: strict lower bounds.
+"""Strict lower bounds of the time that any motion takes within the limits of a spacecraft.
 
-What a motion covers is measured by *ways*: lengths of its turn, and joint angles. Along each the motion has
-a speed, which limits keep below a top, and which grows no faster than they allow. The way asked for then
-takes at least the time of a trapezoid of the speed, or of a triangle. Every way gives a bound, and the
-largest holds.
+A *way* is a distance that a motion has to cover: a length of the platform's turn, or the change of a joint's
+angle. Along each the motion has a speed, whose magnitude limits keep below a *top*, and whose rate of change
+they keep below a *growth*, its largest acceleration. So a way takes at least the time of a trapezoid of the
+speed, or of a triangle. Every way gives a lower bound of the duration, and the largest of them is used.
 
     way                        speed                             top, growth
     a joint's angle            its rate                          the joint's own limits
@@ -37,12 +37,12 @@ from jaxplan.model.limits import limits, longest
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.turn_table import turn_table
 
-_TELLING = 0.01  # of the duration: a lower bound, as of a path that ends where it starts, tells nothing
-_SAME = 1e-9  # share by which the rates of two boxes differ at most that are taken for one
-_ROOTS = 12  # steps of Newton's method, which ends at rounding
+_TELLING = 0.01  # share of the duration below which a bound says nothing, as of a path that ends at its start
+_SAME = 1e-9  # relative difference below which the axes' ratios of acceleration to rate count as equal
+_ROOTS = 12  # steps of Newton's method, which has then converged to rounding
 
 _CORNERS = np.array([(1.0, *signs) for signs in product((1.0, -1.0), repeat=2)])
-"""(4, 3) of a box about zero, without their opposites."""
+"""(4, 3) corners of the box of half widths one about zero, without their opposites."""
 
 RATES = "rates and accelerations of the platform"
 TORQUE = "rates, accelerations and torque of the platform"
@@ -54,8 +54,8 @@ class DurationBound:
     """A strict lower bound of the duration.
 
     Attributes:
-        seconds: no motion takes less.
-        name: the limits that say so.
+        seconds: s, no motion takes less.
+        name: of the limits from which the bound follows.
     """
 
     seconds: float
@@ -64,16 +64,19 @@ class DurationBound:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Way:
-    """What a motion has to cover.
+    """A distance that a motion has to cover, and the limits of the speed along it.
+
+    Its unit U is rad for angles, rad over that of the box for lengths in boxes, and rad (kg m^2)^1/2 for the
+    length by the energy.
 
     Attributes:
         name: of the limits.
-        distance: (...), with a sign where it has one.
-        top: of the speed, or inf.
-        growth: of the speed a second.
-        more_growth: of the speed a second, by the square of the time since rest; a motion with rates at an
-            end has no such bound.
-        speeds: (2,) at start and end; None from rest to rest.
+        distance: (...) U, with a sign where it has one.
+        top: U/s, largest speed, or inf.
+        growth: U/s^2, largest acceleration along the way.
+        more_growth: U/s^4, by which that grows with the square of the time since rest; zero for a motion with
+            rates at an end.
+        speeds: (2,) U/s, at start and end; None from rest to rest.
         signed: whether the speed may be negative, as that of a joint.
     """
 
@@ -87,7 +90,7 @@ class _Way:
 
     @property
     def rest_time(self) -> AnyArray:
-        """Least time from rest to rest, (...) s."""
+        """Least time (...) s from rest to rest, with numpy or JAX."""
         xp, far, top, growth, more = arrays(self.distance, self.top, self.growth, self.more_growth)
         far = xp.abs(far)
         full = top / growth  # s, until the top is reached; from above, where Newton's method stays
@@ -107,7 +110,7 @@ class _Way:
             return np.asarray(self.rest_time)
         first, last = self.speeds
         found = shortest_time(self.distance, first, last, self.top, self.growth)
-        # along a length speeds are no less than zero: too short a one is no way to change pace
+        # speeds along a length are at least zero: on too short a one they cannot change within the growth
         short = 2 * self.growth * np.abs(self.distance) < np.abs(first**2 - last**2)
         return np.where(short & (not self.signed), np.abs(first - last) / self.growth, found)
 
@@ -141,7 +144,7 @@ def shortest_time(
 
 
 def rest_bounds(spacecraft: Spacecraft, turns: ArrayLike, moves: ArrayLike) -> AnyArray:
-    """No motion from rest to rest takes less time.
+    """Strict lower bounds of the time of motions from rest to rest.
 
     Args:
         spacecraft: its limits.
@@ -165,7 +168,7 @@ def duration_bound(
     angular_velocities: np.ndarray,
     joint_rates: np.ndarray,
 ) -> DurationBound:
-    """No motion between two states takes less time.
+    """Strict lower bound of the time of a motion between two states, with rates at either.
 
     Args:
         spacecraft: its limits.
@@ -187,12 +190,15 @@ def duration_bound(
 
 
 def excess(duration: float, bound: float) -> float | None:
-    """Share by which a duration exceeds a bound, None where the bound is too low to tell anything."""
+    """Share by which a duration exceeds a bound, both in s; None where the bound is too low to matter."""
     return duration / bound - 1 if bound > _TELLING * duration else None
 
 
 def _ways_of_joints(craft: Spacecraft, moves: AnyArray, rates: np.ndarray | None = None) -> Iterator[_Way]:
-    """The way of each joint, from moves (..., 2n + d) rad and rates (2, 2n + d) rad/s at both ends."""
+    """Yield the way of each joint, of changes (..., 2n + d) rad and rates (2, 2n + d) rad/s at both ends.
+
+    Rates of None are zero.
+    """
     tops, growths = craft.joint_rate_limits, craft.joint_acceleration_limits
     for number, name in enumerate(craft.joint_names):
         yield _Way(
@@ -206,7 +212,13 @@ def _ways_of_joints(craft: Spacecraft, moves: AnyArray, rates: np.ndarray | None
 
 
 def _ways_of_platform(craft: Spacecraft, turns: AnyArray, spins: np.ndarray | None = None) -> Iterator[_Way]:
-    """All ways of turns (..., 3) rad, with angular velocities (2, 3) rad/s at both ends."""
+    """Yield the ways of the platform: those of the module's table but the first, each with its limits.
+
+    Args:
+        craft: its limits and inertia.
+        turns: (..., 3) rad, rotation vectors from start to end, in the body axes of the start.
+        spins: (2, 3) rad/s, angular velocities at start and end, body axes; None from rest to rest.
+    """
     given = {limit.quantity.name: limit.bound for limit in limits(craft)}
     rate, acceleration = given["angular_velocity"], given["angular_acceleration"]
     norms = longest(craft, 1), longest(craft, 2)
@@ -247,7 +259,16 @@ def _box_ways(
     acceleration: AnyArray,
     more: AnyArray = 0.0,
 ) -> Iterator[_Way]:
-    """Lengths in boxes: of the rates (3,), of the accelerations (3,), and of what lies between."""
+    """Yield the lengths of turns in the boxes of the rates, of the accelerations, and of what lies between.
+
+    Args:
+        name: of the limits.
+        turns: (..., 3) rad, rotation vectors.
+        spins: (2, 3) rad/s, at both ends; None at rest.
+        rate: (3,) rad/s, limits of the components.
+        acceleration: (3,) rad/s^2, likewise.
+        more: (3,) rad/s^4, by which these grow with the square of the time since rest.
+    """
     xp, rate, acceleration, more = arrays(rate, acceleration, more)
     boxes = [rate]
     ratio = acceleration / rate
@@ -271,7 +292,11 @@ def _axis_ways(
     acceleration: AnyArray,
     norms: tuple[AnyArray, AnyArray],
 ) -> Iterator[_Way]:
-    """The angle that each body axis turns by, which turns about itself do not change."""
+    """Yield for each body axis the angle between its directions at start and end, which is a way.
+
+    Turns about the axis itself do not change it. Turns (..., 3) rad, spins (2, 3) rad/s at both ends or None,
+    rate (3,) rad/s, acceleration (3,) rad/s^2, and `norms`, limits of the lengths of both.
+    """
     turned = _axis_angles(turns)
     xp, rate, acceleration = arrays(rate, acceleration)
     for axis in range(3):
@@ -286,7 +311,7 @@ def _axis_ways(
 
 
 def _axis_angles(turns: AnyArray) -> AnyArray:
-    """Angles (..., 3) rad that the three axes turn by."""
+    """Angles (..., 3) rad between the directions of the three axes before and after turns (..., 3) rad."""
     _, turned = arrays(so3.exp(turns))
     return separation(np.eye(3, dtype=turned.dtype), array_module(turned).swapaxes(turned, -1, -2))
 
@@ -298,7 +323,15 @@ def _energy_way(
     turns: AnyArray,
     spins: np.ndarray | None,
 ) -> _Way:
-    """The length that the root of ``w . J w`` is the speed of."""
+    """The way along which the speed is ``sqrt(w . J w)``, with the largest of its lower bounds as distance.
+
+    Args:
+        inertia: (3, 3) kg m^2, ``J``.
+        given: bounds (3,) of the limits, by the names of their quantities.
+        norms: limits of the lengths of angular velocity and acceleration, rad/s and rad/s^2.
+        turns: (..., 3) rad, rotation vectors.
+        spins: (2, 3) rad/s, at both ends; None at rest.
+    """
     xp, inertia = arrays(inertia)
     moments, axes = _principal(inertia)
     roots, heaviest = xp.sqrt(moments), xp.sqrt(xp.max(moments))
@@ -325,7 +358,7 @@ def _energy_way(
 
 
 def _accelerations_by_torque(inertia: AnyArray, torque: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Bounds of the angular acceleration's components.
+    """Bounds of the angular acceleration's components, by inertia (3, 3) kg m^2 and torque limits (3,) N m.
 
     Returns:
         (3,) rad/s^2 at rest, by the torque; (3,) of what a turning body adds, by the square of its angular
@@ -345,19 +378,22 @@ def _accelerations_by_torque(inertia: AnyArray, torque: AnyArray) -> tuple[AnyAr
 
 
 def _most(values: list[AnyArray]) -> AnyArray:
-    """The largest value, taken by its place: compiled, a maximum may find no value equal, and no slope."""
+    """The elementwise maximum of arrays, taken by index, so that it has the derivative of one of them.
+
+    Compiled, a maximum may be equal to none of the values, and then its derivative is zero.
+    """
     xp = array_module(*values)
     rows = xp.stack(values)
     return xp.take_along_axis(rows, xp.argmax(rows, axis=0)[None], axis=0)[0]
 
 
 def _inverse(matrix: AnyArray) -> AnyArray:
-    """The inverse of a matrix."""
+    """The inverse of a matrix, by numpy or JAX."""
     return array_module(matrix).linalg.inv(matrix)
 
 
 def _principal(inertia: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Principal moments (3,), and the axes (3, 3) as columns."""
+    """Principal moments (3,) of an inertia, and principal axes (3, 3) as columns, without derivatives."""
     if array_module(inertia) is np:
         _, axes = np.linalg.eigh(inertia)
     else:
@@ -366,12 +402,12 @@ def _principal(inertia: AnyArray) -> tuple[AnyArray, AnyArray]:
 
 
 def _largest(bound: AnyArray, matrix: AnyArray) -> AnyArray:
-    """The largest root of ``x . matrix x`` over a box, ``|x_i| <= bound_i``."""
+    """The largest ``sqrt(x . matrix x)`` over the box ``|x_i| <= bound_i``."""
     xp, bound, matrix = arrays(bound, matrix)
     return xp.max(_sizes(_CORNERS * bound, matrix))
 
 
 def _sizes(vectors: AnyArray, matrix: AnyArray) -> AnyArray:
-    """Roots of ``x . matrix x`` of vectors (k, 3)."""
+    """``sqrt(x . matrix x)`` (k,) of vectors (k, 3)."""
     xp, x, matrix = arrays(vectors, matrix)
     return xp.sqrt(xp.sum((x @ matrix) * x, axis=-1))

@@ -1,4 +1,4 @@
-"""The limits of a spacecraft: what is limited, by which name and unit, and how it changes with the pace.
+"""The limits of a spacecraft: what is limited, by which name and unit, and how it scales with time.
 
 This is the one list of them. Fit, time scaling, peaks, certificate, figures and report go through `limits` of
 a spacecraft; a further limit is a further row of `QUANTITIES`.
@@ -26,7 +26,7 @@ _RAISED = str.maketrans("23", "\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}", "^")
 
 
 class Kinematics(NamedTuple):
-    """What quantities are computed from, components first; what none of them needs may be left out.
+    """A motion as quantities are computed from it, components first; what none of them needs may be left out.
 
     Attributes:
         spin: angular velocity and its derivatives by time, each (3, ...), rad/s, rad/s^2, rad/s^3.
@@ -41,7 +41,7 @@ class Kinematics(NamedTuple):
     inertia: AnyArray | None = None
 
     def angles(self, which: int) -> AnyArray:
-        """Angles of the terminals' yaws (0) or pitches (1), or of the drives (2)."""
+        """Angles (c, ...) rad of the terminals' yaws (`which` = 0) or pitches (1), or of the drives (2)."""
         joints = self.joints[0]
         terminals = (len(joints) - self.drives) // 2
         return joints[which * terminals : (which + 1) * terminals if which < 2 else None]
@@ -65,11 +65,12 @@ def _product(matrix: Any, vector: AnyArray) -> AnyArray:
 
 
 def _length(vector: AnyArray) -> AnyArray:
-    """The length of vectors, (1, ...)."""
+    """The Euclidean length (1, ...) of vectors (3, ...)."""
     return norm(vector)[None]
 
 
 def _stacked(components: Sequence[AnyArray]) -> AnyArray:
+    """Components as one array, of numpy or JAX."""
     return array_module(*components).stack(components)
 
 
@@ -84,7 +85,7 @@ class Quantity:
         caption: beside a panel of a figure, where it is of the platform.
         unit: for people: with angles in degrees, and "^" before exponents.
         power: how it scales: in ``s`` times the time it is ``s ** power`` times smaller. That is the number
-            of derivatives by time that it is made of; zero of what does not depend on the pace.
+            of derivatives by time that it is made of; zero of what does not depend on the duration.
         of_joints: whether its components are those of joints; else they are along the platform's three axes.
         of_length: whether it is the length of such a vector, its only component. Where that is zero it has no
             derivative, its square is smooth everywhere.
@@ -92,7 +93,7 @@ class Quantity:
         values: its components (c, ...) in SI units, of a motion.
         given: its limit in SI units, of a spacecraft: a number, or one a component; None for no limit. Of
             what has a range it is half of that.
-        centre: what it is measured from, one a component, of a spacecraft; None for zero.
+        centre: the middle of its range, one a component, of a spacecraft; None for zero.
     """
 
     name: str
@@ -128,13 +129,13 @@ class Quantity:
 
 
 def _ranges(craft: Spacecraft, which: int) -> AnyArray:
-    """Ranges (c, 2) of the terminals' yaws (0) or pitches (1), or of the drives (2)."""
+    """Ranges (c, 2) rad of the terminals' yaws (`which` = 0) or pitches (1), or of the drives (2)."""
     terminals = len(craft.terminals)
     return craft.joint_ranges[which * terminals : (which + 1) * terminals if which < 2 else None]
 
 
 def _angle(name: str, word: str, label: str, which: int) -> "Quantity":
-    """The quantity of a kind of joint angle, see `_ranges`."""
+    """The quantity of a kind of joint angle, `which` as of `_ranges`, the others as of `Quantity`."""
     return Quantity(
         name=name,
         word=word,
@@ -251,6 +252,7 @@ _BY_NAME = {quantity.name: quantity for quantity in QUANTITIES}
 
 
 def _named(name: str) -> Quantity:
+    """The quantity of a name."""
     return _BY_NAME[name]
 
 
@@ -273,7 +275,7 @@ class Limit:
     centre: AnyArray | None = None
 
     def shares(self, motion: Kinematics) -> AnyArray:
-        """Magnitudes over bounds, (c, ...), of a motion."""
+        """Shares ``|f - centre| / bound`` (c, ...) of the limit that a motion takes."""
         xp, values, bound = arrays(self.quantity.values(motion), self.bound)
         shape = (-1, *[1] * (values.ndim - 1))
         if self.centre is not None:
@@ -314,6 +316,7 @@ def limits(craft: Spacecraft) -> tuple[Limit, ...]:
 
 
 def _owners(quantity: Quantity, craft: Spacecraft) -> tuple[str, ...]:
+    """Names (c,) of what each component is of, see `Limit`; empty where the spacecraft has no such joint."""
     if not quantity.of_joints:
         return _LENGTH if quantity.of_length else _AXES
     if quantity.power:
@@ -323,7 +326,7 @@ def _owners(quantity: Quantity, craft: Spacecraft) -> tuple[str, ...]:
 
 
 def timed_limits(craft: Spacecraft) -> tuple[tuple[Limit, ...], tuple[Limit, ...]]:
-    """Limits that a slower motion keeps: those of the platform, and those of the joints."""
+    """The limits that a slower motion can keep (power above zero): of the platform, and of the joints."""
     timed = [limit for limit in limits(craft) if limit.quantity.power]
     joints = tuple(limit for limit in timed if limit.quantity.of_joints)
     return tuple(limit for limit in timed if not limit.quantity.of_joints), joints
@@ -365,7 +368,7 @@ def values(names: Iterable[str], motion: Kinematics) -> AnyArray:
 
 
 def components(names: Iterable[str]) -> list[slice]:
-    """Where the components of each of the platform's quantities stand among those of `values`."""
+    """For each of the platform's quantities, the slice of its components among those of `values`."""
     found, first = [], 0
     for name in names:
         last = first + (1 if _BY_NAME[name].of_length else 3)
@@ -388,7 +391,7 @@ def time_factor(share: ArrayLike, power: int | np.ndarray) -> AnyArray:
     """How many times as long a motion has to take for a share of a limit to become one.
 
     Args:
-        share: magnitude over limit, of a quantity that depends on the pace.
+        share: (...) magnitude over limit, of a quantity whose power is above zero.
         power: its power, 1 or more.
 
     Returns:

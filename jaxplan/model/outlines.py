@@ -1,4 +1,4 @@
-"""Outlines of fields of view and masks: edges of a rectangular field, half-planes of a convex polygon.
+"""Geometry of fields of view and masks: edges of a rectangular field, half-planes of a convex polygon.
 
 A *rectangular field* is a pyramid about a boresight. Across it lies ``left = up x boresight``, along it
 ``up``; its full angles are those between opposite edges, measured in these two planes. It is on the inner
@@ -31,7 +31,7 @@ FORWARD = np.array([1.0, 0.0, 0.0])
 """The boresight of a terminal in the axes of its moving part: boresight, left, up."""
 MOST_TURNS = 2
 """Whole turns to either side after which a mask of traced numbers is repeated: enough for ranges of two."""
-_FLAT = 1e-9  # rad, a shorter edge of a mask is none; rad^2, likewise of an area
+_FLAT = 1e-9  # rad, a shorter edge of a mask is refused; rad, corners that bend by less count as straight
 
 
 def field_edges(boresight: ArrayLike, up: ArrayLike | None, angles: ArrayLike | None) -> AnyArray:
@@ -55,14 +55,17 @@ def field_edges(boresight: ArrayLike, up: ArrayLike | None, angles: ArrayLike | 
 
 
 def corner_angle(angles: ArrayLike | None) -> AnyArray:
-    """Angle from the boresight to the corners of a rectangular field of full angles (2,)."""
+    """Angle, rad, from the boresight to the corners of a rectangular field of full angles (2,) rad."""
     xp, full = arrays(angles)
     tangents = xp.tan(full / 2)
     return xp.arctan(xp.sqrt(xp.sum(tangents * tangents)))
 
 
 def field_corners(boresight: np.ndarray, up: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """(4, 3) unit vectors to the corners of a rectangular field, in order around it; numpy alone."""
+    """Unit vectors (4, 3) to the corners of a rectangular field, in order around it; numpy alone.
+
+    Arguments are as of `field_edges`, and so is the frame.
+    """
     left, right, upper, lower = field_edges(boresight, up, angles)
     corners = np.stack(
         [np.cross(left, upper), np.cross(upper, right), np.cross(right, lower), np.cross(lower, left)]
@@ -72,7 +75,7 @@ def field_corners(boresight: np.ndarray, up: np.ndarray, angles: np.ndarray) -> 
 
 
 def half_planes(corners: ArrayLike) -> tuple[AnyArray, AnyArray]:
-    """Outer sides of a convex polygon.
+    """Half-planes outside of the edges of a convex polygon.
 
     Args:
         corners: (k, 2) in order around it, either way.
@@ -93,12 +96,13 @@ def turns(corners: ArrayLike, low: ArrayLike, high: ArrayLike) -> tuple[int, ...
     """Whole turns of yaw after which a mask is met within a range.
 
     Args:
-        corners: (k, 2) of yaw and pitch.
-        low: least yaw of the range.
-        high: largest yaw.
+        corners: (k, 2) rad, yaw and pitch.
+        low: rad, least yaw of the range.
+        high: rad, largest yaw.
 
     Returns:
-        As few as there can be; of numbers of JAX, which may be traced, `MOST_TURNS` to either side.
+        Numbers of turns, as few as there can be; for JAX arrays, which may be traced, up to `MOST_TURNS` to
+        either side.
     """
     if array_module(corners, low, high) is jnp:
         return tuple(range(-MOST_TURNS, MOST_TURNS + 1))
@@ -108,7 +112,7 @@ def turns(corners: ArrayLike, low: ArrayLike, high: ArrayLike) -> tuple[int, ...
 
 
 def fault(corners: np.ndarray) -> str | None:
-    """Why corners (k, 2) make no mask, to stand after "must"; None where they do."""
+    """Text why corners (k, 2) rad make no mask, to follow "must" in a message; None where they make one."""
     if len(corners) < 3:
         return f"have 3 corners or more, not {len(corners)}"
     edge = np.roll(corners, -1, axis=0) - corners

@@ -2,7 +2,7 @@
 
 The motion along an edge is the geodesic of the platform and linear joints, both at constant speed:
 ``R(s) = R0 exp(s phi^)``, ``q(s) = q0 + s dq`` with ``s`` in [0, 1]. Its margins are bounded from below over
-the whole edge, by the bounds of `jaxplan.model.constraints`: a few samples speak for the intervals between.
+the whole edge, by the bounds of `jaxplan.model.constraints`, from a few samples.
 
 The cost of an edge is counted in steps, ``max(rotation / attitude step, |dq_j| / joint step_j)``, which is
 also the time the move takes when every step takes the same.
@@ -41,7 +41,7 @@ class Goal:
         attitude: (3, 3) body to inertial.
         joints: (2n + d,) rad, yaws, pitches, drives.
         slew_angle: rotation of the platform from the start, rad.
-        time: s, when the manoeuvre must end, since then what moves is where it is met; 0 where nothing moves.
+        time: s, at which the manoeuvre must end, for which moving targets were taken; 0 where nothing moves.
         angular_velocity: (3,) rad/s of the platform then, body axes; None for what the scenario asks for.
         joint_rates: (2n + d,) rad/s, likewise; with the platform's they let devices follow their targets.
     """
@@ -101,7 +101,7 @@ def halve(path: Path) -> Path:
 def step_cost(
     rotation: ArrayLike, joint_change: ArrayLike, attitude_step: ArrayLike, joint_steps: ArrayLike
 ) -> AnyArray:
-    """Cost of a motion in steps: the slowest of the platform and all joints.
+    """Cost of a motion in steps: the largest of those of the platform and of all joints.
 
     Args:
         rotation: (...) angle of the platform's rotation, rad.
@@ -122,10 +122,10 @@ def motion(
     """States along an edge.
 
     Args:
-        attitude: (3, 3) where the edge starts.
-        joints: (2n + d,) likewise.
-        turn: (3,) rotation vector ``phi`` of the edge, body axes.
-        joint_change: (2n + d,) ``dq``.
+        attitude: (3, 3) where the edge starts, body to inertial.
+        joints: (2n + d,) rad, where the edge starts.
+        turn: (3,) rad, rotation vector ``phi`` of the edge, body axes.
+        joint_change: (2n + d,) rad, ``dq``.
         fraction: (k,) in [0, 1].
 
     Returns:

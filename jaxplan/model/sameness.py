@@ -1,4 +1,4 @@
-"""Whether two scenarios, or parts of them, say the same."""
+"""Equality of two scenarios, or of parts of them, in what they state."""
 
 import math
 from collections.abc import Mapping
@@ -14,11 +14,11 @@ from jaxplan.runtime.arguments import as_floats
 # Relative; to within it numbers are equal. Twice what an angle can lose on the way to degrees and back, since
 # some radians have no degrees that a file could hold.
 _ROUNDING = 4 * np.finfo(float).eps
-_INFINITE = ("off", "inf")  # words that stand for an infinite number
+_INFINITE = ("off", "inf")  # words that scenarios may have for an infinite number
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two values of a scenario say the same, as trees of values.
+    """Whether two values of a scenario are equal, as trees of values.
 
     Lists, tuples and arrays are compared entry by entry, numbers of any type as floats, and what may be given
     in a short way is the same as in full: one number for one each, a name for a tuple of it, nothing for
@@ -53,6 +53,7 @@ def _same_paths(one: Any, other: Any) -> bool:
 
 
 def _instant(value: Any) -> Any:
+    """The time in UTC that a value gives, as datetime64; None where it gives none."""
     try:
         return parse_epoch(value)
     except ValueError:
@@ -60,7 +61,11 @@ def _instant(value: Any) -> Any:
 
 
 def _same_numbers(one: Any, other: Any) -> bool:
-    """Whether numbers, or arrays of them, are equal up to rounding; None and words stand for numbers."""
+    """Whether two numbers, or arrays of them, are equal up to rounding; False for what is no number.
+
+    None counts as zero, and the words "off" and "inf" as infinite. A single number is equal to an array if it
+    is equal to each of its entries.
+    """
     first, second = _numbers(one), _numbers(other)
     if first is None or second is None or not (first.shape == second.shape or 0 in (first.ndim, second.ndim)):
         return False
@@ -70,13 +75,14 @@ def _same_numbers(one: Any, other: Any) -> bool:
 
 
 def _numbers(value: Any) -> np.ndarray | None:
+    """A value as an array of floats, None as zero, "off" and "inf" as infinite; None if it is no number."""
     if value is None:
         return np.zeros(())
     return np.array(math.inf) if isinstance(value, str) and value in _INFINITE else as_floats(value)
 
 
 def _same_entries(one: Any, other: Any) -> bool:
-    """Whether lists have equal entries; a name by itself is a list of one."""
+    """Whether two lists, tuples or arrays have equal entries; a single name counts as a list of one."""
     first, second = ((each,) if isinstance(each, str) else each for each in (one, other))
     if not (isinstance(first, list | tuple | np.ndarray) and isinstance(second, list | tuple | np.ndarray)):
         return False

@@ -1,4 +1,4 @@
-"""What is asked of the planner: spacecraft, start, goal, zones and settings; and what of it moves.
+"""The planning problem as data: spacecraft, start, goal, zones and settings; and what of it moves.
 
 Frozen dataclasses, in radians and seconds. Lists may stand for arrays and tuples, and any real number for a
 float: planning takes them for what the attributes below say, as does all that reads or writes a scenario.
@@ -33,7 +33,7 @@ _STEP = "[1e-3, 3.14]"  # rad, range of a search step; a longer turn has a short
 
 @jax.tree_util.register_static
 class Word(str):
-    """A word that stands in a number's place; to JAX it is no leaf, so mapping over leaves passes it by."""
+    """A word that is given instead of a number; to JAX it is no leaf, so mapping over leaves skips it."""
 
     __slots__ = ()
 
@@ -119,7 +119,7 @@ class TrajectorySettings:
         jerk_weight: of "global", on jerks.
         node_tube: of "global", rad, how far nodes may be passed; 0 for exactly, infinite to take them as a
             first guess. None for 1 deg, and in the shortest motion for infinite.
-        end_acceleration: of "global", "zero" or "free" at start and goal.
+        end_acceleration: of "global", whether accelerations at start and goal are "zero" or "free".
         first_guesses: of the shortest motion, how many curves that are bent away from the path, and paths of
             other searches, it is looked for from where the bound leaves something to gain; 0 for none.
         optimal: of "global", whether a fit goes on to the optimum, whose derivatives `jp.differentiable` has;
@@ -203,8 +203,8 @@ class Scenario:
 
     Attributes:
         name: for titles and tables.
-        epoch: UTC of the manoeuvre's start, which is that of what bodies and satellites stand for; None where
-            it is no matter.
+        epoch: UTC of the manoeuvre's start, for which directions of bodies and satellites were computed; None
+            where it does not matter.
         spacecraft: platform, terminals and instruments.
         start: the state the manoeuvre starts from.
         goal: directions to point at, of which some may move, or a given state.
@@ -242,7 +242,7 @@ class Scenario:
 
     @property
     def asked(self) -> Targets | GivenState:
-        """The goal; of targets that name no criterion with the one that follows from the duration."""
+        """The goal; targets that name no criterion get the one that follows from the duration."""
         if isinstance(self.goal, GivenState) or self.goal.criterion is not None:
             return self.goal
         duration = self.trajectory.duration
@@ -262,7 +262,10 @@ class Scenario:
         return self.rows()
 
     def rows(self, turns: Turns | None = None) -> Constraints:
-        """The constraints, with masks after given turns of the yaw, see `jaxplan.model.zones.masks`."""
+        """The constraints as rows, with masks repeated after given whole turns of the yaw.
+
+        `turns` is as of `jaxplan.model.zones.masks`; None for those that reach into the yaw's range.
+        """
         bounds = self.joint_bounds
         return tabulate(self.keep_out, self.keep_in, self.spacecraft, joint_bounds=bounds, turns=turns)
 
@@ -280,7 +283,7 @@ class Scenario:
 
 
 def paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
-    """All paths along which something moves, each with the name that messages have for it."""
+    """Yield all paths along which zones, targets or wishes move, each with its name in messages."""
     for zone in scenario.zones:
         if zone.moves and zone.path is not None:
             yield f"zone {zone.name}", zone.path
@@ -293,7 +296,7 @@ def paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
 
 
 def target_paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
-    """The paths of targets that move, each with the name of the device that points there."""
+    """Yield the paths of targets that move, each with the name of the device that points there."""
     goal = scenario.goal
     if isinstance(goal, Targets) and goal.moves:
         for name, path in zip(goal.names(scenario.spacecraft), goal.paths, strict=True):
@@ -302,16 +305,16 @@ def target_paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
 
 
 def moves(scenario: Scenario) -> bool:
-    """Whether a zone or a target moves."""
+    """Whether a zone, a target or a wish moves."""
     return next(paths(scenario), None) is not None
 
 
 def seen_from(scenario: Scenario, time: float) -> float:
-    """The first time, from some time on, at which no target is hidden, s; as far as they are known."""
+    """The first time, s, at or after `time` at which no moving target is hidden, as far as that is known."""
     return after_hidden([span for _, path in target_paths(scenario) for span in path.hidden], time)
 
 
 def known_until(scenario: Scenario) -> tuple[float, str]:
-    """Time until which all that moves is known, s, and what ends then; infinite where nothing moves."""
+    """Time, s, until which all that moves is known, and the name of what ends then; inf if nothing moves."""
     ends = [(float(path.times[-1]), name) for name, path in paths(scenario)]
     return min(ends, default=(np.inf, ""))

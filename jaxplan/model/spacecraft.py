@@ -24,7 +24,7 @@ EachAxis: TypeAlias = float | np.ndarray
 """A number for every body axis, or (3,)."""
 
 NEAREST_TO_POLE = np.deg2rad(0.1)
-"""rad; a pitch stays as far from 90 deg, where the yaw loses its meaning, whatever its range says."""
+"""rad; a pitch stays this far from 90 deg, where the yaw loses its meaning, whatever its range says."""
 
 
 _MOST_ANGLE = np.array([np.inf, np.inf, np.pi / 2 - NEAREST_TO_POLE, np.pi / 2 - NEAREST_TO_POLE])
@@ -165,7 +165,7 @@ class Terminal:
 
     @property
     def frame(self) -> AnyArray:
-        """(3, 3) body from the terminal's axes at zero angles: boresight, left of it, and yaw axis."""
+        """Rotation (3, 3) to body axes from the terminal's at zero angles: boresight, left, yaw axis."""
         if self.mounting is None:
             return frame_about_z(_given(self.mount))
         return frame_of(self.mounting.yaw_axis, self.mounting.boresight)
@@ -195,7 +195,7 @@ class Terminal:
 
 
 def _given(number: float | None) -> float:
-    """What stands for None in no spacecraft that was checked; NaN there."""
+    """The number, or NaN for None, which no checked spacecraft has where this is called."""
     return np.nan if number is None else number
 
 
@@ -234,12 +234,12 @@ class Drive:
 
     @property
     def frame(self) -> AnyArray:
-        """(3, 3) body from its axes at zero angle: the boresight's part across the axis, left, and axis."""
+        """(3, 3) rotation to body axes from its own: the boresight's part across the axis, left, and axis."""
         return frame_of(self.axis, self.boresight)
 
     @property
     def tilt(self) -> AnyArray:
-        """rad, of the boresight above the plane across the axis; the same at all angles."""
+        """Elevation, rad, of the boresight above the plane across the axis; the same at all angles."""
         xp, axis, boresight = arrays(self.axis, self.boresight)
         return xp.arcsin(xp.sum(axis * boresight) / xp.sqrt(xp.sum(axis * axis) * xp.sum(boresight**2)))
 
@@ -293,7 +293,7 @@ class Instrument:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spacecraft:
-    """A platform with any number of terminals, drives and instruments, none of each being legal.
+    """A platform with any number of terminals, drives and instruments, zero of each included.
 
     Attributes:
         rate_limit: bound of each component of the platform's angular velocity (body axes), rad/s; a number
@@ -389,14 +389,19 @@ class Spacecraft:
         return self._each_joint([t.acceleration_limits for t in self.terminals], "acceleration_limit")
 
     def _each_joint(self, of_terminals: list[tuple[Any, Any]], of_drives: str) -> np.ndarray:
-        """Numbers (2n + d,), from yaw's and pitch's of each terminal and an attribute of drives."""
+        """Numbers (2n + d,), one a joint.
+
+        Args:
+            of_terminals: yaw's and pitch's number of each terminal.
+            of_drives: name of the drives' attribute.
+        """
         rows = [own[axis] for axis in range(2) for own in of_terminals]
         return stacked(rows + [getattr(drive, of_drives) for drive in self.drives])
 
     @property
     @made_once
     def gimbals(self) -> Gimbals:
-        """How joints turn the devices that have any."""
+        """The mounting of terminals and drives, from which joints give directions."""
         frames = [one.frame for one in self.terminals] + [one.frame for one in self.drives]
         return Gimbals(
             frames=stacked(frames).reshape(-1, 3, 3), tilts=stacked([drive.tilt for drive in self.drives])
@@ -405,7 +410,7 @@ class Spacecraft:
     @property
     @made_once
     def fixed_boresights(self) -> np.ndarray:
-        """(number of instruments, 3) unit vectors in body axes."""
+        """(number of instruments, 3) boresights of the instruments, unit vectors in body axes."""
         return stacked([i.boresight for i in self.instruments]).reshape(-1, 3)
 
     def boresights(self, attitude: ArrayLike, joints: ArrayLike) -> AnyArray:

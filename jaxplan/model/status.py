@@ -1,4 +1,4 @@
-"""Outcomes of planning: one word each, and what it means for the user."""
+"""Outcomes of planning: a name each, its meaning, and what the user may change."""
 
 from enum import Enum
 
@@ -30,7 +30,7 @@ class Status(Enum):
 
 
 STEPS = ("start", "goal", "path", "trajectory", "certificate")
-"""What planning goes through, in order."""
+"""The steps of planning, in order."""
 
 _STEP = {
     Status.OK: "certificate",

@@ -1,8 +1,8 @@
-"""Lengths of turns, proved from below and tabulated: what a slew must cover whichever way it goes.
+"""Tabulated lengths of turns: proved lower bounds of the integral of a size of the angular velocity.
 
-A *length* ``F`` of a turn bounds what any motion to it covers: ``F(I) = 0``, and along every motion F grows
-no faster than the angular velocity ``w`` (body axes) has size, by one of two measures. With rates ``c`` (3,)
-they are
+A *length* ``F`` of a turn is such a bound, whichever way a slew goes: ``F(I) = 0``, and along every motion F
+grows no faster than the size of the angular velocity ``w`` (body axes), by one of two measures. With rates
+``c`` (3,) they are
 
     of a box,        max over i of |w_i| / c_i               or
     of an ellipsoid, square root of the sum of (w_i / c_i)^2.
@@ -41,11 +41,11 @@ from jax.typing import ArrayLike
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length
 
 Measure = Literal["box", "ellipsoid"]
-"""By which measure of the angular velocity a length grows no faster."""
+"""The size of the angular velocity that a length bounds the integral of."""
 
 FILE = Path(__file__).with_name("turn_table.npz")
 UNIT = 2.0**-15
-"""One step of the file's whole numbers, as a share."""
+"""Share that a one of the file's integers is."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,8 +55,8 @@ class TurnTable:
     Attributes:
         ratios: (U,) and (V,) rising to 1, of the second to the first and the third to the second rate.
         finer: (P,) and (Q,) likewise, closer together.
-        slopes: (P, Q) by what the lengths of the shares grow at most, about 1; they are divided by it.
-        shares: (U, V, 3, K, L, L) of the largest ``q``, by ratios, axis f, |r|, and both places.
+        slopes: (P, Q) how fast the interpolated lengths grow at most, about 1; they are divided by it.
+        shares: (U, V, 3, K, L, L) ``F / q_f``, by both ratios of rates, axis f, |r|, and both ratios of q.
     """
 
     ratios: tuple[np.ndarray, np.ndarray]
@@ -65,7 +65,7 @@ class TurnTable:
     shares: np.ndarray
 
     def length(self, turns: ArrayLike, rates: ArrayLike) -> AnyArray:
-        """Length of turns.
+        """Lengths of turns, by interpolation.
 
         Args:
             turns: (..., 3) rad, rotation vectors in body axes, at most pi long.
@@ -99,7 +99,7 @@ class TurnTable:
 def _mixed(
     values: AnyArray, known: tuple[np.ndarray, np.ndarray], ratios: tuple[AnyArray, AnyArray]
 ) -> AnyArray:
-    """Values (U, V, ...) at known ratios, linear between them along both."""
+    """Values (...) at two ratios, linearly interpolated between those (U, V, ...) at known ratios."""
     xp = array_module(*ratios)
     for own, ratio in zip(known, ratios, strict=True):
         weights = xp.stack([xp.interp(ratio, own, row) for row in np.eye(len(own))])
@@ -108,7 +108,13 @@ def _mixed(
 
 
 def _linear(table: AnyArray, face: AnyArray, places: list[AnyArray]) -> AnyArray:
-    """Values of a table (3, K, L, L), linear along each of three places in [0, 1]."""
+    """Values (...) of a table (3, K, L, L), linear along each of three places.
+
+    Args:
+        table: by the axis of the largest q, and by three places, evenly from 0 to 1.
+        face: (...) int, that axis.
+        places: three of (...) in [0, 1].
+    """
     xp = array_module(table, *places)
     cells = []
     for place, count in zip(places, table.shape[1:], strict=True):
@@ -127,7 +133,7 @@ def _linear(table: AnyArray, face: AnyArray, places: list[AnyArray]) -> AnyArray
 
 @cache
 def turn_table(measure: Measure) -> TurnTable:
-    """The table that is shipped, of a measure."""
+    """Load the shipped table of a measure, once."""
     with np.load(FILE, allow_pickle=False) as file:
         ratios, finer = (
             (file[f"{measure}_{name}_1"], file[f"{measure}_{name}_2"]) for name in ("ratios", "finer")

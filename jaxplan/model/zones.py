@@ -1,4 +1,4 @@
-"""Pointing constraints as users state them: cones to stay out of or in, and bounds of joint angles.
+"""Pointing constraints as users state them, and their tabulation: cones to stay out of or in, joint bounds.
 
 A cone stands about an axis that is inertial, still or moving (`DirectionPath`), fixed in the body, or the
 boresight of another device. It binds devices, and further vectors that are fixed to the body or to a
@@ -102,7 +102,7 @@ class _Cone:
 
     @property
     def path(self) -> DirectionPath | None:
-        """The inertial axis over time; None where it has none."""
+        """The inertial axis over time; None where the axis is not inertial."""
         return None if self.direction is None else as_path(self.direction)
 
     @property
@@ -126,7 +126,7 @@ class _Cone:
         return getattr(self, "outside" if self.side > 0 else "inside") is not None
 
     def axis_at(self, time: float = 0.0) -> np.ndarray:
-        """(3,) inertial axis at an instant, s; of one that stands still, at any."""
+        """The inertial axis (3,) at an instant, s; raises ValueError where the axis is not inertial."""
         if self.path is None:
             raise ValueError(f"zone {self.name} has no inertial axis")
         axis: np.ndarray = self.path.at(time)
@@ -287,12 +287,12 @@ def masks(spacecraft: Spacecraft, turns: Turns | None = None) -> tuple[Mask, ...
 _NOWHERE = np.full(3, np.nan)  # the axis of a row whose axis moves
 _PADDING_AXIS = np.array([0.0, 0.0, 1.0])
 MOST_WAYS = 64
-"""Ways in which the entry of a group may hold at most: five for each field of view that it keeps clear."""
+"""Most alternatives of a group's entry (`_Ways`): five to the power of the fields of view it keeps clear."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Row:
-    """One row of `Constraints`."""
+    """One row of `Constraints`, with the numbers of the sights that it binds; by default padding."""
 
     zone: int = -1
     axis: Any = field(default_factory=_PADDING_AXIS.copy)
@@ -304,7 +304,7 @@ class _Row:
     path: DirectionPath | None = None
 
 
-_Ways = list[list[_Row]]  # of which one must hold, with all of its rows
+_Ways = list[list[_Row]]  # alternatives, of which one must hold, with all of its rows
 
 
 def tabulate(
@@ -322,7 +322,7 @@ def tabulate(
         keep_in: zones to stay in.
         spacecraft: whose devices they bind.
         joint_bounds: of terminals.
-        turns: after which masks are met again, where that is known; `masks` finds it.
+        turns: whole turns after which each mask is met again; None to have `masks` find them.
 
     Raises:
         ValueError: if a zone has no axis or several, binds nothing, names a device that there is not or one
@@ -358,7 +358,13 @@ def tabulate(
 
 
 def _numbered(zones: Sequence[Zone], sights: Bound) -> tuple[list[_Row], list[int], list[int]]:
-    """All rows in the order of their zones, with the entry and the constraint of each by its first row."""
+    """All rows of zones, and for each the first row of its entry and the first row of its constraint.
+
+    Rows are in the order of their zones, and numbered from zero.
+
+    Raises:
+        ValueError: if an entry of a group has more than `MOST_WAYS` alternatives.
+    """
     asked = [list(_asked(number, zone, sights)) for number, zone in enumerate(zones)]
     found: list[tuple[_Row, Any, Any]] = []  # each with names of its constraint and its entry
     groups: dict[str, dict[Any, list[_Ways]]] = {}
@@ -383,12 +389,22 @@ def _numbered(zones: Sequence[Zone], sights: Bound) -> tuple[list[_Row], list[in
 
 
 def _too_many(each: Sequence[_Ways]) -> str:
+    """The message that an entry has too many alternatives."""
     ways = math.prod(map(len, each))
     return f"an entry of it may hold in {ways} ways, {MOST_WAYS} at most: bind fewer fields of view by it"
 
 
 def _asked(number: int, zone: Zone, sights: Bound) -> Iterator[_Ways]:
-    """All that a zone asks for, each in the ways in which it can be had."""
+    """Yield all conditions of a zone, which must all hold, each as its alternatives.
+
+    Args:
+        number: of the zone.
+        zone: as it is stated.
+        sights: that zones bind.
+
+    Raises:
+        ValueError: if it has no axis or several, or what it binds is wrong.
+    """
     if isinstance(zone, JointBound):
         yield [[_joint_row(number, zone.normal, zone.least, sights.terminal(zone, "device", zone.device))]]
         return
@@ -412,13 +428,15 @@ def _asked(number: int, zone: Zone, sights: Bound) -> Iterator[_Ways]:
 
 
 def _joint_row(number: int, normal: Any, least: Any, device: int) -> _Row:
+    """The row ``normal . (yaw, pitch) >= least`` (rad) of zone `number` for a terminal's number."""
     axis = stacked([normal[0], normal[1], 0.0])
     return _Row(zone=number, axis=axis, half_angle=least, bound=[device], frame=JOINTS)
 
 
 def _of_field(number: int, zone: KeepOut | KeepIn, device: int, sights: Bound) -> Iterator[_Ways]:
-    """What a zone asks of the field of a device: that an axis is beyond it, or within all of its edges.
+    """Yield what a zone asks of the field of view of a device, as alternatives.
 
+    Its axis must be outside the field (one of five), or within all of its edges (four with one alternative).
     An axis beyond an edge by ``m`` is at most ``90 deg - m`` from the edge's outward normal. Behind the
     device that may hold for none, so there it is enough to be farther from the boresight than the corners.
     """
@@ -441,7 +459,18 @@ def _of_field(number: int, zone: KeepOut | KeepIn, device: int, sights: Bound) -
 def _cones(
     number: int, zone: KeepOut | KeepIn, bound: Sequence[int], sights: Bound, **other: Any
 ) -> Iterator[_Row]:
-    """Rows about the axis of a zone for some sights, with another side or half angle where given."""
+    """Yield the rows about the axis of a zone for some sights; one, or one a sight about a boresight.
+
+    Args:
+        number: of the zone.
+        zone: as it is stated.
+        bound: numbers of the sights.
+        sights: that zones bind.
+        other: `side` or `half_angle` where they are not the zone's.
+
+    Raises:
+        ValueError: if the axis is the boresight of no device, or of one that the zone binds.
+    """
     cone = partial(_Row, **{"zone": number, "half_angle": zone.half_angle, "side": zone.side} | other)
     if zone.path is not None:
         moving = zone.path.moves
@@ -461,5 +490,5 @@ def _cones(
 
 
 def bound_by(zones: Sequence[Zone], spacecraft: Spacecraft) -> Bound:
-    """What zones bind."""
+    """The sights that zones bind on a spacecraft."""
     return Bound([zone for zone in zones if isinstance(zone, KeepOut | KeepIn)], spacecraft)

@@ -1,8 +1,8 @@
-"""Kernels of plans, compiled before they are needed.
+"""Tasks that compile the kernels of plans before they are needed.
 
-A first plan of a kind compiles for seconds, what it computes takes milliseconds. While step 1 compiles its
-own kernel, those of search and fit that nearly every plan of the kind needs are compiled beside it
-(`usual_tasks`). All that any plan of the kind may need is for `jaxplan.warm_up` to compile (`every_task`).
+A first plan of a kind compiles for seconds, and computes for milliseconds. While step 1 compiles its own
+kernel, those of search and fit that nearly every plan of the kind needs are compiled beside it
+(`usual_tasks`). `jaxplan.warm_up` compiles all that any plan of the kind may need (`every_task`).
 """
 
 from collections.abc import Hashable, Sequence
@@ -22,17 +22,17 @@ from jaxplan.search.ahead import further_tasks
 from jaxplan.search.ahead import usual_tasks as usual_search
 from jaxplan.trajectory import kernel_tasks
 
-_begun: set[Hashable] = set()  # kinds of scenarios whose kernels have been asked for in this process
+_begun: set[Hashable] = set()  # kinds of scenarios whose tasks have been handed out in this process
 
 
 def usual_tasks(scenarios: Sequence[Scenario]) -> list[Task]:
-    """What compiles the kernels that search and fit will need, of kinds of scenarios that are new here.
+    """Tasks that compile the kernels that search and fit of scenarios will need.
 
     Args:
-        scenarios: to be planned together, which start where they may.
+        scenarios: to be planned together, whose starts are valid.
 
     Returns:
-        The tasks in the order of need; none for kinds that were asked for before.
+        The tasks in the order of need; none for kinds of scenarios that this process has had tasks for.
     """
     kinds: dict[Hashable, list[Scenario]] = {}
     for scenario in scenarios:
@@ -48,11 +48,11 @@ def usual_tasks(scenarios: Sequence[Scenario]) -> list[Task]:
 
 
 def every_task(scenario: Scenario, *, many: bool) -> list[Task]:
-    """What compiles all kernels that plans of scenarios like this one may need, in any duration.
+    """Tasks that compile all kernels that plans of scenarios like this one may need, for any duration.
 
     Args:
         scenario: any of its kind.
-        many: for plans made together; else for those of one scenario at a time.
+        many: whether plans are made many together; else one scenario at a time.
     """
     _begun.add((_kind(scenario), many))
     tasks: list[Task] = []
@@ -67,14 +67,14 @@ def every_task(scenario: Scenario, *, many: bool) -> list[Task]:
 
 
 def usual_search_of(scenario: Scenario, many: bool) -> list[Task]:
-    """`jaxplan.search.ahead.usual_tasks` of a scenario; of other methods than the default one none."""
+    """`jaxplan.search.ahead.usual_tasks` of a scenario, with `many` as there; none for methods but "mha"."""
     if scenario.search.method != "mha":
         return []
     return usual_search(_scene(scenario), scenario.search, many=many)
 
 
 def _kind(scenario: Scenario) -> Hashable:
-    """Scenarios of equal kinds need the same kernels, but for unusual sizes."""
+    """A key that is equal for scenarios that need the same kernels, except where sizes are unusual."""
     craft, rows, fit = scenario.spacecraft, scenario.constraints, scenario.trajectory
     single, (loads, _) = int(np.sum(rows.single)), timed_limits(craft)
     return (
@@ -86,7 +86,7 @@ def _kind(scenario: Scenario) -> Hashable:
 
 
 def _scene(scenario: Scenario) -> Scene:
-    """A search like those of a scenario, from its start to its start."""
+    """A scene of the same shapes as those of a scenario's searches, from its start to its start."""
     start = scenario.start
     goal = Goal(
         attitude=np.asarray(start.attitude, float),

@@ -3,17 +3,17 @@
 A plan that cannot be certified is never OK. For each goal, nearest first, a ladder of attempts is climbed:
 the path as found, a new path with more clearance, and both with more nodes, so that the trajectory keeps
 closer to them. A search that finds no path with the wanted clearance is run again without.
-Where a device's own joints cannot get there, other whole turns of them are tried next, then goals to which
-they can, and of one that may end elsewhere, how far they get. Where zones part a device from where it is by a
-wish, goals without that are tried last.
+Where a device's own joints cannot get to a goal, goals at other whole turns of these joints are tried next,
+then goals within the part of their ranges that they can reach; a device without a target may also stop on its
+way. Where zones separate a device from the direction that it prefers, goals without that wish are tried last.
 Where a motion to a goal on the edge of a zone swings over it, goals are looked for once more a little off it.
 The first certified plan ends it; else the answer is that of the attempt that got furthest.
 
 Where targets or zones move, a goal is one at the end of the manoeuvre, which fits and goals settle in turn
 (`moving.Meeting`); the search sees what zones sweep, and fit and certificate see them move.
 
-`Attempts` are data: they say what is needed next, and take it. Who makes goals, paths, trajectories and
-reports is `jaxplan.planner.runs`.
+`Attempts` are a state machine: `need` says what is needed next, and `accept_...` takes it. Goals, paths,
+trajectories and certificates are made by `jaxplan.planner.rounds`.
 """
 
 import time
@@ -60,12 +60,12 @@ from jaxplan.trajectory import Fit, FitQuery
 # The ladder of attempts at one goal: factor on the clearance, which keeps paths farther from zones, and how
 # often each edge is halved, which keeps the trajectory closer to the path.
 LADDER = ((1.0, 0), (3.0, 0), (1.0, 1), (3.0, 1), (6.0, 1))
-# rad by which goals are kept off the edges of zones, once motions to some that lie there swung over these.
+# rad by which goals are kept off the edges of zones, once the motion to one on an edge has crossed it.
 EDGE = 1e-6
-# Where no path is found with the wanted clearance, and time is left.
+# The same without clearance, where no path is found with the wanted one, and time is left.
 BARE_LADDER = ((0.0, 0), (0.0, 1))
 
-# Failures from the least to the most informative: the most informative one is reported.
+# Outcomes from the least to the most informative: the most informative one is reported.
 _TELLING = (
     Status.NO_PATH,  # to one goal
     Status.TIME_LIMIT,
@@ -76,19 +76,19 @@ _TELLING = (
     Status.LIMITS_TOO_TIGHT,
     Status.OK,
 )
-# Another path to the same goal is not tried then.
+# Outcomes after which no other path to the same goal is tried.
 _FOR_GOOD = (Status.LIMITS_TOO_TIGHT, Status.GOAL_MISSED)
 
 
 class Clock:
-    """Seconds by step, and what is left of a time limit.
+    """Seconds spent by each step of a plan, and what is left of its time limit.
 
     Attributes:
         seconds: by the name of a step, without those of compiling. Only what was spent on the plan counts,
             not what other plans took that are made at the same time.
-        compiling: seconds spent on that by all steps.
+        compiling: seconds that all steps spent on compiling.
         improve_for: s, for which a shorter plan is looked for than the first one.
-        so_far: what there is already, for who waits; empty before the first plan.
+        so_far: text for the progress bar on the best plan yet; empty before the first plan.
     """
 
     def __init__(
@@ -104,15 +104,18 @@ class Clock:
         self._left, self._show, self.improve_for = time_limit, show, improve_for
 
     def left(self) -> float:
-        """Seconds that are left of the limit, which does not count what is spent on compiling."""
+        """Seconds that are left of the limit, which leaves out compiling; at least zero."""
         return max(self._left, 0.0)
 
     def show(self, name: str) -> None:
-        """Tell who waits that a step begins."""
+        """Show on the progress bar that a step, given by name, begins."""
         self._show(f"{name}{self.so_far}")
 
     def add(self, name: str, seconds: float, working: float) -> None:
-        """Count seconds, of which those that are not spent on compiling are the step's, and the limit's."""
+        """Count `seconds` to the step `name`, of which `working` s were not spent on compiling.
+
+        The latter are the step's and reduce what is left of the limit; the others count as compiling.
+        """
         worked = min(max(working, 0.0), seconds)  # others may compile at the same time, in threads
         self.seconds[name] = self.seconds.get(name, 0.0) + worked
         self.compiling += seconds - worked
@@ -120,7 +123,7 @@ class Clock:
 
     @contextmanager
     def step(self, name: str) -> Iterator[None]:
-        """Count the time of a block to a step."""
+        """Count the time of a `with` block to the step `name`."""
         begin, began = time.monotonic(), working_time()
         self.show(name)
         yield
@@ -137,8 +140,8 @@ class Attempts:
 
     Args:
         scenario: the problem and its settings.
-        clock: takes the time of the steps, and is asked for what is left.
-        enough: s, a duration that is short enough, beyond which no shorter plan is looked for.
+        clock: counts the time of the steps, and says what is left.
+        enough: s, a duration that is short enough: of a plan that takes no longer no shorter one is sought.
 
     Attributes:
         need: goals, a path, a trajectory or a certificate; None once the plan is settled.
@@ -151,16 +154,16 @@ class Attempts:
         self.need: GoalQuery | SearchQuery | FitQuery | ProofQuery | None = None
         self.plan: Plan | None = None
         self._times: list[float | None] = []  # s, when the manoeuvre may end, still to be tried
-        self._ways: list[tuple[Goal, float]] = []  # goals still to be tried, with the share of `swept`
-        self._instead: set[bytes] = set()  # goals that are tried since devices cannot get to another
-        self._reach: dict[int, np.ndarray] = {}  # rad, ranges of joints of devices that cannot get everywhere
+        self._goals_left: list[tuple[Goal, float]] = []  # goals still to be tried, with the share of `swept`
+        self._instead: set[bytes] = set()  # goals that are tried since devices cannot reach an earlier one
+        self._reach: dict[int, np.ndarray] = {}  # rad, joint ranges that devices can reach where barriers are
         self._paths: set[bytes] = set()  # along which fits were asked for
-        self._unwished = False  # whether goals were looked for that are not as devices wish
-        self._nearest: Plan | None = None  # what became of the nearest goal, once others are tried
-        self._way: _Way | None = None
+        self._unwished = False  # whether goals without the wish of a device were looked for
+        self._nearest: Plan | None = None  # the failed plan to the nearest goal, once others are tried
+        self._ladder: _Ladder | None = None
         self._meeting: Meeting | None = None  # of a fit to a goal that moves, under way
         self._shorter: Shorter | None = None  # than the plan that was found, under way
-        self._over = False  # there is no use in another attempt
+        self._over = False  # whether no other attempt is of use
         broken = start_breaches(scenario)
         if broken:
             message = "; ".join(broken)
@@ -171,12 +174,12 @@ class Attempts:
         self._next_time()
 
     def go_along(self, plan: Plan) -> None:
-        """Try nothing but the path of another plan, to its goal."""
+        """Drop all attempts but one: a fit along the path of another plan, to its goal."""
         if plan.path is None or plan.goal is None:
             raise RuntimeError("a plan to go along has a path")
-        self._times, way = [], _Way(plan.goal, make_scene(self.scenario, plan.goal), ())
-        way.so_far = replace(plan, scenario=self.scenario, message="", trajectory=None, certificate=None)
-        self._way, self.need = way, wanted_fit(self.scenario, plan.path, plan.goal)
+        self._times, ladder = [], _Ladder(plan.goal, make_scene(self.scenario, plan.goal), ())
+        ladder.so_far = replace(plan, scenario=self.scenario, message="", trajectory=None, certificate=None)
+        self._ladder, self.need = ladder, wanted_fit(self.scenario, plan.path, plan.goal)
 
     def result(self) -> Plan:
         """The plan, once it is settled, with its timings."""
@@ -188,7 +191,7 @@ class Attempts:
         return replace(plan, timings=self.clock.timings())
 
     def accept_goals(self, found: tuple[Goal, ...] | Plan) -> None:
-        """Go on with the goals that were needed, or with a plan that says why there are none."""
+        """Take the goals that were needed, or a failed plan that says why there are none, and set `need`."""
         if self._meeting is not None:
             self._meeting.accept_goals(None if isinstance(found, Plan) else found)
             self._meet(self._meeting)
@@ -196,29 +199,29 @@ class Attempts:
             self.plan = self.plan or found
             self._next_time()
         else:
-            self.plan = None  # that there was no goal at another time says nothing any more
-            # Where there is no path beside all that moving zones sweep, there may be one past them in time.
+            self.plan = None  # that there was no goal at another time no longer matters
+            # Where no path avoids all that moving zones sweep, one may still avoid them at each instant.
             shares = (1.0, 0.0) if moves(self.scenario) else (1.0,)
-            self._ways = [(goal, share) for goal in found for share in shares]
-            self._next_way()
+            self._goals_left = [(goal, share) for goal in found for share in shares]
+            self._next_goal()
 
     def accept_path(self, result: SearchResult) -> None:
-        """Go on with the result of the search that was needed."""
+        """Take the result of the search that was needed, and set `need`."""
         if self._shorter is not None:
             self._shorter.accept_path(result)
             self._shorten(self._shorter)
             return
-        way = self._climbed
-        first = not way.found
-        way.found[way.factor] = result
+        ladder = self._climbed
+        first = not ladder.found
+        ladder.found[ladder.factor] = result
         if first and result.path is None and result.status is not Status.TIME_LIMIT:
-            way.rungs = list(BARE_LADDER)
-            self._next_rung(way)
+            ladder.rungs = list(BARE_LADDER)
+            self._next_rung(ladder)
         else:
-            self._fit_along(way, result)
+            self._fit_along(ladder, result)
 
     def accept_fit(self, fitted: Fit) -> None:
-        """Go on with the fit that was needed."""
+        """Take the fit that was needed, and set `need`."""
         if self._shorter is not None:
             self._shorter.accept_fit(fitted)
             self._shorten(self._shorter)
@@ -229,45 +232,52 @@ class Attempts:
             self._meet(self._meeting)
 
     def accept_certificate(self, certificate: Certificate) -> None:
-        """Go on with the certificate that was needed."""
+        """Take the certificate that was needed, and set `need`."""
         if self._shorter is not None:
             self._shorter.accept_certificate(certificate)
             self._shorten(self._shorter)
             return
-        way = self._climbed
-        if not certificate.certified and way.spare is not None:
-            self._fitted(way.spare)
+        ladder = self._climbed
+        if not certificate.certified and ladder.spare is not None:
+            self._fitted(ladder.spare)
         else:
-            self._attempted(way, judged(way.so_far, certificate))
+            self._attempted(ladder, judged(ladder.so_far, certificate))
 
     @property
-    def _climbed(self) -> "_Way":
-        if self._way is None:
+    def _climbed(self) -> "_Ladder":
+        """The ladder under way; raises RuntimeError before the first goal."""
+        if self._ladder is None:
             raise RuntimeError("no goal has been found yet")
-        return self._way
+        return self._ladder
 
     def _next_time(self) -> None:
-        """Ask for the goals at the next time at which the manoeuvre may end; without one it is over."""
+        """Set `need` to the goals at the next time at which the manoeuvre may end; to None without one."""
         self.need = GoalQuery(self._asked, self._times.pop(0)) if self._times else None
 
-    def _next_way(self) -> None:
-        """Begin with the next goal, or with another view of the same; without one it is over."""
+    def _next_goal(self) -> None:
+        """Begin with the next goal, or the same with other cones for moving zones; without one end.
+
+        Before the end, goals off the edges of zones are asked for once where `_off_the_edges` says so.
+        """
         self.need = None
-        if not self._ways or self._over:
+        if not self._goals_left or self._over:
             again = self._off_the_edges()
             if again is not None:
                 self._asked, self._over = again, False
                 self._times = list(duration_guesses(again))
                 self._next_time()
             return
-        goal, share = self._ways.pop(0)
-        if self._way is not None and goal is not self._way.goal and self._nearest is None:
+        goal, share = self._goals_left.pop(0)
+        if self._ladder is not None and goal is not self._ladder.goal and self._nearest is None:
             self._nearest = self.plan
-        self._way = self._begun(goal, share)
-        self._next_rung(self._way)
+        self._ladder = self._begun(goal, share)
+        self._next_rung(self._ladder)
 
     def _off_the_edges(self) -> Scenario | None:
-        """The scenario with goals just off the edges of zones, if ways to some there swung over them."""
+        """The scenario with goals just off the edges of zones, if motions to some there swung over them.
+
+        None where they did not, or where goals are given or have a clearance of `EDGE` already.
+        """
         asked, plan = self._asked.goal, self.plan
         if plan is None or plan.status is not Status.UNCERTIFIED or isinstance(asked, GivenState):
             return None
@@ -276,8 +286,11 @@ class Attempts:
             return None
         return replace(self.scenario, goal=replace(asked, clearance=EDGE))
 
-    def _begun(self, goal: Goal, share: float) -> "_Way":
-        """The ladder of attempts at a goal, empty where it is proved that there is no path."""
+    def _begun(self, goal: Goal, share: float) -> "_Ladder":
+        """The ladder of attempts at a goal, empty where it cannot be reached; then other goals are put in.
+
+        `share` is that of `swept`.
+        """
         scenario = self.scenario
         seen, proved = swept(scenario, goal, share), always(scenario, goal)
         scene = make_scene(scenario, goal, seen)
@@ -294,7 +307,7 @@ class Attempts:
                 self._unwished = True
                 with self.clock.step("decompose"):
                     found = goals_unwished(scenario, barrier.device)
-                self._ways += self._ways_to(found, share)
+                self._goals_left += self._untried(found, share)
         elif closed is not None:
             message = messages.closed(scenario, closed, goal.time)
             with self.clock.step("decompose"):
@@ -302,30 +315,30 @@ class Attempts:
                 if closed.device not in self._reach:
                     self._reach[closed.device] = closed.reach
                     others += goals_within(scenario, self._reach)
-            self._ways[:0] = self._ways_to(others, share)
+            self._goals_left[:0] = self._untried(others, share)
         elif parted is not None:
-            # No proof, as the device may end elsewhere: beside what is in its way, where no goal is better.
-            turned = self._ways_to(other_turns(scenario, goal, parted.device), share)
+            # No proof, as the device may end elsewhere: before the barrier, where no other goal is better.
+            turned = self._untried(other_turns(scenario, goal, parted.device), share)
             nearer = other_ends(scenario, goal, parted.device, short_of(scene, parted.device))
-            ended = self._ways_to(nearer, share)
+            ended = self._untried(nearer, share)
             if not turned and not ended:
-                return _Way(goal, scene, LADDER)
-            self._ways = [*turned, *self._ways, *ended]
+                return _Ladder(goal, scene, LADDER)
+            self._goals_left = [*turned, *self._goals_left, *ended]
             message = messages.closed(scenario, parted, goal.time)
             failed = Plan(scenario=scenario, status=Status.NO_PATH, message=message, goal=goal)
             self._nearest = self._nearest or failed
-            return _Way(goal, scene, ())
+            return _Ladder(goal, scene, ())
         else:
-            return _Way(goal, scene, LADDER)
+            return _Ladder(goal, scene, LADDER)
         self._add(Plan(scenario=scenario, status=Status.NO_PATH, message=message, goal=goal))
-        return _Way(goal, scene, ())
+        return _Ladder(goal, scene, ())
 
-    def _ways_to(self, goals: Sequence[Goal], share: float) -> list[tuple[Goal, float]]:
-        """Ways to other goals, as far as those are new."""
+    def _untried(self, goals: Sequence[Goal], share: float) -> list[tuple[Goal, float]]:
+        """Those of some goals that were not tried yet, each with a share of `swept`; marks these as tried."""
         return [(goal, share) for goal in goals if self._is_new(goal)]
 
     def _settled_devices(self) -> list[int]:
-        """Gimbals whose joints the goal settles: a free one might end elsewhere, so no proof rests on it."""
+        """Numbers of the gimbals whose joints the goal settles: a proof may rest on these alone."""
         craft, asked = self.scenario.spacecraft, self.scenario.goal
         every = range(craft.gimbals.count)
         if isinstance(asked, GivenState):
@@ -334,25 +347,25 @@ class Attempts:
         return [number for number in every if craft.device_names[number] in kept]
 
     def _is_new(self, goal: Goal) -> bool:
-        """Whether a goal that is tried instead of another was not tried before."""
+        """Whether a goal that is tried instead of another was not tried before; marks it as tried."""
         own = np.round([*goal.attitude.ravel(), *goal.joints], 6).tobytes()
         new = own not in self._instead
         self._instead.add(own)
         return new
 
-    def _next_rung(self, way: "_Way") -> None:
-        """Begin with the next attempt at a goal; without one the next goal is tried."""
-        if self._over or not way.rungs:
-            self._next_way()
+    def _next_rung(self, ladder: "_Ladder") -> None:
+        """Begin with the next attempt of a ladder; without one begin with the next goal."""
+        if self._over or not ladder.rungs:
+            self._next_goal()
             return
-        way.factor, way.halvings = way.rungs.pop(0)
-        if way.factor in way.found:
-            self._fit_along(way, way.found[way.factor])
+        ladder.factor, ladder.halvings = ladder.rungs.pop(0)
+        if ladder.factor in ladder.found:
+            self._fit_along(ladder, ladder.found[ladder.factor])
         else:
-            self.need = SearchQuery(way.scene, self._settings(way.factor, len(way.found)))
+            self.need = SearchQuery(ladder.scene, self._settings(ladder.factor, len(ladder.found)))
 
     def _settings(self, factor: float, earlier: int) -> SearchSettings:
-        """Settings of a search with a factor on the clearance, after `earlier` others."""
+        """Settings of a search with a factor on the clearance, after a number of `earlier` searches."""
         settings = self.scenario.search
         return replace(
             settings,
@@ -361,62 +374,62 @@ class Attempts:
             time_limit=self.clock.left(),
         )
 
-    def _fit_along(self, way: "_Way", result: SearchResult) -> None:
-        """Ask for the fit along a path that was found; without one no more is tried at this goal."""
-        so_far = Plan(scenario=self.scenario, status=result.status, goal=way.goal, search=result)
+    def _fit_along(self, ladder: "_Ladder", result: SearchResult) -> None:
+        """Set `need` to a fit along the path that a search found; without a path end this ladder."""
+        so_far = Plan(scenario=self.scenario, status=result.status, goal=ladder.goal, search=result)
         if result.path is None:
-            way.rungs = []
-            message = messages.no_path(self.scenario, way.scene, result)
-            self._attempted(way, replace(so_far, message=message))
+            ladder.rungs = []
+            message = messages.no_path(self.scenario, ladder.scene, result)
+            self._attempted(ladder, replace(so_far, message=message))
             return
         path = result.path
-        for _ in range(way.halvings):
+        for _ in range(ladder.halvings):
             path = halve(path)
         own = np.concatenate([path.attitudes.ravel(), path.joints.ravel()]).tobytes()
-        if own in self._paths:  # it would fare no better
-            self._next_rung(way)
+        if own in self._paths:  # the fit would be the same
+            self._next_rung(ladder)
             return
         self._paths.add(own)
-        way.so_far = replace(so_far, path=path)
+        ladder.so_far = replace(so_far, path=path)
         if moves(self.scenario):
-            self._meeting = Meeting(self._asked, way.goal, path)
+            self._meeting = Meeting(self._asked, ladder.goal, path)
             self._meet(self._meeting)
         else:
-            self.need = wanted_fit(self.scenario, path, way.goal)
+            self.need = wanted_fit(self.scenario, path, ladder.goal)
 
     def _meet(self, meeting: Meeting) -> None:
-        """Ask for what a meeting needs; at its end go on with its fit."""
+        """Set `need` to what a meeting of fit and goal needs; at its end go on with its fit."""
         self.need = meeting.need
         if meeting.need is None:
-            self._meeting, way = None, self._climbed
-            way.so_far = replace(way.so_far, goal=meeting.goal, path=meeting.path)
+            self._meeting, ladder = None, self._climbed
+            ladder.so_far = replace(ladder.so_far, goal=meeting.goal, path=meeting.path)
             self._fitted(meeting.fit)
 
     def _fitted(self, fitted: Fit) -> None:
-        """Ask for the certificate of a fit; without a trajectory the attempt has failed."""
-        way = self._climbed
-        plan = way.so_far = fitted_plan(way.so_far, fitted)
-        way.spare = fitted.spare
+        """Set `need` to the certificate of a fit; without a trajectory count a failed attempt."""
+        ladder = self._climbed
+        plan = ladder.so_far = fitted_plan(ladder.so_far, fitted)
+        ladder.spare = fitted.spare
         if plan.trajectory is None or plan.goal is None:
-            self._attempted(way, plan)
+            self._attempted(ladder, plan)
         else:
             self.need = ProofQuery(scenario=self.scenario, goal=plan.goal, trajectory=plan.trajectory)
 
-    def _attempted(self, way: "_Way", attempt: Plan) -> None:
-        """Count an attempt, and begin with the next one."""
+    def _attempted(self, ladder: "_Ladder", attempt: Plan) -> None:
+        """Keep an attempt if it is the best, and begin with the next one, or with a shorter plan."""
         self._add(attempt)
         # The global method looks for the shortest motion before it says that a duration is too short.
         if attempt.status in _FOR_GOOD and self.scenario.trajectory.method == "global":
-            way.rungs = []
+            ladder.rungs = []
         if self._off_the_edges() is not None:  # which no other path to goals on them changes
             self._over = True
         if is_improvable(attempt, self.clock.improve_for, self._enough):
-            self._shorten(Shorter(attempt, way.scene, self.clock.left(), self.clock.improve_for))
+            self._shorten(Shorter(attempt, ladder.scene, self.clock.left(), self.clock.improve_for))
         else:
-            self._next_rung(way)
+            self._next_rung(ladder)
 
     def _shorten(self, shorter: Shorter) -> None:
-        """Ask for what a shorter plan needs; at its end the plan is settled."""
+        """Set plan and `need` to those of the search for a shorter plan; at its end the plan is settled."""
         self._shorter, self.plan, self.need = shorter, shorter.plan, shorter.need
         if self.plan.trajectory is not None:
             self.clock.so_far = f", {self.plan.trajectory.duration:.2f} s so far"
@@ -428,11 +441,11 @@ class Attempts:
         self._over = attempt.status in (Status.OK, Status.TIME_LIMIT)
 
 
-class _Way:
-    """The ladder that is climbed at one goal.
+class _Ladder:
+    """The attempts that are made at one goal, in turn.
 
     Attributes:
-        goal: where to go.
+        goal: where the manoeuvre is to end.
         scene: of the searches.
         rungs: factors on the clearance and numbers of halvings, still to be tried.
         found: results of searches by the factor on the clearance.

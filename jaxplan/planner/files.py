@@ -1,4 +1,4 @@
-"""Plans in files: the layout of their tables, and how they are saved and loaded.
+"""Save and load plans as JSON files, whose tables are laid out and checked here.
 
 A plan file is JSON, and its timings are in a file beside it, since they alone are not deterministic. It is
 read by the kinds that scenario files are read by. Lengths of arrays have names: the first array of a file
@@ -77,23 +77,33 @@ _SECONDS = Number(Interval("[0, 1e12]"))
 
 
 def _table(model: type, make: Any = None, **kinds: Kind) -> Table:
-    """A table whose keys are those of the model, all of which must be there."""
+    """A table whose keys are attributes of the model, each with its kind, all of which must be there.
+
+    Args:
+        model: class of what the table is read to.
+        make: function that makes that from the table's values and its place; None for the class.
+        kinds: of the values, by key.
+    """
     return Table(model, [Field(key, kind, key, required=True) for key, kind in kinds.items()], make=make)
 
 
 def _array(*shape: int | str) -> Array:
+    """Kind of an array of numbers, with lengths of axes by number or by name."""
     return Array(shape, _SANE)
 
 
 def _rotations(*shape: int | str) -> Array:
+    """Kind of an array of rotation matrices, (*shape, 3, 3)."""
     return Array((*shape, 3, 3), _SANE, rule=rotations)
 
 
 def _times(*shape: int | str) -> Array:
+    """Kind of an array of times, s, that do not fall."""
     return Array(shape, _SECONDS, rule=not_falling)
 
 
 def _path(edges: str) -> Table:
+    """Table of a path, with the name of its number of edges."""
     return _table(
         Path,
         edge_costs=Array((edges,), _POSITIVE),
@@ -102,7 +112,7 @@ def _path(edges: str) -> Table:
     )
 
 
-# What there is to keep of a goal where nothing moves: time and rates are the scenario's.
+# What is stored of a goal where nothing moves: time and rates are the scenario's.
 _STILL_GOAL = {
     "attitude": _rotations(),
     "joints": _array("joint"),
@@ -153,7 +163,7 @@ _STEP_KINDS = {
 
 
 def _plan_table(moving: bool) -> Table:
-    """Table of a plan file beside version and scenario; where something moves, goals have time and rates."""
+    """Table of a plan file without version and scenario; if `moving`, its goals have time and rates."""
     steps = {"goal": _table(Goal, **(_MOVING_GOAL if moving else _STILL_GOAL)), **_STEP_KINDS}
     return _table(
         dict,
@@ -165,7 +175,13 @@ def _plan_table(moving: bool) -> Table:
 
 
 def _check_agreement(read: Mapping[str, Any], scenario: Scenario, root: Place) -> None:
-    """Note where tables that are well by themselves contradict each other, or the scenario."""
+    """Note faults where tables that are valid by themselves contradict each other, or the scenario.
+
+    Args:
+        read: the tables by name.
+        scenario: of the plan.
+        root: place of the whole file, to which faults are added.
+    """
     _check_steps(read, root)
     if read["search"] is not None:
         _check_search(read, root["search"])
@@ -179,7 +195,7 @@ def _check_agreement(read: Mapping[str, Any], scenario: Scenario, root: Place) -
 
 
 def _check_steps(read: Mapping[str, Any], root: Place) -> None:
-    """Note where steps are filled that the status rules out, or left out that it asks for."""
+    """Note faults where steps are filled that the status rules out, or left out that it asks for."""
     least, most = _STEPS_OF[read["status"]]
     because = f'since status = "{read["status"].name}"'
     last = max((number for number, step in enumerate(STEPS) if read[step] is not None), default=-1)
@@ -193,7 +209,7 @@ def _check_steps(read: Mapping[str, Any], root: Place) -> None:
 
 
 def _check_search(read: Mapping[str, Any], place: Place) -> None:
-    """Note where a search contradicts the plan: it ends with a path, or with the plan's own status."""
+    """Note faults where a search contradicts the plan: it must end with a path or with the plan's status."""
     search, status = read["search"], read["status"]
     found = search.status is Status.OK
     because = f'since search.status = "{search.status.name}"'
@@ -208,7 +224,7 @@ def _check_search(read: Mapping[str, Any], place: Place) -> None:
 
 
 def _check_path(path: Path, scenario: Scenario, goal: Goal, place: Place) -> None:
-    """Note where a path does not lead from the scenario's start to the goal."""
+    """Note faults where a path does not lead from the scenario's start to the goal."""
     for number, name, end in ((0, "start", scenario.start), (-1, "goal", goal)):
         for key, node, wanted in (
             ("attitudes", path.attitudes[number], end.attitude),
@@ -219,13 +235,14 @@ def _check_path(path: Path, scenario: Scenario, goal: Goal, place: Place) -> Non
 
 
 def _check_method(trajectory: Trajectory, scenario: Scenario, place: Place) -> None:
-    """Note a trajectory of another method than the scenario asks for."""
+    """Note a fault for a trajectory of another method than the scenario asks for."""
     asked = scenario.trajectory.method
     if trajectory.method != asked:
         place["method"].fault(f'must be "{asked}", as scenario.trajectory.method is', trajectory.method)
 
 
 def _check_report(status: Status, report: Certificate, place: Place) -> None:
+    """Note faults where a certificate contradicts the status, or states part of the smallest margin only."""
     proved = {Status.OK: True, Status.UNCERTIFIED: False}.get(status, report.certified)
     if report.certified is not proved:
         complaint = f'must be {str(proved).lower()}, since status = "{status.name}"'
@@ -236,7 +253,7 @@ def _check_report(status: Status, report: Certificate, place: Place) -> None:
 
 
 def _check_times(trajectory: Trajectory, report: Certificate | None, root: Place) -> None:
-    """Note times outside the trajectory, and breaks or nodes that do not span it."""
+    """Note faults for times outside the trajectory, and for breaks or nodes that do not span it."""
     first, end = float(trajectory.breaks[0]), float(trajectory.breaks[-1])
     nodes, last = trajectory.node_times, len(trajectory.node_times) - 1
     if first != 0:
@@ -254,6 +271,7 @@ def _check_times(trajectory: Trajectory, report: Certificate | None, root: Place
 def _instants(
     trajectory: Trajectory, report: Certificate | None, root: Place
 ) -> Iterator[tuple[Place, float]]:
+    """Yield all times, s, of a trajectory and its certificate, each with its place in the file."""
     for key in ("chart_start", "joint_breaks", "node_times"):
         for i, time in enumerate(getattr(trajectory, key).tolist()):
             yield root["trajectory"][key][i], time
@@ -323,7 +341,7 @@ def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _parts(content: dict[str, Any]) -> dict[str, Any]:
-    """The attributes that a file's content stands for; its faults are raised as those of a scenario are."""
+    """Read the attributes of a plan from a file's content; raises ScenarioError with all faults."""
     root = Place(Reading())
     if "schema_version" in content:
         Choice((SCHEMA_VERSION,)).read(content["schema_version"], root["schema_version"])
@@ -353,7 +371,11 @@ def _parts(content: dict[str, Any]) -> dict[str, Any]:
 
 
 def _timings(path: FilePath) -> dict[str, float]:
-    """The seconds by step of a plan; none where their file is not there."""
+    """Read the seconds by step of a plan; none where the file is not there.
+
+    Raises:
+        PlanFileError: if it is no such file.
+    """
     if not path.exists():
         return {}
     root = Place(Reading())
@@ -364,11 +386,12 @@ def _timings(path: FilePath) -> dict[str, float]:
 
 
 def _timings_file(path: FilePath) -> FilePath:
+    """The path of the file of timings beside a plan file."""
     return path.with_name(path.name.removesuffix(".json") + _TIMINGS)
 
 
 def _plain(record: Any) -> Any:
-    """A dataclass, array or mapping, made of what JSON has."""
+    """A dataclass, array or mapping as dicts, lists, texts and numbers, which JSON has."""
     if isinstance(record, np.ndarray | np.generic):
         return record.tolist()
     if isinstance(record, Status):
@@ -384,7 +407,7 @@ def _plain(record: Any) -> Any:
 
 @contextmanager
 def _replacing(path: FilePath, content: Mapping[str, Any]) -> Iterator[None]:
-    """Write a file that takes its place when the block ends, which begins once all is written."""
+    """Write content as JSON to a temporary file, run the block, then put the file in place of `path`."""
     text = json.dumps(content, indent=1, allow_nan=False)
     with replacing_file(path) as file:
         file.write_text(text + "\n", encoding="utf-8")
@@ -392,13 +415,13 @@ def _replacing(path: FilePath, content: Mapping[str, Any]) -> Iterator[None]:
 
 
 def _read(path: FilePath, kind: str) -> dict[str, Any]:
-    """The table of a JSON file, whose kind messages name."""
+    """Read the table of a JSON file; raises PlanFileError, with a message that names its `kind`."""
 
     def refuse(word: str) -> float:
         raise ValueError(f"{word} is not allowed")
 
     try:
-        with path.open("rb") as file:  # what a device or pipe will give, its size does not tell
+        with path.open("rb") as file:  # the size of a device or pipe is unknown before it is read
             text = file.read(LARGEST_FILE + 1)
     except OSError as error:
         raise PlanFileError(f"{path}: cannot be read: {error.strerror}") from error

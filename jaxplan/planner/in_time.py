@@ -1,4 +1,4 @@
-"""A plan in a given duration, or the shortest duration in which there is one.
+"""Attempts at a plan in a given duration, or else at the shortest duration in which there is one.
 
 A duration may be too short to the nearest goal, or along the path that was found, and yet long enough for the
 manoeuvre. So where it is found to be too short, the shortest manoeuvre is planned as well, to a goal of least
@@ -6,7 +6,7 @@ time unless the scenario names another criterion. If it takes no longer than wha
 along it. Else the answer says how long it takes, which is certified.
 
 Where something moves, goals and durations depend on each other (`jaxplan.planner.moving`), and the paper's
-method knows no shortest motion: there the first answer stands.
+method has no shortest motion: there the first answer stands.
 """
 
 from dataclasses import replace
@@ -21,7 +21,7 @@ from jaxplan.planner.attempts import Attempts, Clock
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import rounded_up
 
-# Answers that another goal, or another path, may turn into a plan in the same time.
+# Outcomes after which another goal, or another path, may give a plan in the same time.
 _PERHAPS_TOO_SHORT = (
     Status.LIMITS_TOO_TIGHT,
     Status.GOAL_UNREACHABLE,
@@ -33,7 +33,7 @@ _SLACKS = (0.0, 1e-3, 4e-3, 1e-2, 3e-2, 1e-1)
 
 
 class InTime:
-    """The attempts at a scenario; where they fail those at its shortest manoeuvre, and at going along that.
+    """The attempts at a scenario; where they fail, those at its shortest manoeuvre, then at fits along that.
 
     Args:
         scenario: the problem and its settings.
@@ -48,11 +48,15 @@ class InTime:
         self.attempts = self._first = Attempts(scenario, clock)
         self._asks_for_shortest = scenario.trajectory.timed and not moves(scenario)
         self._shortest: Plan | None = None
-        self._durations: list[float] = []  # s, in which it is still to be tried to go along the shortest
+        self._durations: list[float] = []  # s, of fits along the shortest manoeuvre still to be tried
         self._answer: Plan | None = None
 
-    def goes_on(self) -> bool:
-        """Begin with the next attempts where those under way are over; False once the plan is settled."""
+    def advance(self) -> bool:
+        """Begin with the next attempts where those under way are over.
+
+        Returns:
+            True while more is to be done, `attempts.need`; False once the plan is settled.
+        """
         over = self.attempts.need is None
         if self._asks_for_shortest and self._may_be_too_short():
             self._asks_for_shortest, self._clock.improve_for = False, 0.0  # which is for "minimum"
@@ -71,7 +75,7 @@ class InTime:
         return replace(self._answer, timings=self._clock.timings())
 
     def _may_be_too_short(self) -> bool:
-        """Whether what became of the first attempts so far makes the shortest manoeuvre worth a look."""
+        """Whether the first attempts have failed so far in a way that the shortest manoeuvre may help."""
         plan = self._first.plan
         if plan is None or self.scenario.trajectory.method != "global":
             return False
@@ -82,18 +86,22 @@ class InTime:
 
     @property
     def _chooses_criterion(self) -> bool:
+        """Whether the goal is targets that name no criterion."""
         goal = self.scenario.goal
         return not isinstance(goal, GivenState) and goal.criterion is None
 
     def _lasting(self, duration: float | str) -> Scenario:
-        """The scenario with another duration, and goals of least time where it names no criterion."""
+        """The scenario with another duration (s, or a word), of least time if its goal names no criterion."""
         scenario, goal = self.scenario, self.scenario.goal
         if not isinstance(goal, GivenState) and self._chooses_criterion:
             scenario = replace(scenario, goal=replace(goal, criterion=LEAST_TIME))
         return replace(scenario, trajectory=replace(scenario.trajectory, duration=duration))
 
     def _found_shortest(self, plan: Plan) -> None:
-        """Go on with the shortest manoeuvre; without one with what is left of the first attempts."""
+        """Begin fits along the shortest manoeuvre in the given duration, or answer that this is too short.
+
+        Without a certified plan of the shortest manoeuvre the first attempts go on.
+        """
         if not plan.ok or plan.trajectory is None or plan.goal is None:
             self.attempts = self._first
             return
@@ -110,7 +118,7 @@ class InTime:
         self._go_along()
 
     def _go_along(self) -> None:
-        """Go along the shortest manoeuvre in the next duration; without one the first answer stands."""
+        """Begin a fit along the shortest manoeuvre in the next duration, or take the first answer."""
         if self._shortest is None or not self._durations:
             self._answer = self._first.result()
         else:
@@ -118,7 +126,10 @@ class InTime:
             self.attempts.go_along(self._shortest)
 
     def _tried(self, plan: Plan) -> None:
-        """Take what became of going along the shortest manoeuvre, or say in what duration that succeeds."""
+        """Settle the answer by the plan of a fit along the shortest manoeuvre, or begin the next one.
+
+        A plan in the given duration is the answer; of one in a longer one it is that this is needed.
+        """
         given, tried = self.scenario.trajectory.duration, plan.scenario.trajectory.duration
         if not plan.ok:
             self._go_along()
@@ -128,6 +139,6 @@ class InTime:
             self._refuse(float(tried))
 
     def _refuse(self, enough: float) -> None:
-        """Answer that the duration is too short, and that another one, s, is certified to be enough."""
+        """Set the answer: the duration is too short, and there is a certified plan in `enough` s."""
         plan = self._first.result()
         self._answer = replace(plan, message=messages.too_short(plan, enough))

@@ -1,4 +1,4 @@
-"""What a failed plan tells its user: what happened, and which setting to change."""
+"""Messages of plans: what happened, and which setting to change."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,12 +22,15 @@ from jaxplan.trajectory.peaks import peaks
 
 
 def when(scenario: Scenario, time: float) -> str:
-    """The time of a goal, to end a sentence; empty where nothing moves."""
+    """Text on the time of a goal, s, to end a sentence; empty where nothing moves."""
     return f" (after {time:.6g} s, where targets and zones are then)" if moves(scenario) else ""
 
 
 def hidden(scenario: Scenario, unseen: Sequence[str], time: float) -> str:
-    """Why targets that are hidden at a time, s, are no goal, and until when the manoeuvre may wait."""
+    """Text why targets that are hidden at a time, s, are no goal, and until when the manoeuvre may wait.
+
+    `unseen` has a phrase for each hidden target.
+    """
     seen, (known, _) = seen_from(scenario, time), known_until(scenario)
     advice = "change goal.targets, or give samples for longer, of [sky] a longer for_duration_s"
     if seen <= known:
@@ -36,7 +39,10 @@ def hidden(scenario: Scenario, unseen: Sequence[str], time: float) -> str:
 
 
 def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> str:
-    """Why no attitude reaches the targets beside the rows of the scenario's constraints."""
+    """Text why no attitude reaches the targets while it keeps the rows of the scenario's constraints.
+
+    `found` is the decomposition without goals.
+    """
     craft = scenario.spacecraft
     asked = scenario.goal
     if found.aim_excess > 0 and isinstance(asked, Targets):
@@ -69,7 +75,7 @@ def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> 
 
 
 def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
-    """Why no motion brings a device to its goal direction, in one of the scenario's scenes."""
+    """Text why no motion brings a sight to its goal direction: a ring of zones, `barrier`, in a scene."""
     rows = scene.cones
     zones = scenario.zones
     ring = [zones[zone] for zone in rows.zone[list(barrier.zones)]]
@@ -85,7 +91,7 @@ def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
 
 
 def closed(scenario: Scenario, barrier: JointBarrier, time: float) -> str:
-    """Why the joints of a device cannot get to where they are at the goal, which is there at a time, s."""
+    """Text why the joints of a device cannot get past a barrier to their angles at the goal, at a time, s."""
     device, names = _closing(scenario, barrier)
     what = "yaw and pitch" if barrier.device < len(scenario.spacecraft.terminals) else "angle"
     lies = "lies" if len(barrier.zones) == 1 else "lie"
@@ -97,14 +103,14 @@ def closed(scenario: Scenario, barrier: JointBarrier, time: float) -> str:
 
 
 def _closing(scenario: Scenario, barrier: JointBarrier) -> tuple[str, str]:
-    """Names of a device, and of the zones that part its joints."""
+    """Name of a barrier's device, and text with the names of its zones."""
     zones = [scenario.zones[zone] for zone in barrier.zones]
     names = [zone.name if zone.any_of is None else f"{zone.name} (of {zone.any_of})" for zone in zones]
     return scenario.spacecraft.device_names[barrier.device], " and ".join(names)
 
 
 def no_path(scenario: Scenario, scene: Scene, result: SearchResult) -> str:
-    """Why a search found no path."""
+    """Text why a search found no path, with what is most in the way."""
     settings = scenario.search
     blocked = _in_the_way(scenario, scene)
     if result.status is Status.TIME_LIMIT:
@@ -119,9 +125,9 @@ def no_path(scenario: Scenario, scene: Scene, result: SearchResult) -> str:
 
 
 def _in_the_way(scenario: Scenario, scene: Scene) -> str:
-    """What leaves a device a narrow gap, or else what the straight motion breaks most, to end a sentence.
+    """Text on what leaves a device a narrow gap, or else on what the straight motion breaks most.
 
-    It is empty where that breaks nothing.
+    It ends a sentence, and is empty where the straight motion breaks nothing.
     """
     narrow = narrowest(scene)
     if narrow is not None:
@@ -143,7 +149,7 @@ def _in_the_way(scenario: Scenario, scene: Scene) -> str:
 
 
 def farther(nearest: Plan, plan: Plan) -> str:
-    """Why a plan goes to another goal than the nearest one, which failed."""
+    """Message of a plan that goes to another goal than the nearest one, with why that failed."""
     away = "" if nearest.goal is None else f", {np.rad2deg(nearest.goal.slew_angle):.4g} deg away,"
     which = "goal nearest to the wishes" if getattr(plan.scenario.goal, "prefer", ()) else "nearest goal"
     failed = f"this is not the {which}: that{away} ended as {nearest.status.name}"
@@ -151,7 +157,10 @@ def farther(nearest: Plan, plan: Plan) -> str:
 
 
 def sooner(refused: Plan, plan: Plan) -> str:
-    """That a plan in a given duration is not the first one that was tried, as that would take longer."""
+    """Message of a plan in a given duration along the shortest manoeuvre, after a first plan was refused.
+
+    Where the scenario names no criterion it says that the goal is now one of least time.
+    """
     asked = refused.scenario.goal
     if isinstance(asked, GivenState) or asked.criterion is not None:
         return plan.message
@@ -160,7 +169,7 @@ def sooner(refused: Plan, plan: Plan) -> str:
 
 
 def too_short(refused: Plan, enough: float) -> str:
-    """Why a duration is refused, and which one does.
+    """Text why a duration is refused, and which one is enough.
 
     Args:
         refused: in the duration that is too short.
@@ -174,7 +183,7 @@ def too_short(refused: Plan, enough: float) -> str:
 
 
 def uncertified(certificate: Certificate) -> str:
-    """Why a trajectory is not proved safe, and what to change."""
+    """Text why a trajectory is not proved safe, and what to change."""
     beyond = {name for name, peak in certificate.peaks.items() if not peak <= 1 + LIMIT_ALLOWANCE}
     advice = []
     if beyond & {"yaw", "pitch"}:

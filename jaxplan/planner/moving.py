@@ -1,4 +1,4 @@
-"""Manoeuvres in which zones or targets move: what the search takes for them, and when they end.
+"""Manoeuvres in which zones or targets move: still cones for the search, and the time at which they end.
 
 The search knows only zones that stand still. `swept` has for each zone that moves a cone that holds it, or
 for keep-in is held by it, over the whole manoeuvre, as far as it leaves start and goal clear at their own
@@ -33,15 +33,15 @@ from jaxplan.planner.steps import GoalQuery, find_goals, wanted_fit
 from jaxplan.trajectory import Fit, FitQuery
 
 _SMALLEST = (
-    1e-3  # rad, least half angle of a cone, and of what is outside; smaller ones are widened or dropped
+    1e-3  # rad, least half angle of a cone, and of its complement; smaller ones are widened or dropped
 )
 _ROOM = float(np.deg2rad(0.25))  # rad, most margin that a cone which is cut back leaves to start and goal
 _BROKEN = -1e-8  # rad, a margin below which a zone does not hold
-_ROUNDS = 8  # fits, each to the goal where the one before ends, after which duration and goal should agree
+_ROUNDS = 8  # most fits, each to the goal at the end of the one before, until duration and goal agree
 _SETTLED = 1e-2  # share of the duration by which it may differ from the goal's time; below it they agree
 _SLACKS = (1e-3, 4e-3, 1e-2, 3e-2, 1e-1)  # shares of the shortest time that are added to it, one by one
 _DETOUR = 1.4  # factor on the bound that is a first guess of a duration; it makes room for a detour
-_FACTORS = (1.0, 2.0, 0.6, 4.0)  # on that guess, one after the other, where there is no goal then
+_FACTORS = (1.0, 2.0, 0.6, 4.0)  # on that guess, tried one after the other where there is no goal
 
 
 def swept(scenario: Scenario, goal: Goal, share: float = 1.0) -> Constraints:
@@ -109,7 +109,7 @@ def always(scenario: Scenario, goal: Goal) -> Constraints:
 
 
 def _swing(path: DirectionPath, time: float) -> tuple[np.ndarray, float]:
-    """Where an axis is in the middle of the manoeuvre, and how far it gets from there, rad."""
+    """The axis (3,) in the middle of a manoeuvre of `time` s, and a bound of its angle from there, rad."""
     axis = np.asarray(path.at(time / 2))
     return axis, path.reach(axis, 0.0, time)
 
@@ -118,7 +118,7 @@ def duration_guesses(scenario: Scenario) -> tuple[float | None, ...]:
     """When the manoeuvre may end, s, the likeliest first: its duration alone where that is given.
 
     Args:
-        scenario: the problem; where nothing moves it does not matter, which is None.
+        scenario: the problem; where nothing moves the time does not matter, and (None,) is returned.
     """
     if not moves(scenario):
         return (None,)
@@ -146,7 +146,7 @@ def duration_guesses(scenario: Scenario) -> tuple[float | None, ...]:
 
 
 class Meeting:
-    """Fits and goals in turn, until a motion ends at its goal when that is there.
+    """Iterate fits and goals, until a motion ends at its goal at the time for which that was computed.
 
     Args:
         scenario: in which something moves.
@@ -167,9 +167,9 @@ class Meeting:
         self.need: FitQuery | GoalQuery | None = wanted_fit(scenario, path, goal)
         self._known, self._what = known_until(scenario)
         self._asked = goal.time  # s, for which goals were asked last
-        self._early = 0.0  # s, the latest goal that is there sooner than the motion to it ends
+        self._early = 0.0  # s, latest end time known to be too short for the motion to its goal
         self._late: tuple[float, Goal, Path] | None = (
-            None  # the earliest one after it that is not, and the way
+            None  # s, earliest end time known to be long enough, its goal and the path
         )
         self._rounds = 0  # fits so far
         self._settled = False  # duration and goal agree
@@ -178,7 +178,7 @@ class Meeting:
         self._timed = False  # the motion is fitted in a given time
 
     def accept_fit(self, fit: Fit) -> None:
-        """Go on with the fit that was needed."""
+        """Take the fit that was needed, and set `need`."""
         self.fit, self.need = fit, None
         if isinstance(self.scenario.trajectory.duration, str):
             if self._timed:
@@ -187,7 +187,7 @@ class Meeting:
                 self._after_free_fit(fit)
 
     def accept_goals(self, goals: Sequence[Goal] | None) -> None:
-        """Go on with the goals at the time that was asked for; None if there is none any more."""
+        """Take the goals at the time that was asked for, None if there are none then, and set `need`."""
         time, self.need = self._asked, None
         if goals is None:
             self._miss(f"the motion takes about {time:.4g} s, and after these there is no goal any more")
@@ -200,7 +200,10 @@ class Meeting:
             self.need = wanted_fit(scenario, self.path, self.goal)
 
     def _after_free_fit(self, fit: Fit) -> None:
-        """Ask for the goal where the motion ends; for a timed fit once the two agree, or often enough."""
+        """Set `need` after a fit of free duration: the goal when that ends, or once both agree a timed fit.
+
+        They need not agree after `_ROUNDS` fits.
+        """
         curve, expected = fit.trajectory, self.goal.time
         if curve is None or fit.status is Status.LIMITS_TOO_TIGHT:
             return
@@ -229,7 +232,7 @@ class Meeting:
             self._ask(self._next_time(curve.duration))
 
     def _narrow(self, expected: float, duration: float) -> None:
-        """Note whether the motion to a goal at a time ends before that.
+        """Narrow the bracket of end times by a motion to the goal at `expected` s that takes `duration` s.
 
         Where goals jump as time goes on, no duration need be that of the motion to the goal then. The least
         one that is long enough lies between one that is and one that is not.
@@ -242,21 +245,22 @@ class Meeting:
             self._early = expected
 
     def _is_narrow(self, late: float) -> bool:
+        """Whether the bracket of end times up to `late` s is narrow enough to end."""
         return late - self._early <= _SETTLED * late
 
     def _next_time(self, duration: float) -> float:
-        """When to look for the goal next, s: at the end of the last motion, or between what is known."""
+        """Time, s, for which to ask for goals next: the end of the last motion, or the bracket's middle."""
         if self._late is None or not self._early or self._early < duration < self._late[0]:
             return duration
         return (self._early + self._late[0]) / 2
 
     def _wait_for_goal(self, time: float, goal: Goal, path: Path) -> None:
-        """Ask for a motion that takes longer than it needs, since its goal is not there sooner."""
+        """Set `need` to a fit in `time` s, longer than the motion needs, as its goal is not there sooner."""
         self.goal, self.path, self._timed = goal, path, True
         self.need = wanted_fit(_timed(self.scenario, time), path, goal)
 
     def _after_timed_fit(self, fit: Fit) -> None:
-        """End with a motion that keeps its time; else ask for one with more slack."""
+        """End with a motion in a given time that keeps the limits; else ask for one with more slack."""
         if fit.status is not Status.LIMITS_TOO_TIGHT:
             return
         if self._slacks and self.goal.time < self._known:
@@ -265,12 +269,12 @@ class Meeting:
             self._miss(f"after {_ROUNDS} rounds fit and goal still follow each other")
 
     def _ask_for_slack(self) -> None:
-        """Ask for the goal at a time that is a little longer than the motion needs."""
+        """Set `need` to the goals at a time that is a little later than the motion needs."""
         self._timed = True
         self._ask(min(self._needed * (1 + self._slacks.pop(0)), self._known))
 
     def _ask(self, time: float) -> None:
-        """Ask for the goals at a time; if a target is hidden then, at the next when all are seen."""
+        """Set `need` to the goals at a time, s; if a target is hidden then, at the next when all are seen."""
         self._asked = seen_from(self.scenario, time)
         if self._asked > self._known:
             self._miss(
@@ -283,26 +287,26 @@ class Meeting:
         self.need = GoalQuery(self.scenario, self._asked)
 
     def _miss(self, message: str) -> None:
-        """End without a trajectory, since there is none whose end means anything."""
+        """End without a trajectory: set `fit` to one that failed as GOAL_MISSED, with a message."""
         self.fit = Fit(trajectory=None, status=Status.GOAL_MISSED, message=message)
 
 
 def _timed(scenario: Scenario, time: float) -> Scenario:
-    """The scenario with a given duration, and the node tube that its word stood for."""
+    """The scenario with a duration of `time` s, and the node tube that its duration in words stood for."""
     settings = scenario.trajectory
     tube = np.inf if settings.duration == MINIMUM and settings.node_tube is None else settings.node_tube
     return replace(scenario, trajectory=replace(settings, duration=time, node_tube=tube))
 
 
 def _at_first(scenario: Scenario) -> Scenario:
-    """The scenario with its targets where they are at first, and no zones."""
+    """The scenario with its targets where they are at time zero, and no zones."""
     asked = scenario.goal
     goal = asked if isinstance(asked, GivenState) else asked.at(0.0)
     return replace(scenario, goal=goal, keep_out=(), keep_in=(), joint_bounds=())
 
 
 def _ending(path: Path, goal: Goal) -> Path:
-    """The path bent so that it ends at a goal: each node moves by its share of the way, by cost."""
+    """The path bent so that it ends at a goal: each node moves by its share of the path's cost."""
     share = np.concatenate([[0.0], np.cumsum(path.edge_costs)])
     share = share / share[-1] if share[-1] > 0 else np.ones_like(share)
     turn = np.asarray(so3.log(path.attitudes[-1].T @ goal.attitude))
@@ -313,6 +317,7 @@ def _ending(path: Path, goal: Goal) -> Path:
 
 
 def _unknown(what: str, known: float, needed: float) -> str:
+    """Text that `what` moves is known until `known` s only, and the motion takes `needed` s."""
     return (
         f"{what} is known until {known:g} s, and the motion takes {needed:.4g} s: "
         "give samples for longer, of [sky] a longer for_duration_s"

@@ -1,4 +1,4 @@
-"""The certificate of a scenario's trajectory: made when it is planned, and made anew from a file.
+"""Certify the trajectory of a scenario, when it is planned, and anew from a file.
 
 `jaxplan.certificate` proves that a trajectory keeps limits and zones and goes from one state to another.
 That these states are what the scenario asks for is checked here: the goal meets its targets, and where these
@@ -51,7 +51,7 @@ def prove(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> Certificate
 
 
 def prove_batch(queries: Sequence[ProofQuery]) -> list[Certificate]:
-    """Certify many trajectories, alike ones together."""
+    """Certify many trajectories, those of equal shapes together."""
     certificates = []
     for query, certificate in zip(queries, certify_batch([_claim(query) for query in queries]), strict=True):
         off = (
@@ -116,7 +116,10 @@ def certify(plan: Plan) -> Certificate:
 
 
 def _of_zones(scenario: Scenario, faults: tuple[str, ...]) -> tuple[str, ...]:
-    """Faults in which zones stand for the rows of cones that are made of them."""
+    """Faults with those of a certificate's rows ("cones....") replaced by those of the scenario's zones.
+
+    They stay as they are where the zones by themselves have none.
+    """
     others = tuple(fault for fault in faults if not fault.startswith("cones."))
     if len(others) == len(faults):
         return faults
@@ -134,7 +137,7 @@ def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
     """Prove anew how far every device stays from every zone, see `jaxplan.certificate.prove_margins`.
 
     Args:
-        plan: with a trajectory; the margins of another are none.
+        plan: with a trajectory; without one there are no margins.
     """
     if plan.trajectory is None:
         return ()
@@ -157,9 +160,9 @@ def _zone_names(scenario: Scenario) -> list[str]:
 
 
 def _goal_faults(scenario: Scenario, goal: Goal) -> Iterator[str]:
-    """A sentence for each way in which a goal is not what the scenario asks for.
+    """Yield a sentence for each way in which a goal is not what the scenario asks for.
 
-    It is in numpy, so that no NaN passes. Of the directions of targets that move `_arrival_faults` tells.
+    It is in numpy, so that no NaN passes. `_arrival_faults` checks the directions of targets that move.
     """
     asked, attitude, joints = scenario.goal, goal.attitude, goal.joints
     if not abs(so3.distance(scenario.start.attitude, attitude) - goal.slew_angle) <= TOLERANCE:
@@ -190,13 +193,16 @@ def _goal_faults(scenario: Scenario, goal: Goal) -> Iterator[str]:
 
 
 def _allowed(scenario: Scenario, name: str) -> float:
-    """Rad by which a device may point off its target: terminals only by rounding, others by the tolerance."""
+    """Angle, rad, by which the device `name` may be off its target: a terminal only by rounding."""
     of_terminal = any(terminal.name == name for terminal in scenario.spacecraft.terminals)
     return TOLERANCE if of_terminal else TOLERANCE + float(scenario.goal.tolerance)  # type: ignore[union-attr]
 
 
 def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator[str]:
-    """A sentence for each way in which a goal is not where its moving targets are when the motion ends."""
+    """Yield a sentence for each way in which a goal misses its moving targets when the motion ends.
+
+    `duration` is that of the motion, s.
+    """
     if not moves(scenario):
         return
     if not abs(goal.time - duration) <= _SAME_TIME * max(duration, 1.0):

@@ -21,11 +21,11 @@ from jaxplan.trajectory import Trajectory
 
 
 def end_rates(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
-    """Angular velocity (3,) and joint rates (2n,) rad/s at which a manoeuvre ends at a goal."""
+    """Angular velocity (3,), body axes, and joint rates (2n + d,), rad/s, at the end of a manoeuvre."""
     if not scenario.goal.moves:
         return scenario.goal.angular_velocity, scenario.goal.joint_rates
     if goal.angular_velocity is None or goal.joint_rates is None:
-        return np.zeros(3), np.zeros(len(goal.joints))  # which no certificate lets pass
+        return np.zeros(3), np.zeros(len(goal.joints))  # such a goal is never certified
     return goal.angular_velocity, goal.joint_rates
 
 
@@ -123,6 +123,7 @@ class Plan:
 
     @cached_property
     def _bound(self) -> DurationBound | None:
+        """Strict lower bound of the duration between the path's ends; None without a path."""
         if self.path is None or self.goal is None:
             return None
         start, goal_rates, ends = self.scenario.start, end_rates(self.scenario, self.goal), [0, -1]
@@ -139,7 +140,7 @@ class Plan:
         save_plan(self, path)
 
     def rows(self) -> list[tuple[str, str]]:
-        """What the plan is, as (label, value) rows for a table; times are left out."""
+        """The plan as (label, value) rows for a table; timings are left out."""
         rows = [("status", self.status.name)]
         if self.message:
             rows.append(("", self.message))
@@ -170,7 +171,7 @@ class Plan:
         return rows
 
     def summary(self) -> dict[str, Any]:
-        """What the plan is, in the units of files, for machines; times included."""
+        """The plan as a dict in the units of files, for machines; timings included."""
         trajectory = self.trajectory
         return {
             "name": self.scenario.name,

@@ -1,4 +1,4 @@
-"""Plans of many scenarios in rounds: scenario -> goals -> path -> trajectory -> certificate -> plan.
+"""Plan many scenarios in rounds: scenario -> goals -> path -> trajectory -> certificate -> plan.
 
 In each round all scenarios that are not settled yet get what they need next: their goals are found one by
 one, their searches, fits and proofs are made together. What that is, with all retries, is for their
@@ -35,14 +35,14 @@ def plan_in_rounds(
 
     Args:
         scenarios: the problems.
-        clocks: of each.
-        settled: is told after each round how many plans have been settled by it.
+        clocks: one a scenario.
+        settled: called after each round with the number of plans that it has settled.
 
     Returns:
         The plans in the same order, failed ones with their status and message.
     """
     every = [InTime(*one) for one in zip(scenarios, clocks, strict=True)]
-    open_ = [one for one in every if one.goes_on()]
+    open_ = [one for one in every if one.advance()]
     settled(len(every) - len(open_))
     with ahead(usual_tasks([one.scenario for one in open_])):
         while open_:
@@ -52,14 +52,14 @@ def plan_in_rounds(
             _search_paths(under_way)
             _fit_trajectories(under_way)
             _prove_certificates(under_way)
-            left = [one for one in open_ if one.goes_on()]
+            left = [one for one in open_ if one.advance()]
             settled(len(open_) - len(left))
             open_ = left
     return [one.result() for one in every]
 
 
 def _find_goals(open_: Sequence[Attempts]) -> None:
-    """Step 1 of all that need it, one by one."""
+    """Run step 1 for all attempts that need it, one by one."""
     for attempts, query in _in_need(open_, GoalQuery):
         with attempts.clock.step("decompose"):
             found = find_goals(query.scenario, query.time)
@@ -67,7 +67,7 @@ def _find_goals(open_: Sequence[Attempts]) -> None:
 
 
 def _search_paths(open_: Sequence[Attempts]) -> None:
-    """Step 2 of all that need it, together."""
+    """Run step 2 for all attempts that need it, together."""
     waiting = _in_need(open_, SearchQuery)
     with _shared_step("search", [attempts.clock for attempts, _ in waiting]) as seconds:
         scenes, settings = [query.scene for _, query in waiting], [query.settings for _, query in waiting]
@@ -77,7 +77,7 @@ def _search_paths(open_: Sequence[Attempts]) -> None:
 
 
 def _fit_trajectories(open_: Sequence[Attempts]) -> None:
-    """Step 3 of all that need it, together."""
+    """Run step 3 for all attempts that need it, together."""
     waiting = _in_need(open_, FitQuery)
     with _shared_step("trajectory", [attempts.clock for attempts, _ in waiting]) as seconds:
         found = fit_batch([query for _, query in waiting], seconds)
@@ -86,7 +86,7 @@ def _fit_trajectories(open_: Sequence[Attempts]) -> None:
 
 
 def _prove_certificates(open_: Sequence[Attempts]) -> None:
-    """The certificates of all that need one, together."""
+    """Make the certificates for all attempts that need one, together."""
     waiting = _in_need(open_, ProofQuery)
     with _shared_step("certificate", [attempts.clock for attempts, _ in waiting]):
         found = prove_batch([query for _, query in waiting])
@@ -102,14 +102,14 @@ def _in_need(open_: Sequence[Attempts], kind: type[Query]) -> list[tuple[Attempt
 
 @contextmanager
 def _shared_step(name: str, clocks: Sequence[Clock]) -> Iterator[Seconds]:
-    """Count the time of a block to a step of several plans.
+    """Count the time of a `with` block to a step of several plans.
 
     Args:
         name: of the step.
         clocks: of the plans; without any nothing is counted.
 
     Yields:
-        Where the block says what each plan has taken; what is nobody's own is shared equally.
+        A record in which the block notes the seconds of each plan; all other seconds are shared equally.
     """
     seconds = Seconds(len(clocks))
     begin, began = time.monotonic(), working_time()

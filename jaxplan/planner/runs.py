@@ -1,6 +1,6 @@
-"""The door: plan one scenario, or many at once, here or in processes of their own.
+"""The entry points `plan` and `plan_batch`: one scenario, or many at once, here or in other processes.
 
-What is planned is what a scenario file would say: checked alike, with the numbers that it would hold.
+A scenario is checked as one from a file is, and planned with the numbers that its file would hold.
 """
 
 from collections.abc import Iterable, Sequence
@@ -20,7 +20,7 @@ from jaxplan.schema.reading import take_in
 
 TOGETHER = 256
 """Scenarios that are planned at once, so that progress is seen and memory stays small."""
-_LEAST_HANDED_OUT = 32  # scenarios, so that a worker, too, does what they ask for together
+_LEAST_HANDED_OUT = 32  # scenarios in a part for a worker, so that it, too, plans many together
 _PARTS = 3  # parts for each worker, so that all get done at about the same time
 
 
@@ -129,7 +129,7 @@ def as_filed(name: str, given: object) -> Scenario:
 
 
 def _here(scenarios: Sequence[Scenario], progress: bool) -> list[Plan]:
-    """Plan scenarios that are as filed, in this process."""
+    """Plan scenarios that `as_filed` returned, in this process."""
     plans: list[Plan] = []
     with one_thread(), progress_bar("planning", "plans", total=len(scenarios), shown=progress) as bar:
         for first in range(0, len(scenarios), TOGETHER):
@@ -139,7 +139,11 @@ def _here(scenarios: Sequence[Scenario], progress: bool) -> list[Plan]:
 
 
 def _by_workers(scenarios: Sequence[Scenario], workers: Workers, progress: bool) -> list[Plan]:
-    """Plan parts of the scenarios in other processes."""
+    """Plan scenarios that `as_filed` returned in other processes, part by part.
+
+    Raises:
+        RuntimeError: if a worker process dies.
+    """
     pool = WorkerPool(workers)
     size = min(TOGETHER, max(_LEAST_HANDED_OUT, -(-len(scenarios) // (_PARTS * pool.workers))))
     parts = [scenarios[first : first + size] for first in range(0, len(scenarios), size)]

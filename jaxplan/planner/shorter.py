@@ -1,4 +1,4 @@
-"""Shorter plans than the one at hand: along the paths of other searches, and from more bent curves.
+"""Look for shorter plans than one that was found: along paths of other searches, and from more bent curves.
 
 Zones can be passed on several sides, and a search finds one way. Where the shortest motion along it is far
 above the bound, other searches look for other ways, unless the straight one is open, which all would find. A
@@ -21,7 +21,7 @@ from jaxplan.trajectory import NEAR_THE_BOUND, Fit, FitQuery
 
 METHODS = ("rrt_connect", "mha")  # of the other searches, in turn: the first one varies most with its seed
 _FIRST_SEED = 100  # number of the first other search among those whose seeds are derived
-_SHORTER = 1 - 1e-4  # of the duration, to which a motion is to come for its plan to be taken
+_SHORTER = 1 - 1e-4  # share of the duration below which a motion's has to be for its plan to be taken
 _MOST_BENT = 1000  # curves; with more nothing is found that fewer would not find
 _BEND_EVERY = 4  # in longer improvements, after so many searches more curves are bent
 
@@ -30,7 +30,7 @@ def is_improvable(plan: Plan, improve_for: float, enough: float = 0.0) -> bool:
     """Whether a shorter plan than one that was found is to be looked for.
 
     Args:
-        plan: certified.
+        plan: the one that was found; False where it is not certified.
         improve_for: s, for which it is to be looked for at least.
         enough: s, a duration that is short enough.
     """
@@ -46,7 +46,7 @@ def is_improvable(plan: Plan, improve_for: float, enough: float = 0.0) -> bool:
 
 
 class Shorter:
-    """The search for a shorter plan.
+    """The search for a shorter plan, as a state machine like `attempts.Attempts`.
 
     Args:
         plan: to begin with, certified.
@@ -56,7 +56,7 @@ class Shorter:
 
     Attributes:
         plan: the shortest so far.
-        need: what it asks for next; None at the end.
+        need: the search, fit or certificate that is needed next; None at the end.
     """
 
     def __init__(self, plan: Plan, scene: Scene, left: float, improve_for: float) -> None:
@@ -71,10 +71,11 @@ class Shorter:
 
     @property
     def _scenario(self) -> Scenario:
+        """The scenario of the plans."""
         return self.plan.scenario
 
     def accept_path(self, result: SearchResult) -> None:
-        """Go on with the result of another search."""
+        """Take the result of another search, and set `need`."""
         if result.path is None:
             self._next()
             return
@@ -82,7 +83,7 @@ class Shorter:
         self._fit(result.path, first_guesses=0)
 
     def accept_fit(self, fitted: Fit) -> None:
-        """Go on with the fit along another path, or from more curves."""
+        """Take the fit along another path, or from more curves, and set `need`."""
         if not self._is_shorter(fitted):
             self._next()
         elif self._rough and self._bent and self._so_far.path is not None:
@@ -94,14 +95,14 @@ class Shorter:
                 self.need = ProofQuery(scenario=self._scenario, goal=goal, trajectory=trajectory)
 
     def accept_certificate(self, certificate: Certificate) -> None:
-        """Take the plan that is certified, and go on."""
+        """Take the certificate that was needed, keep its plan if it is certified, and set `need`."""
         found = judged(self._so_far, certificate)
         if found.status is Status.OK:
             self.plan = found
         self._next()
 
     def _next(self) -> None:
-        """Ask for another search, or for more bent curves; for nothing where it is over."""
+        """Set `need` to another search, or to a fit from more bent curves; to None at the end."""
         scenario, self.need = self._scenario, None
         now, planned = time.monotonic(), scenario.trajectory.first_guesses
         if now >= self._limit or (self._searches >= planned and now >= self._until):
@@ -124,7 +125,7 @@ class Shorter:
             self._fit(self.plan.path, first_guesses=self._bent)
 
     def _fit(self, path: Path, first_guesses: int) -> None:
-        """Ask for a fit along a path, from so many bent curves."""
+        """Set `need` to a fit along a path, from a number of bent curves, `first_guesses`."""
         goal = self.plan.goal
         if goal is None:
             raise RuntimeError("a certified plan has a goal")
@@ -136,6 +137,7 @@ class Shorter:
         )
 
     def _is_shorter(self, fitted: Fit) -> bool:
+        """Whether a fit succeeded and takes less than `_SHORTER` of the shortest plan's duration."""
         if fitted.status is not Status.OK or fitted.trajectory is None or self.plan.trajectory is None:
             return False
         return fitted.trajectory.duration < _SHORTER * self.plan.trajectory.duration

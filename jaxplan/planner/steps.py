@@ -1,7 +1,7 @@
-"""The steps of a plan that are no more than a call: what they are asked for a scenario, and what they answer.
+"""Single steps of a plan as calls: goals of a scenario, the fit along a path, and plans from their results.
 
-Step 1 has the goal that is given, or those that are found; where something moves, a goal is one at a time,
-the end of the manoeuvre. Step 3 has the trajectory along a path. A certificate settles the plan.
+Step 1 returns the goal that is given, or those that are found; where something moves, a goal is for one time,
+the end of the manoeuvre. Step 3 returns the trajectory along a path. A certificate settles the plan.
 """
 
 from collections.abc import Mapping
@@ -25,13 +25,13 @@ from jaxplan.planner.validity import breaches, hidden_targets
 from jaxplan.search import Scene
 from jaxplan.trajectory import Fit, FitQuery, Trajectory, fit_batch
 
-_SHARES = np.linspace(1.0, 0.0, 9)  # of its way, at which a device may stop
+_SHARES = np.linspace(1.0, 0.0, 9)  # of the straight motion of its joints, at which a device may stop
 _MOST_TURNS = 4  # between two angles of a range of 720 deg to either side
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GoalQuery:
-    """Goals to be found, see `find_goals`.
+    """A request for goals, see `find_goals`.
 
     Attributes:
         scenario: the problem.
@@ -44,7 +44,7 @@ class GoalQuery:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchQuery:
-    """A search to be made.
+    """A request for a search.
 
     Attributes:
         scene: where to search.
@@ -56,7 +56,7 @@ class SearchQuery:
 
 
 def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...] | Plan:
-    """The goals to try, the best one first, or a plan that says why there is none.
+    """Find the goals to try, the best one first, or a failed plan that says why there is none.
 
     Args:
         scenario: the problem.
@@ -101,7 +101,7 @@ def other_turns(scenario: Scenario, goal: Goal, device: int) -> list[Goal]:
 
     Args:
         scenario: whose goal is targets; of any other goal, and of one that moves, there are none.
-        goal: that meets all.
+        goal: one that meets all targets and constraints.
         device: number of a gimbal.
     """
     if isinstance(scenario.goal, GivenState) or moves(scenario):
@@ -156,13 +156,13 @@ def goals_unwished(scenario: Scenario, device: int) -> list[Goal]:
 
 
 def other_ends(scenario: Scenario, goal: Goal, device: int, last: np.ndarray) -> list[Goal]:
-    """Goals at which a device without a target stops on its way, the farthest that breaks nothing, if any.
+    """The goal at which a device without a target stops the farthest on its way and breaks nothing, if any.
 
     Args:
-        scenario: of one that moves there are none.
-        goal: that meets all.
+        scenario: where something moves there is none.
+        goal: one that meets all targets and constraints.
         device: number of a gimbal.
-        last: (o,) rad, its joints as far as they get.
+        last: (o,) rad, joints of the device as far as they can go.
     """
     joints, own = np.array(goal.joints), scenario.spacecraft.gimbals.joints_of(device)
     first = scenario.start.joints[own]
@@ -175,18 +175,18 @@ def other_ends(scenario: Scenario, goal: Goal, device: int, last: np.ndarray) ->
 
 
 def _broken(scenario: Scenario, goal: Goal, time: float) -> tuple[str, ...]:
-    """What a goal breaks when it is reached at a time, s."""
+    """A phrase for each limit or constraint that a goal breaks when it is reached at a time, s."""
     rates = end_rates(scenario, goal)
     return breaches(scenario, goal.attitude, goal.joints, *rates, arriving=True, time=time)
 
 
 def _arriving(scenario: Scenario, goal: Goal, time: float) -> Goal:
-    """A goal with the rates at which the manoeuvre ends there.
+    """A goal with its time and the rates with which the manoeuvre ends there.
 
     Args:
         scenario: in which something moves.
-        goal: of it.
-        time: s.
+        goal: without time and rates.
+        time: s, when the manoeuvre ends.
     """
     asked = scenario.asked
     if isinstance(asked, GivenState) or not asked.moves:
@@ -199,7 +199,7 @@ def _arriving(scenario: Scenario, goal: Goal, time: float) -> Goal:
 
 
 def pursuit(scenario: Scenario, targets: Targets, time: Any) -> dict[str, Any]:
-    """What a goal with moving targets follows, as arguments of `tracking_rates` and `goal_in_time` by name.
+    """Arguments of `tracking_rates` and `goal_in_time`, by name, for a goal with moving targets.
 
     Args:
         scenario: the problem.
@@ -219,6 +219,7 @@ def pursuit(scenario: Scenario, targets: Targets, time: Any) -> dict[str, Any]:
 
 
 def _given(state: GivenState, attitude: np.ndarray) -> Goal:
+    """The goal of a given state, for a start attitude (3, 3), body to inertial."""
     slew = float(so3.distance(attitude, state.attitude))
     return Goal(attitude=state.attitude, joints=np.asarray(state.joints, float), slew_angle=slew)
 
@@ -236,7 +237,7 @@ def largest_slew(scenario: Scenario) -> float:
 
 
 def wanted_fit(scenario: Scenario, path: Path, goal: Goal, near: Trajectory | None = None) -> FitQuery:
-    """The fit of a scenario along a path to a goal, by the method that it asks for; perhaps near a motion."""
+    """The request for a fit along a path to a goal, by the scenario's method; near a trajectory if given."""
     start, end = scenario.start, end_rates(scenario, goal)
     return FitQuery(
         path=path,
@@ -253,18 +254,18 @@ def wanted_fit(scenario: Scenario, path: Path, goal: Goal, near: Trajectory | No
 
 
 def fit(scenario: Scenario, path: Path, goal: Goal, near: Trajectory | None = None) -> Fit:
-    """The trajectory of a scenario along a path to a goal, fitted by itself; perhaps near a motion."""
+    """Fit the trajectory of a scenario along a path to a goal; near another trajectory if given."""
     return fit_batch([wanted_fit(scenario, path, goal, near)])[0]
 
 
 def fitted_plan(so_far: Plan, fitted: Fit) -> Plan:
-    """The plan with the trajectory that step 3 found, if any, not yet certified."""
+    """A plan with status, message and trajectory of step 3, not yet certified."""
     message = fitted.note if fitted.status is Status.OK else fitted.message
     return replace(so_far, status=fitted.status, message=message, trajectory=fitted.trajectory)
 
 
 def judged(so_far: Plan, certificate: Certificate) -> Plan:
-    """The plan with a certificate on its trajectory, certified or not."""
+    """A plan with a certificate on its trajectory; an OK one that is not certified becomes UNCERTIFIED."""
     so_far = replace(so_far, certificate=certificate)
     if so_far.status in (Status.OK, Status.UNCERTIFIED) and not certificate.certified:
         return replace(so_far, status=Status.UNCERTIFIED, message=messages.uncertified(certificate))

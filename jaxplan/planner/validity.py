@@ -1,4 +1,4 @@
-"""Whether a state keeps the limits and meets every constraint, said in words where it does not."""
+"""Check that a state keeps the limits and meets every constraint, with a phrase for each that it breaks."""
 
 from collections.abc import Iterator
 
@@ -19,14 +19,14 @@ def breaches(
     arriving: bool = False,
     time: float = 0.0,
 ) -> tuple[str, ...]:
-    """Everything a state breaks: joint limits, also those that it cannot but break next, rates and zones.
+    """Everything a state breaks: joint limits, also those that full braking cannot keep, rates and zones.
 
     Args:
         scenario: limits and zones.
         attitude: (3, 3) body to inertial.
-        joints: (2n,) rad.
+        joints: (2n + d,) rad.
         angular_velocity: (3,) rad/s, body axes.
-        joint_rates: (2n,) rad/s.
+        joint_rates: (2n + d,) rad/s.
         arriving: whether the state ends a motion instead of starting one: what was just before counts.
         time: s, when it is; zones that move are where they are then.
 
@@ -69,7 +69,7 @@ def breaches(
 
 
 def _beyond(scenario: Scenario, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far joints are beyond the nearer end of their ranges, and the size of that end; (J,) rad each.
+    """How far joints (J,) rad are beyond the nearer end of their ranges, and the size of that end, (J,) rad.
 
     Of a range that is not the same to either side the end has its sign.
     """
@@ -86,7 +86,7 @@ def start_breaches(scenario: Scenario) -> tuple[str, ...]:
 
 
 def hidden_targets(scenario: Scenario, time: float) -> tuple[str, ...]:
-    """The targets that cannot be seen at a time, s, a phrase each with what hides them and until when."""
+    """A phrase for each target that is hidden at a time, s, with what hides it and until when."""
     known, _ = known_until(scenario)
     found = []
     for device, path in target_paths(scenario):
@@ -100,14 +100,17 @@ def hidden_targets(scenario: Scenario, time: float) -> tuple[str, ...]:
 
 
 def rounded_up(time: float) -> str:
-    """A time as text, s, so that what is not yet at that time is then."""
+    """Text of a time, s, rounded up to hundredths, so that it is no earlier."""
     return f"{np.ceil(time * 100) / 100:.12g}"
 
 
 def _overruns(
     scenario: Scenario, joints: np.ndarray, joint_rates: np.ndarray, arriving: bool
 ) -> Iterator[str]:
-    """Joints within limits that full braking cannot keep there, or that must come from beyond."""
+    """Yield a phrase for each joint within its limits that full braking cannot keep there.
+
+    If `arriving`, for each that must have been beyond them just before.
+    """
     craft = scenario.spacecraft
     beyond, ends = _beyond(scenario, joints)
     room, side = -beyond, np.where(joints >= np.mean(craft.joint_ranges, axis=-1), 1, -1)

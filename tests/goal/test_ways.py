@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.goal.least_time import platform
-from jaxplan.goal.ways import Platform, Pointers, paces, ways
+from jaxplan.goal.ways import Platform, Pointers, speed_limits, ways
 
 RNG = np.random.default_rng(3)
 LIKE = {"rate_limit": 0.02, "acceleration_limit": 0.004}
@@ -49,7 +49,7 @@ def test_slopes_and_bends_are_those_of_the_values(limits):
     def at(turns):
         return found_ways(turns.as_quat(scalar_first=True).T, pointers, turning)
 
-    count = len(paces(pointers, turning)[0])
+    count = len(speed_limits(pointers, turning)[0])
     either = [
         [at(lanes * Rotation.from_rotvec(sign * step * axis)) for sign in (1, -1)] for axis in np.eye(3)
     ]
