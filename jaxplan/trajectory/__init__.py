@@ -8,7 +8,7 @@ from jaxplan.runtime.batching import Seconds, grouped
 from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
 from jaxplan.trajectory.fit import NEAR_THE_BOUND, Fit, FitQuery
-from jaxplan.trajectory.motion import kernel_tasks
+from jaxplan.trajectory.kernels import kernel_tasks
 
 METHODS: dict[str, Any] = {
     "global": "jaxplan.trajectory.strategy:fit",

@@ -24,7 +24,7 @@ from jaxplan.model.constraints import Constraints, axes_in_body, joint_values, m
 from jaxplan.model.directions import Sights
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
-from jaxplan.trajectory.motion import loads_at
+from jaxplan.trajectory.kernels import loads_at
 from jaxplan.trajectory.sqp import ENERGY_WEIGHT
 
 _REGULARISATION = 1e-13  # of the matrix, where rows that bind depend on each other

@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxplan.runtime.batching import in_groups
 from jaxplan.trajectory.constraints import ConstraintBlock, constraint_blocks
-from jaxplan.trajectory.motion import LIMIT, TUBE, ZONE, Iterates, Stack, mixed, some
+from jaxplan.trajectory.motion import LIMIT, TUBE, ZONE, Iterates, Stack, members_of, mixed
 from jaxplan.trajectory.problem import DiscreteProblem
 from jaxplan.trajectory.program import Multipliers, QuadraticProgram, decrease_bound, solve
 from jaxplan.trajectory.splines import weighted
@@ -311,5 +311,5 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
         if np.all(done):
             break
         if np.any(done):
-            state = some(state, ~done)
+            state = members_of(state, ~done)
     return [solutions[number] for number in range(len(begins))]
