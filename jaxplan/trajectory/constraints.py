@@ -5,7 +5,7 @@ those of `motion`. A *row* is the inequality ``slopes . dc + time * dT / T <= sl
 the coefficients and ``dT`` of the duration; its *slack*, what is left to the bound, is negative if it is
 broken. A block knows the slack of all its rows and how a step changes it, and writes out only the rows that a
 program asks for. The derivatives of a row in the coefficients (n, A) are a product of a row of the axes and
-one of the basis, or a sum of J such products: slopes are pairs of arrays (R, J, A) and (R, J, n).
+one of the basis, or a sum of P such products: slopes are pairs of arrays (R, P, A) and (R, P, n).
 
 Rows of joints by the coefficients, and of nodes in a tube, are true of every step. All values of a spline lie
 between the least and the largest of its coefficients, and those of a derivative likewise, so what holds for
@@ -40,7 +40,7 @@ _NEAR_AXIS = 1e-6  # least sine of an angle to a row's axis, where the margin ha
 SIGNS = np.array([1.0, -1.0])  # of a bound on both sides
 
 Index = tuple[np.ndarray, ...]  # indices (R,) of rows along each axis of a slack, the curve's first
-Slopes = tuple[np.ndarray, np.ndarray]  # (R, J, A) of the axes and (R, J, n) of the basis
+Slopes = tuple[np.ndarray, np.ndarray]  # (R, P, A) of the axes and (R, P, n) of the basis
 
 
 def numbers(chosen: np.ndarray) -> Index:

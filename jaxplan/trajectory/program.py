@@ -83,8 +83,8 @@ class ActiveRows(NamedTuple):
         slack: (R,).
         time: (R,) coefficient of the relative change of the duration.
         kind: (R,) int.
-        axes: (R, J, A).
-        basis: (R, J, n), with ``axes`` the slopes; products beyond those of a row are zero.
+        axes: (R, P, A).
+        basis: (R, P, n), with ``axes`` the slopes; products beyond those of a row are zero.
     """
 
     which: np.ndarray
@@ -213,7 +213,7 @@ def active_rows(
 
 
 def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Arrays (r, J, w) one after the other, with zeros where one has fewer products than another."""
+    """Arrays (r, P, w) one after the other, with zeros where one has fewer products than another."""
     parts = [part for part in parts if len(part)]
     most = max((part.shape[1] for part in parts), default=1)
     missing = [((0, 0), (0, most - part.shape[1]), (0, 0)) for part in parts]
@@ -231,7 +231,7 @@ def transposed_product(rows: ActiveRows, multipliers: np.ndarray, shape: tuple[i
 
 
 def _gradient(y: np.ndarray, axes: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """(n, A) of rows (r,) with slopes (r, J, A) and (r, J, n)."""
+    """(n, A) of rows (r,) with slopes (r, P, A) and (r, P, n)."""
     pull = y[:, None, None] * axes
     return np.asarray(basis.reshape(-1, basis.shape[2]).T @ pull.reshape(-1, axes.shape[2]))
 
@@ -273,8 +273,8 @@ def _dual(
     """The dual of one curve's program.
 
     Returns:
-        The dual, the numbers (r,) of the rows that it has, their slopes in the free coefficients, (r, J, A)
-        and (r, J, k), and the coefficients (r,) of the relative change of the duration.
+        The dual, the numbers (r,) of the rows that it has, their slopes in the free coefficients, (r, P, A)
+        and (r, P, k), and the coefficients (r,) of the relative change of the duration.
     """
     curve, kept = int(rows.which[own]), rows.of_curve[own]
     if not len(kept):
