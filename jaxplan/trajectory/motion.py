@@ -283,9 +283,8 @@ def members_of(whole: T, which: np.ndarray) -> T:
     elif isinstance(whole, dict):
         found = {name: members_of(own, which) for name, own in whole.items()}
     else:
-        parts = {
-            field.name: members_of(getattr(whole, field.name), which) for field in fields(whole) if field.init
-        }  # type: ignore[arg-type]
+        names = [field.name for field in fields(whole) if field.init]  # type: ignore[arg-type]
+        parts = {name: members_of(getattr(whole, name), which) for name in names}
         found = replace(whole, **parts)  # type: ignore[type-var]
     return found
 
