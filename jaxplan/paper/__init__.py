@@ -1,1 +1,1 @@
-"""The printed planners and the printed trajectory, as methods that settings name (sections 3.2 and 4)."""
+"""The paper's own planners and trajectory (sections 3.2 and 4), as methods that settings name."""

@@ -1,7 +1,8 @@
-"""The paper's scheme as a pure function of its inputs, near those of a fit that was made.
+"""The paper's scheme as a differentiable function of its inputs, near those of a fit that was made.
 
-Which limits bind at the joins is held, and so are the segments and the times of the nodes as shares of the
-duration. Then every program is a linear system, and the chain of them is differentiated as it stands.
+Held fixed are the limits that bind at the joins (where a segment meets the next one), the segments, and the
+times of the nodes as shares of the duration. Then every quadratic program is a linear system, and JAX
+differentiates the chain of them. S segments have l + 1 Legendre coefficients on each of d axes.
 """
 
 from dataclasses import dataclass, field
@@ -33,13 +34,13 @@ _BINDS = 1e-9  # of a limit; a rate or acceleration at a join that is nearer to 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ActiveChain:
-    """The segments of the platform or of the joints.
+    """The segments of the platform or of the joints, with the limits that bind.
 
     Attributes:
         ends: (S + 1,) int, nodes where segments end.
-        nodes: (S, slots) int, the node of each slot.
+        nodes: (S, slots) int, the node of each slot, see `segments`.
         present: (S, slots) bool, which slots hold a node.
-        sides: (S, 2, d) of rate and acceleration at the join: -1 or 1 where a limit binds, else 0.
+        sides: (S, 2, d) for rate and acceleration at the join: -1 or 1 where a limit binds, else 0.
     """
 
     ends: np.ndarray
@@ -52,7 +53,7 @@ class ActiveChain:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PaperActiveSet:
-    """What is held of a fit.
+    """What is held fixed of a fit.
 
     Attributes:
         fractions: (m + 1,) times of the nodes over the duration.
@@ -80,8 +81,8 @@ def refit(
     """The trajectory of a fit whose inputs have changed a little; differentiable in all of them.
 
     Args:
-        held: of a fit to as many nodes.
-        path: its attitudes and joints; edges' costs have no say.
+        held: what is held of a fit to as many nodes.
+        path: its attitudes and joints; the costs of its edges are not used.
         spacecraft: its limits and inertia.
         settings: weights and duration.
         cones: the zones, which this method does not look at.
@@ -133,7 +134,14 @@ def refit(
 
 
 def nominal_duration(attitudes: Array, joints: Array, fractions: np.ndarray, limits: Array) -> Array:
-    """`shortest_duration` for limits (2, 3 + 2n); nodes that are padding take no time."""
+    """`shortest_duration`, s, of nodes with limits (2, 3 + 2n) of rates and accelerations.
+
+    Args:
+        attitudes: (m + 1, 3, 3), body to inertial.
+        joints: (m + 1, 2n) rad.
+        fractions: (m + 1,) times of the nodes over the duration; equal where a node is padding.
+        limits: of body axes and joints, rad/s and rad/s^2.
+    """
     turns = so3.log(jnp.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
     moves = jnp.concatenate([turns, jnp.diff(joints, axis=0)], axis=1)
     return jnp.asarray(shortest_duration(moves, fractions, limits[0], limits[1]))
@@ -149,7 +157,18 @@ def _chain(
     ends: Array,
     end_turns: Array | None = None,
 ) -> Array:
-    """Coefficients (S, l + 1, d) of a chain, as `segments` plans it; backward with ``end_turns``."""
+    """Coefficients (S, l + 1, d) of a chain of segments, as `segments.Chain` plans it.
+
+    Args:
+        held: the segments, and which limits bind.
+        times: (m + 1,) s, of the nodes.
+        node_rows: (S, slots, l + 1) basis at each node.
+        node_values: (S, slots, d) rad, values wanted there.
+        weights: of rate and acceleration in the objective.
+        limits: (2, d) of rates and accelerations at the joins.
+        ends: (2, 2, d) rate and acceleration where the chain begins, then where it ends.
+        end_turns: (S, 3, 3) ``W`` of the platform's charts, which makes the chain run backward.
+    """
     count, slots, size = node_rows.shape
     backward = end_turns is not None
     near, far = (1, 0) if backward else (0, 1)
@@ -185,7 +204,10 @@ def _chain(
 
 
 def _minimiser(objective: Array, rows: Array, values: Array, on: Array) -> Array:
-    """Minimiser (p,) under the rows (r, p) that are on; a row that is off stands for its multiplier, zero."""
+    """Minimiser (p,) of ``x^T objective x`` with ``rows x = values`` for the rows that are on, (r,) bool.
+
+    A row that is off is replaced by the equation that its multiplier is zero.
+    """
     active = jnp.where(on[:, None], rows, 0)
     off = jnp.diag(jnp.where(on, 0.0, 1.0))
     system = jnp.block([[objective, active.T], [active, off]])
@@ -202,8 +224,8 @@ def held_of(
     """What is held of a fit; where a limit is just met at a join it counts as binding.
 
     Args:
-        nodes: that were passed.
-        curve: before its time was stretched.
+        nodes: those that were passed.
+        curve: the trajectory before its time was stretched.
         limits: of the platform (2, 3) and of the joints (2, 2n), rates and accelerations at the joins; None
             where the time was stretched to the limits.
         count: the smallest number that nodes are padded to.
@@ -228,7 +250,16 @@ def _active_chain(
     limits: np.ndarray | None,
     far: int,
 ) -> ActiveChain:
-    """What is held of a chain whose segments are joined to the next one at their end ``far``."""
+    """What is held of a chain of segments.
+
+    Args:
+        ends: (S + 1,) int, nodes where segments end.
+        order: of the basis.
+        breaks: (S + 1,) s, ends of the segments.
+        coefficients: (S, order + 1, d).
+        limits: (2, d) of rates and accelerations at the joins; None for none.
+        far: the end of a segment at which the next one is joined: 1 the last, 0 the first.
+    """
     nodes = node_indices(ends, order - 2)
     sides = np.zeros((len(ends) - 1, 2, coefficients.shape[2]))
     if limits is not None:

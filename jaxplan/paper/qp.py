@@ -3,10 +3,10 @@
     minimise 1/2 x^T P x   subject to   A x = b,   -c <= G x <= c        (equations 23 and 47)
 
 The axes of a segment do not couple, so each is a column: ``x`` is (p, d), ``b`` is (r, d), ``c`` is (g, d).
-Most programs have no active limit. Their answer is that of a linear system, exact to rounding, and where it
-keeps the limits it is the optimum. For the other columns OSQP finds which limits are active, and the digits
-come from a linear system again. The check at the end is plain numpy and decides alone whether an answer is
-given; a NaN does not pass it.
+Most programs have no active limit. Their solution is that of a linear system, exact to rounding, and where it
+keeps the limits it is the optimum. For the other columns OSQP finds which limits are active, and a linear
+system gives the solution to full precision. The check at the end is plain numpy and decides alone whether a
+solution is returned; a NaN does not pass it.
 """
 
 from collections.abc import Hashable, Sequence
@@ -50,18 +50,18 @@ class SegmentQP:
 
     @property
     def kind(self) -> Hashable:
-        """Programs of equal kinds have the same sizes."""
+        """Sizes of the program; those of equal kinds can be solved together."""
         return self.equalities.shape, self.limits.shape, self.values.shape
 
 
 def solve_all(programs: Sequence[SegmentQP]) -> list[np.ndarray | None]:
-    """The optima of programs of one kind, checked.
+    """Solve programs of one kind, and check the solutions.
 
     Args:
         programs: each with d columns.
 
     Returns:
-        (p, d) of each; None if a column has no solution, or none that passes the check.
+        For each its optimum (p, d); None if a column has no solution, or none that passes the check.
     """
     objective, rows, values, limited, limits = (
         np.stack([getattr(program, name) for program in programs])
@@ -79,7 +79,7 @@ def solve_all(programs: Sequence[SegmentQP]) -> list[np.ndarray | None]:
 
 
 def _hold_limits(program: SegmentQP, x: np.ndarray) -> bool:
-    """Replace the columns of an answer (p, d) that are beyond a limit; whether that was possible."""
+    """Replace, in place, columns of ``x`` (p, d) that are beyond a limit; return whether that could be."""
     for column in np.flatnonzero(~np.all(np.abs(program.limited @ x) <= program.limits, axis=0)):
         side = _active_sides(program, int(column))
         if side is None:
@@ -98,7 +98,16 @@ def _hold_limits(program: SegmentQP, x: np.ndarray) -> bool:
 def _minimisers(
     objectives: np.ndarray, rows: np.ndarray, values: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Minimisers under equalities alone, and multipliers: ``P x + A^T y = 0``, ``A x = b``; NaN of none."""
+    """Minimisers ``x`` under equalities alone, and multipliers ``y``: ``P x + A^T y = 0``, ``A x = b``.
+
+    Args:
+        objectives: (N, p, p) ``P`` of N programs.
+        rows: (N, r, p) ``A``.
+        values: (N, r, d) ``b``.
+
+    Returns:
+        (N, p, d) and (N, r, d); NaN where there is no solution.
+    """
     count, held, unknowns = rows.shape
     system = np.zeros((count, unknowns + held, unknowns + held))
     system[:, :unknowns, :unknowns] = objectives
@@ -112,9 +121,9 @@ def _minimisers(
 
 
 def _active_sides(program: SegmentQP, column: int) -> np.ndarray | None:
-    """For one column, which limits are active: (g,) of -1, 0 and 1; None if there is no solution.
+    """Find which limits are active for one column: (g,) of -1, 0 and 1; None if there is no solution.
 
-    An answer that OSQP calls inaccurate still tells; if it tells wrong, the caller's check fails.
+    A solution that OSQP calls inaccurate is used, too; if its limits are wrong, the caller's check fails.
     """
     import osqp
     from scipy import sparse

@@ -1,17 +1,18 @@
-"""RRT*: a tree from the start whose nodes take the cheapest way to them that is at hand.
+"""RRT*: a tree from the start whose nodes are reconnected to the parents that make their paths cheapest.
 
 After Karaman and Frazzoli (2011). In each turn the tree grows by at most `RANGE` steps towards a random state
 (with probability `GOAL_BIAS` the goal) as far as the motion is clear. Of the nodes within `RANGE` steps, at
-most the `NEIGHBOURS` nearest, the one that offers the cheapest way becomes the new node's parent, and
-those to which the new node offers a cheaper way take it as theirs. All these motions, and the straight
+most the `NEIGHBOURS` nearest, the one with the cheapest path to the new node becomes its parent, and
+those to which the path through the new node is cheaper take it as theirs. All these motions, and the straight
 motion from the new node to the goal, are checked in one call: a motion is clear both ways or neither.
 
 Once there is a path, the search goes on for as many extensions as that took, but at least `IMPROVE`, and only
 towards states that can be on a shorter path (informed RRT*). The straight motion from start to goal is tried
 first, and the path is smoothed at the end.
 
-The clearance wanted of a motion between two nodes is that of the way through the older one. Costs only ever
-become less, and the wanted clearance with them, so that what has been clear remains so.
+The clearance wanted of a motion between two nodes is that of the path through the older one. Costs only ever
+become less, and the wanted clearance with them, so that what has been clear remains so. A state is a row of
+``4 + 2n`` numbers, as in `rrt_connect`.
 """
 
 from collections.abc import Sequence
@@ -26,10 +27,10 @@ from jaxplan.search.paths import ARRIVED, between
 from jaxplan.search.rrt_connect import FEW, LEAST, MANY, Space, Tree, reached, search_by_trees
 from jaxplan.search.scene import SearchResult
 
-RANGE = 10.0
-GOAL_BIAS = 0.05
+RANGE = 10.0  # most steps of an extension, and to a neighbour
+GOAL_BIAS = 0.05  # probability that the tree grows towards the goal
 NEIGHBOURS = MANY - 1  # the motion on to the goal makes the call full
-IMPROVE = 100
+IMPROVE = 100  # least number of extensions after the first path
 # Draws for a state that can be on a shorter path, before any will do.
 PATIENCE = 20
 
@@ -53,8 +54,8 @@ class _Extension:
     """A motion by which the tree is to grow.
 
     Attributes:
-        nearest: node where it begins.
-        end: (1, 4 + 2n).
+        nearest: index of the node where it begins.
+        end: (1, 4 + 2n) state where it would end.
         length: steps.
     """
 
@@ -69,9 +70,9 @@ class _Joining:
 
     Attributes:
         state: (4 + 2n,) of the node.
-        parent: a node from which it can be reached.
-        cost: steps from the start by way of that.
-        near: (k,) its neighbours.
+        parent: index of a node from which it can be reached.
+        cost: steps from the start through that node.
+        near: (k,) indices of its neighbours.
         length: (k + 1,) steps of the motions, that to the goal last.
     """
 
@@ -83,7 +84,7 @@ class _Joining:
 
 
 class Star:
-    """The tree under way, and how far the goal is from those nodes that see it.
+    """The search under way: the tree, and for each node the length of a clear straight motion to the goal.
 
     It is a `jaxplan.runtime.batching.Run`. A turn has one call, on how far the tree can grow towards a
     state, and where it grows a second one, on the motions between the new node and its neighbours.
@@ -104,7 +105,7 @@ class Star:
         self._limit: Status | None = None
 
     def next_request(self) -> Call | None:
-        """The next call; None at a limit, or once the path is short enough or improved long enough."""
+        """The next call; None at a limit, or once the path is shortest or improved long enough."""
         if isinstance(self._pending, _Joining):
             return self._joining_call(self._pending)
         self._limit = self.space.spent()
@@ -114,7 +115,7 @@ class Star:
         return self._extension_call(self._target())
 
     def accept(self, answer: np.ndarray) -> None:
-        """Go on with how far the motions of the last call are clear."""
+        """Grow the tree by the answer, which tells how far the motions of the last call are clear."""
         pending, self._pending = self._pending, None
         if isinstance(pending, _Joining):
             self._join(pending, reached(answer, len(pending.length)))
@@ -134,7 +135,10 @@ class Star:
         return self.space.found(np.concatenate([branch, self.space.goal[None]]))
 
     def _target(self) -> np.ndarray:
-        """The goal, or a random state that can be on a path shorter than the best one."""
+        """Draw the state to grow towards: the goal, or a random one that may shorten the path.
+
+        After `PATIENCE` draws in vain it is any random state.
+        """
         space = self.space
         if space.rng.random() < GOAL_BIAS:
             return space.goal
@@ -150,7 +154,7 @@ class Star:
         return space.draw(FEW)[-1]
 
     def _extension_call(self, target: np.ndarray) -> Call:
-        """The call on how far the tree can grow towards a state."""
+        """Note the motion towards a state (4 + 2n,) from its nearest node; return the call that checks it."""
         space, tree = self.space, self.tree
         space.extensions += 1
         away = space.distance(tree.states[: tree.size], target)
@@ -164,7 +168,7 @@ class Star:
         return space.reach_call(begin, end, from_start, from_goal)
 
     def _extended(self, motion: _Extension, clear: np.ndarray) -> _Joining | None:
-        """The node at the end of what is clear of a motion, None where that is too short."""
+        """The node at the end of a motion's clear fraction, `clear` (1,); None where that is too short."""
         space, tree = self.space, self.tree
         gone = float(clear[0] * motion.length)
         if gone < LEAST:
@@ -178,7 +182,7 @@ class Star:
         return _Joining(state, motion.nearest, float(tree.costs[motion.nearest]) + gone, near, length)
 
     def _joining_call(self, node: _Joining) -> Call:
-        """The call on the motions between a new node and its neighbours."""
+        """The call that checks the motions between a new node, its neighbours and the goal."""
         space, costs = self.space, self.tree.costs[node.near]
         first = np.concatenate([self.tree.states[node.near], space.goal[None]])
         second = np.broadcast_to(node.state, first.shape)
@@ -188,7 +192,12 @@ class Star:
         return space.reach_call(first, second, from_start, from_goal)
 
     def _join(self, node: _Joining, fractions: np.ndarray) -> None:
-        """Add a node under the best parent, and let its neighbours come under it."""
+        """Add a node under its best parent, make it that of neighbours that gain, and note the best path.
+
+        Args:
+            node: the new one.
+            fractions: (k + 1,) of its motions that are clear, that to the goal last.
+        """
         tree, near, length = self.tree, node.near, node.length
         clear, costs = fractions == 1, tree.costs[near]
         ways = np.where(clear[:-1], costs + length[:-1], np.inf)
@@ -204,7 +213,7 @@ class Star:
         self.best = float(through[self.last])
 
     def _rewire(self, place: int, parent: int, cost: float) -> None:
-        """Give a node another parent, and its descendants their lower costs."""
+        """Give the node at index `place` another parent and its lower cost, and its descendants theirs."""
         tree = self.tree
         gain = tree.costs[place] - cost
         if gain <= 0:  # an ancestor has been given a new parent, too

@@ -1,11 +1,11 @@
 """The printed planner, multi-heuristic A*, and the weighted A* that the paper's Table 4 compares it with.
 
-The printed planner is that of section 3.2.2, corrected by the errata. Every joint moves by a whole step up or
-down (equation 9), or onto its goal once that is within a step, and stays there; the platform turns by a whole
-step about random axes (equation 10), or onto the goal attitude once that is within a step, and stays there.
-Every edge costs the sum of all steps (equation 16), nodes are checked and edges are not, the queues are
-independent, and the heuristics are those of equation (15). It is incomplete, since no joint can leave its
-goal value again.
+The *printed* planner is the paper's, of section 3.2.2, corrected by the errata. Every joint moves by a whole
+step up or down (equation 9), or onto its goal once that is within a step, and stays there; the platform turns
+by a whole step about random axes (equation 10), or onto the goal attitude once that is within a step, and
+stays there. Every edge costs the sum of all steps (equation 16), nodes are checked and edges are not, the
+queues are independent, and the heuristics are those of equation (15). It is incomplete, since no joint can
+leave its goal value again.
 
 Of weighted A* the paper says no more than its name and that steps, time and expansions are limited alike. So
 it is the printed planner with a single queue, keyed by ``g + w1 h_0`` with ``h_0`` of equation (15), which is
@@ -50,7 +50,15 @@ def search_mha(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[Searc
 def propose(
     scene: Scene, node: Node, rng: np.random.Generator, settings: SearchSettings, number: int
 ) -> Moves:
-    """Moves from a node by equations (9) and (10)."""
+    """Draw the moves to try from a node by equations (9) and (10).
+
+    Args:
+        scene: the problem.
+        node: to be expanded.
+        rng: where random numbers come from.
+        settings: gives the number of attitude moves.
+        number: of the expansion; not used.
+    """
     del number  # every expansion is like every other
     vectors = rng.standard_normal((settings.attitude_moves, 3))
     unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
@@ -81,14 +89,14 @@ def propose(
 
 
 def _joint_moves(joints: int, rng: np.random.Generator) -> np.ndarray:
-    """(M, joints) options of each joint move."""
+    """(M, joints) option of each joint in each joint move: all combinations if they are few, else drawn."""
     if 2**joints <= JOINT_MOVES:
         return np.array(list(product((_UP, _DOWN), repeat=joints)), dtype=np.int32)
     return rng.choice(np.array([_UP, _DOWN], dtype=np.int32), (JOINT_MOVES, joints))
 
 
 def price(scene: Scene, expansion: Expansion, fields: Fields) -> tuple[np.ndarray, np.ndarray]:
-    """Costs (A, M) by equation (16) and heuristics (3, A, M) by equation (15), rad."""
+    """Costs (A, M) of moves by equation (16) and heuristics (3, A, M) of their children by (15), rad."""
     del fields  # the printed method has none
     whole = scene.attitude_step + np.sum(scene.joint_steps)
     return np.full(expansion.steps.shape, whole), expansion.heuristics[1:]
@@ -119,6 +127,6 @@ def search_wastar(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[Se
 
 
 def price_alone(scene: Scene, expansion: Expansion, fields: Fields) -> tuple[np.ndarray, np.ndarray]:
-    """Costs (A, M) by equation (16) and ``h_0`` (2, A, M) by equation (15), rad."""
+    """Costs (A, M) of moves by equation (16) and ``h_0`` by (15), twice, for two queues: (2, A, M), rad."""
     costs, heuristics = price(scene, expansion, fields)
     return costs, heuristics[[0, 0]]

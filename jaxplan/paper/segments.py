@@ -47,7 +47,7 @@ _CHART_REACH = 2.5  # rad; the logarithm of a chart must stay away from half a t
 
 
 def fewest_segments(intervals: int, order: int) -> int:
-    """The smallest number of segments that the counting rule allows.
+    """The smallest number of segments that the counting rule (see the module) allows.
 
     Args:
         intervals: m, at least 1.
@@ -105,9 +105,9 @@ def charts_suffice(turns: np.ndarray, ends: np.ndarray) -> bool:
 def shortest_duration(
     moves: ArrayLike, fractions: ArrayLike, rate_limits: ArrayLike, acceleration_limits: ArrayLike
 ) -> Any:
-    """The duration at which the differences of the nodes, from rest to rest, just keep all limits.
+    """Estimate of the duration, s, in which differences of the nodes, from rest to rest, keep all limits.
 
-    First differences are held against rates, second ones against accelerations. It is differentiable.
+    First differences are compared with rates, second ones with accelerations. It is differentiable.
 
     Args:
         moves: (m, d) change of each axis along each edge, rad.
@@ -133,14 +133,14 @@ def shortest_duration(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Segments:
-    """The programs of the platform or of the joints, but for what couples them.
+    """The programs of the platform or of the joints, but for the derivatives that segments take over.
 
     Attributes:
         length: (S,) s, ``h``.
-        objective: (S, l + 1, l + 1) in ``x``, of order one.
-        node_rows: (S, slots, l + 1) the basis at each node.
-        node_values: (S, slots, d) rad, what the curve must be there.
-        present: (S, slots) which slots hold a node.
+        objective: (S, l + 1, l + 1) quadratic form in the coefficients, scaled to order one.
+        node_rows: (S, slots, l + 1) values of the basis at each node.
+        node_values: (S, slots, d) rad, values of the curve wanted there.
+        present: (S, slots) bool, which slots hold a node.
     """
 
     length: np.ndarray
@@ -176,7 +176,7 @@ def assemble(
     rate_weight: float,
     acceleration_weight: float,
 ) -> tuple[Segments, Segments, Charts]:
-    """Assembles all programs of a fit.
+    """Assemble all programs of a fit.
 
     Args:
         attitudes: (m + 1, 3, 3) body to inertial.
@@ -214,14 +214,14 @@ def assemble(
 
 
 def node_indices(ends: np.ndarray, slots: int) -> np.ndarray:
-    """Node of each slot (S, slots) of segments with ends (S + 1,); slots left over repeat the last one."""
+    """(S, slots) index of the node in each slot of segments with ends (S + 1,); others repeat the last."""
     return np.minimum(ends[:-1, None] + np.arange(slots), ends[1:, None])
 
 
 def assembled(
     attitudes: AnyArray, times: AnyArray, joint_nodes: AnyArray, platform_nodes: AnyArray, *, order: int
 ) -> tuple[AnyArray, ...]:
-    """What depends on the nodes, as a pure function of arrays of numpy or JAX.
+    """All numbers of the programs that depend on the nodes, as a pure function of numpy or JAX arrays.
 
     Args:
         attitudes: (m + 1, 3, 3) body to inertial.
@@ -231,7 +231,8 @@ def assembled(
         order: of the basis.
 
     Returns:
-        Basis rows of joints and platform, values of ``b``, ``Omega`` and ``W`` at the end of each segment.
+        Values of the basis at the nodes of joints and platform, (S, slots, l + 1) each; ``b`` at the latter,
+        (S, slots, 3) rad; ``Omega`` (S, 3), rad/s; and ``W`` (S, 3, 3) at the end of each segment.
     """
     xp = array_module(attitudes, times)
 
@@ -251,7 +252,7 @@ def assembled(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathNodes:
-    """What a trajectory must pass, without its duration.
+    """The nodes that a trajectory must pass, with their times over the duration and the rates at its ends.
 
     Attributes:
         attitudes: (m + 1, 3, 3) body to inertial.
@@ -275,12 +276,12 @@ class PathNodes:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ChainRequest:
-    """What is to be planned.
+    """A trajectory to be planned.
 
     Attributes:
-        nodes: to pass.
+        nodes: those to pass.
         duration: s.
-        segments: how many, as the counting rule allows.
+        segments: number of segments, as the counting rule allows.
         settings: order and weights.
         limits: of the platform (2, 3) and of the joints (2, 2n): rates and accelerations at the joins; None
             for none.
@@ -294,7 +295,7 @@ class ChainRequest:
 
 
 def plan_chains(requests: Sequence[ChainRequest]) -> list[Trajectory | None]:
-    """Plans all segments of many trajectories; None where a program has no solution."""
+    """Plan all segments of many trajectories; None for one with a program that has no solution."""
     pairs = [_chains(request) for request in requests]
     chains = [chain for _, *both in pairs for chain in both]
     run_all(chains, lambda _, programs: qp.solve_all(programs), most=max(len(chains), 1))
@@ -302,7 +303,7 @@ def plan_chains(requests: Sequence[ChainRequest]) -> list[Trajectory | None]:
 
 
 def _chains(request: ChainRequest) -> tuple[Charts, "Chain", "Chain"]:
-    """The charts of a request, and the chains of the platform and of the joints, of which none is planned."""
+    """The charts of a request, and the chains of the platform and of the joints, not planned yet."""
     nodes, settings = request.nodes, request.settings
     joint_ends, platform_ends = split(len(nodes.turns), request.segments, settings.order)
     joints, platform, charts = assemble(
@@ -325,7 +326,7 @@ def _chains(request: ChainRequest) -> tuple[Charts, "Chain", "Chain"]:
 
 
 def _joined(request: ChainRequest, charts: Charts, platform: "Chain", joints: "Chain") -> Trajectory | None:
-    """The trajectory of two chains that are planned; None if one of them has a program without a solution."""
+    """The trajectory of two planned chains; None if one of them has a program without a solution."""
     if platform.failed or joints.failed:
         return None
     nodes = request.nodes
@@ -346,10 +347,12 @@ def _joined(request: ChainRequest, charts: Charts, platform: "Chain", joints: "C
 
 
 class Chain:
-    """Segments of the platform or of the joints, each planned from what the one before it left.
+    """Segments of the platform or of the joints, each planned with the end derivatives of the one before it.
+
+    It is a `jaxplan.runtime.batching.Run` that asks for one quadratic program after the other.
 
     Attributes:
-        coefficients: (S, l + 1, d) of the segments that are planned.
+        coefficients: (S, l + 1, d) of the segments that are planned, zero for the others.
         failed: whether a program had no solution, which ends the chain.
     """
 
@@ -362,7 +365,7 @@ class Chain:
         *,
         end_turns: np.ndarray | None = None,
     ) -> None:
-        """Begin with the first segment.
+        """Make a chain of which no segment is planned.
 
         Args:
             segments: of the joints or of the platform.
@@ -381,7 +384,7 @@ class Chain:
 
     @property
     def _to_x(self) -> np.ndarray:
-        """(2, 1) from derivatives in time to those in ``x``, on the segment that is next."""
+        """(2, 1) factors from first and second derivatives in time to those in ``x``, on the next segment."""
         half = self._segments.length[self._open[0]] / 2
         return np.array([[half], [half**2]])
 
@@ -408,7 +411,7 @@ class Chain:
         )
 
     def accept(self, solution: np.ndarray | None) -> None:
-        """Go on with the answer (l + 1, d) to the last program; None where it has no solution."""
+        """Take the solution (l + 1, d) of the last program, None where it has none, which ends the chain."""
         if solution is None:
             self.failed = True
             return

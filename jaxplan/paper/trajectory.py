@@ -1,4 +1,4 @@
-"""Step 3 by the method of the paper: how long, in how many segments, and whether the result keeps its limits.
+"""Step 3 by the paper's method: durations and numbers of segments to try, and whether results keep limits.
 
 The scheme itself is `segments`. It holds limits at joins only, so the peaks over all time are looked at
 afterwards, and a trajectory that breaks a limit anywhere is no success.
@@ -47,7 +47,7 @@ _CALM = 2.5  # nominal durations; on the nodes of the paper's cases a fit needs 
 
 
 def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit]:
-    """Fits trajectories through all nodes of paths.
+    """Fit trajectories through all nodes of paths.
 
     A number for ``settings.duration`` is kept. Where a program has no solution more segments are tried, up to
     one an interval; where the curve breaks a limit or leaves a joint's range, for as long as that helps.
@@ -66,7 +66,7 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
 
     Args:
         queries: one a fit; this method does not look at their zones.
-        seconds: of the fits, to which the time of each is added.
+        seconds: where the time of each fit is added, s.
 
     Returns:
         The fits. A path without motion gives a trajectory of duration 0, unless there is a rate at an end.
@@ -78,7 +78,10 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
 
 
 def _begin(query: FitQuery) -> "Fit | tuple[PaperProblem, np.ndarray]":
-    """What is fitted, and for each given node its number there; the fit itself where nothing moves."""
+    """Make the problem of a query, and for each given node its number there; or the fit if nothing moves.
+
+    Raises a ValueError, see `fit`.
+    """
     node_fractions = query.node_fractions
     path, rates = checked(query)
     path, own = schedule.passed_nodes(path, at_speed=bool(np.any(rates)), every=node_fractions is not None)
@@ -100,13 +103,13 @@ def _begin(query: FitQuery) -> "Fit | tuple[PaperProblem, np.ndarray]":
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PaperProblem:
-    """What all attempts of a fit share.
+    """The problem that all attempts at a fit share.
 
     Attributes:
         nodes: of the path.
         spacecraft: its limits.
         settings: of step 3.
-        moving: whether goal or zones are others after another time.
+        moving: whether goal or zones move, so that they are others after another duration.
     """
 
     nodes: PathNodes
@@ -121,25 +124,25 @@ class PaperProblem:
 
     @property
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rates and accelerations of the platform (2, 3) and of the joints (2, 2n)."""
+        """Limits of rates (rad/s) and accelerations (rad/s^2) of the platform (2, 3) and joints (2, 2n)."""
         craft = self.spacecraft
         platform = np.stack([np.full(3, limit) for limit in (craft.rate_limit, craft.acceleration_limit)])
         return platform, np.stack([craft.joint_rate_limits, craft.joint_acceleration_limits])
 
     @property
     def at_joins(self) -> tuple[np.ndarray, np.ndarray]:
-        """Limits that are held at the joins, short of a millionth."""
+        """`limits` less a millionth, which programs keep at the joins."""
         platform, joints = self.limits
         return platform / SAFETY, joints / SAFETY
 
     @property
     def stretches(self) -> bool:
-        """Whether a curve without limits is asked for, whose time is stretched to them."""
+        """Whether a fit without limits is to be stretched to them: asked for, and at rest at its ends."""
         return self.settings.duration == STRETCHED and not self.at_speed
 
     @property
     def nominal_duration(self) -> float:
-        """Shortest duration by the nodes alone, and time to brake what the ends ask for, s."""
+        """Estimate of the shortest duration from the nodes, plus time to brake the rates at the ends, s."""
         rates, accelerations = np.hstack(self.limits)
         ends = np.sum(np.abs(self.nodes.rates), axis=0)
         moves = shortest_duration(self.nodes.moves, self.nodes.fractions, rates, accelerations)
@@ -156,7 +159,7 @@ class PaperProblem:
         yield intervals
 
     def is_full(self, segments: int) -> bool:
-        """Whether so many segments have next to no freedom, and their number was not asked for."""
+        """Whether so many segments leave next to no freedom, and their number was not asked for."""
         own = self.settings
         return own.segments is None and is_full(len(self.nodes.turns), segments, own.order)
 
@@ -166,10 +169,10 @@ class PaperAttempt:
     """A trajectory with its peaks, and how it came about.
 
     Attributes:
-        trajectory: before its time is stretched.
-        peaks: over all time.
-        nodes: that are passed.
-        limits: at the joins, as of `ChainRequest`.
+        trajectory: the one planned, before its time is stretched.
+        peaks: of the trajectory over all time.
+        nodes: those that are passed.
+        limits: those kept at the joins, as of `ChainRequest`.
     """
 
     trajectory: Trajectory
@@ -178,7 +181,7 @@ class PaperAttempt:
     limits: tuple[np.ndarray, np.ndarray] | None
 
     def hold(self, nodes: int = FEWEST_NODES) -> PaperActiveSet:
-        """What derivatives of the fit hold fixed; `nodes` is the smallest number that they are padded to."""
+        """What derivatives of the fit hold fixed; nodes are padded to `nodes` at least."""
         return held_of(self.nodes, self.trajectory, self.limits, nodes)
 
     @property
@@ -188,7 +191,7 @@ class PaperAttempt:
 
     @property
     def calm(self) -> bool:
-        """Whether it does not swing between its nodes."""
+        """Whether it does not swing between its nodes: its peaks are not far above the limits."""
         return self.peaks.stretch <= _CALM and self.peaks.in_range
 
     def better_than(self, other: "PaperAttempt | None") -> bool:
@@ -199,17 +202,17 @@ class PaperAttempt:
 
 
 class _Strategy:
-    """Settles many fits, which go by numbers; what is asked for at the same time is planned together.
+    """Finds many fits, each with a number; trajectories needed at the same time are planned together.
 
     Attributes:
-        seconds: of the fits, to which the time of attempts is added.
+        seconds: where the time of each fit's attempts is added, s.
     """
 
     def __init__(self, seconds: Seconds) -> None:
         self.seconds = seconds
 
     def fits(self, problems: dict[int, PaperProblem]) -> dict[int, Fit]:
-        """The fits at the durations that the settings ask for."""
+        """Find the fits in the durations that the settings ask for."""
         stretched = {n: problem for n, problem in problems.items() if problem.stretches}
         timed = {n: problem for n, problem in problems.items() if n not in stretched}
         durations = {
@@ -224,7 +227,7 @@ class _Strategy:
         return self._stretched(stretched) | self._timed(timed, durations)
 
     def _timed(self, problems: dict[int, PaperProblem], durations: dict[int, float]) -> dict[int, Fit]:
-        """The fits at given durations."""
+        """The fits in given durations, s; one that breaks limits says which duration would do."""
         attempts = self._best_at(problems, durations)
         good = {n: own for n, own in attempts.items() if own is not None and own.peaks.stretch <= 1}
         left = {n: problem for n, problem in problems.items() if n not in good}
@@ -239,7 +242,7 @@ class _Strategy:
     def _best_at(
         self, problems: dict[int, PaperProblem], durations: dict[int, float]
     ) -> "dict[int, PaperAttempt | None]":
-        """The attempts with the fewest segments that keep all limits; or those nearest to it.
+        """The attempts in given durations (s), with the fewest segments that keep limits, or nearest to it.
 
         More segments are tried for as long as they help.
         """
@@ -252,9 +255,9 @@ class _Strategy:
     def _needed_durations(
         self, problems: dict[int, PaperProblem], durations: dict[int, float]
     ) -> dict[int, float | None]:
-        """Durations, from the given ones on, at which fits keep all limits; None where the looks run out.
+        """Durations (s) from the given ones on in which fits keep all limits; None after `_LOOKS` in vain.
 
-        A curve's own stretch is not enough, since the fit at the longer time is another curve.
+        Scaling a curve's time is not enough, since the fit in the longer time is another curve.
         """
         found: dict[int, float | None] = dict.fromkeys(problems)
         durations = {n: durations[n] for n in problems}
@@ -268,7 +271,7 @@ class _Strategy:
         return found
 
     def _stretched(self, problems: dict[int, PaperProblem]) -> dict[int, Fit]:
-        """The quickest of the fits at the nominal durations without limits, scaled in time to the limits."""
+        """The quickest fits of the nominal durations without limits, scaled in time to the limits."""
 
         def enough(n: int, segments: int, own: PaperAttempt | None, best: PaperAttempt | None) -> bool:
             return best is not None and best.calm and not problems[n].is_full(segments)
@@ -294,9 +297,9 @@ class _Strategy:
 
         Args:
             problems: what is fitted.
-            durations: s.
-            enough: whether to stop, from the number of the fit and of segments, the attempt and the best one.
-            limited: whether limits are held at the joins.
+            durations: s, of the fits.
+            enough: (number of the fit, number of segments, attempt, best attempt) -> whether to stop.
+            limited: whether limits are kept at the joins.
         """
         best: dict[int, PaperAttempt | None] = dict.fromkeys(problems)
         counts = {n: problem.segment_counts() for n, problem in problems.items()}
@@ -317,7 +320,7 @@ class _Strategy:
         *,
         limited: bool,
     ) -> "dict[int, PaperAttempt | None]":
-        """Trajectories with so many segments, and their peaks; with limits at their joins or without."""
+        """Plan trajectories in `counts` segments; arguments as of `_climb`; None where that fails."""
         requests = {
             n: ChainRequest(
                 nodes=problems[n].nodes,
@@ -343,7 +346,7 @@ class _Strategy:
 
 
 def _success(trajectory: Trajectory, attempt: PaperAttempt) -> Fit:
-    """The fit that keeps all limits."""
+    """The fit, OK, of a trajectory that keeps all limits, which came from an attempt."""
     message = within_limits(trajectory, attempt.peaks)
     return Fit(trajectory=trajectory, status=Status.OK, message=message, origin=attempt)
 
@@ -351,7 +354,14 @@ def _success(trajectory: Trajectory, attempt: PaperAttempt) -> Fit:
 def _failure(
     problem: PaperProblem, duration: float, attempt: PaperAttempt | None, needed: float | None
 ) -> Fit:
-    """The fit that breaks a limit or has no curve, and in what time it would not."""
+    """The fit that breaks a limit or has no curve.
+
+    Args:
+        problem: what was fitted.
+        duration: the one asked for, s.
+        attempt: the best one; None if no program had a solution.
+        needed: duration in which all limits are kept, s; None if none was found.
+    """
     # "stretched" knows no rates at the ends, nor what moves.
     enough = (
         needed_words(needed, moving=problem.moving, scalable=not (problem.at_speed or problem.moving))

@@ -25,7 +25,7 @@ def cores() -> int:
 
 @contextmanager
 def ahead(tasks: Sequence[Task]) -> Iterator[None]:
-    """Do tasks in threads of their own while a block runs; those not begun at its end are left out.
+    """Run tasks in threads of their own while a block runs; those not begun at its end are dropped.
 
     Args:
         tasks: in the order in which they will be needed. One that fails ends its thread in silence: whoever
@@ -55,11 +55,11 @@ def ahead(tasks: Sequence[Task]) -> Iterator[None]:
 
 
 def side_by_side(tasks: Sequence[Task], done: Callable[[], object]) -> None:
-    """Do all tasks, as many at once as there are cores.
+    """Run all tasks, as many at once as there are cores; raise the error of one that fails, drop the rest.
 
     Args:
         tasks: in any order.
-        done: is called after each, in this thread.
+        done: called after each task, in this thread.
     """
     pool = ThreadPoolExecutor(cores())
     futures = [pool.submit(task) for task in tasks]

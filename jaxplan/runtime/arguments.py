@@ -44,7 +44,7 @@ def a_or_an(noun: str) -> str:
 
 
 def as_floats(value: object) -> np.ndarray | None:
-    """A value as an array of float64, None where numpy does not make real numbers of it."""
+    """A value as an array of float64; None if numpy makes no real numbers of it, or some are masked."""
     if isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
         return None  # numpy would take what is under the mask
     try:
@@ -55,12 +55,12 @@ def as_floats(value: object) -> np.ndarray | None:
 
 
 def floats(name: str, value: object, wanted: str) -> np.ndarray:
-    """A number or an array of them, as float64; whether they are finite is not looked at.
+    """A number or an array of them, as float64; whether they are finite is not checked.
 
     Args:
-        name: of the argument.
+        name: of the argument, for the message.
         value: of any type.
-        wanted: what it must be, to stand after "must be".
+        wanted: what it must be, the words of the message after "must be".
 
     Raises:
         ValueError: if it is not made of real numbers.
@@ -72,7 +72,7 @@ def floats(name: str, value: object, wanted: str) -> np.ndarray:
 
 
 def number(name: str, value: object, wanted: str) -> float:
-    """A single number as a float; arguments and errors are those of `floats`."""
+    """A single number as a float; arguments and errors as of `floats`."""
     array = as_floats(value)
     if array is None or array.ndim:
         raise ValueError(f"{name} = {show(value)}: must be {wanted}")
@@ -80,7 +80,7 @@ def number(name: str, value: object, wanted: str) -> float:
 
 
 def expect(name: str, value: object, kind: type[Kind], advice: str = "") -> Kind:
-    """A value that must be of a class; a TypeError, with advice on how to get one, for any other."""
+    """Return a value of the class `kind`; raise a TypeError, with `advice` on how to get one, for others."""
     if isinstance(value, kind):
         return value
     hint = f"; {advice}" if advice else ""
@@ -88,7 +88,7 @@ def expect(name: str, value: object, kind: type[Kind], advice: str = "") -> Kind
 
 
 def expect_any(name: str, value: object, kinds: tuple[type, ...], wanted: str) -> None:
-    """Raise a TypeError, which says what is wanted, for a value of none of some classes."""
+    """Raise a TypeError, saying that `name` must be `wanted`, for a value of none of the classes `kinds`."""
     if not isinstance(value, kinds):
         raise TypeError(f"{name} must be {wanted}, not {type(value).__name__}")
 
@@ -96,10 +96,10 @@ def expect_any(name: str, value: object, kinds: tuple[type, ...], wanted: str) -
 def expect_numbers(name: str, value: object, *last: int) -> None:
     """Raise a ValueError for what is no array of real numbers with the given last axes.
 
-    Values are not looked at, so that they may be traced.
+    The numbers themselves are not looked at, so that they may be traced.
 
     Args:
-        name: of the argument.
+        name: of the argument, for the message.
         value: of any type.
         last: lengths of its last axes; any others may come before.
     """
@@ -114,14 +114,14 @@ def expect_numbers(name: str, value: object, *last: int) -> None:
 
 
 def several(name: str, value: object, wanted: str) -> Iterable[Any]:
-    """The value if it is an iterable; a TypeError for anything else, and for text."""
+    """Return an iterable that is no text; raise a TypeError, naming the items `wanted`, for all else."""
     if isinstance(value, Iterable) and not isinstance(value, str | bytes):
         return value
     raise TypeError(f"{name} must be several {wanted}, not {type(value).__name__}")
 
 
 def file_path(name: str, value: object) -> Path:
-    """The value as a path; a TypeError for what is none."""
+    """A value as a path; raises a TypeError if it is neither text nor a path."""
     if isinstance(value, str | os.PathLike):
         return Path(value)
     raise TypeError(f"{name} must be a path, as text or a pathlib.Path, not {type(value).__name__}")

@@ -23,11 +23,11 @@ Answer = TypeVar("Answer")
 
 
 def grouped(items: Sequence[Item], kind: Callable[[Item], Hashable]) -> list[list[int]]:
-    """Numbers of the items that are alike, group by group, in the order in which they first come.
+    """Indices of the items of each kind, group by group, in the order in which kinds first come.
 
     Args:
-        items: to be told apart.
-        kind: of an item; those of equal kinds are alike.
+        items: in any order.
+        kind: the kind of an item; items of equal kinds make up a group.
     """
     groups: dict[Hashable, list[int]] = {}
     for number, item in enumerate(items):
@@ -43,14 +43,14 @@ def in_groups(
     most: int | None = None,
     seconds: "Seconds | None" = None,
 ) -> list[Answer]:
-    """Answers to all items, of alike ones in one call.
+    """Answer all items, those of one kind in one call.
 
     Args:
         items: in any order.
-        kind: of an item; those of equal kinds are alike.
-        answer: from alike items to as many answers.
-        most: items in one call, None for any number.
-        seconds: of the items, to which the time of the calls is added.
+        kind: the kind of an item.
+        answer: from items of one kind to as many answers.
+        most: the most items in one call, None for any number.
+        seconds: where the time of the calls is added to that of their items.
 
     Returns:
         The answers in the order of the items.
@@ -64,7 +64,7 @@ def in_groups(
 
 
 def parts(items: Sequence[Item], most: int | None) -> Iterator[Sequence[Item]]:
-    """The items in parts of at most so many; all of them in one for None."""
+    """Cut items into parts of at most `most`; all of them in one for None."""
     size = len(items) if most is None else most
     for first in range(0, len(items), max(size, 1)):
         yield items[first : first + size]
@@ -74,11 +74,11 @@ def padded_count(count: int, least: int = 8) -> int:
     """The size to which so many rows, nodes or calls are padded, so that kernels compile for few sizes.
 
     Args:
-        count: of what there is.
+        count: number of rows, nodes or calls.
         least: the smallest size but zero.
 
     Returns:
-        Zero of none; else `least` doubled until there is room.
+        Zero for zero; else `least`, doubled until it is at least `count`.
     """
     if count == 0:
         return 0
@@ -100,7 +100,7 @@ class Seconds:
 
     @contextmanager
     def shared(self, numbers: Sequence[int] | np.ndarray) -> Iterator[None]:
-        """Add an equal share of the time of a block to each of these."""
+        """Add an equal share of the time that a block takes to each piece of work at these indices."""
         began = working_time()
         yield
         if len(numbers):
@@ -116,7 +116,7 @@ class Request(Protocol):
 
 
 class Run(Protocol):
-    """Work that goes on step by step, each after an answer."""
+    """Work that goes on step by step: it asks for something, and goes on with the answer."""
 
     def next_request(self) -> Any:
         """The `Request` that is to be answered next; None at its end."""
@@ -132,13 +132,13 @@ def run_all(
     most: int,
     seconds: Seconds | None = None,
 ) -> None:
-    """Drive runs to their ends; always those go on that most of them wait for the same with.
+    """Drive runs to their ends, answering next the requests of that kind which most runs wait for.
 
     Args:
-        runs: that have not begun, or wait for their next answers.
-        answer: from the numbers of some runs, and what they ask for, all of one kind, to as many answers.
-        most: requests that are answered in one call.
-        seconds: of the runs, to which each's own time is added, and its share of that of calls.
+        runs: that have not begun, or wait for an answer.
+        answer: from the indices of some runs and their requests, all of one kind, to as many answers.
+        most: the most requests that are answered in one call.
+        seconds: where the time of each run is added: its own, and its share of that of the answers.
     """
     own = Seconds(len(runs)) if seconds is None else seconds
     waiting: dict[Hashable, list[tuple[int, Any]]] = {}
@@ -168,4 +168,5 @@ def run_all(
 
 @contextmanager
 def _untimed() -> Iterator[None]:
+    """Do nothing, in the place of `Seconds.shared`."""
     yield

@@ -98,11 +98,12 @@ def trusted_folder() -> Path | None:
 
 @cache
 def _fault_once(named: str) -> str:
+    """`_fault` of the folder of this name, looked up once in a process."""
     return _fault(Path(named))
 
 
 def settings() -> dict[str, object]:
-    """Where and how this process keeps compiled code, for `adopt` in another one."""
+    """The settings of JAX for where and how this process keeps compiled code, for `adopt` in another one."""
     import jax
 
     keep_by_default()
@@ -110,11 +111,12 @@ def settings() -> dict[str, object]:
 
 
 def adopt(given: dict[str, object]) -> None:
-    """Keep compiled code as another process does."""
+    """Keep compiled code as another process does, by its `settings`."""
     _use(given)
 
 
 def _use(given: dict[str, object]) -> None:
+    """Set these settings of JAX by name, and note that the folder has been decided on."""
     import jax
     from jax.experimental.compilation_cache import compilation_cache as cache
 
@@ -130,14 +132,14 @@ def _use(given: dict[str, object]) -> None:
 
 
 def _users_folder() -> Path:
-    """The part of the user's cache folder that is for this version on this kind of processor."""
+    """The subfolder of the user's cache folder for this version of jaxplan on this kind of processor."""
     chosen = os.environ.get("XDG_CACHE_HOME", "")
     root = Path(chosen) if os.path.isabs(chosen) else Path.home() / ".cache"  # as its specification asks
     return root / "jaxplan" / f"compiled-{__version__}-{_processor()}"
 
 
 def _processor() -> str:
-    """A short name for what instructions this processor knows."""
+    """A short hash of the instruction sets of this processor; where they cannot be read, of none."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as lines:
             known = next((line for line in lines if line.startswith(("flags", "Features"))), "")
@@ -147,7 +149,7 @@ def _processor() -> str:
 
 
 def _others_may_swap(found: os.stat_result) -> bool:
-    """Whether others than the user and root may rename what is in a folder, or turn a link elsewhere.
+    """Whether others than the user and root may rename what is in a folder, or redirect a link; by `lstat`.
 
     Where the sticky bit is set, as in /tmp, everybody renames only what is theirs. A group of the user alone,
     as some systems give to everybody, is no others.
@@ -161,7 +163,7 @@ def _others_may_swap(found: os.stat_result) -> bool:
 
 
 def _is_the_users_alone(group: int) -> bool:
-    """Whether a group is called like the user, and nobody else has been added to it."""
+    """Whether the group of this number is called like the user, and nobody else has been added to it."""
     import grp
     import pwd
 
@@ -173,7 +175,7 @@ def _is_the_users_alone(group: int) -> bool:
 
 
 def _fault(place: Path) -> str:
-    """Why compiled code cannot be kept in a folder; empty if it can."""
+    """Why compiled code cannot be kept in a folder, as words for a message; empty if it can."""
     found = place.stat()
     if found.st_uid != os.geteuid() or found.st_mode & 0o022:
         return "others may write there, and so have us run any code: make it the user's own, with mode 700"

@@ -26,8 +26,8 @@ Cells = Sequence[Sequence[str]]
 
 UNKNOWN = "?"
 _LINE = 200  # characters of a line
-_HEADING = 80  # characters of its beginning
-_ITEM = 60  # characters of a value on it
+_HEADING = 80  # characters of the heading of a line or table
+_ITEM = 60  # characters of a label or value on a line
 _VALUE = 500  # characters of a value in a table
 _TABLE = 5300  # characters of a table's rows, tags included
 _LISTED = 12  # numbers of an array that are shown one by one
@@ -38,9 +38,9 @@ def shown(*quantities: str, heading: str | None = None) -> Callable[[type[T]], t
 
     Args:
         quantities: what is shown, the most telling first: an attribute, perhaps of an attribute, and after a
-            blank its unit, as in "trajectory.duration s", which is labelled "duration"; of a field with a
-            ``key`` in its metadata the unit is the key's unless told. Where it has "deg", radians are turned
-            into it. Without any quantities all fields of a dataclass are shown.
+            blank its unit, as in "trajectory.duration s", which is labelled "duration"; a field with a
+            ``key`` in its metadata has the key's unit where none is given. Where the unit has "deg" in it,
+            radians are converted to degrees. Without any quantities all fields of a dataclass are shown.
         heading: a format with the object as its argument, as in "Plan of {0.scenario.name}"; None for the
             name of the class and, where it has one, the object's own.
 
@@ -70,7 +70,7 @@ def shown(*quantities: str, heading: str | None = None) -> Callable[[type[T]], t
 
 
 def _calm(tell: Callable[[T], str], otherwise: Callable[[T], str]) -> Callable[[T], str]:
-    """A function that shows a thing without warnings, by `otherwise` where `tell` raises."""
+    """A function that shows an object without warnings, by `tell`, or by `otherwise` where that raises."""
 
     def told(self: T) -> str:
         with warnings.catch_warnings():
@@ -87,12 +87,12 @@ def as_table(caption: str, rows: Rows, cells: Cells = ()) -> str:
     """A table for notebooks, in the colours of the page that it is on.
 
     Args:
-        caption: over it.
-        rows: label and value.
-        cells: what stands below in columns, the first row of them their head.
+        caption: above the table.
+        rows: pairs of label and value, one a line.
+        cells: a second table below, row by row, the first row its head.
 
     Returns:
-        HTML of fewer than 6,000 characters; what would be more is left out, and said to be.
+        HTML of fewer than 6,000 characters; rows beyond that are left out, and the last one says how many.
     """
     left = "style='text-align:left'"
     across = f" colspan='{len(cells[0]) - 1}'" if cells else ""
@@ -111,7 +111,7 @@ def as_table(caption: str, rows: Rows, cells: Cells = ()) -> str:
 
 
 class _Quantity(NamedTuple):
-    """A value that is shown of an object, and whether it is as usual, that is by default."""
+    """A labelled value of an object as text, its unit, and whether it is the default (`usual`)."""
 
     label: str
     text: str
@@ -120,7 +120,7 @@ class _Quantity(NamedTuple):
 
 
 def _heading(thing: Any, form: str | None) -> str:
-    """The heading of a line or table; the class of a thing that cannot tell."""
+    """The heading of a line or table: by the format `form`, or class and name; the class if that raises."""
     kind = type(thing).__name__
     try:
         if form is not None:
@@ -132,7 +132,7 @@ def _heading(thing: Any, form: str | None) -> str:
 
 
 def _quantities(thing: Any, wanted: Sequence[str]) -> list[_Quantity]:
-    """What there is to show of a thing; nothing of what is None or empty."""
+    """The quantities `wanted` of an object (see `shown`; all fields if none), without None and empty ones."""
     own = {field.name: field for field in fields(thing)} if is_dataclass(thing) else {}
     found = []
     for entry in wanted or own:
@@ -156,6 +156,7 @@ def _quantities(thing: Any, wanted: Sequence[str]) -> list[_Quantity]:
 
 
 def _line(heading: str, quantities: Sequence[_Quantity]) -> str:
+    """One line ``<heading: label value unit; ...>`` of what is not by default, cut to `_LINE` characters."""
     told = [quantity for quantity in quantities if not quantity.usual]
     items = [f"{_cut(one.label, _ITEM)} {_cut(one.text, _ITEM)} {one.unit}".rstrip() for one in told]
     if quantities and not told:
@@ -168,14 +169,14 @@ def _line(heading: str, quantities: Sequence[_Quantity]) -> str:
 
 
 def _rows(quantities: Sequence[_Quantity]) -> Rows:
-    """Rows of a table: first what somebody chose, then what is by default."""
+    """Rows of a table, label and value: first what is not by default, then what is, marked as such."""
     for one in sorted(quantities, key=lambda one: one.usual):
         label = f"{one.label} ({one.unit})" if one.unit else one.label
         yield label, f"{one.text} (default)" if one.usual else one.text
 
 
 def _text(value: Any, unit: str) -> tuple[str, bool]:
-    """A value for people, and whether it is measured in the unit."""
+    """A value as text, and whether it is of numbers in the unit, so that the unit is to be shown."""
     if isinstance(value, Tracer):
         return f"traced {value.dtype}{list(value.shape)}", False
     if isinstance(value, bool | np.bool_):
@@ -204,6 +205,7 @@ def _text(value: Any, unit: str) -> tuple[str, bool]:
 
 
 def _number(value: Any, unit: str, digits: int = 6) -> str:
+    """A number as text of so many digits, integers of all; radians in degrees if the unit has "deg"."""
     if isinstance(value, Integral) and "deg" not in unit:
         return f"{int(value)}"
     factor = 180 / math.pi if "deg" in unit else 1.0
@@ -211,7 +213,10 @@ def _number(value: Any, unit: str, digits: int = 6) -> str:
 
 
 def _array_text(array: np.ndarray, unit: str) -> tuple[str, bool]:
-    """Few numbers one by one, rows of a matrix after semicolons; of many the shape, and what they span."""
+    """An array as text, and whether in the unit: a few numbers one by one, of more the shape and the range.
+
+    Rows of a matrix are set apart by semicolons.
+    """
     if array.ndim == 0 and array.dtype.kind in "biuf":
         return _text(array.item(), unit)
     size = " x ".join(map(str, array.shape))
@@ -232,7 +237,7 @@ def _array_text(array: np.ndarray, unit: str) -> tuple[str, bool]:
 
 
 def _sequence_text(values: Sequence[Any], unit: str) -> tuple[str, bool]:
-    """Few numbers or words one by one; how many of what else, with their names."""
+    """A sequence as text, and whether in the unit: few numbers, words or names one by one, else how many."""
     few, many = list(values[: _LISTED + 1]), len(values) > _LISTED
     if not many and all(type(value) in (int, float) for value in few):
         return f"[{' '.join(_number(value, unit) for value in few)}]", True
@@ -248,11 +253,12 @@ def _sequence_text(values: Sequence[Any], unit: str) -> tuple[str, bool]:
 
 
 def _plain(text: str) -> str:
-    """Text on one line, of characters that every console prints."""
+    """Text on one line, in which characters that do not print are question marks."""
     return "".join(c if c.isprintable() else UNKNOWN for c in " ".join(text[:2000].split()))
 
 
 def _cut(text: str, most: int) -> str:
+    """Text of at most so many characters, "..." standing for what is cut off its end."""
     if len(text) <= most:
         return text
     end = "...>" if text.startswith("<") and text.endswith(">") else "..."
@@ -260,6 +266,7 @@ def _cut(text: str, most: int) -> str:
 
 
 def _escaped(text: str, most: int = _VALUE) -> str:
+    """Text on one line, of at most so many characters, escaped for HTML."""
     return escape(_cut(_plain(text), most))
 
 

@@ -41,16 +41,16 @@ _refused = 0
 
 
 def refused() -> int:
-    """How many executables that were kept XLA has refused in this process, as it does on some processors."""
+    """How many kept executables XLA has refused to load in this process, as it does on some processors."""
     return _refused
 
 
 def load(name: str | None, kinds: str | None) -> Callable[..., Any] | None:
-    """The executable of a kernel, if it has been kept.
+    """Read the executable of a kernel; None if it has not been kept, or is refused, which `refused` counts.
 
     Args:
-        name: of `name_of`; None for what is not kept.
-        kinds: `text_of` the kinds of its arguments, likewise.
+        name: the kernel's, by `name_of`; None for one that is not kept.
+        kinds: the kinds of its arguments, by `text_of`; None likewise.
     """
     global _refused
     place = _place(name, kinds)
@@ -63,7 +63,7 @@ def load(name: str | None, kinds: str | None) -> Callable[..., Any] | None:
 
 
 def _read(place: Path) -> Callable[..., Any] | None:
-    """The executable in a file; None, and no file any more, if it is damaged or of another processor."""
+    """Read the executable in a file; None, and the file deleted, if it is damaged or of another processor."""
     from jax.experimental.serialize_executable import deserialize_and_load
 
     _prepare_lapack()
@@ -77,7 +77,7 @@ def _read(place: Path) -> Callable[..., Any] | None:
 
 @cache
 def _prepare_lapack() -> None:
-    """Have the functions of LAPACK at hand, which JAX else gets when it lowers a kernel that calls them."""
+    """Register LAPACK's functions with XLA, which JAX does only when it lowers a kernel that calls them."""
     jax.jit(jax.lax.linalg.cholesky).lower(np.eye(1))
 
 
@@ -91,6 +91,7 @@ _hits = _Hits()
 
 
 def _listen(event: str, **_: str | int) -> None:
+    """Count a hit in JAX's own cache, for events of that name."""
     _hits.count += event == "/jax/compilation_cache/cache_hits"
 
 
@@ -98,13 +99,13 @@ jax.monitoring.register_event_listener(_listen)
 
 
 def compile_and_keep(lowered: Any, name: str | None, kinds: str | None) -> Any:
-    """Compile what has been lowered, and keep the executable if there is a folder for it.
+    """Compile a kernel that has been lowered, and keep the executable if there is a folder for it.
 
     A program that was kept for other sources is read, and kept for these, too. What JAX had in its own cache
     is not kept: XLA cannot write down again what it has read.
 
     Args:
-        lowered: by JAX.
+        lowered: the kernel, by ``jax.jit(...).lower``.
         name: as of `load`.
         kinds: as of `load`.
     """
@@ -132,7 +133,11 @@ def compile_and_keep(lowered: Any, name: str | None, kinds: str | None) -> Any:
 
 @contextmanager
 def one_at_a_time(name: str | None, kinds: str | None) -> Iterator[None]:
-    """Let no two processes compile the same kernel at once: the second one reads what the first has kept."""
+    """Hold a lock in a block, so that no two processes compile a kernel at once; arguments as of `load`.
+
+    A process that has waited for the lock is to look again for what the other has kept. After `_PATIENCE`
+    seconds it goes on without the lock.
+    """
     place = _place(name, kinds)
     with ExitStack() as stack:
         if place is not None:
@@ -154,11 +159,13 @@ def one_at_a_time(name: str | None, kinds: str | None) -> Iterator[None]:
 
 
 def _forget(file: str | Path) -> None:
+    """Delete a file, if it can be."""
     with suppress(OSError):
         os.unlink(file)
 
 
 def _save(place: Path, compiled: Any) -> None:
+    """Write an executable to the file `place`, whole or not at all; nothing is raised where that fails."""
     from jax.experimental.serialize_executable import serialize
 
     with suppress(Exception):  # it only saves time
@@ -170,7 +177,7 @@ def _save(place: Path, compiled: Any) -> None:
 
 
 def name_of(function: Any) -> str | None:
-    """What a function is called in files; None for one that follows from more than this package's sources."""
+    """The full name of a function, with what `partial` has bound; None if it is not of jaxplan's modules."""
     if isinstance(function, partial):
         values = [function.func, *function.args, *(value for _, value in sorted(function.keywords.items()))]
         parts = [text_of(one) for one in values]
@@ -183,7 +190,7 @@ def name_of(function: Any) -> str | None:
 
 
 def text_of(kinds: object) -> str | None:
-    """The kinds of arguments as a text; None where some of them mean nothing to another process."""
+    """The kinds of arguments as text, the same in every process; None where some cannot be put so."""
     if kinds is None or isinstance(kinds, bool | int | float | str | np.dtype | EllipsisType):
         return repr(kinds)
     if isinstance(kinds, type):
@@ -216,7 +223,7 @@ def _short(text: str) -> str:
 
 @cache
 def _versions() -> str:
-    """What compiled code follows from besides the program."""
+    """Versions and flags that compiled code depends on besides the program, as text."""
     from jaxlib.version import __version__ as jaxlib_version
 
     versions = sys.version, np.__version__, jax.__version__, jaxlib_version
@@ -225,7 +232,7 @@ def _versions() -> str:
 
 @cache
 def _origin() -> str:
-    """A short name for what all executables follow from."""
+    """A short hash of all that executables depend on: versions, flags and the sources of this package."""
     found = hashlib.sha256(_versions().encode())
     for file in sorted(_PACKAGE.rglob("*.py")):
         found.update(file.relative_to(_PACKAGE).as_posix().encode() + file.read_bytes())
@@ -233,9 +240,9 @@ def _origin() -> str:
 
 
 def _make_room(part: Path) -> None:
-    """Make the folder of today's sources; of those of other sources only the newest are left.
+    """Make the folder `part` for executables of today's sources; delete all but the newest of other sources.
 
-    Programs that only these had go with them.
+    Programs that only the deleted ones had go with them.
     """
     if part.is_dir():
         return

@@ -12,8 +12,8 @@ def replacing_file(target: Path, suffix: str = "") -> Iterator[Path]:
     """Give a file to write, which takes the target's place when the block ends well.
 
     Args:
-        target: the place; an old file there stays until the new one is whole. Its folder is made.
-        suffix: with which the other name ends, for writers that look at it.
+        target: path of the file; an old file there stays until the new one is whole. Its folder is made.
+        suffix: ending of the temporary name, for writers that look at it.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=target.parent, prefix=target.name, suffix=f".part{suffix}")
@@ -32,7 +32,7 @@ def replacing_folder(target: Path) -> Iterator[Path]:
     """Give a folder to fill, which takes the target's place when the block ends well.
 
     Args:
-        target: the place; an old folder there goes away with all that is in it.
+        target: path of the folder; an old folder there is deleted with all that is in it.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent, prefix=target.name, suffix=".part") as holder:
@@ -50,6 +50,7 @@ def replacing_folder(target: Path) -> Iterator[Path]:
 
 
 def _umask() -> int:
+    """The permission bits that new files of this process do not get."""
     mask = os.umask(0)
     os.umask(mask)
     return mask

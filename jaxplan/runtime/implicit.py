@@ -21,12 +21,12 @@ class Equations:
     """Equations, as functions of (inputs, z), and how their root is followed; made once, since it is hashed.
 
     Attributes:
-        residual: ``F`` (n,).
-        factor: of ``K`` at a root or near it, a pytree of arrays from which systems are solved.
-        solve: from factors and a vector (n,) what ``K`` takes to it.
-        steps: of Newton's method at most, before the last one.
-        tolerance: of the residual, below which these end earlier.
-        again: whether derivatives may be differentiated again; else that is refused.
+        residual: computes ``F`` (n,).
+        factor: factorises ``K`` at a root or near it; returns a pytree of arrays.
+        solve: from such factors and a vector ``v`` (n,) to ``K^-1 v``.
+        steps: the most steps of Newton's method before the last one.
+        tolerance: if all of the residual is within it, the next step is the last.
+        again: whether derivatives may be differentiated again; else that raises an error.
     """
 
     residual: Callable[[Any, Array], Array]
@@ -41,19 +41,19 @@ def implicit_root(equations: Equations, inputs: Any, guess: Array) -> Array:
     """The root near a guess, differentiable in the inputs, forward and backward.
 
     Args:
-        equations: see there.
+        equations: those to solve.
         inputs: all that they depend on, a pytree.
         guess: (n,) from which Newton's method starts; without influence on the derivative.
 
     Returns:
-        (n,) where the steps lead; nothing is checked.
+        (n,) ``z`` after the last step; whether it is a root is not checked.
     """
     return _root(equations, inputs, guess)[0]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _root(equations: Equations, inputs: Any, guess: Array) -> tuple[Array, Any]:
-    """The root, and the factors of the matrix there."""
+    """The root (n,), and the factors of the matrix at the step before; arguments as of `implicit_root`."""
 
     def ahead(at: tuple[Any, ...]) -> tuple[Any, ...]:
         count, near, _, z, factors = at
@@ -73,6 +73,7 @@ def _root(equations: Equations, inputs: Any, guess: Array) -> tuple[Array, Any]:
 
 @_root.defjvp
 def _slope(equations: Equations, primals: tuple[Any, Array], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
+    """The rule of `_root` for tangents, by the implicit function theorem; those of the factors are zero."""
     z, factors = _root(equations, *primals)
     inputs = primals[0]
     if equations.again:
@@ -84,6 +85,7 @@ def _slope(equations: Equations, primals: tuple[Any, Array], tangents: tuple[Any
 
 
 def _no_tangent(value: Array) -> Any:
+    """The zero tangent of an array, in the type that JAX wants."""
     if jnp.issubdtype(value.dtype, jnp.floating):
         return jnp.zeros_like(value)
     return np.zeros(value.shape, jax.dtypes.float0)
@@ -91,6 +93,7 @@ def _no_tangent(value: Array) -> Any:
 
 @jax.custom_jvp
 def _once(value: Any) -> Any:
+    """The same value, of which a derivative raises an error."""
     return value
 
 
@@ -102,7 +105,7 @@ def _refuse(*_: Any) -> NoReturn:
 
 
 def _first_derivatives_only(tree: Any) -> Any:
-    """The same tree, whose numbers cannot be differentiated, for use within a rule for tangents."""
+    """The same tree of numbers whose derivatives raise an error, for use within a rule for tangents."""
     return jax.tree.map(
         lambda leaf: _once(leaf) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else leaf, tree
     )

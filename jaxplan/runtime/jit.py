@@ -41,7 +41,7 @@ _EVENTS = (
 
 
 class _Stopped(threading.local):
-    """How long, in s, the clock of a thread has stood still."""
+    """How long, in s, the clock of this thread (`working_time`) has stood still."""
 
     seconds = 0.0
 
@@ -50,6 +50,7 @@ _stopped = _Stopped()
 
 
 def _listen(event: str, duration_secs: float, **_: str | int) -> None:
+    """Add the time of a compilation that has ended to that for which the clock has stood still."""
     if event in _EVENTS:  # which JAX tells in the thread that compiles
         _stopped.seconds += duration_secs
 
@@ -71,6 +72,7 @@ _new = 0
 
 
 def _count(event: str, duration_secs: float, **_: str | int) -> None:
+    """Count the kernels compiled since `clear_if_full` last looked."""
     global _new
     _new += event == _COMPILED
 
@@ -122,7 +124,7 @@ def quick_jit(
         function: to be jitted; inside other traced functions it is as if jitted by `jax.jit`.
         optimised: False for what runs a few times in milliseconds, which compiles in half of that time again
             and runs two to three times as long.
-        options: of `jax.jit`, of those that name static arguments.
+        options: static_argnums or static_argnames, as of `jax.jit`.
 
     Returns:
         The same function, jitted.
@@ -161,7 +163,7 @@ def is_traced(tree: Any) -> bool:
 
 
 def _static(function: Callable[..., Any], **options: Any) -> set[int | str]:
-    """Places and names of the static arguments, each by both."""
+    """The static arguments of a function by `options` of `jax.jit`, each by its position and its name."""
     told = {key: (value,) if isinstance(value, int | str) else value for key, value in options.items()}
     names = list(inspect.signature(function).parameters)
     places = [*told.get("static_argnums", ()), *map(names.index, told.get("static_argnames", ()))]
@@ -172,7 +174,7 @@ _PLAIN = frozenset({np.ndarray, float, int, bool, np.float64, np.int64})  # type
 
 
 def _kind(leaf: Any) -> Hashable:
-    """What matters of an argument for what is compiled."""
+    """The kind of an argument: shape and dtype, or type. Arguments of equal kinds share an executable."""
     if type(leaf) is np.ndarray:
         return leaf.shape, leaf.dtype
     if isinstance(leaf, jax.Array):
@@ -189,12 +191,13 @@ def _unusual() -> bool:
 
 @cache
 def _may_choose_devices() -> bool:
+    """Tell whether there is more than one device."""
     return jax.device_count() > 1  # an executable is for one of them, and arguments may lie on another
 
 
 @contextmanager
 def _clock_stopped(turn: threading.RLock) -> Iterator[None]:
-    """Take one's turn, while the clock of this thread stands still."""
+    """Hold the lock `turn` in a block; this thread's clock stands still from before it waits for it."""
     stopped, began = _stopped.seconds, time.monotonic()
     with turn:
         try:
@@ -211,7 +214,16 @@ def _compiled(
     args: Any,
     kwargs: Any,
 ) -> Callable[..., Answer]:
-    """An executable for arguments of some kinds, as it was kept or compiled now."""
+    """The executable of a function for arguments of some kinds: read if it was kept, else compiled and kept.
+
+    Args:
+        function: to be compiled.
+        options: of `jax.jit`.
+        flags: compiler options, left out where XLA does not know them.
+        kinds: of the arguments; executables are kept under it.
+        args: an example of the arguments, for tracing.
+        kwargs: likewise.
+    """
     global _new
     # The same function may be jitted in two ways.
     name, text = executables.name_of(function), executables.text_of((kinds, *sorted(flags.items())))

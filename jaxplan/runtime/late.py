@@ -11,10 +11,11 @@ def late(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
 
     Args:
         package: its ``__name__``.
-        homes: by the names that it gives, where each is: "module:name", or a module.
+        homes: where each of its late names comes from: "module:name", or a module.
 
     Returns:
-        A function that loads a name and leaves it in the package; an AttributeError for any other.
+        A function that imports the value of a name, sets it in the package and returns it; it raises an
+        AttributeError for a name that is not among the homes.
     """
 
     def load(name: str) -> Any:

@@ -19,16 +19,17 @@ Map = Callable[[Any, Arrays], Sequence[Array]]
 
 
 def linear_map(name: str, forward: Map, backward: Map) -> Callable[[Any, Arrays, Any], list[Array]]:
-    """A linear map that JAX can transpose, batch and jit.
+    """Make a linear map that JAX can transpose, batch and jit.
 
     Args:
-        name: in traces.
-        forward: of what the map depends on, any tree, and a vector as arrays: the answer as arrays.
-        backward: the transpose: of the same tree and an answer a vector.
+        name: of the map in traces and messages.
+        forward: (tree, vector) -> image: the map, where the tree is any pytree that it depends on, and vector
+            and image are sequences of arrays.
+        backward: (tree, image) -> vector: the transpose of the map.
 
     Returns:
-        A function of the tree, a vector, and arrays like those of the answer. In the tree it cannot be
-        differentiated.
+        (tree, vector, like) -> image: the map, where `like` has arrays of the image's shapes and dtypes. A
+        derivative in the tree raises a NotImplementedError.
     """
     primitive = Primitive(name)
     primitive.multiple_results = True

@@ -1,4 +1,4 @@
-"""What follows from an object that does not change is made when it is first asked for, and kept with it."""
+"""A decorator for what follows from an object that does not change: computed once, when first asked for."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -10,12 +10,12 @@ T = TypeVar("T")
 
 
 def made_once(make: Callable[[Any], T]) -> Callable[[Any], T]:
-    """Decorate a method so that its answer is kept with the object, and made only once.
+    """Decorate a method without arguments so that its result is computed once and kept in the object.
 
-    An answer that holds an array of JAX is not kept, since it may belong to a trace.
+    A result that holds an array of JAX is not kept, since it may belong to a trace.
 
     Args:
-        make: of an object, something that follows from its attributes alone.
+        make: the method, whose result depends on the object's attributes alone.
     """
     name = f"_{make.__name__}"
 

@@ -31,29 +31,29 @@ class Bar:
 
     @property
     def done(self) -> int:
-        """How much is done."""
+        """The count so far."""
         return int(self._tqdm.n)
 
     def update(self, count: int = 1) -> None:
-        """Count what has been done."""
+        """Add to the count of what is done."""
         self._tqdm.update(count)
 
     def step(self, name: str) -> None:
-        """Say what is being done; nothing for an empty name."""
+        """Name, on the bar, the step that is being done; an empty name takes the last one away."""
         self._step = name
         self._describe()
 
     def note(self, text: str) -> None:
-        """Say something behind the bar."""
+        """Show a text after the bar, with its next refresh."""
         self._tqdm.set_postfix_str(text, refresh=False)
 
     def compiles(self, begins: bool) -> None:
-        """Note that JAX begins to compile, or has ended."""
+        """Note that JAX begins to compile (True), or has ended (False)."""
         self._compiling = begins
         self._compiled = True
 
     def tick_until_closed(self) -> None:
-        """Show the bar every second, in a thread of its own."""
+        """Refresh the bar every second until `close`; to be run in a thread of its own."""
         while not self._closed.wait(_TICK):
             self._describe()
             self._compiled = self._compiling
@@ -65,6 +65,7 @@ class Bar:
         self._closed.set()
 
     def _describe(self) -> None:
+        """Set the words before the bar: what is done, the step, and whether something compiles."""
         parts = [self._step] * bool(self._step) + ["compiling"] * (self._compiling or self._compiled)
         text = ": ".join([self._what, ", ".join(parts)] if parts else [self._what])
         self._tqdm.set_description_str(text, refresh=False)
@@ -74,14 +75,14 @@ class Bar:
 def progress_bar(
     what: str, unit: str = "", *, total: int | None = None, initial: int = 0, shown: bool = True
 ) -> Iterator[Bar]:
-    """Show a bar once a block takes longer than a second.
+    """Show a bar while a block runs, once it takes longer than a second; gives the `Bar` to count with.
 
     Args:
-        what: is done, the first words of the bar.
-        unit: of what is counted, in the plural; empty where only the time is told.
-        total: how many there are, None if nobody knows.
-        initial: how many were done before.
-        shown: whether to show it at all; where stderr is no terminal, nor a notebook, it never is.
+        what: the first words of the bar, such as "tuning".
+        unit: name of what is counted, in the plural, such as "steps"; empty to show the time alone.
+        total: the count at the end, None if it is not known.
+        initial: the count at the beginning.
+        shown: False never to show it; it is not shown either where stderr is neither terminal nor notebook.
     """
     from tqdm.auto import tqdm
 
@@ -115,7 +116,7 @@ def progress_bar(
 
 
 def _tells_no_size() -> bool:
-    """Whether stderr is a terminal of zero columns or lines, as those of some programs are."""
+    """Whether stderr is a terminal that says it has zero columns or lines, as those of some programs do."""
     try:
         return 0 in os.get_terminal_size(sys.stderr.fileno())
     except (AttributeError, OSError, ValueError):  # it is none
@@ -123,6 +124,7 @@ def _tells_no_size() -> bool:
 
 
 def _listen_to_jax() -> None:
+    """Have JAX call `_hear` for its events, from the first call on."""
     global _listening
     if not _listening:
         import jax
@@ -132,6 +134,7 @@ def _listen_to_jax() -> None:
 
 
 def _hear(event: str, duration_secs: float, **_: str | int) -> None:
+    """Tell all open bars if an event of JAX begins or ends a compilation."""
     if event in (_BEGINS, _ENDS):
         for bar in tuple(_open):
             bar.compiles(event == _BEGINS)

@@ -41,7 +41,7 @@ _before: list[int] = []
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Let numpy and scipy have one thread each, in the whole process, until all who asked are done."""
+    """Limit OpenBLAS to one thread in the whole process while a block runs, or several at once."""
     global _inside, _before
     libraries = _libraries()
     with _lock:
@@ -82,13 +82,13 @@ def _libraries() -> tuple[tuple[Callable[[], int], Callable[[int], object]], ...
 
 
 Workers = Executor | int
-"""Who works: somebody's executor, or a number of processes of our own."""
+"""What does the work: a given executor, or a number of processes of our own."""
 
 Part = TypeVar("Part")
 Answer = TypeVar("Answer")
 
 _WORKER = "jaxplan-worker"
-_UNGUARDED = 113  # exit code of a worker that came upon the call which began it
+_UNGUARDED = 113  # exit code of a worker in which the user's script makes again the call that began it
 
 
 class _Worker(SpawnProcess):
@@ -99,18 +99,20 @@ class _Worker(SpawnProcess):
         self.name = f"{_WORKER}{self.name[len(type(self).__name__) :]}"
 
     def start(self) -> None:
-        """Begin, with the user's script if it is a file."""
+        """Start the process, with the user's script if it is a file."""
         with _only_a_script_that_is_there():
             super().start()
 
 
 class _Workers(SpawnContext):
+    """A multiprocessing context whose processes are `_Worker`."""
+
     Process = _Worker
 
 
 @contextmanager
 def _only_a_script_that_is_there() -> Iterator[None]:
-    """Hide the name of a script that came through stdin, which no other process could open."""
+    """Hide, in a block, the name of a script that came through stdin, which no other process could open."""
     main = sys.modules["__main__"]
     name = getattr(main, "__file__", None)
     if name is None or Path(name).exists():
@@ -127,7 +129,7 @@ class WorkerPool:
     """A pool of workers to hand parts of some work to.
 
     Args:
-        workers: a number of processes of our own, or somebody's executor.
+        workers: a number of processes, which are started, or a given executor.
     """
 
     def __init__(self, workers: Workers) -> None:
@@ -142,7 +144,7 @@ class WorkerPool:
                     _bring_up_one(workers)
 
     def submit(self, work: Callable[[Part], Answer], part: Part) -> "Future[Answer]":
-        """Hand out a part.
+        """Have a worker call ``work(part)``.
 
         Raises:
             BrokenExecutor: if the workers are gone.
@@ -150,12 +152,12 @@ class WorkerPool:
         return self._executor.submit(work, part)
 
     def restart(self) -> None:
-        """Go on with new processes after one has died."""
+        """Kill our processes and start as many new ones, after one has died."""
         self.shutdown(at_once=True)
         self._start(self.workers)
 
     def shutdown(self, *, at_once: bool) -> None:
-        """End our processes, in the middle of their work or after it; somebody's executor is left alone."""
+        """End our processes, killed at once or after their work; a given executor is left alone."""
         if self._pool is None:
             return
         if at_once:
@@ -167,6 +169,7 @@ class WorkerPool:
         self._pool = None
 
     def _start(self, workers: int) -> None:
+        """Make a pool of so many processes, and start the first; raise a WorkersDiedError if it dies."""
         self.workers = workers
         pool = ProcessPoolExecutor(workers, _Workers(), _begin, (cache.settings(),))
         self._executor = self._pool = pool
@@ -177,10 +180,10 @@ class WorkerPool:
 
 
 def _bring_up_one(pool: ProcessPoolExecutor) -> None:
-    """Begin a single process; the others do when there is work for them.
+    """Start one process of a pool, and wait until it works; the others start when there is work for them.
 
     Raises:
-        WorkersDiedError: if it came upon the call which began it.
+        WorkersDiedError: if it ran the user's script into the call which began it.
         BrokenExecutor: if it died of something else.
     """
     begun = pool.submit(os.getpid)
@@ -205,6 +208,7 @@ _DIED = (
 
 
 def _guard_advice() -> str:
+    """The message on how to guard a script against being run whole by each of its workers."""
     known = (getattr(sys.modules["__main__"], "__file__", None), *sys.argv[:1])
     name = next((Path(path).name for path in known if path and path != "-c"), "the script")
     return (
@@ -214,10 +218,10 @@ def _guard_advice() -> str:
 
 
 def who_works(workers: Workers | None, executor: Workers | None) -> Workers | None:
-    """The workers that a caller gives by either name of the argument, None for this process.
+    """Check the workers that a caller gives by either name of the argument; None for this process.
 
-    One of our own processes that is asked this while it runs the user's script ends: it was the same line of
-    the script that began it, which says what to do about it.
+    In one of our own processes that still runs the user's script this ends the process: it was the same line
+    of the script that began it, and that call raises an error which says what to do about it.
 
     Raises:
         TypeError: if it is neither an executor nor a number, or given by both names.
@@ -233,6 +237,7 @@ def who_works(workers: Workers | None, executor: Workers | None) -> Workers | No
 
 
 def _expect_guard() -> None:
+    """End this process if it is a spawned one that still runs the user's script, see `who_works`."""
     process = current_process()
     if getattr(process, "_inheriting", False):  # it runs the script
         if not process.name.startswith(_WORKER):
@@ -243,6 +248,7 @@ def _expect_guard() -> None:
 
 
 def _check(name: str, given: object) -> None:
+    """Raise a TypeError or ValueError, see `who_works`, for what is no usable executor or number."""
     if isinstance(given, int | np.integer) and not isinstance(given, bool):
         if given < 1:
             raise ValueError(f"{name} = {given}: must be at least 1, as a number of processes")
@@ -260,7 +266,7 @@ def _check(name: str, given: object) -> None:
 
 
 def _begin(compiled_code: dict[str, object]) -> None:
-    """Set up a worker."""
+    """Set up a worker process, which keeps compiled code by these `cache.settings`."""
     import jax
     from tqdm import tqdm
 

@@ -1,7 +1,8 @@
 """Step 2: a sequence of clear states from start to goal. Every planner has the same call and result.
 
-`search_batch` is a function of many scenes, and each method of jaxplan one of many that are alike: a few
-stages, such as straight motions, elastic bands, searches, smoothing, each for all that are not settled yet.
+`search_batch` takes many scenes at once, and each search method those of its scenes that have one layout. A
+method has a few stages, such as straight motions, elastic bands, searches and smoothing; each stage is run
+for all scenes that have no result yet.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,21 +31,23 @@ _METHODS: dict[str, Method | str] = {
     "rrt_star": "jaxplan.paper.rrt_star:search",
     "rrt_connect": "jaxplan.search.rrt_connect:search",
 }
-"""By name; ours by where they are, and loaded when they are first used."""
+"""Search methods by name; those of jaxplan as "module:function", imported when they are first used."""
 
 
 def _method(name: str) -> Method:
+    """The search function of a method's name, imported if it has not been yet."""
     known = _METHODS[name]
     found: Method = resolve_name(known) if isinstance(known, str) else known
     return found
 
 
 def _search(method: str, scene: Scene, settings: SearchSettings) -> SearchResult:
+    """Search one scene by the method named, whatever the settings name."""
     return search_batch([scene], [replace(settings, method=method)])[0]
 
 
 PLANNERS: dict[str, Planner] = {method: partial(_search, method) for method in _METHODS}
-"""By name; a planner searches a scene with some settings, of which `method` does not count."""
+"""Planners by name: functions from a scene and settings, whose `method` is ignored, to a result."""
 
 
 def add_planner(method: str, search: Callable[[Scene, SearchSettings], SearchResult | SearchRun]) -> None:
@@ -76,7 +79,7 @@ def _search_with(
     scenes: Scenes,
     settings: Sequence[SearchSettings],
 ) -> list[SearchResult]:
-    """Search scenes by a planner that was added, which answers at once or goes on call by call."""
+    """Search scenes by an added planner; where its `search` gives a run, drive that to its end."""
     answers = []
     for number, (scene, own) in enumerate(zip(scenes.scenes, settings, strict=True)):
         with scenes.seconds.shared([number]):
@@ -90,14 +93,13 @@ def _search_with(
 def search_batch(
     scenes: Sequence[Scene], settings: Sequence[SearchSettings], seconds: Seconds | None = None
 ) -> list[SearchResult]:
-    """Search many scenes, each by the method of its settings, those alike together.
+    """Search many scenes, each by the method of its settings; those of one method and layout together.
 
     Args:
         scenes: the problems; those of one method and equal padded sizes share their kernel calls.
-        settings: of each search. A time limit stands for its share: it ends a search after as many times
-            that long as there are scenes.
-        seconds: of the searches, to which the time of each is added, of calls answered together an equal
-            share.
+        settings: of each search. A time limit is a scene's share of the whole: a search ends after as many
+            times that long as there are scenes.
+        seconds: where the time of each search is added, s; calls answered together count in equal shares.
 
     Returns:
         Results that agree with those one by one, as long as no time limit ends a search. Where an end of a

@@ -1,7 +1,7 @@
-"""Kernels that a search of the default planner may call, for compiling them ahead of need.
+"""Tasks that compile, ahead of need, the kernels that a search of the default planner may call.
 
-Compiled kernels depend on how the numbers of a scene lie (`jaxplan.search.scene.Layout`) and on the shapes of
-their arguments. The tasks made here have the shapes that searches use; what they answer means nothing.
+Compiled kernels depend on the layout of a scene's numbers (`jaxplan.search.scene.Layout`) and on the shapes
+of their arguments. The tasks made here call them with the shapes that searches use; the answers mean nothing.
 """
 
 from functools import partial
@@ -22,7 +22,7 @@ from jaxplan.search.smoothing import EDGES, padded, straight_bands
 
 
 def usual_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list[Task]:
-    """What nearly every search calls first: the straight motion, and the elastic band that starts from it.
+    """Tasks that call what nearly every search calls first: the straight motion and the elastic band from it.
 
     Args:
         scene: like those to be searched.
@@ -37,7 +37,7 @@ def usual_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list[T
 
 
 def further_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list[Task]:
-    """What harder searches call besides: expansions, trees, and the checks of smoothing.
+    """Tasks that call what harder searches call besides: expansions, trees, and the checks of smoothing.
 
     Args:
         scene: like those to be searched.
@@ -62,8 +62,10 @@ def further_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list
 
 
 def _several(scene: Scene, many: bool) -> Scenes:
+    """The scene once, or twice for the kernels that answer several calls at once."""
     return Scenes([scene] * (2 if many else 1))
 
 
 def _answer(scenes: Scenes, call: Call) -> None:
+    """Make the same call about each of the scenes, and forget the answers."""
     scenes.answers([call] * len(scenes.scenes))

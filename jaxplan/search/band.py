@@ -1,6 +1,6 @@
-"""An elastic band: the energy that it strives for, and its descent.
+"""An elastic band: a path that descends to less energy, pulled tight but held off by zones and joint limits.
 
-The band contracts, while zones and joint limits push it back. It is a path of `PIECES` pieces of equal time.
+It is a path of `PIECES` pieces of equal time.
 With ``a`` the steps that the platform and each joint make on a piece, in a unit in which the largest is about
 one, its energy is
 
@@ -18,7 +18,10 @@ a step the best is taken. Nothing is promised of the result: whether it is clear
 check. The elements of the system are sums over nodes, or pieces, of the product of two shapes and a second
 derivative. They are formed for the pairs p of shapes that overlap, and then put in their places.
 
-Axes: components first (of a quaternion, a vector, the joints; C = 3 + 2n of a motion, rotation first), then
+A *slack* of a row (a condition on one or two directions, or on joints) is what its score has left to the
+threshold at which the wanted clearance is just kept, negative where it is broken; here scaled to about rad.
+
+Axes: components first (of a quaternion, a vector, the J joints; C = 3 + J of a motion, rotation first), then
 row z and sight d, then f of bands tried at once, last the node s along the band. Attitudes are unit
 quaternions relative to the start, neighbours of the same sign.
 """
@@ -55,7 +58,7 @@ PENALTY = 700.0
 # Clearance that a band is given beyond what is wanted, rad, for what lies between its nodes.
 BUFFER = 0.012
 FAR = 0.15
-"""Slack, rad, of what no zone binds, or more than what is to be felt."""
+"""Slack, rad, given to what no row binds; at more than this a row adds no curvature to the system."""
 FRACTIONS = (1.0, 0.4, 0.12, 0.03)
 # Curvature added to that of the energy, to keep steps short: of any motion, and toward zones nearer than FAR.
 DAMPING, NEAR_DAMPING = 0.2, 0.005
@@ -66,18 +69,18 @@ _TINY = 1e-12
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
-    """What the energy needs to know of the scene.
+    """The numbers of a scene that the energy is made of.
 
     Attributes:
-        sights: what is bound.
+        sights: the directions that the rows bind.
         rows: all constraints; where two sights must keep apart, each is the axis of a row.
         grouped: whether any constraint has several entries.
         steps: (C,) rad a step, of rotation (3 times) and joints.
         ranges: (2, J) rad, least and largest angle of each joint.
-        axes: (3, z) of all rows, taken for inertial, in the body axes of the start.
+        axes: (3, z) unit axes of all rows, each as if it were inertial, in the body axes at the start.
         scale: (z,) rad for a unit of the score, near the row's edge.
-        wanted: (z, s) score at which a row is as far as wanted from each node.
-        unit: () what turns steps on a piece into the unit of the energy.
+        wanted: (z, s) score at which a row just keeps the clearance wanted at each node.
+        unit: () factor from steps on a piece to the unit of the energy.
     """
 
     sights: Sights
@@ -97,12 +100,12 @@ def spread(values: Array, axes: int) -> Array:
 
 
 def total(values: Array) -> Array:
-    """Sum over a short leading axis, unrolled so that it fuses."""
+    """Sum over a short leading axis, unrolled so that XLA fuses it."""
     return sum((values[i] for i in range(values.shape[0])), start=jnp.zeros(values.shape[1:]))
 
 
 def make_problem(scene: Scene, length: Array, clearance: Array) -> Problem:
-    """The scene as a band of `length` steps takes it, with `clearance` (rad) wanted off both ends."""
+    """The problem of a band of `length` steps in a scene; `clearance` rad is wanted away from both ends."""
     rows = _all_rows(scene)
     at = jnp.arange(PIECES + 1) / PIECES
     # at most ten: near the axis of a narrow cone the cosine tells little
@@ -125,7 +128,7 @@ def make_problem(scene: Scene, length: Array, clearance: Array) -> Problem:
 
 
 def _all_rows(scene: Scene) -> Constraints:
-    """The rows of both tables, and those between two sights once more with the two exchanged."""
+    """The rows of both tables, and the second's between two sights once more with these exchanged."""
     tables = list(scene.tables)
     if scene.grouped_cones.inner:
         tables.append(_exchanged(scene.grouped_cones))
@@ -160,7 +163,7 @@ def _exchanged(rows: Constraints) -> Constraints:
 
 
 def pieces(problem: Problem, quaternions: Array, joints: Array) -> Array:
-    """(C, f, s - 1) motion on each piece, in the unit of the energy."""
+    """(C, f, s - 1) motion on each piece of bands (4, f, s) and (J, f, s), in the unit of the energy."""
     vector = jnp.stack(rotations.relative(quaternions[..., :-1], quaternions[..., 1:])[1:])
     square = dot(vector, vector)
     # the arc sine's series, good to 1e-6 up to 0.7 rad
@@ -170,12 +173,12 @@ def pieces(problem: Problem, quaternions: Array, joints: Array) -> Array:
 
 
 def squares_of(motion: Array) -> Array:
-    """(1 + 2n, f, s) of the size of rotations and joint motions."""
+    """(1 + J, f, s) squares of the size of rotations and of joint motions, from motions (C, f, s)."""
     return jnp.concatenate([dot(motion[:3], motion[:3])[None], motion[3:] * motion[3:]])
 
 
 def nodes_seen(problem: Problem, quaternions: Array, joints: Array) -> tuple[Array, Array]:
-    """Axes of the rows (3, z, f, s), and sights (3, d, f, s), at the nodes, in body axes."""
+    """Unit axes of the rows (3, z, f, s), and sights (3, d, f, s), at the nodes of bands, in body axes."""
     behind = quaternions.ndim - 1
     turned = rotations.turned_back(quaternions[:, None], spread(problem.axes, behind))
     sights = problem.sights.in_body(jnp.moveaxis(joints, 0, -1))  # (f, s, d, 3)
@@ -186,7 +189,14 @@ def nodes_seen(problem: Problem, quaternions: Array, joints: Array) -> tuple[Arr
 
 
 def zone_slacks(problem: Problem, axes: Array, body: Array, joints: Array) -> Array:
-    """(z, d, f, s) how much nearer each sight might be to each row, about rad; FAR where it is free."""
+    """(z, d, f, s) slack of each sight to each row at the nodes, about rad; FAR where the row does not count.
+
+    Args:
+        problem: the scene.
+        axes: (3, z, f, s) of the rows, body axes, by `nodes_seen`.
+        body: (3, d, f, s) of the sights, likewise.
+        joints: (J, f, s) rad.
+    """
     rows = problem.rows
     values = None
     if rows.inner:
@@ -205,19 +215,19 @@ def zone_slacks(problem: Problem, axes: Array, body: Array, joints: Array) -> Ar
 
 
 def _same(number: ArrayLike) -> Array:
-    """(z, z, 1, 1) whether rows have the same number."""
+    """(z, z, 1, 1) whether two rows have the same number, such as that of their entry or group (z,)."""
     own = jnp.asarray(number)
     return spread(own[:, None] == own, 2)
 
 
 def beyond_limits(problem: Problem, joints: Array) -> Array:
-    """(J, f, s) rad that joints are beyond their ranges, below zero where that is beneath them."""
+    """(J, f, s) rad by which joints are above (positive) or below (negative) their ranges; 0 inside."""
     low, high = (spread(bound, 2) for bound in problem.ranges)
     return joints - jnp.clip(joints, low, high)
 
 
 def energy(problem: Problem, quaternions: Array, joints: Array) -> Array:
-    """(f,) the energy of bands (4, f, s) and (2n, f, s)."""
+    """(f,) the energy of bands, quaternions (4, f, s) and joints (J, f, s) rad."""
     squares = squares_of(pieces(problem, quaternions, joints))
     tension = jnp.mean(jnp.sqrt(total(squares * squares)) + TRAVEL * total(squares), axis=-1)
     axes, body = nodes_seen(problem, quaternions, joints)
@@ -228,7 +238,7 @@ def energy(problem: Problem, quaternions: Array, joints: Array) -> Array:
 
 
 def _basis() -> np.ndarray:
-    """(PIECES + 1, K) displacements along a band: cubic B-splines on even knots, zero at both ends."""
+    """(PIECES + 1, K) shapes of displacement at nodes: cubic B-splines on even knots, zero at both ends."""
     at = np.linspace(0, _SHAPES - 1, PIECES + 1)[:, None]
     knots = np.concatenate([np.zeros(3), np.arange(_SHAPES), np.full(3, _SHAPES - 1.0)])
     values = ((at >= knots[:-1]) & (at < knots[1:])).astype(float)
@@ -256,11 +266,11 @@ _NODE_PAIRS, _PIECE_PAIRS = (
 
 
 def _zone_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Array, Array, Array, Array]:
-    """Derivatives of what clearance and limits lack, at the nodes of a band (4, s) and (2n, s).
+    """First and second derivatives of the energy's penalty at the nodes of a band (4, s) and (J, s).
 
     Returns:
-        (5, d, s) and (5, 5, d, s) first and second ones through the zones, by rotation (3), yaw and pitch of
-        each device; (2n, s) both through the joint limits.
+        (5, d, s) and (5, 5, d, s) first and second ones of the rows' part, by rotation (3), yaw and pitch of
+        each device d; (J, s) and (J, s) first and second ones of the joint limits' part.
     """
     constraints = problem.rows
     axes, body = nodes_seen(problem, quaternions[:, None], joints[:, None])
@@ -288,11 +298,11 @@ def _zone_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Ar
 
 
 def _by_joints(sights: Sights, body: Array, joints: Array) -> list[Array]:
-    """Derivatives (3, d, s) of sights in yaw and in pitch.
+    """Derivatives of sights (body axes) by the yaw and by the pitch of their devices, (3, d, s) each.
 
     Args:
-        sights: what is bound.
-        body: (3, d, s) where they are.
+        sights: the directions that the rows bind.
+        body: (3, d, s) the sights at the nodes, body axes.
         joints: (J, s) rad.
     """
     gimbals = sights.gimbals
@@ -307,7 +317,7 @@ def _by_joints(sights: Sights, body: Array, joints: Array) -> list[Array]:
 
 
 def _of_devices(sights: Sights, terms: Array) -> Array:
-    """Terms (..., d, s) of sights, those of vectors that a device carries added to its own."""
+    """Terms by device, from terms (..., d, s) by sight: those of vectors a device carries join its own."""
     if not sights.carried.shape[0]:
         return terms
     count = sights.gimbals.count + sights.fixed.shape[0]
@@ -316,7 +326,10 @@ def _of_devices(sights: Sights, terms: Array) -> Array:
 
 
 def _piece_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Array, Array]:
-    """First (C, s - 1) and second derivatives (C, C, s - 1) of the tension, by what each piece moves."""
+    """First (C, s - 1), second (C, C, s - 1) derivatives of the energy's mean over pieces, by their motions.
+
+    Of a band (4, s) and (J, s); motions in rad. `DAMPING` is in the second derivatives.
+    """
     u = pieces(problem, quaternions[:, None], joints[:, None])[:, 0]
     squares = squares_of(u)
     norm = jnp.sqrt(total(squares * squares) + _TINY)
@@ -331,11 +344,11 @@ def _piece_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[A
 
 
 def _places(terminals: int, drives: int, devices: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where each element of the system stands among the packed terms.
+    """Index of each element of the Newton system among the packed terms (`_step`).
 
     Returns:
-        (K C, K C) places of the terms that do not belong to a device, then of those of devices; the packed
-        terms are (C, C, p), (5, 5, d, p), (3, 3, p) and zeros, (p,).
+        (K C, K C) indices of the terms of the pieces and joint limits, then of those of the zones. Packed one
+        after the other are the terms (C, C, p), (5, 5, devices, p), (3, 3, p) summed over devices, p zeros.
     """
     size = 3 + 2 * terminals + drives
     row = [0, 1, 2] + [3] * terminals + [4] * terminals + [3] * drives
@@ -363,7 +376,7 @@ def _places(terminals: int, drives: int, devices: int) -> tuple[np.ndarray, np.n
 
 
 def _step(problem: Problem, quaternions: Array, joints: Array) -> Array:
-    """The displacement (C, s) that would end the descent if the energy were what it looks like."""
+    """The damped Newton step: displacement (C, s), rad, of the nodes of a band (4, s) and (J, s)."""
     gimbals = problem.sights.gimbals
     terminals, drives = gimbals.terminals, gimbals.tilts.shape[0]
     devices = gimbals.count + problem.sights.fixed.shape[0]
@@ -387,22 +400,22 @@ def _step(problem: Problem, quaternions: Array, joints: Array) -> Array:
 
 
 def _moved(quaternions: Array, joints: Array, displacement: Array) -> tuple[Array, Array]:
-    """A band after displacements (C, ..., s), which turn its nodes about body axes."""
+    """A band moved by displacements (C, ..., s) rad; the first three are rotations about body axes."""
     turn = jnp.concatenate([jnp.ones_like(displacement[:1]), displacement[:3] / 2])
     return jnp.stack(unit(rotations.product(quaternions, turn))), joints + displacement[3:]
 
 
 def descend(problem: Problem, quaternions: Array, joints: Array, iterations: int) -> tuple[Array, Array]:
-    """Let a band contract.
+    """The band after damped Newton steps of its energy.
 
     Args:
         problem: the scene.
         quaternions: (4, PIECES + 1).
-        joints: (2n, PIECES + 1) rad.
-        iterations: static.
+        joints: (J, PIECES + 1) rad.
+        iterations: number of steps, static.
 
     Returns:
-        The same of the band at the end; its first and last node do not move.
+        Quaternions and joints of the band at the end; its first and last node do not move.
     """
 
     def contract(_: int, nodes: tuple[Array, Array]) -> tuple[Array, Array]:

@@ -49,7 +49,7 @@ class Barrier:
     """Zones that part the directions of a device at start and goal.
 
     Attributes:
-        device: place on the device axis.
+        device: index on the device axis.
         zones: rows of `Scene.cones` (the keep-out zones, then the keep-in zones without group), ascending;
             of these alone, none can be left out.
     """
@@ -62,7 +62,7 @@ def find_barrier(scene: Scene) -> Barrier | None:
     """Look for a device that no motion brings from its start direction to its goal direction.
 
     A terminal's direction at the goal is its target, the same for all goals; that of an instrument, or of
-    any device without target, is a matter of this goal's attitude and joints.
+    any device without target, depends on this goal's attitude and joints.
 
     Args:
         scene: a search problem; groups of zones are left out.
@@ -85,8 +85,8 @@ def most_obstructive(scene: Scene) -> tuple[Constraints, int] | None:
         scene: a search problem.
 
     Returns:
-        Which of the scene's two tables it is in, and its row there, a group's first; None where the straight
-        motion breaks nothing.
+        The one of `scene.tables` that it is in, and the index of its first row there; None where the
+        straight motion breaks nothing.
     """
     left = scene.goal_joints - scene.start_joints
     attitudes, joints = motion(
@@ -107,7 +107,7 @@ def separating_zones(
 
     Args:
         cones: the zones; those of a group of several are left out.
-        device: place on the device axis.
+        device: index on the device axis.
         start: (3,) inertial unit vector.
         goal: (3,) inertial unit vector.
 
@@ -137,7 +137,7 @@ def separating_caps(
         goal: (3,) unit vector.
 
     Returns:
-        Places of the caps, ascending, at least three; where several sets are as small, one of them. None
+        Indices of the caps, ascending, at least three; where several sets are as small, one of them. None
         where the two are connected outside the caps (touching caps let pass), or one of them lies in a cap.
     """
     if len(axes) < 3 or separation(start, goal) < TOGETHER:  # two discs of the plane enclose nothing
@@ -166,7 +166,11 @@ def separating_caps(
 def _bearings(
     axes: np.ndarray, radius: np.ndarray, to_start: np.ndarray, start: np.ndarray, goal: np.ndarray
 ) -> np.ndarray:
-    """Vectors of the plane from the goal to the centres of the discs, as complex numbers of any length.
+    """(Z,) vectors from the image of the goal to the centres of the caps' discs, as complex numbers.
+
+    Stereographic projection from the start takes caps of unit `axes` (Z, 3) and half-angles `radius` (Z,) rad
+    to discs of the plane; `to_start` (Z,) rad are the angles from the axes to the start, which no cap holds.
+    Each vector has a positive factor of its own, as only the phases are used.
 
     From the start direction ``a``, a cap of axis ``d`` and half-angle ``h`` is projected to the disc of
     centre ``d' / (cos h - a.d)`` and radius ``sin h / (cos h - a.d)``, the goal ``b`` to ``b' / (1 - a.b)``,
@@ -198,7 +202,7 @@ def _shortest_ring(
         roots: caps to start from; at least one lies on each ring.
 
     Returns:
-        Its caps, ascending; None where there is no ring.
+        Indices of its caps, ascending; None where there is no ring.
     """
     best: tuple[int, ...] | None = None
     for root in roots:

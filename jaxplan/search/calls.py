@@ -2,8 +2,8 @@
 
 A kernel is a jitted function of a scene and some arrays. `Scenes` are scenes of one layout, whose vectors are
 stacked on the device, so that calls about different scenes are answered in one. Whatever has queues or trees
-is a `jaxplan.runtime.batching.Run` that asks for one `Call` after the other; `Scenes.run` drives one of each
-scene.
+is a `jaxplan.runtime.batching.Run` that asks for one `Call` after the other; `Scenes.run` drives one run of
+each scene.
 
 On the CPU the calls of a batch are a loop over the code of a single one, which saves what a call costs by
 itself and keeps its working set in the cache. On an accelerator they are computed side by side, where last
@@ -28,7 +28,7 @@ from jaxplan.search.scene import Layout, Scene
 # Calls that are answered in one: on the CPU few, since few mostly wait and room for more takes time; on an
 # accelerator as many as it computes side by side without taking longer. Fixed, so that kernels compile once.
 CPU_CALLS, ACCELERATOR_CALLS = 8, 32
-# Scenes that are stacked, fixed likewise.
+# The most scenes that are stacked, fixed likewise.
 POOL = 256
 
 Item = TypeVar("Item")
@@ -58,14 +58,14 @@ def _answers(
     count: Array,
     *arguments: Array,
 ) -> Array:
-    """The answers to calls.
+    """The answers (c, ...) of a kernel to c calls.
 
     Args:
         function: of the kernel.
         layout: of the scenes.
         scenes: (s, numbers) their vectors.
-        places: (c,) which scene each call is about.
-        count: how many of the calls, the first ones, are to be answered.
+        places: (c,) index of the scene that each call is about.
+        count: how many of the calls, the first ones, are to be answered; on the CPU zero for the others.
         arguments: of the calls, (c, ...) each.
     """
 
@@ -88,8 +88,8 @@ class Call:
     """A kernel call about some scene.
 
     Attributes:
-        kernel: to be called.
-        arguments: numpy arrays or floats that it takes beside the scene.
+        kernel: the one to be called.
+        arguments: numpy arrays or floats that the kernel takes beside the scene.
     """
 
     kernel: Kernel
@@ -102,7 +102,7 @@ class Call:
 
 
 class SearchRun(Run, Protocol):
-    """A search that goes on call by call, and knows its result at its end."""
+    """A search that asks for one kernel call after the other, and has its result once it asks for no more."""
 
     def result(self) -> Any:
         """The `SearchResult`, once there is no next request."""
@@ -112,8 +112,8 @@ class Scenes:
     """Scenes of one layout, with the answers of kernels about them and the time that each has taken.
 
     Attributes:
-        scenes: some of those that are stacked, in the order in which answers are given.
-        seconds: that each of all that are stacked has taken.
+        scenes: all or some (see `part`) of the stacked scenes, in the order in which answers are given.
+        seconds: time that each of all stacked scenes has taken.
     """
 
     def __init__(self, scenes: Sequence[Scene]) -> None:
@@ -131,14 +131,14 @@ class Scenes:
             self._vectors = vectors if alone else jnp.asarray(vectors)
 
     def part(self, numbers: Sequence[int]) -> "Scenes":
-        """Some of the scenes, with the stack and the seconds of all."""
+        """The scenes of these numbers, sharing the stack and the seconds of all."""
         some = object.__new__(Scenes)
         some.__dict__ |= self.__dict__
         some.scenes, some._places = picked(self.scenes, numbers), picked(self._places, numbers)
         return some
 
     def answers(self, calls: Sequence[Call]) -> list[np.ndarray]:
-        """The answers to one call about each scene; to each scene its share of the time is added."""
+        """Answer one call about each scene; each scene's share of the time is added to `seconds`."""
         asked = list(zip(self._places, calls, strict=True))
         with jax.enable_x64(True), self.seconds.shared(self._places):
             return in_groups(asked, lambda one: one[1].kind, self._answered, most=self._most)
@@ -156,11 +156,11 @@ class Scenes:
             self.seconds.spent[self._places] += own.spent
 
     def _answers_of(self, numbers: Sequence[int], calls: Sequence[Call]) -> list[np.ndarray]:
-        """The answers to calls of one kind about the scenes of these numbers."""
+        """Answer calls of one kind, each about the scene of its number."""
         return self._answered(list(zip(picked(self._places, numbers), calls, strict=True)))
 
     def _answered(self, asked: Sequence[tuple[int, Call]]) -> list[np.ndarray]:
-        """The answers to a few calls of one kind, each with the place of its scene in the stack."""
+        """Answer at most `_most` calls of one kind, each given with the index of its scene in the stack."""
         padded = [*asked, *[asked[0]] * (self._most - len(asked))]
         places = np.array([place for place, _ in padded], np.int32)
         columns = zip(*(call.arguments for _, call in padded), strict=True)
@@ -170,18 +170,18 @@ class Scenes:
 
 
 def picked(items: Sequence[Item], numbers: Sequence[int]) -> list[Item]:
-    """The items of these numbers."""
+    """The items at these indices."""
     return [items[number] for number in numbers]
 
 
 def completed(
     answers: Sequence[Answer | None], answer: Callable[[list[int]], Sequence[Answer]]
 ) -> list[Answer]:
-    """Answers, those that are None being asked for together.
+    """Answers, of which those that are None are filled in by one call of `answer`.
 
     Args:
-        answers: so far.
-        answer: from the numbers of the missing ones, at least one, to as many answers.
+        answers: those known, None where one is missing.
+        answer: from the indices of the missing ones to as many answers; not called where none is missing.
     """
     missing = [number for number, one in enumerate(answers) if one is None]
     further = dict(zip(missing, answer(missing), strict=True)) if missing else {}

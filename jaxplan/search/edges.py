@@ -1,4 +1,4 @@
-"""THE edge check: whether straight motions keep clear of all constraints, told of them whole.
+"""THE edge check: whether straight motions keep clear of all constraints over their whole length.
 
 A motion is cut into intervals. At the ends of each the scores of `jaxplan.model.constraints` are taken, and a
 bound of their second derivative makes these speak for what lies between. A *slack* is what a score has left
@@ -12,7 +12,7 @@ joints. So an expansion, which combines many turns with many joint moves, looks 
 Letters of axes: a motions (of an expansion attitude moves), o options of the joints of a device, k interval,
 or sample with one more, d sight, z row. Components of vectors come first and small products are written out,
 so that loops run over the batch. Attitudes are unit quaternions relative to the start; a state is a row of
-``4 + 2n`` numbers, attitude and joints.
+``4 + 2n`` numbers, attitude and joints. (2n stands for the number of all joints, drives counted too.)
 """
 
 from collections.abc import Callable
@@ -48,16 +48,16 @@ Tables = tuple[Array, Array]
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinesOfSight:
-    """What is needed to tell the angles between sights and axes of rows along motions.
+    """Sights and axes of rows, sampled along motions, and how fast they turn.
 
     Attributes:
-        axes: (3, a, k + 1, z) axes of the rows of each table in body coordinates; anything where a sight is
-            the axis.
+        axes: (3, a, k + 1, z) axes of the rows of each table in body coordinates; meaningless where a sight
+            is the axis.
         body: (3, a or 1, o, k + 1, d) sights in body coordinates.
         joints: (a or 1, o, k + 1, 2n) rad.
-        turn: (a,) rad, angle of the turn on each interval.
-        rate: (a or 1, o, d) of `Sights.bounds` on each interval.
-        bend: (a or 1, o, d) likewise.
+        turn: (a,) rad, angle by which the platform turns on each interval.
+        rate: (a or 1, o, d) first of `Sights.bounds` for the joints' change on an interval.
+        bend: (a or 1, o, d) second of them.
     """
 
     axes: Tables
@@ -68,13 +68,16 @@ class LinesOfSight:
     bend: Array
 
     def chord_error(self, rows: Constraints) -> Array:
-        """(a, o, d, z or 1) of each interval, ``C h^2 / 2`` of `edge_bound`."""
+        """(a, o, d, z or 1) bound ``C h^2 / 2`` of `edge_bound`, which holds for each interval."""
         half: Array = score_curvature(rows, self.turn[:, None], self.rate, self.bend) / 2
         return half
 
 
 def fold(combine: Callable[[Array, Array], Array], values: Array, axis: int, empty: float) -> Array:
-    """Reduce a short axis by elementwise steps, which fuse; NaN is kept. `empty` is returned for none."""
+    """`values` with a short axis reduced by elementwise `combine`, which XLA fuses, and which keeps NaN.
+
+    Where the axis has length 0 the result is filled with `empty`.
+    """
     parts = [jax.lax.index_in_dim(values, i, axis, keepdims=False) for i in range(values.shape[axis])]
     if not parts:
         return jnp.full(values.shape[:axis] + values.shape[axis:][1:], empty)
@@ -82,7 +85,7 @@ def fold(combine: Callable[[Array, Array], Array], values: Array, axis: int, emp
 
 
 def axes_at(scene: Scene, attitudes: Array) -> Tables:
-    """(3, a, z) axes of the rows of each table, all taken for inertial, in body axes at attitudes (a, 4)."""
+    """(3, a, z) axes of each table's rows, each as if it were inertial, in body axes at attitudes (a, 4)."""
     rotation = jnp.moveaxis(quaternion.to_matrix(attitudes), 0, -1)[..., None]
 
     def of_table(rows: Constraints) -> Array:
@@ -117,7 +120,7 @@ def lines_of_sight(
     cosines, sines = materialise(scene.attitude_step, (jnp.cos(angles), jnp.sin(angles)))
 
     def turned(rows: Constraints, start: Array) -> Array:
-        """(3, a, k + 1, z) axes of the rows while the platform turns, those of the body as they are."""
+        """(3, a, k + 1, z) axes of rows in body axes along the turns, from (3, a, z) at their start."""
         across = jnp.stack(cross(axis[:, :, None], start))
         along = axis[:, :, None] * dot(axis[:, :, None], start)
         rest = start - along
@@ -141,7 +144,7 @@ def lines_of_sight(
 
 
 def straight_lines(scene: Scene, first: Array, second: Array, intervals: int) -> LinesOfSight:
-    """Lines of sight, of one option, along straight motions between states (a, 4 + 2n)."""
+    """Lines of sight, with one option, on the intervals of straight motions between states (a, 4 + 2n)."""
     turns = turns_between(first, second)
     joints, change = first[:, None, 4:], (second - first)[:, None, 4:]
     lines, _ = lines_of_sight(scene, axes_at(scene, first[:, :4]), joints, turns, change, intervals)
@@ -192,15 +195,16 @@ def interval_slacks(scene: Scene, lines: LinesOfSight, clearance: Array) -> Arra
 
 
 def motion_margins(scene: Scene, lines: LinesOfSight, wanted: Array) -> tuple[Array, Array]:
-    """Lower bounds over whole motions with one option.
+    """Lower bounds of the smallest margin over whole motions with one option.
 
     Args:
         scene: the problem.
         lines: see `straight_lines`.
-        wanted: (a,) rad of clearance; a row gives it up to half of the room that it leaves.
+        wanted: (a,) rad of clearance; of a row no more is wanted than its `room`.
 
     Returns:
-        (a,) smallest margin, and smallest margin less what is wanted, rad; +inf without constraints.
+        (a,) smallest margin, and (a,) smallest margin less the clearance wanted, rad; +inf without
+        constraints, -inf where a score is NaN.
     """
     least = [jnp.full_like(wanted, jnp.inf)] * 2
     for rows, score in zip(scene.tables, interval_scores(scene, lines), strict=True):

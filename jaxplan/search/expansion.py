@@ -1,4 +1,4 @@
-"""The jitted expansion: all children of a node with their slack, cost and heuristics, in one call.
+"""The jitted expansion: all children of a search node with their slack, cost and heuristics, in one call.
 
 A child is one of ``A`` attitude moves combined with one of ``M`` joint moves. What a device sees depends only
 on the attitude move and on its own one or two joints, each of which has three options. So zones are
@@ -52,7 +52,7 @@ class Moves:
 
 
 def chosen(options: np.ndarray, choice: np.ndarray) -> np.ndarray:
-    """Changes of the joints, (..., 2n), of choices (..., 2n) among options (3, 2n)."""
+    """Changes of joints (..., 2n), rad, from the option chosen of each (..., 2n) among options (3, 2n)."""
     return options[choice, np.arange(options.shape[-1])]
 
 
@@ -63,11 +63,11 @@ class Expansion:
     Attributes:
         places: (A, 7) where the attitude moves lead: unit quaternion relative to the start (4), rotation
             vector from there to the goal in body axes (3).
-        slacks: (A, M) smallest slack on the way, +inf without zones.
+        slacks: (A, M) smallest slack (see `jaxplan.search.edges`) on the move, +inf without zones.
         steps: (A, M) cost of the move, steps.
         heuristics: (4, A, M) steps of the straight motion on to the goal; equation (15): rotation
             angle, Euclidean and Manhattan distance, each with the joints', rad.
-        fields: (2, A, M) sum and largest over the devices of what the distance fields say, rad.
+        fields: (2, A, M) sum and largest over the devices of the distances to go by the fields, rad.
         onward: (A, M) smallest slack on the straight motion from the child to the goal; None where it
             was not asked for.
     """
@@ -83,7 +83,7 @@ class Expansion:
 def expansion_call(
     node: np.ndarray, moves: Moves, clearance: np.ndarray, fields: np.ndarray, *, edges: bool
 ) -> Call:
-    """The call for all children of a node, and whether the straight motion from each to the goal is clear.
+    """The kernel call for all children of a node; `expansion` reads its answer.
 
     Args:
         node: (7 + 2n,) unit quaternion relative to the start (4), rotation vector to the goal in body
@@ -91,13 +91,14 @@ def expansion_call(
         moves: what is tried.
         clearance: (EDGE_INTERVALS + ONWARD_INTERVALS,) rad wanted on the intervals of the moves, and onward.
         fields: (D, SIZE, SIZE) of `jaxplan.search.fields`; zeros where there are none.
-        edges: whether zones hold over the whole edge, and the motion onward counts; or at nodes alone.
+        edges: True to check zones over the whole edge, and over the straight motion from each child to the
+            goal too; False to check them at the children alone.
     """
     return Call(_EXPANSIONS[edges], (node, moves.turns, moves.options, moves.choice, clearance, fields))
 
 
 def expansion(answer: np.ndarray, moves: Moves, *, edges: bool) -> Expansion:
-    """The children that the answer to an `expansion_call` of these moves tells of."""
+    """The children of a node, unpacked from the answer to its `expansion_call` with these moves and edges."""
     first = len(moves.turns) * PLACE_COLUMNS
     numbers = answer[first:].reshape(-1, len(moves.turns), len(moves.choice))
     last = 2 + HEURISTICS
@@ -122,7 +123,7 @@ def _expand(
     *,
     edges: bool,
 ) -> Array:
-    """The children of a node as one array, see `expansion`."""
+    """The children of a node in one flat array for `expansion` to unpack; arguments: see `expansion_call`."""
     gimbals = scene.gimbals
     terminals = gimbals.terminals
     since, joints = node[:4], node[None, None, 7:]
@@ -172,7 +173,17 @@ _EXPANSIONS = {edges: Kernel(partial(_expand, edges=edges)) for edges in (False,
 
 
 def _attitude_moves(scene: Scene, since: Array, whole_turns: Array, turns: Array) -> tuple[Array, Array]:
-    """Where attitude moves lead, (a, 7), and (4, a): their steps, and distances in angle, L2 and L1 to go."""
+    """Places (a, 7) to which attitude moves lead, as in `Expansion`, and costs (4, a).
+
+    The costs are the steps of the move, and rad to go: angle to the goal, and L2 and L1 distance between the
+    rotation vectors of place and goal relative to the start.
+
+    Args:
+        scene: the problem.
+        since: (4,) attitude of the node relative to the start.
+        whole_turns: (4, a) unit quaternions of the moves.
+        turns: (a, 3) their rotation vectors.
+    """
     ends = quaternion.product(since, whole_turns.T)
     to_goal = quaternion.log(quaternion.product(quaternion.conjugate(ends), scene.goal_quaternion))
     difference = (quaternion.log(ends) - scene.goal_coordinates).T
@@ -188,7 +199,13 @@ def _attitude_moves(scene: Scene, since: Array, whole_turns: Array, turns: Array
 
 
 def _joint_moves(scene: Scene, joints: Array, changes: Array) -> Array:
-    """(4, a or 1, m) steps of joint moves, and steps, L1 and L2 distance to go."""
+    """(4, a or 1, m) costs of joint moves: steps of the move; to go from its end, steps, L1 and L2 in rad.
+
+    Args:
+        scene: the problem.
+        joints: (1, 1, 2n) rad, of the node.
+        changes: (a or 1, m, 2n) rad.
+    """
     left = jnp.abs(scene.goal_joints - joints - changes)
     steps = jnp.asarray(scene.joint_steps)
     return jnp.stack([
@@ -200,7 +217,15 @@ def _joint_moves(scene: Scene, joints: Array, changes: Array) -> Array:
 
 
 def _field_values(scene: Scene, places: Array, moved: LinesOfSight, fields: Array, choice: Array) -> Array:
-    """(2, a, m) sum and largest over the devices of the distance fields at every child."""
+    """(2, a, m) sum and largest over the devices of the distance fields at every child, rad.
+
+    Args:
+        scene: the problem.
+        places: (a, 7) as in `Expansion`.
+        moved: lines of sight along the moves.
+        fields: (d, SIZE, SIZE) rad.
+        choice: (m, d) option pair of each sight's joints.
+    """
     attitude = jnp.asarray(scene.start_attitude) @ quaternion.to_matrix(places[:, :4])  # (a, 3, 3)
     body = moved.body[:, :, :, -1]  # (3, a or 1, o, d)
     rows = [dot(attitude[:, i, :].T[:, :, None, None], body) for i in range(3)]
@@ -241,11 +266,11 @@ def _child_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Tabl
 
 
 def _coupled_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Array, edges: bool) -> Array:
-    """Smallest slack over the rows that couple devices at each instant, on each interval, (k, a, m).
+    """Smallest slack over the rows that couple devices, on each interval, (k, a, m); k is 1 for ends alone.
 
-    It goes from sample to sample, since tables of all children at all samples would be large, and a kernel
-    with every interval written out takes a minute to compile. Arguments as of `_child_slacks`, `wanted` with
-    axes of one between.
+    It loops over the samples, since tables of all children at all samples would be large, and a kernel
+    with every interval written out takes a minute to compile. Arguments as of `_child_slacks`, but `wanted`
+    (k, 1, 1, z) of these rows only.
     """
     rows = scene.grouped_cones
     devices = range(choice.shape[1])
@@ -258,8 +283,8 @@ def _coupled_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Ar
     def at(sample: ArrayLike) -> tuple[Array, Array | None]:
         """Scores (`model.constraints`) at a sample of the motions.
 
-        Of each sight to the rows (a attitude moves, o joint options, d sights, z rows), and for m children
-        of sights to each other (a or 1, m, d, z).
+        (a, o, d, z) of each sight to the rows, and of each child's sights to each other (a or 1, m, d, z),
+        None where all rows are inertial.
         """
         seen = jnp.take(body, sample, axis=3)  # (3, a or 1, o, d)
         values = (
@@ -275,7 +300,7 @@ def _coupled_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Ar
         return alone, constraints.scores(rows, dot(both[..., None], both[..., None, rows.partner]), 0.0)
 
     def slack(alone: Array, between: Array | None, asked: Array) -> Array:
-        """The slack (a, m) that the largest scores on an interval leave."""
+        """Slack (a, m) of each child's worst constraint, from scores as of `at` and those asked (1, 1, z)."""
         bound = jnp.where(rows.bound.T, alone, -jnp.inf)
         largest = reduce(jnp.maximum, [bound[:, choice[:, device], device] for device in devices])
         if between is not None:

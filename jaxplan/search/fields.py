@@ -3,8 +3,8 @@
 A straight-line heuristic does not see the cones: it leads every device into the nearest wall. A field holds
 for each direction how far the device's boresight has to travel to where it looks at the goal, around the
 keep-out cones and inside the keep-in cones that bind it. It knows nothing of the other devices nor of the
-limits, and the grid is coarse, so it is a guide and no bound: a further inadmissible queue, which is what
-multi-heuristic A* has room for. Zones of groups are left out.
+limits, and the grid is coarse, so it is a guide and no bound: a further inadmissible heuristic, for which
+multi-heuristic A* has a queue of its own. Zones of groups are left out.
 
 The grid is the octahedral map: the sphere unfolded to a square of `SIZE` x `SIZE` directions. Cells in a
 forbidden zone can be crossed at `WALL` times the price, so that the field is finite and slopes outward there.
@@ -27,7 +27,10 @@ _NEIGHBOURS = 12
 
 @lru_cache(maxsize=1)
 def _grid() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Directions (SIZE^2, 3), and neighbours and the angles to them, both (SIZE^2, _NEIGHBOURS)."""
+    """The grid's cells: unit directions (SIZE^2, 3), indices of each cell's neighbours, angles to them.
+
+    Indices and angles, rad, are (SIZE^2, _NEIGHBOURS); the cells are in the order of the map, row by row.
+    """
     centre = (np.arange(SIZE) + 0.5) / SIZE * 2 - 1
     u, v = np.meshgrid(centre, centre, indexing="ij")
     z = 1 - np.abs(u) - np.abs(v)
@@ -46,8 +49,8 @@ class Fields:
     """The distance fields of a scene.
 
     Attributes:
-        table: (devices, SIZE, SIZE) rad.
-        start: (devices,) what they say of the start, rad; zero where there are none yet.
+        table: (devices, SIZE, SIZE) rad to go from each direction of the grid.
+        start: (devices,) rad to go from the start; all zero where the fields are not computed yet.
     """
 
     table: np.ndarray
@@ -55,19 +58,19 @@ class Fields:
 
     @property
     def known(self) -> bool:
-        """Whether there is anything in them."""
+        """Whether the fields are computed, and any device has a way to go."""
         return bool(np.any(self.start > 0))
 
 
 def no_fields(scene: Scene) -> Fields:
-    """What stands for the fields until they are computed."""
+    """Fields of zeros, which stand for a scene's fields until they are computed."""
     devices = scene.cones.bound.shape[1]
     return Fields(table=np.zeros((devices, SIZE, SIZE)), start=np.zeros(devices))
 
 
 @lru_cache(maxsize=16)  # by the scene's identity: the retries of a plan share it
 def distance_fields(scene: Scene) -> Fields:
-    """How far every device has to look around the zones to its goal.
+    """Distance fields of a scene: how far each device's boresight has to travel to the goal around zones.
 
     Args:
         scene: the problem.
@@ -94,11 +97,11 @@ def distance_fields(scene: Scene) -> Fields:
 
 
 def look_up(fields: Array, directions: Array) -> Array:
-    """Fields at directions, interpolated.
+    """Distances to go at directions, interpolated bilinearly between the cells of the fields.
 
     Args:
-        fields: (d, SIZE, SIZE).
-        directions: (3, ..., d) unit vectors.
+        fields: (d, SIZE, SIZE) rad.
+        directions: (3, ..., d) inertial unit vectors, of each field its own.
 
     Returns:
         (..., d) rad.

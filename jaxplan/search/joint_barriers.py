@@ -1,15 +1,16 @@
 """Proof that no path exists: constraints that part the joints of a device at start and goal.
 
-Some constraints are a matter of one device's own joints, wherever the platform and the others are: masks, and
+Some constraints depend on one device's own joints alone, wherever the platform and the others are: masks, and
 cones about what is fixed to the body. They forbid a part of the rectangle of its yaw and pitch, or of the
-range of its angle, and where what is left has start and goal in different pieces no motion exists.
+range of its angle, and where what is left has start and goal in different pieces no motion exists. Below, a
+device has o of these joints: two, or one if it is a drive; a *place* is a point of their ranges.
 
 The ranges are cut into cells. A motion of joints ``(dy, dp)`` turns nothing by more than ``hypot(dy, dp)``,
 so a margin changes by no more, and a cell whose centre is deeper inside than half a diagonal has no free
-point. Of a row of joints with weights ``f`` that is the sum of ``|f|`` times half the edges. A path visits
-cells that touch, none of which is such a one: where no chain of the others leads from the cell of the start
-to that of the goal, that is a proof. What is thinner than a cell proves nothing. A device that is free may
-end on this side of what is in its way (`short_of`).
+point: it is *closed*. (For a row of joint angles with weights ``f`` the depth needed is the sum of ``|f|``
+times half the edges.) A path visits cells that touch, none of which is closed: where no chain of open cells
+leads from the cell of the start to that of the goal, that is a proof. What is thinner than a cell proves
+nothing. A device without a target may end before what blocks it (`short_of`).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -32,10 +33,10 @@ from jaxplan.search.scene import Scene
 CELLS = (1440, (240, 120))
 """Number of cells of a drive's range, and of those of yaw and pitch."""
 TOLERANCE = 4e-9
-"""rad by which a cell without free points is deeper than it must be: more than a certificate lets pass."""
-_SPARE = 2e-5  # rad by which all is kept where a device ends short of its goal
+"""rad by which a closed cell is deeper than it must be: more than a certificate lets pass."""
+_SPARE = 2e-5  # rad of margin that a device keeps to all constraints where it ends short of its goal
 _WIDER = tuple(np.deg2rad(0.25) * 1.25 ** np.arange(14))  # rad, half widths of gaps that are looked for
-_WAY = 1001  # places on the straight way there
+_WAY = 1001  # places on the straight line from start to goal
 
 
 @shown("device", "zones")
@@ -44,9 +45,9 @@ class JointBarrier:
     """Constraints that part the joints of a device at start and goal.
 
     Attributes:
-        device: its number.
+        device: number of its gimbal.
         zones: numbers of the scenario's zones, ascending; where one is enough, that alone.
-        reach: (o, 2) rad, the least ranges of its joints that hold all places to which they can get.
+        reach: (o, 2) rad, the least ranges of its joints that hold all open cells joined to the start.
     """
 
     device: int
@@ -59,7 +60,7 @@ def find_joint_barrier(scene: Scene, devices: Iterable[int] | None = None) -> Jo
 
     Args:
         scene: a search problem.
-        devices: numbers of gimbals that are looked at; all unless told.
+        devices: numbers of the gimbals to look at; None for all.
 
     Returns:
         The first such device. None where every device by itself could pass, as far as the cells can tell.
@@ -68,11 +69,12 @@ def find_joint_barrier(scene: Scene, devices: Iterable[int] | None = None) -> Jo
 
 
 def narrowest(scene: Scene) -> tuple[JointBarrier, float] | None:
-    """Look for the device that passes by the narrowest gap of what is a matter of its own joints.
+    """Look for the device that has to pass the narrowest gap between constraints of its own joints.
 
     Returns:
-        What would part its joints if it were wider by so many rad to each side; None where nothing would
-        that leaves start and goal open.
+        The constraints that would part its joints if each were wider by so many rad to each side, and these
+        rad, the gap's half width at most; None where no widening tried parts a device's joints and leaves
+        start and goal open.
     """
     return min(_barriers(scene, None, _WIDER), key=lambda found: found[1], default=None)
 
@@ -80,7 +82,16 @@ def narrowest(scene: Scene) -> tuple[JointBarrier, float] | None:
 def _barriers(
     scene: Scene, devices: Iterable[int] | None, wider: Sequence[float]
 ) -> Iterator[tuple[JointBarrier, float]]:
-    """What parts a device if it is wider by the first possible of some angles, rad; for each such device."""
+    """For each device, what parts its joints if widened by the first angle of `wider` that makes it do so.
+
+    Args:
+        scene: a search problem.
+        devices: numbers of the gimbals to look at; None for all.
+        wider: rad, tried in this order.
+
+    Yields:
+        The barrier and the angle, of each device that is parted by one of them.
+    """
     if not any(rows.inner for rows in scene.tables):  # nothing is a matter of joints alone
         return
     for device in range(scene.gimbals.count) if devices is None else devices:
@@ -106,7 +117,7 @@ def _barriers(
 
 
 def short_of(scene: Scene, device: int) -> np.ndarray:
-    """Joints (o,) of a device that go straight toward its goal as far as it breaks nothing by itself.
+    """Joints (o,), rad, of the last place before what blocks a device on the straight line to its goal.
 
     Args:
         scene: a search problem.
@@ -119,9 +130,9 @@ def short_of(scene: Scene, device: int) -> np.ndarray:
 
 
 def _own(rows: Constraints, scene: Scene, device: int) -> Constraints:
-    """The rows with nothing bound by them but what the joints of a device alone decide on.
+    """The rows, binding only the pairs of sight and row that depend on the joints of gimbal `device` alone.
 
-    Of a constraint of one entry each sight must hold by itself; one of several counts if all of it is so.
+    A constraint of several entries keeps its pairs only if all of them are such.
     """
     carriers = np.asarray(scene.sights.carriers)
     own, still = carriers == device, carriers < 0
@@ -140,17 +151,17 @@ def _depths(
     places: np.ndarray,
     around: np.ndarray | float = 0.0,
 ) -> Iterator[tuple[set[int], np.ndarray]]:
-    """For each constraint its zones, and how deep it is broken at least around places of some joints.
+    """For each constraint its zones, and how deep it is broken at least everywhere near some places.
 
     Args:
-        tables: of the constraints.
-        scene: that they are of.
+        tables: the constraints.
+        scene: the problem that they are of.
         joints: (o,) numbers of the joints.
         places: (k, o) rad.
-        around: (o,) rad, how far from them to either side.
+        around: (o,) rad, how far to either side of a place the depth holds.
 
     Yields:
-        Numbers of zones, and (k,) rad.
+        Numbers of zones, and (k,) least depth in rad, negative where the constraint may hold.
     """
     states = np.repeat(scene.start_joints[None], len(places), axis=0)
     states[:, joints] = places
@@ -169,13 +180,14 @@ def _depths(
 
 @dataclass(frozen=True)
 class _Grid:
-    """Cells of the ranges (o, 2) of one or two joints."""
+    """Cells of the ranges (o, 2), rad, of one or two joints, `counts` of them along each."""
 
     ranges: np.ndarray
     counts: tuple[int, ...]
 
     @classmethod
     def of(cls, ranges: np.ndarray) -> "_Grid":
+        """The grid of ranges (o, 2), with the usual number of cells."""
         return cls(ranges, (CELLS[0],) if len(ranges) == 1 else CELLS[1])
 
     @property
@@ -185,7 +197,7 @@ class _Grid:
 
     @property
     def centres(self) -> np.ndarray:
-        """(cells, o) rad."""
+        """(cells, o) rad, places in the middle of the cells."""
         axes = [
             low + size * (np.arange(count) + 0.5)
             for (low, _), size, count in zip(self.ranges, self.sizes, self.counts, strict=True)
@@ -193,24 +205,25 @@ class _Grid:
         return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=-1)
 
     def parts(self, closed: np.ndarray, start: np.ndarray, goal: np.ndarray) -> bool:
-        """Whether closed cells (cells,) part those of two places (o,), both of which are open."""
+        """Whether closed cells, (cells,) bool, part two places (o,); False where one of these is closed."""
         pieces = self._pieces(closed)
         one, other = pieces[self._cell(start)], pieces[self._cell(goal)]
         return bool(one and other and one != other)
 
     def around(self, closed: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Ranges (o, 2) of the open cells that hang together with that of a place (o,)."""
+        """Ranges (o, 2), rad, that bound the open cells connected to that of the place `start` (o,)."""
         pieces = self._pieces(closed)
         cells = np.argwhere(pieces == pieces[self._cell(start)])
         first, last = np.min(cells, axis=0), np.max(cells, axis=0) + 1
         return self.ranges[:, :1] + np.stack([first, last], axis=1) * self.sizes[:, None]
 
     def _pieces(self, closed: np.ndarray) -> np.ndarray:
-        """Cells, numbered by the piece of open ones that they are of; 0 where they are closed."""
+        """The connected piece of open cells that each cell is in, numbered from 1; 0 where it is closed."""
         from scipy.ndimage import label  # slow to import, and seldom needed
 
         return np.asarray(label(~closed.reshape(self.counts), structure=np.ones([3] * len(self.counts)))[0])
 
     def _cell(self, place: np.ndarray) -> tuple[int, ...]:
+        """Indices of the cell that a place (o,) is in, the nearest where it is out of the ranges."""
         cell = (place - self.ranges[:, 0]) // self.sizes
         return tuple(np.clip(cell, 0, np.array(self.counts) - 1).astype(int).tolist())

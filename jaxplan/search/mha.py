@@ -9,7 +9,7 @@
    search well or, now and then, long astray; trees that grow at random are seldom quick and seldom astray.
    Side by side, call by call, they are never much slower than the better of the two.
 
-Each is a stage of all scenes that the one before has not settled. The paths that are searched are smoothed.
+Each is a stage, run for all scenes that those before left without a path. The paths of 3 and 4 are smoothed.
 If one is a long way round, or if it is asked for, 3 and 4 are then repeated with other random moves, for
 paths that pass the zones on other sides, and the shortest is kept.
 
@@ -71,7 +71,7 @@ Bands = Sequence[Band | None]
 
 
 def rules(scene: Scene) -> Rules:
-    """How the default planner proposes and prices children."""
+    """The rules by which the default planner proposes and prices children."""
     return Rules(
         propose=propose,
         price=partial(price, scale=_scale_to_anchor(scene)),
@@ -95,7 +95,15 @@ def _scale_to_anchor(scene: Scene) -> np.ndarray:
 def propose(
     scene: Scene, node: Node, rng: np.random.Generator, settings: SearchSettings, number: int
 ) -> Moves:
-    """Moves from a node, see the module's text."""
+    """Draw the moves to try from a node, see the module's text.
+
+    Args:
+        scene: the problem.
+        node: to be expanded.
+        rng: where random numbers come from.
+        settings: gives the number of attitude moves.
+        number: of the expansion, from 0; it picks the length of the moves from `SCALES`.
+    """
     scale = SCALES[number % len(SCALES)]
     attitude_step, joint_steps = scale * scene.attitude_step, scale * scene.joint_steps
     turns = np.zeros((settings.attitude_moves + 2, 3))
@@ -123,7 +131,14 @@ def propose(
 def _following(
     scene: Scene, node: Node, turns: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
-    """Joint changes, (A, J), that turn held terminals onto the axis of their keep-in cone; else zero."""
+    """Joint changes (A, J), rad, that turn held terminals onto the axis of their keep-in cone; else zero.
+
+    Args:
+        scene: the problem, with at least one held terminal.
+        node: where the moves begin.
+        turns: (A, 3) rotation vectors of the attitude moves after which the terminals are to point so.
+        bounds: (J,) least and (J,) largest joint angles, rad, to which the changes are clipped.
+    """
     held, axes = np.array(list(scene.held_axes)), np.stack(list(scene.held_axes.values()))
     now = unrotated(node.since, axes @ scene.start_attitude)  # (held, 3), body axes
     turned = np.stack(rotations.exp(turns.T), axis=-1)
@@ -136,7 +151,7 @@ def _following(
 
 
 def _joint_moves(scene: Scene, rng: np.random.Generator) -> np.ndarray:
-    """(M, 2n) options of each joint move: all combinations where they are few, else a sample."""
+    """(M, 2n) option of each joint in each joint move: all combinations where they are few, else drawn."""
     joints = len(scene.joint_ranges)
     if 3**joints <= JOINT_MOVES:
         return np.array(list(product(range(3), repeat=joints)), dtype=np.int32)
@@ -155,8 +170,8 @@ def price(
     Args:
         scene: the problem.
         expansion: the children.
-        fields: the distance fields; until there are any their two heuristics are infinite.
-        scale: (3,) factors of the printed heuristics.
+        fields: the distance fields; while they are not computed their two heuristics are infinite.
+        scale: (3,) factors of the printed heuristics, by `_scale_to_anchor`.
     """
     heuristics = np.empty((QUEUES, *expansion.steps.shape))
     heuristics[0] = ahead = expansion.heuristics[0]
@@ -172,7 +187,7 @@ def price(
 
 
 class Race:
-    """A search made of two, whose calls are answered in turn: the one that finds a path sooner wins.
+    """A run made of two searches, whose calls are answered in turn: the first to find a path wins.
 
     Args:
         first: a search.
@@ -201,27 +216,28 @@ class Race:
         return None if self._has_path(1) else self._call(self._turn)
 
     def accept(self, answer: Any) -> None:
-        """Go on with the search whose call has been answered."""
+        """Hand the answer to the search whose call it was, and let it go on to its next call."""
         self._runs[self._turn].accept(answer)
         self._go_on(self._turn)
 
     def result(self) -> SearchResult:
-        """The result with a path; where there is none, that of the first."""
+        """The result of the search that found a path; where neither has, that of the first."""
         return self._results[1 if self._has_path(1) else 0]
 
     def _call(self, one: int) -> Any:
-        """The call that a search waits for; it begins when that is asked first."""
+        """The call that search 0 or 1 waits for, None if it has ended; the first such call starts it."""
         if one not in self._calls:
             self._go_on(one)
         return self._calls[one]
 
     def _go_on(self, one: int) -> None:
+        """Ask search 0 or 1 for its next call; keep its result if it has ended."""
         self._calls[one] = self._runs[one].next_request()
         if self._calls[one] is None:
             self._results[one] = self._runs[one].result()
 
     def _has_path(self, one: int) -> bool:
-        """Whether a search has ended with a path."""
+        """Whether search 0 or 1 has ended with a path."""
         return one in self._results and self._results[one].path is not None
 
 
@@ -238,7 +254,7 @@ def search(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchRes
     begin = working_time()
 
     def past_zones(rest: list[int]) -> list[SearchResult]:
-        """Bands that are nearly as short as the straight motion, or searched paths."""
+        """Results of the scenes of these numbers: bands near the straight motion in length, or searches."""
         some, own = scenes.part(rest), picked(settings, rest)
         bands = straight_bands(some, own)
 
@@ -253,13 +269,14 @@ def search(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchRes
 
 
 def _near_straight(scene: Scene, settings: SearchSettings, band: Band | None) -> SearchResult | None:
-    """A band as the result, if it is clear and nearly as short as the straight motion."""
+    """The result of a band that is clear and nearly as short as the straight motion; None for any other."""
     enough = (SHORT_ENOUGH if settings.improvements else BAND_ENOUGH) * scene.straight_steps
     near = band is not None and band.clear and band.length <= enough
     return _without_expansion(band.path(scene)) if near and band is not None else None
 
 
 def _without_expansion(path: Path | None) -> SearchResult | None:
+    """The result OK of a path found without expansions; None for none."""
     if path is None:
         return None
     return SearchResult(status=Status.OK, path=path, expansions=0, queue_expansions=(0,) * (QUEUES + 1))
@@ -268,7 +285,14 @@ def _without_expansion(path: Path | None) -> SearchResult | None:
 def _searched(
     scenes: Scenes, settings: Sequence[SearchSettings], bands: Bands, begin: float
 ) -> list[SearchResult]:
-    """The shortest path of a few searches of each scene; a clear band where none of them finds one."""
+    """Search each scene, some a few times, for its shortest path; a clear band where the first finds none.
+
+    Args:
+        scenes: the problems.
+        settings: of each.
+        bands: of each, descended from the straight motion.
+        begin: `working_time` when the whole search began, s.
+    """
     best = _race(scenes, settings, bands)
     for number, (scene, band) in enumerate(zip(scenes.scenes, bands, strict=True)):
         if best[number].path is None and band is not None and band.clear:
@@ -296,10 +320,10 @@ def _further_effort(
 
     Args:
         scene: the problem.
-        settings: of the whole.
+        settings: of the whole search of the scene.
         best: the result so far.
         attempt: number of the further search, from 1.
-        spent: s, so far.
+        spent: working time so far, s.
     """
     left, spare = settings.time_limit - spent, settings.max_expansions - best.expansions
     if best.path is None or spare <= 0 or left <= 0:
@@ -329,7 +353,7 @@ def _shorter(best: SearchResult, found: SearchResult) -> SearchResult:
 
 
 def _race(scenes: Scenes, settings: Sequence[SearchSettings], bands: Bands) -> list[SearchResult]:
-    """Multi-heuristic A*, from some point on in a race with trees, and the paths smoothed.
+    """Search each scene by multi-heuristic A*, after a head start in a race with trees, and smooth the paths.
 
     Args:
         scenes: the problems.

@@ -2,10 +2,10 @@
 
 Plain Python around the jitted expansion. A `Rules` object says how children are proposed and priced, so the
 printed method and the default planner are two sets of rules over this loop. Queue 0 is the anchor; queue
-i is keyed by ``g + w1 h_i``. The others take turns, and each is followed while its best key is at most ``w2``
-times the anchor's; else the anchor is. Queues are shared (a node leaves all of them when it is expanded)
-or, as printed, independent. The search ends when the best way found to the goal costs no more than the
-next key.
+i is keyed by ``g + w1 h_i``, with the cost ``g`` from the start and the heuristic ``h_i``. The others take
+turns, and each is followed while its best key is at most ``w2`` times the anchor's; else the anchor is.
+Queues are shared (a node leaves all of them when it is expanded) or, as printed, independent. The search ends
+when the best path found to the goal costs no more than the next key. A node is *open* while in a queue.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,7 +46,7 @@ class Node:
     Attributes:
         packed: (7 + 2n,) attitude relative to the start as a unit quaternion, rotation vector to the goal in
             body axes, joints, as the kernel takes it.
-        cost: ``g``, of the way from the start.
+        cost: ``g``, steps from the start along the path to the node.
         ahead: cost in steps of the straight motion to the goal, ``h_max``.
         parent: the node before, None for the start.
     """
@@ -72,7 +72,7 @@ class Node:
         return self.packed[7:]
 
     def state(self) -> bytes:
-        """The same for nodes of the same state; the way to the goal tells the attitude."""
+        """A key that nodes share if attitudes (as rotation vectors to the goal) and joints agree to 1e-9."""
         return (np.rint(self.packed[4:] * 1e9) + 0.0).tobytes()  # + 0.0: no negative zero
 
 
@@ -82,9 +82,9 @@ class Children:
 
     Attributes:
         parent: their parent.
-        moves: what was tried.
-        expansion: what the kernel says of it.
-        costs: (A, M) ``g``.
+        moves: those that were tried.
+        expansion: their places, slacks, costs and heuristics, from the kernel.
+        costs: (A, M) ``g``, steps.
     """
 
     parent: Node
@@ -93,7 +93,7 @@ class Children:
     costs: np.ndarray
 
     def make(self, child: int) -> Node:
-        """The node of one child, numbered attitude move first."""
+        """The node of one child, numbered ``attitude move * M + joint move``."""
         attitude_move, joint_move = divmod(child, len(self.moves.choice))
         options = self.moves.options[attitude_move if len(self.moves.options) > 1 else 0]
         change = chosen(options, self.moves.choice[joint_move])
@@ -113,7 +113,7 @@ _PRODUCTS = np.array(
 
 
 def unrotated(quaternions: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Vectors (k, 3) turned by the inverses of unit quaternions (..., 4): (..., k, 3)."""
+    """(..., k, 3) vectors (k, 3) turned by the inverses of unit quaternions (..., 4)."""
     across = (quaternions[..., 1:] @ _PRODUCTS).reshape(*quaternions.shape[:-1], 3, 3)
     twice = 2 * (vectors @ across)
     return vectors + quaternions[..., :1, None] * twice + twice @ across
@@ -142,7 +142,7 @@ def trace(scene: Scene, arrival: Node) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """How one variant proposes and prices children.
+    """How one variant of the search proposes and prices children.
 
     Attributes:
         propose: (scene, node, random generator, settings, number of the expansion) -> Moves.
@@ -166,7 +166,7 @@ class Rules:
 
 
 def search_by(rules: Rules, scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchResult]:
-    """Search a path of each scene by one variant.
+    """Search a path of each scene by one variant of multi-heuristic A*.
 
     Args:
         rules: the variant.
@@ -230,7 +230,10 @@ class Search:
         )
 
     def _choose(self) -> tuple[Node, int] | None:
-        """The node to expand and the queue that asks for it; None after a turn without one, or at the end."""
+        """Take the next node to expand, and the queue that asks for it; None if this turn has no node.
+
+        At the end of the search it sets the status, and returns None.
+        """
         if self._root_queues and not self._spent():
             return self._root, self._root_queues.pop(0)
         if self._uninformed and self.arrival is None and not self._spent():
@@ -265,18 +268,27 @@ class Search:
         return len(self.expanded) >= self.settings.max_expansions
 
     def _any(self) -> Node | None:
-        """An open node, whatever its key."""
+        """Draw an open node, whatever its key; None if there is none, or `_open` refuses it."""
         drawn = self.exploration.pop(self.rng)
         return None if drawn is None else self._open(*drawn, 0)
 
     def _next(self, queue: int) -> Node | None:
-        """The best open node of a queue."""
+        """The open node of least key, taken from a queue; None if its state was expanded at no higher cost.
+
+        If nothing is open, a random node that was expanded before, to try new moves from it.
+        """
         if self.queues[queue].min_key() == np.inf:  # nothing open: try new moves from an old node
             return self.expanded[self.rng.integers(len(self.expanded))]
         return self._open(*self.queues[queue].pop(), 0 if self.rules.shared else queue)
 
     def _open(self, block: Block, child: int, closed: int) -> Node | None:
-        """The node of a child; None if its state has been expanded at no higher cost before."""
+        """Make a child's node, and note its cost; None if its state was expanded before at no higher cost.
+
+        Args:
+            block: of the child.
+            child: its number there.
+            closed: index of the table of costs of expanded states: 0, or of the queue if it has its own.
+        """
         node = block.content.make(child)
         best = self.best_costs[closed]
         state = node.state()
@@ -286,7 +298,7 @@ class Search:
         return node
 
     def _expansion(self, node: Node, queue: int) -> Call:
-        """The call that makes a node's children."""
+        """Propose moves from a node, for the queue that asks; returns the call that computes its children."""
         moves = self.rules.propose(self.scene, node, self.rng, self.settings, len(self.expanded))
         self._pending = node, queue, moves
         return expansion_call(
@@ -294,7 +306,7 @@ class Search:
         )
 
     def accept(self, answer: np.ndarray) -> None:
-        """Push the children of the node that is being expanded, those that keep clear."""
+        """Push the clear children of the node being expanded onto the queues; remember a path to the goal."""
         assert self._pending is not None
         (node, queue, moves), self._pending = self._pending, None
         made = expansion(answer, moves, edges=self.rules.edges)
@@ -320,7 +332,7 @@ class Search:
         self.exploration.push(block, (int(node.cost), int(node.ahead)))
 
     def _arrive(self, node: Node) -> None:
-        """Remember the cheapest way to the goal: the straight motion on from a node."""
+        """Remember a node if the path through it and straight on to the goal is the cheapest so far."""
         if node.cost + node.ahead < self.goal_cost:
             self.goal_cost, self.arrival = node.cost + node.ahead, node
 

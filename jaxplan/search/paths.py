@@ -1,7 +1,8 @@
 """Paths along straight motions: from corners to nodes, the straight motion itself, and chains of shortcuts.
 
 A state is a row of ``4 + 2n`` numbers: the attitude relative to the start as a unit quaternion, and the
-joints in radians. Paths are cut into edges of at most one step. To cut a path short, straight motions between
+joints in radians. Motions between *corners* are straight; the path along them is cut into edges of at most
+one step between its *nodes*. To cut a path short, straight motions between
 all pairs of some of its nodes are checked in one call, and a dynamic programme takes the cheapest chain of
 those that are clear. In kernels a path is its states (k, 4 + 2n), neighbours of the same sign.
 """
@@ -32,7 +33,7 @@ _TINY = 1e-12  # steps
 
 
 def between(first: AnyArray, second: AnyArray, fraction: AnyArray) -> AnyArray:
-    """States (k, 4 + 2n) at fractions (k,) of straight motions."""
+    """States (k, 4 + 2n) at fractions (k,) of straight motions between states (k, 4 + 2n) each."""
     xp = array_module(first, second, fraction)
     joints = first[:, 4:] + fraction[:, None] * (second[:, 4:] - first[:, 4:])
     turned = rotations.slerp(first[:, :4].T, second[:, :4].T, fraction)
@@ -73,12 +74,12 @@ def make_path(scene: Scene, attitudes: np.ndarray, joints: np.ndarray) -> Path:
 
 
 def edge_rotations(attitudes: np.ndarray) -> np.ndarray:
-    """(m,) rad, between neighbours of attitudes (m + 1, 3, 3)."""
+    """Rotation angles (m,), rad, between neighbours of attitudes (m + 1, 3, 3)."""
     return np.asarray(so3.distance(attitudes[:-1], attitudes[1:]))
 
 
 def straight_paths(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[Path | None]:
-    """The straight motions to the goals, None where one is not as clear as wanted.
+    """Check the straight motion of each scene; its path if it keeps the settings' clearance, else None.
 
     Where start and goal are the same, the path is one node.
     """
@@ -114,12 +115,13 @@ def straight_call(scene: Scene, clearance: np.ndarray) -> Call:
 
 @Kernel
 def _straight_slacks(scene: Scene, ends: Array, clearance: Array) -> Array:
+    """(STRAIGHT_INTERVALS,) slacks between the states `ends` (2, 4 + 2n), `clearance` rad wanted on each."""
     lines = straight_lines(scene, ends[:1], ends[1:], STRAIGHT_INTERVALS)
     return interval_slacks(scene, lines, clearance[None])[0]
 
 
 def path_states(scene: Scene, attitudes: AnyArray, joints: AnyArray) -> AnyArray:
-    """States (k, 4 + 2n) of nodes (k, 3, 3) and (k, 2n), neighbours of the same sign."""
+    """States (k, 4 + 2n) of attitudes (k, 3, 3) and joints (k, 2n); neighbours are of the same sign."""
     xp, start, turned = arrays(scene.start_attitude, attitudes)
     # a product and a sum instead of small matrix products
     since = xp.sum(start[:, :, None] * turned[:, :, None, :], axis=1)
@@ -127,7 +129,7 @@ def path_states(scene: Scene, attitudes: AnyArray, joints: AnyArray) -> AnyArray
 
 
 def edge_costs(scene: Scene, states: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Steps that each edge costs, and those of all its motions added up, both (m,)."""
+    """Steps (m,) of the edges between states (m + 1, 4 + 2n), and (m,) summed over platform and joints."""
     angles = quaternion.distance(states[:-1, :4], states[1:, :4])
     if states.shape[1] == 4:  # no joints; on one core XLA cannot compile a sum over none beside LAPACK
         return angles / scene.attitude_step, angles / scene.attitude_step
@@ -142,12 +144,12 @@ def evenly(states: AnyArray, costs: AnyArray, count: AnyArray | int, nodes: int)
 
     Args:
         states: (k + 1, 4 + 2n).
-        costs: (k,) steps of the edges; those of no cost at the end count as the goal.
+        costs: (k,) steps of the edges; zero for padding at the end, which repeats the last state.
         count: () number of equal edges wanted.
-        nodes: static, number of nodes handed out; those after the goal are the goal again.
+        nodes: static, number of nodes returned; those after the last state repeat it.
 
     Returns:
-        (nodes, 4 + 2n); ends as they were.
+        (nodes, 4 + 2n); first and last state as given.
     """
     xp = array_module(states, costs)
     until = xp.concatenate([xp.zeros(1), xp.cumsum(costs)])
@@ -159,10 +161,10 @@ def evenly(states: AnyArray, costs: AnyArray, count: AnyArray | int, nodes: int)
 
 
 def edges_of(scene: Scene, states: Array, clearance: Array) -> Array:
-    """(4, m) margin, slack in rad, cost and the steps of all motions of the edges between states.
+    """(4, m) of the edges between states: margin and slack, rad; cost and sum over all motions, steps.
 
-    As in the search, the clearance that is wanted of an edge is less near start and goal: what lies behind is
-    counted along the path and what lies ahead along the straight motion, less the edge itself.
+    The slack is the margin less the clearance wanted. As in the search, less is wanted near start and goal:
+    the steps behind are counted along the path, those ahead along the straight motion, less the edge itself.
 
     Args:
         scene: the problem.
@@ -179,12 +181,12 @@ def edges_of(scene: Scene, states: Array, clearance: Array) -> Array:
 
 @Kernel
 def edge_table(scene: Scene, attitudes: Array, joints: Array, clearance: Array) -> Array:
-    """`edges_of` the path of nodes (m + 1, 3, 3) and (m + 1, 2n)."""
+    """`edges_of` the path of attitudes (m + 1, 3, 3) and joints (m + 1, 2n), `clearance` rad being wanted."""
     return edges_of(scene, path_states(scene, attitudes, joints), clearance)
 
 
 def shortcuts(scenes: Scenes, paths: Sequence[Path], clearances: Sequence[float]) -> list[np.ndarray]:
-    """Nodes of paths that are left when each is cut short wherever that is clear.
+    """Indices of the nodes that remain of each path when it is cut short wherever that is clear.
 
     Args:
         scenes: the problems.
@@ -204,20 +206,20 @@ def shortcuts(scenes: Scenes, paths: Sequence[Path], clearances: Sequence[float]
 
 
 def _corners(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """(CORNERS,) nodes between which motions are tried, and the steps from the start to each."""
+    """(CORNERS,) indices of nodes between which shortcuts are tried, and the steps from the start to each."""
     tried = np.rint(np.linspace(0, path.edges, CORNERS)).astype(int)
     return tried, np.concatenate([[0.0], np.cumsum(path.edge_costs)])[tried]
 
 
 @Kernel
 def _costs(scene: Scene, attitudes: Array, joints: Array, clearance: Array) -> Array:
-    """Steps of the motions between all pairs of nodes, +inf where one is not clear, (pairs,).
+    """(pairs,) steps of the straight motions between all pairs of nodes, +inf where one is not clear.
 
     Args:
         scene: the problem.
-        attitudes: (CORNERS, 3, 3).
+        attitudes: (CORNERS, 3, 3) of the nodes.
         joints: (CORNERS, 2n) rad.
-        clearance: (pairs,) rad.
+        clearance: (pairs,) rad wanted.
     """
     states = path_states(scene, attitudes, joints)
     first, second = states[_FIRST], states[_LAST]
@@ -228,7 +230,12 @@ def _costs(scene: Scene, attitudes: Array, joints: Array, clearance: Array) -> A
 
 
 def _cheapest(path: Path, costs: np.ndarray) -> np.ndarray:
-    """(k,) nodes of the cheapest chain, by the steps that the motions between all pairs of corners cost."""
+    """(k,) indices of the nodes on the cheapest chain of clear shortcuts and pieces of the path.
+
+    Args:
+        path: to be cut short.
+        costs: (pairs,) steps between its corners, by `_costs`.
+    """
     tried, passed = _corners(path)
     table = np.full((CORNERS, CORNERS), np.inf)
     table[_FIRST, _LAST] = costs

@@ -20,7 +20,7 @@ class Block:
 
     Attributes:
         content: whatever the search needs to make a child's node.
-        keys: (queues, children), the smallest coming out first, +inf for a child that is not to be had.
+        keys: (queues, children), the smallest taken first, +inf for a child that is taken or not valid.
     """
 
     content: Any
@@ -32,8 +32,8 @@ class LazyQueue:
     """A priority queue of blocks of children.
 
     Attributes:
-        row: of the blocks' keys.
-        heap: entries (key, tie, child, block).
+        row: index of the queue in the blocks' keys.
+        heap: entries (key, number of insertion to break ties, child, block).
         ties: insertion counter.
     """
 
@@ -49,7 +49,7 @@ class LazyQueue:
             heapq.heappush(self.heap, (key, next(self.ties), best, block))
 
     def min_key(self) -> float:
-        """Smallest key of a child that is still to be had, infinity when there is none."""
+        """Smallest key of a child not taken yet, infinity when there is none; brings its block to the top."""
         while self.heap:
             key, tie, child, block = self.heap[0]
             keys = block.keys[self.row]
@@ -63,7 +63,10 @@ class LazyQueue:
         return float("inf")
 
     def pop(self) -> tuple[Block, int]:
-        """Take the child of smallest key from all queues; `min_key` must have been finite."""
+        """Take the child of smallest key, for all queues: its block and number there.
+
+        `min_key` must have been called just before, and its answer been finite.
+        """
         _, _, child, block = self.heap[0]
         block.keys[:, child] = np.inf
         return block, child
@@ -78,17 +81,17 @@ class ExplorationQueue:
     is what gets the search out.
 
     Attributes:
-        buckets: blocks by type.
+        buckets: blocks by type, the whole steps of their parent's cost and of the cost ahead of it.
     """
 
     buckets: dict[tuple[int, int], list[Block]] = field(default_factory=dict)
 
     def push(self, block: Block, kind: tuple[int, int]) -> None:
-        """Add the children of a block."""
+        """Add the children of a block to the bucket of type `kind`."""
         self.buckets.setdefault(kind, []).append(block)
 
     def pop(self, rng: np.random.Generator) -> tuple[Block, int] | None:
-        """Take a random child from all queues; None when there is none."""
+        """Take a random child, for all queues: its block and number; None when there is none."""
         while self.buckets:
             kind = list(self.buckets)[rng.integers(len(self.buckets))]
             blocks = self.buckets[kind]

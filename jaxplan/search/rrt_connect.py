@@ -1,4 +1,4 @@
-"""RRT-Connect, and what all planners share that grow trees by random samples.
+"""RRT-Connect, and the samples, trees and checks that planners share which grow trees by random samples.
 
 Two trees grow from start and goal towards random states and towards each other, after Kuffner and LaValle
 (2000), with batches: in each turn one tree grows towards `SAMPLES` random states, each from its nearest node,
@@ -40,21 +40,22 @@ from jaxplan.search.smoothing import smooth_results
 INTERVALS = 32
 # Motions of a jitted call: few for single samples, many for neighbourhoods.
 FEW, MANY = 4, 16
-# States of which one is taken, where terminals are to be held.
+# Random states from which one is chosen, where terminals are to be held.
 CANDIDATES = 32
+# Random states towards which a tree grows in a turn.
 SAMPLES = FEW
 # Steps that a tree grows at most towards a random state.
 RANGE = 10.0
 # A motion longer than two of these, in steps, leaves nodes on its way.
 SPACING = 5.0
-# Steps below which a tree does not grow.
+# A tree does not grow by less than this many steps, unless it arrives.
 LEAST = 0.1
 # A turn this near to half a turn, rad, may go either way round: no motion relies on it.
 HALF_TURN = 1e-6
 
 
 def draw(scene: Scene, rng: np.random.Generator, count: int) -> np.ndarray:
-    """Random states, uniform on SO(3) times the box of the joints.
+    """Draw random states, uniform on SO(3) times the box of the joints' ranges.
 
     Where terminals are held, which few states satisfy, every second state is chosen among `CANDIDATES`: the
     one whose held terminals can best be turned onto the axes of their cones, and are. The others
@@ -62,8 +63,8 @@ def draw(scene: Scene, rng: np.random.Generator, count: int) -> np.ndarray:
 
     Args:
         scene: the problem.
-        rng: where the numbers come from.
-        count: of states.
+        rng: where random numbers come from.
+        count: number of states.
 
     Returns:
         (count, 4 + 2n).
@@ -77,7 +78,7 @@ def draw(scene: Scene, rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def _uniform(scene: Scene, rng: np.random.Generator, count: int) -> np.ndarray:
-    """(count, 4 + 2n)."""
+    """Draw states (count, 4 + 2n), uniform on SO(3) times the box of the joints' ranges."""
     turns = rng.standard_normal((count, 4))
     turns /= np.sqrt(np.sum(turns * turns, axis=1, keepdims=True))
     low, high = scene.joint_ranges.T
@@ -86,10 +87,10 @@ def _uniform(scene: Scene, rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def _turn_to_hold(scene: Scene, states: np.ndarray) -> np.ndarray:
-    """Turn the held terminals of states (k, 4 + 2n) onto their cones' axes, within the limits.
+    """Turn, in place, the held terminals of states (k, 4 + 2n) onto their cones' axes, within the limits.
 
     Returns:
-        (k,) rad by which the limits would have been broken.
+        (k,) rad, the most by which a joint would have had to exceed its limits.
     """
     held, axes = np.array(list(scene.held_axes)), np.stack(list(scene.held_axes.values()))
     toward = axes @ scene.start_attitude
@@ -104,7 +105,14 @@ def _turn_to_hold(scene: Scene, states: np.ndarray) -> np.ndarray:
 
 @Kernel
 def _clear_intervals(scene: Scene, first: Array, second: Array, clearance: Array) -> Array:
-    """(b,) how many intervals are clear at the beginning of straight motions between states (b, 4 + 2n)."""
+    """(b,) number of intervals before the first that is not clear, on straight motions between states.
+
+    Args:
+        scene: the problem.
+        first: (b, 4 + 2n) where the motions begin.
+        second: (b, 4 + 2n) where they end.
+        clearance: (b, INTERVALS) rad wanted.
+    """
     clear = interval_slacks(scene, straight_lines(scene, first, second, INTERVALS), clearance) >= 0
     turns = turns_between(first, second)
     certain = jnp.sum(turns * turns, axis=-1) < (jnp.pi - HALF_TURN) ** 2
@@ -116,7 +124,7 @@ def reached(answer: np.ndarray, count: int) -> np.ndarray:
 
     Args:
         answer: of the kernel.
-        count: of the motions.
+        count: number of the motions; the rest of the answer is padding.
 
     Returns:
         (count,) fraction of each motion, a multiple of ``1 / INTERVALS``, up to which it is clear.
@@ -125,7 +133,7 @@ def reached(answer: np.ndarray, count: int) -> np.ndarray:
 
 
 class Tree:
-    """States with their parents, in arrays that double.
+    """States with their parents, in arrays that double in size when they are full.
 
     Attributes:
         size: number of states.
@@ -142,7 +150,7 @@ class Tree:
         self.add(root, -1, 0.0)
 
     def add(self, state: np.ndarray, parent: int, cost: float) -> int:
-        """Add a state; returns its place."""
+        """Add a state (4 + 2n,), `cost` steps from the root, with its parent's index; returns its index."""
         if self.size == len(self.costs):
             self.states = np.concatenate([self.states, np.empty_like(self.states)])
             self.parents = np.concatenate([self.parents, np.empty_like(self.parents)])
@@ -153,7 +161,7 @@ class Tree:
         return place
 
     def branch(self, place: int) -> list[int]:
-        """Places from the root to a state."""
+        """Indices of the states from the root to the one at index `place`."""
         places = []
         while place >= 0:
             places.append(place)
@@ -162,13 +170,13 @@ class Tree:
 
 
 class Space:
-    """A scene with what trees ask of it, and the effort that has been spent.
+    """A scene with its random samples, distances and checks of motions, and the effort spent on it.
 
     Attributes:
         scene: the problem.
-        start: (4 + 2n,).
-        goal: (4 + 2n,).
-        extensions: straight motions by which a tree was to grow.
+        start: (4 + 2n,) state.
+        goal: (4 + 2n,) state.
+        extensions: number of straight motions by which trees have tried to grow.
     """
 
     def __init__(self, scene: Scene, settings: SearchSettings) -> None:
@@ -180,17 +188,17 @@ class Space:
 
     @property
     def left(self) -> int:
-        """Extensions that may still be tried."""
+        """Number of extensions that may still be tried."""
         return self.settings.max_expansions - self.extensions
 
     def spent(self) -> Status | None:
-        """The limit that is reached, if any."""
+        """NODE_LIMIT or TIME_LIMIT if that limit is reached, else None."""
         if self.left <= 0:
             return Status.NODE_LIMIT
         return Status.TIME_LIMIT if working_time() >= self.deadline else None
 
     def draw(self, count: int) -> np.ndarray:
-        """Random states, (count, 4 + 2n), see `draw`."""
+        """Draw random states, (count, 4 + 2n), see `draw`."""
         return draw(self.scene, self.rng, count)
 
     def distance(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -199,7 +207,7 @@ class Space:
         return steps_between(self.scene, turn, second[..., 4:] - first[..., 4:])
 
     def nearest(self, tree: Tree, states: np.ndarray) -> np.ndarray:
-        """(k,) places in a tree of the states nearest to k others, to within some 1e-8 steps."""
+        """(k,) indices of the tree's states nearest to states (k, 4 + 2n), to within some 1e-8 steps."""
         known = tree.states[: tree.size]
         cosines = np.minimum(np.abs(states[:, :4] @ known[:, :4].T), 1)  # of half the turns
         away = np.arccos(cosines) * (2 / self.scene.attitude_step)
@@ -210,7 +218,7 @@ class Space:
     def reach(
         self, first: np.ndarray, second: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray
     ) -> np.ndarray:
-        """How far straight motions are clear, asked at once; arguments as of `reach_call`, for any b.
+        """Compute how far straight motions are clear; arguments as of `reach_call`, for any b.
 
         Returns:
             (b,), see `reached`.
@@ -247,7 +255,13 @@ class Space:
         return Call(_clear_intervals, tuple(np.concatenate(part) for part in padded))
 
     def _clearance(self, length: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray) -> np.ndarray:
-        """Clearance wanted on each interval, (b, INTERVALS) rad."""
+        """Clearance wanted on each interval of b motions, (b, INTERVALS) rad.
+
+        Args:
+            length: (b,) steps of the motions.
+            from_start: (2, b) steps from the start to both ends.
+            from_goal: (2, b) likewise from the goal.
+        """
         fraction = np.arange(INTERVALS + 1) / INTERVALS
         along, back = length[:, None] * fraction, length[:, None] * (1 - fraction)
         ways = [
@@ -257,7 +271,7 @@ class Space:
         return np.asarray(tapered(self.settings.clearance, np.minimum(steps[:, :-1], steps[:, 1:])))
 
     def result(self, status: Status, path: Path | None = None) -> SearchResult:
-        """The answer."""
+        """The result of this status and path, with the extensions so far as expansions."""
         return SearchResult(
             status=status, path=path, expansions=self.extensions, queue_expansions=(self.extensions,)
         )
@@ -273,7 +287,7 @@ def search_by_trees(
     """Search paths by trees: the straight motions first, then a run of each scene left, and smoothing.
 
     Args:
-        grow: from a space to the run that grows its trees.
+        grow: makes the run that grows trees in a space.
         scenes: the problems.
         settings: of each: limits of the effort, clearance and seed.
 
@@ -345,7 +359,7 @@ class Connect:
         return self._growth.call
 
     def accept(self, answer: np.ndarray) -> None:
-        """Add the nodes that the clear part of the motions leads to."""
+        """Add nodes along the clear parts of the motions asked about; note the path if the trees have met."""
         assert self._growth is not None
         nodes, whole = self._growth.add(answer)
         if self._new is None:
@@ -365,12 +379,12 @@ class Connect:
         return self.space.result(self._limit)
 
     def _through(self, new: np.ndarray, met: np.ndarray, whole: np.ndarray) -> np.ndarray:
-        """Corners of the cheapest way on which the trees have met.
+        """Corners (m, 4 + 2n), from start to goal, of the cheapest path on which the trees have met.
 
         Args:
-            new: (k,) nodes of the tree whose turn it is.
-            met: (k,) nodes of the other at the same states.
-            whole: (k,) whether it has arrived there.
+            new: (k,) indices of the new nodes of the tree whose turn it is.
+            met: (k,) indices of the nodes of the other tree that grew towards these.
+            whole: (k,) bool, whether the other tree arrived there.
         """
         tree, other = self.trees[self._side], self.trees[1 - self._side]
         best = int(np.argmin(np.where(whole, tree.costs[new] + other.costs[met], np.inf)))
@@ -382,11 +396,11 @@ class Connect:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Growth:
-    """Motions from a tree towards states, from the nearest node each.
+    """Motions of a tree towards states, each from the tree's nearest node.
 
     Attributes:
-        tree: that grows.
-        near: (k,) nodes where the motions begin.
+        tree: the one that grows.
+        near: (k,) indices of the nodes where the motions begin.
         end: (k, 4 + 2n) where they would end.
         length: (k,) steps.
         final: (k,) whether the ends are the states themselves.
@@ -402,13 +416,13 @@ class _Growth:
 
     @classmethod
     def towards(cls, space: Space, tree: Tree, targets: np.ndarray, longest: float, side: int) -> "_Growth":
-        """The motions, which count as extensions.
+        """The motions towards states; counts them as extensions of the space.
 
         Args:
             space: the problem.
-            tree: from the start or the goal.
-            targets: (k, 4 + 2n).
-            longest: steps.
+            tree: the one that grows, from the start or the goal.
+            targets: (k, 4 + 2n) states to grow towards.
+            longest: most steps of a motion.
             side: 0 if the tree's root is the start, 1 if it is the goal.
         """
         space.extensions += len(targets)
@@ -423,11 +437,11 @@ class _Growth:
         return cls(tree, near, end, length, part == 1, call)
 
     def add(self, answer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Add nodes along the clear parts of the motions.
+        """Add nodes along the clear parts of the motions, which the answer to `call` tells.
 
         Returns:
-            (k,) the last new node of each motion, -1 where there was no way; (k,) whether the states
-            themselves were reached.
+            (k,) index of the last new node of each motion, -1 where none was added; (k,) bool, whether the
+            states themselves were reached.
         """
         tree, clear = self.tree, reached(answer, len(self.near))
         begin, costs = tree.states[self.near], tree.costs[self.near]

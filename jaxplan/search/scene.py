@@ -30,7 +30,7 @@ from jaxplan.runtime.display import shown
 
 # The wanted clearance grows from nothing to its full value over this many steps from start and goal.
 TAPER_STEPS = 4.0
-# Steps that joints keep from their limits unless they must: a trajectory swings past its nodes.
+# Steps that nodes keep from joint limits where start and goal allow: a trajectory swings past its nodes.
 JOINT_RESERVE = 0.2
 
 
@@ -50,10 +50,10 @@ class Scene:
     """The numbers of a search problem, as the kernels take them.
 
     Attributes:
-        cones: the rows that ask something of one device at a time, padded.
-        grouped_cones: those that couple devices, padded apart: of constraints of which one entry must hold,
-            and about another device's boresight.
-        gimbals: how its joints turn devices.
+        cones: the rows that bind one device at a time, padded.
+        grouped_cones: the rows that couple devices, padded apart: of constraints of which one entry of
+            several must hold, and about another device's boresight.
+        gimbals: how the joints turn devices.
         fixed_boresights: (i, 3) body axes.
         joint_ranges: (J, 2) rad, least and largest.
         attitude_step: rad.
@@ -87,7 +87,7 @@ class Scene:
 
     @property
     def sights(self) -> Sights:
-        """The directions that constraints bind."""
+        """The *sights*: directions, such as boresights, that constraints bind."""
         return self.cones.sights(self.gimbals, self.fixed_boresights)
 
     @cached_property
@@ -119,7 +119,7 @@ class Scene:
         return axes
 
     def within_ranges(self, joints: np.ndarray) -> np.ndarray:
-        """Joints (..., J) brought into their ranges."""
+        """Joints (..., J), rad, clipped to their ranges."""
         low, high = self.joint_ranges.T
         return np.maximum(np.minimum(joints, high), low)
 
@@ -131,7 +131,7 @@ class Scene:
 
     @cached_property
     def packed(self) -> tuple["Layout", np.ndarray]:
-        """All numbers of the scene in a row, which kernels take in one piece, and how they lie there."""
+        """The layout of the scene's numbers, and all of them in one vector, float64, as kernels take them."""
         leaves, structure = jax.tree.flatten(self)
         arrays = [np.asarray(leaf) for leaf in leaves]
         kinds = "".join(array.dtype.char for array in arrays)
@@ -142,7 +142,7 @@ class Scene:
 @shown("shapes", "kinds")
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How the numbers of a scene lie in its vector; scenes of the same layout can be stacked.
+    """Where the numbers of a scene lie in its vector; vectors of the same layout can be stacked.
 
     Attributes:
         structure: of the tree that a scene is.
@@ -155,7 +155,7 @@ class Layout:
     kinds: str
 
     def scene(self, vector: Array) -> Scene:
-        """The scene of a vector, in a kernel."""
+        """The scene whose numbers a vector holds, for use in a kernel."""
         ends = np.cumsum([math.prod(shape) for shape in self.shapes])
         parts = zip(jnp.split(vector, ends[:-1]), self.shapes, self.kinds, strict=True)
         leaves = [part.reshape(shape).astype(kind) for part, shape, kind in parts]
@@ -183,12 +183,12 @@ class SearchResult:
 
 
 def make_scene(scenario: Scenario, goal: Goal, constraints: Constraints | None = None) -> Scene:
-    """Collect the numbers of one search.
+    """The scene of one search from a scenario's start to a goal.
 
     Args:
         scenario: the problem; its settings give the steps.
-        goal: where to go.
-        constraints: what must hold, none of it moving; the scenario's own unless told.
+        goal: attitude and joints at the end.
+        constraints: what must hold, none of it moving; None for the scenario's own.
     """
     craft, start = scenario.spacecraft, scenario.start
     rows = scenario.constraints if constraints is None else constraints
@@ -217,7 +217,7 @@ def derived_seed(seed: int, *key: int) -> int:
 
 
 def joint_steps(scenario: Scenario) -> np.ndarray:
-    """(J,) rad a step of each joint: the joint step times its device's scale."""
+    """(J,) rad that one step of each joint is: the settings' joint step times its device's scale."""
     search, craft = scenario.search, scenario.spacecraft
     owners = [one.name for one in craft.terminals] * 2 + [one.name for one in craft.drives]
     scales = [search.terminal_step_scale.get(name, 1.0) for name in owners]
@@ -225,11 +225,11 @@ def joint_steps(scenario: Scenario) -> np.ndarray:
 
 
 def tapered(clearance: AnyArray, steps: AnyArray) -> AnyArray:
-    """Clearance wanted so many steps from the nearer of start and goal, where it is nothing.
+    """(...) rad, clearance wanted at some steps from start or goal: zero there, full after `TAPER_STEPS`.
 
     Args:
-        clearance: rad, wanted elsewhere.
-        steps: (...) of straight motions or along a path; of less than nothing there is none.
+        clearance: rad, wanted far from both.
+        steps: (...) steps to the nearer of start and goal; below zero no clearance is wanted.
     """
     xp = array_module(clearance, steps)
     return clearance * xp.maximum(xp.minimum(steps / TAPER_STEPS, 1), 0)

@@ -1,7 +1,7 @@
 """Path smoothing after the search: shorter paths with smoother nodes, as clear as before.
 
-Elastic bands (`jaxplan.search.band`) descend from paths. What comes out is cut anew into equal edges of at
-most one step, and its margins are taken of the attitudes and joints that are handed out, edge by edge.
+Elastic bands (`jaxplan.search.band`) descend from paths. Their ends are cut anew into equal edges of at most
+one step, whose margins are computed from the attitudes and joints that are returned, edge by edge.
 
 The straight motion is the first start, zones or not: the descent often pushes it out of them, and to a
 shorter way than the search has found. Where that fails, or is not near the shortest there can be, the other
@@ -61,7 +61,7 @@ class Band:
         margins: (m,) lower bound of each edge, rad.
         slacks: (m,) likewise, less the clearance that is wanted there.
         length: steps.
-        score: what is compared: the length, and a share of all motions.
+        score: what bands are compared by, steps: the length plus `TRAVEL_SHARE` of all motions added up.
     """
 
     attitudes: np.ndarray
@@ -93,7 +93,7 @@ def descended_bands(
         lengths: of each, steps of the longest path that is looked for.
 
     Returns:
-        What came out, clear or not; None where that is no path of edges of at most a step.
+        The band after its descent, clear or not; None where it would take edges of more than a step.
     """
     calls = []
     for scene, start, clearance, length in zip(scenes.scenes, starts, clearances, lengths, strict=True):
@@ -106,7 +106,7 @@ def descended_bands(
 
 
 def _band(start: Nodes, answer: np.ndarray) -> Band | None:
-    """The band that `_descended` tells of, its ends those of the start; None if an edge is too long."""
+    """The band in an answer of `_descended`, with the ends of `start` put in; None if an edge is too long."""
     if not np.isfinite(answer[-1, 0]):
         return None
     count = int(answer[-1, 0])
@@ -121,7 +121,7 @@ def _band(start: Nodes, answer: np.ndarray) -> Band | None:
 
 
 def padded(attitudes: np.ndarray, joints: np.ndarray, edges: int) -> Nodes:
-    """Nodes with the last repeated until there are as many edges; of more nodes only some, evenly."""
+    """Nodes for exactly so many edges: the last is repeated; of too many nodes some are picked evenly."""
     kept = np.rint(np.linspace(0, len(joints) - 1, min(len(joints), edges + 1))).astype(int)
     places = kept[np.minimum(np.arange(edges + 1), len(kept) - 1)]
     return attitudes[places], joints[places]
@@ -129,18 +129,18 @@ def padded(attitudes: np.ndarray, joints: np.ndarray, edges: int) -> Nodes:
 
 @Kernel
 def _descended(scene: Scene, states: Array, length: Array, clearance: Array, edges: Array) -> Array:
-    """One descent, its nodes at equal costs, and what is to be known of its edges.
+    """The band after one descent, cut at equal costs, with margins, slacks and costs of its edges.
 
     Args:
         scene: the problem.
         states: (PIECES + 1, 4 + 2n) of a path, at equal costs.
         length: steps of the path.
         clearance: rad wanted.
-        edges: (m,) of which only the number counts: no more edges are made.
+        edges: (m,) of which only the length counts: at most m edges are made.
 
     Returns:
         (m + 2, 9 + 2n + 4) attitude and joints of each node, the last repeated, and `edges_of` for the edge
-        behind it; in the last row the number of edges.
+        that begins there; in the last row the number of edges.
     """
     problem = elastic.make_problem(scene, length, clearance)
     q, j = elastic.descend(problem, states[:, :4].T, states[:, 4:].T, ITERATIONS)
@@ -158,7 +158,7 @@ def _descended(scene: Scene, states: Array, length: Array, clearance: Array, edg
 
 
 def straight_bands(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[Band | None]:
-    """Elastic bands that descend from the straight motions, which may be the whole answer.
+    """Elastic bands after their descent from the straight motions of scenes, see `descended_bands`.
 
     Args:
         scenes: the problems; start and goal of none are the same.
@@ -215,7 +215,14 @@ def smooth_results(
 def _smooth_detours(
     scenes: Scenes, clearances: Sequence[float], paths: Sequence[Path], bands: Sequence[Band | None]
 ) -> list[Path]:
-    """The best of paths that are not straight, of bands, and of what descends from the paths cut short."""
+    """The best of each scene's path, its band, and the bands that descend from the path cut short.
+
+    Args:
+        scenes: the problems.
+        clearances: of each, rad wanted.
+        paths: of each, not straight.
+        bands: of each, `straight_bands`.
+    """
     best: list[Band | None] = [None] * len(paths)
     _enter(scenes, clearances, paths, best, bands, range(len(paths)))
     far = [
@@ -252,15 +259,15 @@ def _enter(
     bands: Sequence[Band | None],
     numbers: Sequence[int],
 ) -> None:
-    """Take bands that are better than the best so far, and as clear as wanted or as the path given.
+    """Put into `best` the bands that are better, and as clear as wanted or as the path given.
 
     Args:
         scenes: the problems.
         clearances: of each, rad wanted.
         paths: of each, to be smoothed.
         best: of each, None as long as the path itself is the best; is changed.
-        bands: of some, which may be None.
-        numbers: of these.
+        bands: of some scenes, each may be None.
+        numbers: of these scenes.
     """
     unsure: list[tuple[int, Band]] = []
     for number, found in zip(numbers, bands, strict=True):
@@ -286,14 +293,14 @@ def _enter(
 
 
 def _score(scene: Scene, path: Path) -> float:
-    """What is compared of a path: its steps, and a share of those of the platform and all joints added up."""
+    """The score of a path, as of `Band`: its length plus a share of all motions added up, steps."""
     joints = np.abs(np.diff(path.joints, axis=0)) / scene.joint_steps
     travel = np.sum(edge_rotations(path.attitudes)) / scene.attitude_step + np.sum(joints)
     return path.length + TRAVEL_SHARE * float(travel)
 
 
 def _is_straight(scene: Scene, path: Path) -> bool:
-    """Whether the nodes lie on the straight motion, at the places that their costs say."""
+    """Whether the nodes lie on the straight motion, each as far along it as the costs of the edges say."""
     straight = scene.straight_steps
     if straight <= ARRIVED:
         return True

@@ -8,22 +8,22 @@ from jaxplan.runtime.batching import Seconds, grouped
 from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
 from jaxplan.trajectory.fit import NEAR_THE_BOUND, Fit, FitQuery
-from jaxplan.trajectory.motion import kernel_tasks
+from jaxplan.trajectory.kernels import kernel_tasks
 
 METHODS: dict[str, Any] = {
     "global": "jaxplan.trajectory.strategy:fit",
     "paper": "jaxplan.paper.trajectory:fit",
 }
-"""Fits of many queries, with the seconds that each takes, by the names of settings; see `by_name`."""
+"""Methods by the names of settings: from queries and their `Seconds` to fits; loaded by `by_name`."""
 REFITS: dict[str, Any] = {
     "global": "jaxplan.trajectory.derivative:refit",
     "paper": "jaxplan.paper.derivative:refit",
 }
-"""The same near a fit, to be differentiated."""
+"""The same methods as functions near a fit, which can be differentiated; loaded by `by_name`."""
 
 
 def by_name(methods: dict[str, Any], name: str) -> Any:
-    """One of `METHODS` or `REFITS`; ours are loaded when they are first used."""
+    """The function of a name in `METHODS` or `REFITS`; those given as "module:function" are imported now."""
     known = methods[name]
     return resolve_name(known) if isinstance(known, str) else known
 
@@ -48,7 +48,7 @@ def fit_batch(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> li
 
     Args:
         queries: what is asked; they need not be alike.
-        seconds: of the fits, to which the time of each is added: of what is done together an equal share.
+        seconds: where the time of each fit is added, s; work done together counts in equal shares.
 
     Returns:
         The fits in the same order.

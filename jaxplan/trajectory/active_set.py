@@ -2,9 +2,12 @@
 
 A fit ends some thousandths of its energy or less above the optimum. From there steps of sequential quadratic
 programming with the exact second derivatives (`optimality`) lead to it: each solves the program of the rows
-that are near, so that the rows that push are those that bind, and none of them follows from the others. Rows
-that are broken after a step are near from then on. It ends where a step is next to nothing and no row is
-broken.
+that are *near* their bounds, so that the rows with positive multipliers are those that bind, and none of them
+follows from the others. Rows that are broken after a step are near from then on. It ends where a step is next
+to nothing and no row is broken.
+
+A *row* is an inequality of the fit: of a joint, a node in its tube, a load of the platform or a margin
+(`constraints`). What the optimum's derivatives keep fixed, above all the rows that bind, is an `ActiveSet`.
 """
 
 from collections.abc import Iterable
@@ -38,14 +41,14 @@ from jaxplan.trajectory.schedule import FEWEST_NODES, TrapezoidalProfile, node_f
 from jaxplan.trajectory.splines import Basis, CurveSpace
 
 _PADDING = (64, 16, 16)  # least padded numbers of linear rows, loads and margins
-_FTOL = 1e-9  # of the energy: nearer the optimum than the plan, it shows which rows bind
-_STEPS = 40  # at most, from where that ends to the optimum
+_FTOL = 1e-9  # of the energy: so much nearer the optimum than a plan's fit, it shows which rows bind
+_STEPS = 40  # at most, of this module, from where that ends to the optimum
 _SETTLED = 1e-8  # rad; a step that changes less is the last
 _BROKEN = 1e-8  # of a limit, or rad; a row that is broken by more is near
 _FLANK_STEP = 1e-4  # of the pace's flank, to either side, for differences by it
 
-Masks = dict[str, np.ndarray]  # by block of constraints, of every row
-Rows = dict[str, Index]  # numbers of rows by block, in the order of `ActiveSet`
+Masks = dict[str, np.ndarray]  # by block of constraints, one number or bool for every row
+Rows = dict[str, Index]  # indices of some rows of one curve by block, in the order of `ActiveSet`
 
 _inputs = quick_jit(gather_inputs)
 
@@ -53,7 +56,7 @@ _inputs = quick_jit(gather_inputs)
 @shown()
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitRecord:
-    """How a fit came about.
+    """How a fit came about, from which its derivatives start.
 
     Attributes:
         problem: what was fitted.
@@ -66,10 +69,10 @@ class FitRecord:
     stretched: bool
 
     def hold(self, nodes: int = FEWEST_NODES) -> ActiveSet:
-        """The optimum near the fit, with the rows that bind and all else that derivatives hold fixed.
+        """Find the optimum near the fit, with the rows that bind and all else that derivatives hold fixed.
 
         Args:
-            nodes: the smallest number that they are padded to.
+            nodes: the smallest number that the path's nodes are padded to.
 
         Raises:
             ValueError: if it is not an optimum in a given time, without limits, or of a shortest motion from
@@ -121,6 +124,7 @@ class FitRecord:
         )
 
     def _expect_an_optimum(self) -> None:
+        """Raise a ValueError for a fit that has no derivatives, see `hold`."""
         asked, discrete = self.problem.settings.duration, self.attempt.discrete
         if not isinstance(asked, str) and (discrete.free_time or not discrete.limited):
             raise ValueError(
@@ -134,7 +138,7 @@ class FitRecord:
             )
 
     def at_optimum(self) -> Attempt | None:
-        """The attempt with the curve of the optimum; None if that cannot be told, see `hold`."""
+        """The attempt with the curve of the optimum; None if none is found, see `hold`."""
         try:
             held = self.hold()
         except ValueError:
@@ -145,11 +149,11 @@ class FitRecord:
         return finished([(discrete, sqp.solution_at(at, 0, self.attempt.solution.steps))])[0]
 
     def _step(self, held: ActiveSet) -> tuple[np.ndarray, float, np.ndarray, float]:
-        """A step from the curve that is held, with its rows that are near.
+        """Take a step of sequential quadratic programming from the curve of an active set, under its rows.
 
         Returns:
-            Coefficients and duration after it, the multipliers of the rows, and the largest change; that is
-            NaN where numbers overflow.
+            Coefficients (n, A) and duration (s) after it, multipliers of the rows that are no padding, and
+            the largest change of an unknown, which is NaN where numbers overflow.
         """
         problem, asked = self.problem, self.problem.settings.duration
         path = Path(
@@ -175,7 +179,7 @@ class FitRecord:
 
     @property
     def _flank(self) -> float:
-        """Share of the duration that a flank of the pace along the path takes."""
+        """Share of the duration that each flank of the trapezoidal pace along the path takes."""
         profile, asked = self.problem.quickest, self.problem.settings.duration
         if not isinstance(asked, str):
             profile = TrapezoidalProfile.within(asked, profile.length, self.problem.rise)
@@ -187,7 +191,14 @@ class FitRecord:
         return self.attempt.radius == 0
 
     def _by_flank(self, rows: Rows) -> dict[str, np.ndarray]:
-        """Derivatives by the flank's share of the duration of all that lies on breaks which follow it."""
+        """Derivatives, by the flank's share of the duration, of what depends on the spline's breaks.
+
+        Args:
+            rows: those that bind.
+
+        Returns:
+            By the names of attributes of `ActiveSet`; empty where the breaks do not follow the flank.
+        """
         exact = self._exact and self._pace == "paced"
         if np.isnan(self.attempt.discrete.mesh.flank) and not exact:
             return {}
@@ -197,7 +208,7 @@ class FitRecord:
         return {name: (after[name] - before[name]) / (2 * step) for name in after}
 
     def _at_flank(self, flank: float) -> DiscreteProblem:
-        """The problem on the breaks of another pace, at whose places nodes are that are passed exactly."""
+        """The problem on the breaks that go with another share of the flank; so do nodes passed exactly."""
         problem, discrete, mesh = self.problem, self.attempt.discrete, self.attempt.discrete.mesh
         profile = TrapezoidalProfile(length=0.0, duration=1.0, flank=flank)
         intervals, nodes = len(mesh.basis.breaks) - 1, len(mesh.places)
@@ -211,13 +222,13 @@ class FitRecord:
 
     @property
     def _pace(self) -> str:
-        """What says when nodes are passed, as `ActiveSet` has it."""
+        """What determines when nodes are passed: "given", "steady" or "paced", as of `ActiveSet`."""
         if self.problem.fractions is not None:
             return "given"
         return "steady" if self.problem.at_speed else "paced"
 
     def _on_mesh(self, discrete: DiscreteProblem, rows: Rows) -> dict[str, np.ndarray]:
-        """What lies on the breaks, by the names of the attributes of what is held."""
+        """All of an active set that depends on a problem's breaks, by the names of its attributes."""
         linear, loads, zones = _gathered(discrete, self.attempt.discrete.mesh, rows)
         return {
             **_of_curves(discrete.space),
@@ -234,13 +245,21 @@ class FitRecord:
         return kept / asked if np.isfinite(kept) and asked > 0 else 1.0
 
     def _free(self, at: Iterates) -> np.ndarray:
-        """Free coefficients ``x`` (k, A) of a curve."""
+        """Free coefficients ``x`` (k, A) of the first of some curves."""
         space = self.attempt.discrete.space
         start = space.fixed + at.duration[0] * space.by_time
         return np.linalg.lstsq(space.free, at.coefficients[0] - start, rcond=None)[0]
 
     def _held(self, at: Iterates, rows: Rows, multipliers: Masks, share: float, nodes: int) -> ActiveSet:
-        """All that is held with some rows, their multipliers, and a curve; nodes are padded to so many."""
+        """The active set of a curve.
+
+        Args:
+            at: the curve, alone in its stack.
+            rows: the rows that are held as equalities.
+            multipliers: of every row.
+            share: energy of the first curve, of which energies are shares.
+            nodes: the smallest number that the path's nodes are padded to.
+        """
         problem, discrete = self.problem, self.attempt.discrete
         chart, of_curves = discrete.chart, _of_curves(discrete.space)
         inner = np.arange(1, len(problem.attitudes) - 1) if self._exact else np.zeros(0, int)
@@ -274,7 +293,7 @@ class FitRecord:
 
 
 def _of_curves(space: CurveSpace) -> dict[str, np.ndarray]:
-    """What `ActiveSet` has of a space of curves, by the names of its attributes."""
+    """The attributes of `ActiveSet` that are a space of curves alone, by name."""
     return {
         "free": space.free,
         "of_values": space.of_values,
@@ -286,7 +305,10 @@ def _of_curves(space: CurveSpace) -> dict[str, np.ndarray]:
 
 
 def _listed(blocks: Iterable[ConstraintBlock], wanted: Masks) -> Rows:
-    """Numbers of the rows that are wanted of one curve: of joints and nodes, of loads, of zones."""
+    """Indices of the rows that are wanted, of the first curve of some blocks.
+
+    In the order of `ActiveSet`: joints' rates and accelerations, ranges, tube; then loads; then zones.
+    """
     named = {block.name: block for block in blocks}
     joints = [name for name, block in named.items() if block.linear and block.power]
     loads = [name for name, block in named.items() if isinstance(block, LoadBlock)]
@@ -297,7 +319,13 @@ def _listed(blocks: Iterable[ConstraintBlock], wanted: Masks) -> Rows:
 def _gathered(
     discrete: DiscreteProblem, mesh: Mesh, rows: Rows
 ) -> tuple[BindingLinear, BindingLoads, BindingMargins]:
-    """Gather the rows that bind, by their numbers, padded to a few sizes."""
+    """The rows of these indices as `ActiveSet` has them, padded to a few sizes.
+
+    Args:
+        discrete: the problem whose places and splines they are written in.
+        mesh: whose places the nodes in a tube have.
+        rows: indices by block.
+    """
     problem, basis = discrete.problem, discrete.space.basis
     joints = discrete.space.fixed.shape[1] - 3
     quantities = [limit.quantity for limit in problem.joint_limits]
@@ -355,7 +383,7 @@ def _gathered(
 
 
 def _filled(size: int, **arrays: np.ndarray) -> dict[str, np.ndarray]:
-    """Pad arrays with zeros along their first axes; under "on", which entries are no padding."""
+    """Arrays (k, ...) padded with zeros to (size, ...), by name; and "on" (size,), False for padding."""
     found = {}
     for name, own in arrays.items():
         found[name] = np.concatenate([own, np.zeros((size - len(own), *own.shape[1:]), own.dtype)])
@@ -364,7 +392,7 @@ def _filled(size: int, **arrays: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _broken(block: ConstraintBlock) -> np.ndarray:
-    """Which rows of one curve are broken; at neighbouring places only the worst of them."""
+    """Bool like the slack of a block of rows: which are broken; of neighbouring places only the worst one."""
     slack = block.slack
     broken: np.ndarray = slack < -_BROKEN
     if not block.linear:
@@ -374,7 +402,13 @@ def _broken(block: ConstraintBlock) -> np.ndarray:
 
 
 def _windings(chart: Chart, problem: FitProblem, places: np.ndarray) -> np.ndarray:
-    """Whole turns added to the logarithm at each node."""
+    """(m + 1,) whole turns that each node's coordinates in a chart have more than the shortest logarithm.
+
+    Args:
+        chart: of the platform.
+        problem: gives the nodes.
+        places: (m + 1,) of the nodes.
+    """
     nodes = problem.attitudes, problem.turns, places
     eta = chart.coordinates(*nodes) - places[:, None] * chart.turn
     short = chart.departures(*nodes)[0]

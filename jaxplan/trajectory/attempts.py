@@ -1,4 +1,4 @@
-"""Attempts at curves, each with one spline on given breaks, and the `Ladder` of attempts of one fit."""
+"""Attempts at the curve of a fit, each one spline on given breaks, and the `Ladder` that orders them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,24 +16,24 @@ from jaxplan.trajectory.splines import SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess, SQPSolution
 
 _TUBE_BROKEN = 1e-6  # rad beyond the tube, up to which nodes count as passed
-_DEEP = float(np.deg2rad(0.3))  # rad; a zone broken by more is not so for want of intervals
+_DEEP = float(np.deg2rad(0.3))  # rad; a zone broken by more is not so for lack of intervals
 _ROUNDING = 1e-9  # rad of a margin that is rounding alone
-_KEPT_MARGIN = 0.3  # of the wanted margins, which a sound curve has
+_KEPT_MARGIN = 0.3  # share of the wanted margins that a sound curve has
 _MENDED = 1e-3  # of a limit; a first curve that breaks it by more is not improved in a given time
-_NEARLY = 1.01  # on time; a curve that keeps limits with so much more of it is nearly there
-_HOPELESS = 1.05  # on time; a curve that needs more of it is not mended by more intervals
-_WIDER = 3.0  # times the tube's radius, before there is none
+_NEARLY = 1.01  # factor on time; a curve that keeps the limits with it counts as nearly within them
+_HOPELESS = 1.05  # factor on time; a curve that needs more is not tried again with more intervals
+_WIDER = 3.0  # factor on the tube's radius, tried before there is no tube
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Attempt:
-    """A curve that was fitted, with its peaks: from them and its margins follows what it breaks.
+    """A curve that was fitted, with its peaks; these and its margins tell which limits and zones it breaks.
 
     Attributes:
         discrete: the problem that was solved.
         solution: the curve that was found.
-        trajectory: of the curve.
-        peaks: over all time.
+        trajectory: the same curve as a trajectory.
+        peaks: of the trajectory over all time.
     """
 
     discrete: DiscreteProblem
@@ -43,7 +43,7 @@ class Attempt:
 
     @property
     def problem(self) -> FitProblem:
-        """What is fitted."""
+        """The problem, from which `discrete` was made."""
         return self.discrete.problem
 
     @property
@@ -58,9 +58,9 @@ class Attempt:
 
     @cached_property
     def breach(self) -> tuple[str, float] | None:
-        """What breaks a zone the most, and by how much (rad); None where nothing does.
+        """Name of the device that breaks a zone the most, and by how much (rad); None where none does.
 
-        Axes of the body go by the name of the body, what terminals carry by theirs.
+        An axis of the body counts as "the body", a vector that a terminal carries as that terminal.
         """
         margins = self.solution.margins
         if np.all(margins >= -_ROUNDING):
@@ -77,22 +77,22 @@ class Attempt:
 
     @property
     def sound(self) -> bool:
-        """Whether nothing is broken but perhaps limits of rates and loads."""
+        """Whether zones, joint ranges and the tube are kept, whatever rates and loads are."""
         return self.clear and self.peaks.in_range and self.in_tube
 
     @property
     def kept(self) -> bool:
-        """Whether all limits are kept."""
+        """Whether all limits of rates, loads and joint ranges are kept."""
         return self.peaks.stretch <= 1 and self.peaks.in_range
 
     @property
     def needed(self) -> float:
-        """Duration to which its time is to be stretched, s."""
+        """Duration at which the same motion, uniformly scaled in time, just keeps all limits, s."""
         return self.trajectory.duration * self.peaks.stretch
 
     @property
     def too_deep(self) -> bool:
-        """Whether a zone is broken so deep that it is not for want of intervals."""
+        """Whether a zone is broken so deeply that more intervals would not mend it."""
         return self.breach is not None and self.breach[1] > _DEEP
 
     @property
@@ -117,14 +117,14 @@ def first_curve(
     tighter: float = 0.0,
     coefficients: np.ndarray | None = None,
 ) -> InitialGuess | None:
-    """Where an attempt begins; None if the nodes leave every chart.
+    """The curve from which an attempt begins; None if the nodes leave every chart.
 
     Args:
         problem: what is fitted.
-        mesh: breaks of the spline, times of the nodes, and the tube about them.
+        mesh: breaks of the spline, places of the nodes, and the tube about them.
         duration: s, given or to begin with.
         timing: of the curve.
-        tighter: share of the limits on the platform's loads that is left.
+        tighter: share of the limits on the platform's loads that the curve is to leave unused.
         coefficients: (n, A) of the curve to begin with; None for the one nearest to the path.
     """
     discrete = discretise(problem, mesh, timing, share=1 - tighter)
@@ -135,14 +135,14 @@ def first_curve(
 
 
 def make_attempts(begins: Sequence[InitialGuess | None]) -> list[Attempt | None]:
-    """Attempts from first curves; None of one that is None, or whose numbers overflow."""
+    """Improve first curves, all together, to attempts; None for None, or where numbers overflow."""
     given = [begin for begin in begins if begin is not None]
     made = iter(finished([(own.discrete, found) for own, found in zip(given, _improved(given), strict=True)]))
     return [None if begin is None else next(made) for begin in begins]
 
 
 def finished(made: Sequence[tuple[DiscreteProblem, SQPSolution]]) -> list[Attempt | None]:
-    """Attempts with the curves of solutions; None where numbers overflow."""
+    """Attempts from problems with their solutions; None where numbers overflow."""
     curves = {
         number: _trajectory(discrete, solution)
         for number, (discrete, solution) in enumerate(made)
@@ -158,10 +158,10 @@ def finished(made: Sequence[tuple[DiscreteProblem, SQPSolution]]) -> list[Attemp
 
 
 def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
-    """Improve first curves to the best ones near them.
+    """Improve first curves to the best ones near them, all together.
 
-    In a given time one that is far too quick is left as it is at first: from there a program leads nowhere.
-    So one is made that is slow enough, and that is improved.
+    In a given duration a curve that breaks limits by far is not improved: steps from there lead nowhere.
+    Instead a slower one of free duration is found first, which is then improved in the duration given.
     """
     first = [
         begin
@@ -194,7 +194,7 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
 
 
 def _trajectory(discrete: DiscreteProblem, solution: SQPSolution) -> Trajectory:
-    """The trajectory that a solution stands for."""
+    """A solution's curve as a trajectory."""
     basis, chart, duration = discrete.space.basis, discrete.chart, solution.duration
     pieces = basis.pieces(solution.coefficients)
     count = len(pieces)
@@ -217,17 +217,18 @@ def _trajectory(discrete: DiscreteProblem, solution: SQPSolution) -> Trajectory:
 class Ladder:
     """One fit's attempts, one after the other, up to the first that is good enough.
 
-    On each rung the limits are taken a little tighter where a curve breaks them by next to nothing, which
-    happens between the places. After an attempt without hope more intervals are not tried.
+    A rung is a number of intervals and a radius of the tube. An attempt that breaks limits by next to
+    nothing, as happens between the places, is repeated on its rung with slightly tighter limits. After a
+    hopeless one more intervals are not tried.
 
     Attributes:
         problem: what is fitted.
-        profile: along the path.
-        rungs: factors on the number of intervals, and radii of the tube (rad), of the attempts ahead.
+        profile: the pace along the path.
+        rungs: factors on the number of intervals, and radii of the tube (rad), of the rungs ahead.
         duration: s, given or to begin with.
         timing: of the curves.
         graded: whether breaks lie close about the flanks.
-        tighter: shares of the limits that are left, first and then.
+        tighter: shares of the limits that are left unused, on each rung one after the other.
         best: of the attempts so far; None before the first, and beyond every chart.
     """
 
@@ -243,7 +244,7 @@ class Ladder:
     _tightened: int = 0  # how often limits were taken tighter on this rung
 
     def first_curve(self) -> InitialGuess | None:
-        """Where the next attempt begins; None if the nodes leave every chart."""
+        """The curve from which the next attempt begins; None if the nodes leave every chart."""
         if self._here is None:
             finer, radius = self.rungs[0]
             mesh = self.problem.mesh(self.profile, radius, finer, graded=self.graded)
@@ -253,7 +254,10 @@ class Ladder:
         return first_curve(self.problem, mesh, self.duration, self.timing, tighter=tighter)
 
     def accept(self, made: Attempt | None) -> None:
-        """Go on with the attempt that was made."""
+        """Take in the attempt made from `first_curve` (None if there is none), and choose the next rung.
+
+        No rungs are left once an attempt is good enough.
+        """
         if made is not None:
             if self._here is None or made.merit > self._here.merit:
                 self._here = made
@@ -281,8 +285,8 @@ def rungs(radius: float, *, in_time: bool = True) -> list[tuple[int, float]]:
     """The rungs of a ladder: factors on the number of intervals and radii of the tube, in their order.
 
     Args:
-        radius: rad, asked for.
-        in_time: whether there is time enough to go along the nodes. Without it more intervals are not tried
+        radius: of the tube asked for, rad.
+        in_time: whether there is time enough to pass all nodes. Otherwise more intervals are not tried
             either: the shortest motion, which is looked for then, is found sooner.
     """
     along_nodes = radius == 0 or (in_time and radius < np.inf)

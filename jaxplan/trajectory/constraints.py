@@ -1,10 +1,11 @@
 """Constraints of the spline fit as blocks of linear rows near curves: joints, tubes, loads and margins.
 
-The curves of a stack are looked at together, G of them, each with its own rows. A row says
-``slopes . dc + time * dT / T <= slack`` of a change ``dc`` of the coefficients and ``dT`` of the duration. A
-block knows the slack of all its rows and how a step changes it, and writes out only the rows that a program
-asks for. The derivatives of a row in the coefficients (n, A) are a product of a row of the axes and one of
-the basis, or a sum of J such products: slopes are pairs of arrays (R, J, A) and (R, J, n).
+The curves of a stack are looked at together, G of them, each with its own rows; sizes and their letters are
+those of `motion`. A *row* is the inequality ``slopes . dc + time * dT / T <= slack`` for a change ``dc`` of
+the coefficients and ``dT`` of the duration; its *slack*, what is left to the bound, is negative if it is
+broken. A block knows the slack of all its rows and how a step changes it, and writes out only the rows that a
+program asks for. The derivatives of a row in the coefficients (n, A) are a product of a row of the axes and
+one of the basis, or a sum of P such products: slopes are pairs of arrays (R, P, A) and (R, P, n).
 
 Rows of joints by the coefficients, and of nodes in a tube, are true of every step. All values of a spline lie
 between the least and the largest of its coefficients, and those of a derivative likewise, so what holds for
@@ -32,23 +33,23 @@ from jaxplan.trajectory.motion import (
 
 _NEAR_SHARE = 0.15  # of a limit or tube; rows with less slack are in a program from the start
 _NEAR_ANGLE = float(np.deg2rad(1.0))  # rad; the same for angles
-_FAR_SHARE = 0.5  # of a limit; with more slack at every place no step is taken to reach it
-_STRIDE = 4  # of places next to each other one in so many is held, and those that are extreme
+_FAR_SHARE = 0.5  # of a limit; with more slack at every place a step is assumed not to reach it
+_STRIDE = 4  # rows at one of so many places enter a program, besides those of locally least slack
 _NEAR_AXIS = 1e-6  # least sine of an angle to a row's axis, where the margin has no slope
 
 SIGNS = np.array([1.0, -1.0])  # of a bound on both sides
 
-Index = tuple[np.ndarray, ...]  # of rows, the number of the curve first
-Slopes = tuple[np.ndarray, np.ndarray]  # (R, J, A) of the axes and (R, J, n) of the basis
+Index = tuple[np.ndarray, ...]  # indices (R,) of rows along each axis of a slack, the curve's first
+Slopes = tuple[np.ndarray, np.ndarray]  # (R, P, A) of the axes and (R, P, n) of the basis
 
 
 def numbers(chosen: np.ndarray) -> Index:
-    """Index of the rows that are chosen, (G, ...) bool: `np.nonzero`, much faster where they are few."""
+    """Indices of the true entries of (G, ...) bool: `np.nonzero`, much faster where they are few."""
     return np.unravel_index(np.flatnonzero(chosen), chosen.shape)
 
 
 def lowest(slack: np.ndarray) -> np.ndarray:
-    """Where the slack is least among neighbours along the second to last axis."""
+    """Bool like the slack: whether it is no larger than its neighbours along the second to last axis."""
     kept = np.ones(slack.shape, dtype=bool)
     with np.errstate(invalid="ignore"):
         down = slack[..., 1:, :] <= slack[..., :-1, :]
@@ -62,17 +63,17 @@ def lowest(slack: np.ndarray) -> np.ndarray:
 class LinearBlock:
     """Rows ``|matrix . c - centre| scale <= bound`` of some axes, (G, 2, r, a) with both signs.
 
-    They are those of rates, accelerations and angles of the joints, and of nodes in a tube, as shares of the
-    bound or, of angles, in rad.
+    They are those of rates, accelerations and angles of the joints, and of nodes in a tube. Slacks are shares
+    of the bound or, of angles, in rad. Here r counts the rows of the matrix, a the axes.
 
     Attributes:
         name: unique among the blocks of a fit, as of every block.
         kind: `LIMIT` or `TUBE`.
-        power: of 1 / duration in the rows.
+        power: the power of 1 / duration that the values have.
         tolerance: rows with less slack are in a program from the start.
-        coefficients: (G, n, A).
+        coefficients: (G, n, A) ``c``.
         matrix: (G, r, n).
-        scale: (G, a) of the last axes.
+        scale: (G, a), of the last a of the A axes.
         centre: (G, r, a).
         bound: (G, 1, 1, a).
     """
@@ -90,6 +91,7 @@ class LinearBlock:
 
     @property
     def _first(self) -> int:
+        """The first of the axes that the rows are about, which are the last ones."""
         return self.coefficients.shape[2] - self.scale.shape[1]
 
     @cached_property
@@ -104,26 +106,26 @@ class LinearBlock:
         return np.ones(len(self.coefficients), dtype=bool)
 
     def change(self, which: np.ndarray, coefficients: np.ndarray, _: np.ndarray) -> np.ndarray:
-        """By how much a step lessens the slack (g, ...) of the curves that take it, without its stretch.
+        """By how much a step of some curves lessens their slack, (g, ...), the duration staying as it is.
 
         Args:
             which: (g,) numbers of the curves.
-            coefficients: (g, n, A) changes.
-            _: (g, 4, S, A) what these make of values and derivatives at the places.
+            coefficients: (g, n, A) their changes.
+            _: (g, 4, S, A) changes of the curves and of their derivatives at the places.
         """
         matrix, scale = taken(self.matrix, which), self.scale[which][:, None]
         value = matrix @ coefficients[:, :, self._first :] * scale
         return np.stack([value, -value], axis=1)
 
     def slopes(self, index: Index) -> Slopes:
-        """Derivatives of some rows in the coefficients."""
+        """Derivatives of the rows of these indices in the coefficients, see `Slopes`."""
         curve, sign, row, axis = index
         axes = np.zeros((len(axis), 1, self.coefficients.shape[2]))
         axes[np.arange(len(axis)), 0, self._first + axis] = SIGNS[sign] * self.scale[curve, axis]
         return axes, self.matrix[curve, row][:, None]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """The rows to take of those that are wanted (g, ...) of some curves, given their slack: all."""
+        """Bool (g, ...), the rows to take of those `wanted` of some curves, given their slack: all."""
         return wanted
 
 
@@ -131,12 +133,12 @@ class LinearBlock:
 class LoadBlock:
     """One of the platform's loads at the places, as shares of its limit: rows (G, S, 2, c).
 
-    Rows have the slopes of a load as it is there. Of a length, which bends upward, these let a step pass the
-    limit by as much as it turns the vector to the second order, and the next program sees that.
+    Rows are linearised at the curve. For the length of a vector, which is convex, this lets a step pass the
+    limit to second order, by turning the vector; the next program corrects that.
 
     Attributes:
         name: of the load.
-        power: of 1 / duration in it.
+        power: the power of 1 / duration that it has.
         own: its components among those of all loads, c of them.
         at: the curves.
         scale: (G, c) 1 / (limit * duration^power).
@@ -153,7 +155,7 @@ class LoadBlock:
 
     @cached_property
     def slack(self) -> np.ndarray:
-        """(G, S, 2, c)."""
+        """(G, S, 2, c) shares of the limit, for a load and its negative."""
         return 1 - SIGNS[:, None] * (self.at.loads[:, :, self.own] * self.scale[:, None])[:, :, None]
 
     @cached_property
@@ -162,7 +164,7 @@ class LoadBlock:
         return ~np.all(self.slack > _FAR_SHARE, axis=(1, 2, 3))
 
     def _local(self, curve: int) -> np.ndarray:
-        """Derivatives (S, c, 4, 3) of a curve's shares of the limit in ``b`` and its derivatives."""
+        """Derivatives (S, c, 4, 3) of the load over its limit in ``b`` and its derivatives, of one curve."""
         return load_slopes(self.at, curve)[:, self.own] * self.scale[curve, :, None, None]
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
@@ -174,7 +176,7 @@ class LoadBlock:
         return change
 
     def slopes(self, index: Index) -> Slopes:
-        """Derivatives of some rows in the coefficients, by the curve and its three derivatives."""
+        """Derivatives of the rows of these indices in the coefficients: four products, one by derivative."""
         curve, place, sign, axis = index
         axes = np.zeros((len(place), 4, self.at.curves.shape[3]))
         for each in np.unique(curve).tolist():
@@ -184,7 +186,7 @@ class LoadBlock:
         return axes, self.at.stack.rows[curve, :, place]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Thinned, with the last place kept: unlike a margin, a load may be the worst at the end."""
+        """Those `wanted`, thinned out by `_telling`; all at the last place, where a load may be the worst."""
         kept = _telling(slack)
         kept[:, -1] = True
         return wanted & kept
@@ -213,7 +215,7 @@ class MarginBlock:
         return np.any(np.isfinite(self.slack), axis=(1, 2, 3))
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
-        """By how much a step lessens slacks, zero where they stay large; see `LinearBlock.change`."""
+        """By how much a step lessens slacks, zero where they surely stay large; see `LinearBlock.change`."""
         slack, moved = taken(self.slack, which), curves[:, 0]
         own, *rest = numbers(slack < self.tolerance + margin_reach(self.at, which, moved))
         local = margin_slopes(self.at, which[own], *rest)
@@ -222,12 +224,12 @@ class MarginBlock:
         return change
 
     def slopes(self, index: Index) -> Slopes:
-        """Derivatives of some rows in the coefficients."""
+        """Derivatives of the rows of these indices in the coefficients, see `Slopes`."""
         local = -margin_slopes(self.at, *index)
         return local[:, None], self.at.stack.rows[index[0], 0, index[1]][:, None]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Thinned, and of a constraint only the entry that holds best."""
+        """Those `wanted`, thinned out by `_telling`; of each constraint only the entry that holds best."""
         return wanted & _telling(slack) & np.isfinite(self.slack[which])
 
 
@@ -235,7 +237,7 @@ ConstraintBlock = LinearBlock | LoadBlock | MarginBlock
 
 
 def _telling(slack: np.ndarray) -> np.ndarray:
-    """Rows at every fourth place (the second axis), and at those where the slack has a local minimum."""
+    """Bool like the slack: rows at every `_STRIDE`-th place (second axis) and at local minima of it."""
     kept = np.zeros(slack.shape, dtype=bool)
     kept[:, ::_STRIDE] = True
     with np.errstate(invalid="ignore"):
@@ -244,7 +246,7 @@ def _telling(slack: np.ndarray) -> np.ndarray:
 
 
 def constraint_blocks(at: Iterates) -> Iterator[ConstraintBlock]:
-    """All constraints of a stack of problems at some curves, block by block."""
+    """All constraints of a stack of problems as blocks of rows near the curves `at`."""
     stack = at.stack
     kind, c = stack.members[0], at.coefficients
     differences = [own.space.basis.differences for own in stack.members]
@@ -275,7 +277,7 @@ def constraint_blocks(at: Iterates) -> Iterator[ConstraintBlock]:
 
 
 def margin_reach(at: Iterates, which: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Bound of what a step changes margins by: no more than sight and axis turn, seen from each other.
+    """Bound on how much a step changes margins: no more than sight and axis turn, seen from each other.
 
     Args:
         at: the curves.
@@ -305,14 +307,14 @@ def margin_slopes(
 
     Args:
         at: the curves.
-        curve: (R,) number.
-        place: (R,) index of a place.
-        sight: (R,) index.
-        row: (R,) index of a row of the constraints.
+        curve: (R,) number of the curve.
+        place: (R,) index of the place.
+        sight: (R,) index of the sight.
+        row: (R,) index of the row of the constraints.
 
     Returns:
-        (R, A) of ``side * (angle - half angle)``, the angle falling by ``d cos / sin``; of rows of joints
-        ``f``.
+        (R, A) derivatives of ``side * (angle - half angle)``, where the angle changes by ``-d cos / sin``; of
+        rows of joints these are their weights.
     """
     stack = at.stack
     cones, moves = stack.columns, stack.members[0].problem.cones.paths
@@ -354,7 +356,17 @@ def _add_turns(
     seen: np.ndarray,
     other: np.ndarray,
 ) -> None:
-    """Add to slopes (R, A) how ``sight . other`` changes with the joints that turn the sight."""
+    """Add to slopes (R, A), in place, the derivatives of ``seen . other`` in the joints that turn the sight.
+
+    Args:
+        slopes: (R, A) in ``b`` and the joints.
+        at: the curves.
+        curve: (R,) number of the curve.
+        place: (R,) index of the place.
+        sight: (R,) index of the sight that is turned.
+        seen: (R, 3) that sight, body axes.
+        other: (R, 3) the vector that does not turn with it, body axes.
+    """
     columns, gimbals = at.stack.columns, at.stack.gimbals
     carrier = columns["carriers"][curve, sight]
     row = np.flatnonzero(carrier >= 0)

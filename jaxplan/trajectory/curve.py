@@ -14,9 +14,9 @@ In the formulas of a piece ``tau = t - t_a``, ``W = U^T``, and ``D`` is the righ
 divides by ``Omega`` or ``eta``: values and derivatives are right at zero.
 
 The spline fit has one `Chart` for a whole manoeuvre, from the first attitude to the last in one unit of time:
-``t_a = 0`` and ``Omega = r``. ``eta`` is what a motion departs from the steady one. Its logarithm is taken on
-the branch to which the edge from the node before leads, so nodes may lie more than half a turn off; ``D`` is
-regular up to a whole turn.
+``t_a = 0`` and ``Omega = r``. The rotation vector ``eta`` is how far a motion departs from the steady one. It
+is a logarithm, taken on the branch to which the edge from the node before leads, so nodes may lie more than
+half a turn off; ``D`` is regular up to a whole turn.
 """
 
 from dataclasses import dataclass, field, fields, replace
@@ -37,10 +37,10 @@ from jaxplan.runtime.arguments import floats
 from jaxplan.runtime.display import shown
 from jaxplan.trajectory.splines import derivative_matrix, legendre
 
-CHART_REACH = 4.0  # rad off the steady rotation, which nodes may lie; a chart is singular at a whole turn
+CHART_REACH = 4.0  # rad that nodes may lie off the steady rotation; a chart is singular at a whole turn
 _NEAR = 1.0  # rad; a chart whose nodes stay within is not compared with the other way round
-_TIMES = 4096  # that are sampled at once; with all that is computed between, more would take much memory
-_NO_ANGLE = 1e-300  # rad, of a vector that has no direction
+_TIMES = 4096  # the most times sampled at once; with all intermediate results, more would take much memory
+_NO_ANGLE = 1e-300  # rad; a rotation vector of no more has no direction
 
 
 @shown("start s", "end s", "chart_rate deg/s", "coefficients rad")
@@ -140,10 +140,12 @@ def platform(piece: Piece, t: ArrayLike) -> tuple[AnyArray, ...]:
 
 
 def _apply(matrix: AnyArray, vector: AnyArray) -> AnyArray:
+    """Matrices (..., 3, 3) times vectors (..., 3)."""
     return array_module(matrix, vector).einsum("...ij,...j->...i", matrix, vector)
 
 
 def _apply_transposed(matrix: AnyArray, vector: AnyArray) -> AnyArray:
+    """Transposes of matrices (..., 3, 3) times vectors (..., 3)."""
     return array_module(matrix, vector).einsum("...ij,...i->...j", matrix, vector)
 
 
@@ -190,7 +192,11 @@ class Samples:
         return rolled
 
     def kinematics(self, craft: Spacecraft) -> Kinematics:
-        """What limited quantities are computed from, of a spacecraft: it has an inertia, and drives."""
+        """The angular velocities, joint rates and so on from which limited quantities are computed.
+
+        Args:
+            craft: gives the inertia and the number of drives.
+        """
         spin = (self.angular_velocity, self.angular_acceleration, self.angular_jerk)
         joints = (self.joints, self.joint_rates, self.joint_accelerations)
         return Kinematics(
@@ -255,7 +261,7 @@ class Trajectory:
             >>> samples = plan.trajectory.sample(np.linspace(0, plan.trajectory.duration, 1000))
 
         Args:
-            t: scalar or (k,) s in [0, duration]. At a break the piece that begins there speaks.
+            t: scalar or (k,) s in [0, duration]. At a break the piece that begins there is evaluated.
 
         Returns:
             numpy arrays, with a leading axis k unless ``t`` is a scalar.
@@ -279,6 +285,7 @@ class Trajectory:
         )
 
     def _sampled(self, times: np.ndarray) -> Samples:
+        """Values at times (k,), s, not checked."""
         on = np.searchsorted(self.breaks[:-1], times, side="right") - 1
         on_joints = np.searchsorted(self.joint_breaks[:-1], times, side="right") - 1
         return _samples(self, on, on_joints, times, times)
@@ -328,7 +335,15 @@ def _begun(starts: ArrayLike, t: Array) -> Array:
 def _samples(
     trajectory: Trajectory, on: AnyArray, on_joints: AnyArray, t: AnyArray, joint_t: AnyArray
 ) -> Samples:
-    """Values at times on pieces of the platform and of the joints, with numpy or JAX as the arguments are."""
+    """Values at times on given pieces, with numpy or JAX as the arguments are.
+
+    Args:
+        trajectory: to be evaluated.
+        on: (...) int, the platform's piece for each time.
+        on_joints: (...) int, the joints' piece.
+        t: (...) s, for the platform.
+        joint_t: (...) s, the same in the dtype of the joints.
+    """
     pieces = trajectory.platform_pieces
     own = Piece(**{each.name: getattr(pieces, each.name)[on] for each in fields(Piece)})
     breaks, coefficients = trajectory.joint_breaks, trajectory.joint_coefficients
@@ -381,7 +396,10 @@ class Chart:
     def departures(
         self, attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Departures ``eta`` of nodes, each shorter than half a turn, and about what each edge adds."""
+        """Departures ``eta`` (m + 1, 3) of nodes, of at most half a turn each, and their changes.
+
+        Arguments as of `coordinates`. The changes (m, 3) are those along each edge, to first order.
+        """
         back = so3.exp(-places[:, None] * self.turn / 2)  # U^T
         eta = so3.log(back @ (self.attitude.T @ attitudes) @ back)
         turned = np.einsum("mji,mj->mi", back[:-1], turns)
@@ -421,6 +439,13 @@ def farthest(chart: Chart, b: np.ndarray, places: np.ndarray) -> float:
 
 
 def _windings(before: np.ndarray, step: np.ndarray, own: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Whole turns by which rotation vectors (..., 3) must be longer to lie where steps from others lead."""
+    """Whole turns by which rotation vectors must be longer to lie where steps from others lead, (...).
+
+    Args:
+        before: (..., 3) rad, the others.
+        step: (..., 3) rad, the steps from these.
+        own: (..., 3) rad, the vectors, each up to whole turns.
+        angle: (...) rad, their lengths.
+    """
     ahead = np.sum((before + step) * own, axis=-1) / np.maximum(angle, _NO_ANGLE)
     return np.where(angle > _NO_ANGLE, np.round((ahead - angle) / (2 * np.pi)), 0.0)

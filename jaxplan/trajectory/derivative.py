@@ -2,9 +2,9 @@
 
 The conditions of optimality (`optimality`) are followed by Newton's method as the inputs change. As long as
 the same rows bind, the implicit function theorem gives the derivatives of their root in all inputs. Held
-fixed are the rows that bind, the places on the intervals that were looked at, and the branches of logarithms.
-When each node is passed, and where breaks lie close, follows the pace along the path (`schedule`), and with
-it duration and limits; of nodes that are passed exactly the share of each edge is held.
+fixed (in an `ActiveSet`) are the rows that bind, their places on the intervals, and the branches of
+logarithms. When each node is passed, and where breaks lie close, follows the pace along the path
+(`schedule`), and with it duration and limits; of nodes that are passed exactly each edge's share is held.
 
 Automatic differentiation, forward or reverse, gives ``dz = -K^-1 (dF / d inputs)`` with the matrix ``K``, and
 refuses to differentiate that again.
@@ -48,7 +48,10 @@ def gather_inputs(
     cones: Constraints,
     rates: ArrayLike,
 ) -> tuple[ActiveSet, FitInputs]:
-    """What is held with its breaks at the pace of now, and its inputs, for the arguments of `refit`."""
+    """The active set with its breaks moved to the present pace, and the inputs of the optimality conditions.
+
+    Arguments as of `refit`.
+    """
     attitudes, joints = jnp.asarray(path.attitudes), jnp.asarray(path.joints)
     duration, places, held = _paced(held, attitudes, joints, craft, settings)
     first, last = attitudes[0], attitudes[-1]
@@ -104,7 +107,15 @@ def gather_inputs(
 def _paced(
     held: ActiveSet, attitudes: Array, joints: Array, craft: Spacecraft, settings: TrajectorySettings
 ) -> tuple[Array, Array, ActiveSet]:
-    """The duration, the places of the nodes, and what is held on the breaks that go with the pace."""
+    """Duration (s), places (m + 1,) of the nodes, and the active set on the breaks, at the pace of a path.
+
+    Args:
+        held: the active set.
+        attitudes: (m + 1, 3, 3) of the nodes.
+        joints: (m + 1, J) rad.
+        craft: its limits determine the pace.
+        settings: give the duration where that is a number.
+    """
     turns = so3.log(jnp.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
     moves = jnp.diff(joints, axis=0)
     on = jnp.diff(held.places) > 0
@@ -129,7 +140,7 @@ def _paced(
 
 
 def _on_breaks(held: ActiveSet, change: Array) -> ActiveSet:
-    """What is held where the flank's share of the duration is another, to first order."""
+    """The active set where the flank's share of the duration is larger by `change`, to first order."""
     parts: dict[str, Any] = {"": held, "linear": held.linear, "loads": held.loads, "zones": held.zones}
     moved: dict[str, dict[str, Any]] = {owner: {} for owner in parts}
     for name, slope in held.by_flank.items():
@@ -140,6 +151,7 @@ def _on_breaks(held: ActiveSet, change: Array) -> ActiveSet:
 
 
 def _positive(length: Array) -> Traced:
+    """The same lengths, with 1 for those that are not positive, to be divided by."""
     return jnp.where(length > 0, length, 1)
 
 
@@ -154,8 +166,8 @@ def refit(
     """The trajectory of a fit whose inputs have changed a little; differentiable in all of them.
 
     Args:
-        held: of a fit to as many nodes.
-        path: its attitudes and joints; edges' costs have no say.
+        held: the active set of a fit to as many nodes.
+        path: its attitudes and joints; the costs of its edges are not used.
         spacecraft: its limits, mountings and inertia.
         settings: weights, duration and tube.
         cones: the zones.
@@ -186,10 +198,12 @@ def refit(
 
 
 def _residual(own: tuple[ActiveSet, FitInputs], z: Traced) -> Traced:
+    """`residual` of the equations at ``z``."""
     return residual(*own, z)
 
 
 def _factor(own: tuple[ActiveSet, FitInputs], z: Traced) -> Traced:
+    """LU factors of `matrix`, the equations' derivative in ``z``."""
     return lu_factor(matrix(*own, z))
 
 

@@ -1,4 +1,4 @@
-"""The result of step 3, and what its methods share: checks, the trajectory that rests, words for limits."""
+"""The result of step 3, and what its methods share: checks, the trajectory at rest, messages about limits."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -17,12 +17,12 @@ from jaxplan.runtime.display import shown
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.peaks import Peaks
 
-Problem = TypeVar("Problem")  # of a method
+Problem = TypeVar("Problem")  # what a method makes of a query
 
-_ORTHONORMAL = 1e-6  # what a rotation matrix may be off
+_ORTHONORMAL = 1e-6  # by which elements of R R^T may differ from those of the identity
 
 NEAR_THE_BOUND = 1.015
-"""Times the bound of the duration; up to there no other shortest motion is looked for."""
+"""Factor on the lower bound of the duration; a motion within it is not compared with other shortest ones."""
 
 MIN_ORDER = 5  # of the paper's basis: a single interval must meet three conditions at either end
 
@@ -30,11 +30,11 @@ MIN_ORDER = 5  # of the paper's basis: a single interval must meet three conditi
 @shown("status", "message", "note", "trajectory", "needed_duration s")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
-    """What a method of step 3 answers.
+    """The result of a method of step 3.
 
     Attributes:
-        trajectory: None if no quadratic program had a solution; beside LIMITS_TOO_TIGHT, the one that
-            breaks limits, and beside UNCERTIFIED, the one that breaks a zone.
+        trajectory: None if no quadratic program had a solution; with LIMITS_TOO_TIGHT, the one that
+            breaks limits, and with UNCERTIFIED, the one that breaks a zone.
         status: OK, LIMITS_TOO_TIGHT, UNCERTIFIED or INFEASIBLE.
         message: what binds, and of a failure what to change, by the settings' names in a file.
         note: what was asked for and is not given, of a fit that is OK.
@@ -54,7 +54,7 @@ class Fit:
     spare: "Fit | None" = None
 
     def at_given_nodes(self, numbers: np.ndarray) -> "Fit":
-        """The fit with the times of all given nodes (m + 1,), from their numbers among those it passes."""
+        """The fit with the times of all given nodes; `numbers` (m + 1,) are theirs among the nodes passed."""
         curve = self.trajectory
         if curve is None:
             return self
@@ -93,8 +93,8 @@ class FitQuery:
         end_joint_rates: (2n,) rad/s.
         horizon: s, how long zones that move are followed: after a share of the motion's duration they are
             where they are after the same share of the horizon.
-        near: a motion whose breaks and way the shortest one is to keep, where its breaks are at switches;
-            None to look for the best.
+        near: a motion near which the shortest one is looked for, on its breaks, if these lie where it
+            switches; None to look for the best.
     """
 
     path: Path
@@ -165,7 +165,7 @@ def checked(query: FitQuery) -> tuple[Path, np.ndarray]:
 
 
 def _rate(given: np.ndarray | None, size: int) -> np.ndarray:
-    """A rate (size,) at an end of the motion, zero where none is given; ValueError if it is no such."""
+    """A rate as (size,) finite numbers, zeros for None; raises a ValueError for anything else."""
     rate = np.zeros(size) if given is None else np.asarray(given, float)
     if rate.shape != (size,) or not np.all(np.isfinite(rate)):
         raise ValueError(f"a rate at the start or end must be {size} finite numbers")
@@ -182,8 +182,8 @@ def fit_each(
     Args:
         queries: what is asked.
         begin: makes a problem of a query, with the number of each given node among those that are passed; or
-            the fit itself where that can be told at once, as where nothing moves.
-        fits: solves problems, which go by numbers, all together.
+            the fit itself where that is known at once, as where nothing moves.
+        fits: from problems by the number of their query to fits by the same numbers.
     """
     begun = [begin(query) for query in queries]
     moving = {number: one for number, one in enumerate(begun) if not isinstance(one, Fit)}
@@ -218,16 +218,16 @@ def _shaped(path: Path, spacecraft: Spacecraft) -> Path:
 
 
 def at_rest(query: FitQuery, path: Path, order: int, smoothness: int, count: int) -> Fit:
-    """The fit of a path without motion: of duration 0, it samples at t = 0.
+    """The fit of a path without motion, of duration 0, so that it is sampled at t = 0.
 
-    Among zones that move, in a duration that is given, it stays where it is for as long.
+    Where the duration is a number it rests for the query's horizon.
 
     Args:
-        query: that asked for it.
+        query: the one that it answers.
         path: of one node.
         order: of the Legendre basis.
-        smoothness: of the method's trajectories.
-        count: of nodes that were given.
+        smoothness: number of continuous derivatives, as the method's trajectories have.
+        count: number of nodes that were given.
     """
     duration = 0.0 if isinstance(query.settings.duration, str) else query.horizon
     joint_coefficients = np.zeros((1, order + 1, path.joints.shape[1]))
@@ -248,18 +248,18 @@ def at_rest(query: FitQuery, path: Path, order: int, smoothness: int, count: int
 
 
 def within_limits(trajectory: Trajectory, peaks: Peaks) -> str:
-    """Message of a trajectory that keeps all limits."""
+    """The message about a trajectory that keeps all limits."""
     nearest = peaks.names[peaks.binding]
     segments = len(trajectory.coefficients)
     return f"{trajectory.duration:.2f} s in {segments} segments; {nearest} is nearest to its limit"
 
 
 def needed_words(duration: float, *, moving: bool, scalable: bool) -> str:
-    """How long a motion takes that keeps all limits, and what to write into the settings.
+    """The words on how long a motion within all limits takes, and on what to write into the settings.
 
     Args:
-        duration: s; there may be a quicker one that was not found. It is rounded up.
-        moving: whether goal or zones are others after another time, so that it is a guess.
+        duration: s, of such a motion; it is rounded up. A quicker one may exist that was not found.
+        moving: whether goal or zones move, and so differ in another duration: then it is a guess.
         scalable: whether "stretched" may be asked for.
     """
     number = f"{math.ceil(duration * 100) / 100:.2f}"
@@ -269,13 +269,13 @@ def needed_words(duration: float, *, moving: bool, scalable: bool) -> str:
 
 
 def too_tight(duration: float, peaks: Peaks, needed: str | None, else_try: str) -> str:
-    """Message of a trajectory that breaks a limit.
+    """The message about a trajectory that breaks a limit.
 
     Args:
-        duration: s, asked for.
+        duration: the one asked for, s.
         peaks: of the trajectory.
-        needed: of `needed_words`; None where no duration was found to do.
-        else_try: what to change then.
+        needed: the words of `needed_words`; None where no duration was found in which limits are kept.
+        else_try: the words on what to change where that is None.
     """
     name, ratio = peaks.names[peaks.binding], peaks.ratios[peaks.binding]
     excess = f"in {duration:g} s {name} would reach {ratio:.4g} times its limit"

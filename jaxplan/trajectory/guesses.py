@@ -22,7 +22,7 @@ COARSE = 12  # intervals on which bent curves are looked at: enough for five swi
 FINE = 32  # intervals on which the best of them is made precise
 
 # Of the duration: the search by time alone ends where a step gains less.
-_ROUGHLY = 1e-2  # on few intervals, where it is only told which curve is best
+_ROUGHLY = 1e-2  # on few intervals, which only decide which curve is best
 _NEARLY = 1e-3  # on many, whose breaks are moved afterwards
 _POINTS = 8  # places on each interval
 _WAVES = 3  # slowest waves by which a curve is bent
@@ -33,12 +33,12 @@ _LOOKS = 2048  # places at which the jerk is looked at
 _CLOSEST = 8.0  # times as close as evenly, at most; the programs lose digits where breaks are much closer
 _NEIGHBOURS = 61  # of these places, over which its size is averaged
 _ALIKE = 5e-3  # of the duration: breaks that differ by no more are the usual ones of a slightly other problem
-_FAR = 0.3  # rad, by which an end may have moved; beyond, another way may be the quickest
+_FAR = 0.3  # rad, by which an end may have moved; beyond, a motion by other sides may be the quickest
 _BENDING = 1e-2  # weight of the second derivative beside the distance, where a curve goes to another mesh
 
 
 def near(problem: FitProblem) -> InitialGuess | None:
-    """The curve of the motion that a problem is near, on its breaks.
+    """The curve of the motion ``problem.near``, on that motion's breaks, moved to the problem's ends.
 
     Args:
         problem: what is fitted.
@@ -75,11 +75,12 @@ def near(problem: FitProblem) -> InitialGuess | None:
 
 
 def _are_alike(breaks: np.ndarray, others: np.ndarray) -> bool:
+    """Whether two sets of breaks, (k,) and (j,) in [0, 1], are as many and differ by next to nothing."""
     return len(breaks) == len(others) and bool(np.max(np.abs(breaks - others)) <= _ALIKE)
 
 
 def along(problem: FitProblem) -> InitialGuess | None:
-    """The curve along a path on few intervals; None if its nodes leave every chart."""
+    """The curve nearest to a problem's path, on few intervals; None if its nodes leave every chart."""
     mesh = _mesh(problem.mesh(problem.quickest, np.inf, 1, graded=False).places, Basis.even(COARSE))
     duration = FIRST_GUESS * problem.quickest.duration
     begin = first_curve(problem, mesh, duration, "shortest")
@@ -87,17 +88,17 @@ def along(problem: FitProblem) -> InitialGuess | None:
 
 
 def coarse(attempt: Attempt) -> InitialGuess:
-    """The curve of an attempt on few intervals."""
+    """The curve nearest to an attempt's, on few intervals."""
     discrete = _on(attempt.discrete, Basis.even(COARSE))
     return _guess(discrete, attempt, by_time_to=_ROUGHLY)
 
 
 def bent(begin: InitialGuess, count: int) -> list[InitialGuess]:
-    """Curves around one on few intervals; the same ones in every call.
+    """Curves that differ from one by slow waves about all three axes; the same ones in every call.
 
     Args:
-        begin: the curve.
-        count: how many.
+        begin: the curve, on few intervals.
+        count: how many bent curves to make.
     """
     discrete, places = begin.discrete, begin.discrete.places
     calm = places**3 * (10 - 15 * places + 6 * places**2)  # at rest at both ends
@@ -115,18 +116,18 @@ def bent(begin: InitialGuess, count: int) -> list[InitialGuess]:
 
 
 def precise(attempt: Attempt, *, by_time_alone: bool) -> InitialGuess:
-    """The curve of an attempt on many intervals, most of them where it switches.
+    """The curve nearest to an attempt's, on many intervals, most of them where it switches.
 
     Args:
         attempt: on few intervals or many.
-        by_time_alone: whether the energy does not count yet.
+        by_time_alone: whether the duration alone is to be lowered, without the energy.
     """
     discrete = _on(attempt.discrete, Basis.on(_switching_breaks(attempt, FINE)))
     return _guess(discrete, attempt, by_time_to=_NEARLY if by_time_alone else None)
 
 
 def _guess(discrete: DiscreteProblem, attempt: Attempt, by_time_to: float | None) -> InitialGuess:
-    """The curve of an attempt in another problem."""
+    """The curve nearest to an attempt's in another discrete problem; `by_time_to` as of `InitialGuess`."""
     return InitialGuess(
         discrete=discrete,
         coefficients=_carried(attempt, discrete),
@@ -136,17 +137,17 @@ def _guess(discrete: DiscreteProblem, attempt: Attempt, by_time_to: float | None
 
 
 def _on(discrete: DiscreteProblem, basis: Basis) -> DiscreteProblem:
-    """The problem without a tube on other breaks, its duration looked for."""
+    """The discrete problem on the breaks of another basis, without a tube, with its duration free."""
     return replace(discrete.on_mesh(_mesh(discrete.mesh.places, basis)), timing="shortest")
 
 
 def _mesh(places: np.ndarray, basis: Basis) -> Mesh:
-    """Breaks as of a basis, the nodes (at places (m + 1,)) without a tube."""
+    """The mesh of a basis and of nodes at places (m + 1,), without a tube about these."""
     return Mesh(places=places, basis=basis, points=_POINTS, radius=np.inf, flank=np.nan)
 
 
 def _carried(attempt: Attempt, discrete: DiscreteProblem) -> np.ndarray:
-    """Coefficients (n, A) of the curve that is nearest to an attempt's, with its accelerations."""
+    """Coefficients (n, A) of a problem's curve nearest to an attempt's in value and second derivative."""
     space, rows = discrete.space, discrete.rows
     own = attempt.discrete.space.basis.rows(discrete.places, 3)
     start = space.fixed + attempt.needed * space.by_time
@@ -158,7 +159,7 @@ def _carried(attempt: Attempt, discrete: DiscreteProblem) -> np.ndarray:
 
 
 def _switching_breaks(attempt: Attempt, intervals: int) -> np.ndarray:
-    """Breaks (intervals + 1,) in [0, 1], the closer together the larger the jerk is thereabouts."""
+    """Breaks (intervals + 1,) in [0, 1], the closer together the larger an attempt's jerk is thereabouts."""
     edges = np.linspace(0, 1, _LOOKS + 1)
     rows = attempt.discrete.space.basis.rows((edges[1:] + edges[:-1]) / 2)[3]
     accelerations = axis_bounds(attempt.problem.spacecraft, 2)

@@ -1,12 +1,12 @@
-"""Numbers of a trajectory that can be differentiated: peaks, effort, margins, and the stretch to the limits.
+"""Measures of a trajectory that can be differentiated: peaks, effort, margins, and the stretch to the limits.
 
-Extremes are over continuous time: the highest of many samples is followed by ever finer ones about it. Its
-time, as a share of the duration, is held, so derivatives are those of the quantity at that time (the envelope
-theorem); where two peaks are equally high it is that of one of them. A peak narrower than the samples may be
-missed: that a trajectory is safe is for the certificate to say, not for these numbers.
+Extremes are over continuous time: about the highest of many samples, samples are taken at ever finer spacing.
+The time of the extreme, as a share of the duration, is held, so derivatives are those of the quantity at that
+time (the envelope theorem); where two peaks are equally high it is that of one of them. A peak narrower than
+the samples may be missed: that a trajectory is safe is for the certificate to say, not for these numbers.
 
-Of a trajectory in arrays of numpy they are numbers of 64 bits, whatever JAX is set to; of arrays of JAX,
-traced or not, they are of their precision.
+A trajectory of numpy arrays gives numbers of 64 bits, whatever JAX is set to; one of JAX arrays, traced or
+not, gives numbers of their precision.
 """
 
 from collections.abc import Callable
@@ -30,21 +30,23 @@ from jaxplan.trajectory.peaks import SAFETY
 Quantity = Callable[[Samples], Array]
 Given = ParamSpec("Given")
 
-_EACH, _ALL = 12, 600  # samples on a piece, and at least on a trajectory
-_GAUSS = 12  # likewise of an integral
-_LOOKS = 4  # the first over the whole trajectory, each next one with as many samples about the extreme
+_EACH, _ALL = 12, 600  # least numbers of samples on a piece and on a trajectory
+_GAUSS = 12  # samples on a piece for an integral
+_LOOKS = 4  # rounds of samples: the first over the whole trajectory, the next about the extreme, ever finer
 
 
-_MEASURES: dict[str, Callable[..., Array]] = {}  # as they are written, by name
+_MEASURES: dict[str, Callable[..., Array]] = {}  # the undecorated functions by name
 
-Chosen = tuple[tuple[str, Any], ...]  # arguments that are no numbers
+Chosen = tuple[tuple[str, Any], ...]  # names and values of arguments that are no numbers
 
 
 def _measured(name: str, chosen: Chosen, given: dict[str, Any]) -> Array:
+    """The measure of this name, of its arguments that are no numbers and of those that are."""
     return _MEASURES[name](**given, **dict(chosen))
 
 
 def _measured_with_slopes(name: str, chosen: Chosen, given: dict[str, Any]) -> tuple[Array, Any]:
+    """`_measured` and its gradient in the numbers, a tree like `given`."""
     return jax.value_and_grad(partial(_measured, name, chosen), allow_int=True)(given)
 
 
@@ -55,6 +57,7 @@ _followed = jax.custom_jvp(_measured, nondiff_argnums=(0, 1))
 
 @_followed.defjvp
 def _follow(name: str, chosen: Chosen, own: tuple[Any], ways: tuple[Any]) -> tuple[Array, Array]:
+    """The rule of `_followed` for tangents `ways`: outside traces by the kernel for value and gradient."""
     if is_traced(own):
         return jax.jvp(partial(_measured, name, chosen), own, ways)
     found, slopes = _value_with_slopes(name, chosen, *own)
@@ -62,12 +65,12 @@ def _follow(name: str, chosen: Chosen, own: tuple[Any], ways: tuple[Any]) -> tup
 
 
 def _at_once(*choices: str) -> Callable[[Callable[Given, Array]], Callable[Given, Array]]:
-    """Let a measure and its gradient be a kernel each where they are not part of a jitted function.
+    """Make a decorator that runs a measure, and its gradient, as one jitted kernel each outside traces.
 
     Otherwise `jax.grad` would compile a kernel for each of the hundreds of operations that they take.
 
     Args:
-        choices: arguments that are no numbers.
+        choices: names of the arguments that are no numbers.
     """
 
     def decorate(measure: Callable[Given, Array]) -> Callable[Given, Array]:
@@ -92,7 +95,7 @@ def _at_once(*choices: str) -> Callable[[Callable[Given, Array]], Callable[Given
 
 @jax.jit
 def _along(slopes: Any, ways: Any) -> Array:
-    """Derivative along a change of all numbers of a tree."""
+    """Derivative along a change `ways` of all numbers of a tree, from the gradient `slopes` in them."""
     pairs = zip(jax.tree.leaves(slopes), jax.tree.leaves(ways), strict=True)
     return sum(
         (jnp.sum(slope * way) for slope, way in pairs if slope.dtype != jax.dtypes.float0), jnp.zeros(())
@@ -100,7 +103,7 @@ def _along(slopes: Any, ways: Any) -> Array:
 
 
 def time_factors(samples: Samples, craft: Spacecraft) -> Array:
-    """How many times as long a motion has to take for the limit that it leans on most.
+    """Factors on the duration at which the limit that a motion uses most would just be kept.
 
     Args:
         samples: at (k,) times.
@@ -125,11 +128,11 @@ def torque(samples: Samples, craft: Spacecraft) -> Array:
 
 
 def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
-    """Largest value over all time.
+    """Largest value of a quantity over all time.
 
     Args:
         trajectory: its arrays may be traced.
-        quantity: of samples at times (k,) or (), values of that shape.
+        quantity: from samples at times (k,) or () to values of that shape.
 
     Returns:
         A number; NaN where one of the values looked at is NaN.
@@ -169,12 +172,12 @@ def peak(trajectory: Trajectory, field: str) -> Array:
 
 @_at_once("field", "power")
 def power_mean(trajectory: Trajectory, field: str, power: int = 16) -> Array:
-    """Smooth stand-in for `peak`: the mean over time and components of a power, and its root.
+    """Smooth stand-in for `peak`: the power mean of a field over time and components.
 
     Args:
         trajectory: its arrays may be traced.
         field: as of `peak`.
-        power: even; the larger, the nearer to the peak, from below.
+        power: even; the larger it is, the nearer the mean is to the peak, from below.
 
     Returns:
         In the field's unit.
@@ -189,11 +192,11 @@ def power_mean(trajectory: Trajectory, field: str, power: int = 16) -> Array:
 
 
 def integral(trajectory: Trajectory, quantity: Quantity) -> Array:
-    """Integral over time, by Gauss' rule on every piece.
+    """Integral of a quantity over time, by Gauss' rule on every piece.
 
     Args:
         trajectory: its arrays may be traced.
-        quantity: of samples at (k,) times, (k,) values.
+        quantity: from samples at (k,) times to (k,) values.
 
     Returns:
         In the quantity's unit times s.
@@ -218,7 +221,7 @@ def roughness(trajectory: Trajectory) -> Array:
 
 
 def _squares(trajectory: Trajectory, *names: str) -> Array:
-    """Integral of the squares of two fields of `Samples` over time."""
+    """Integral over time of the squares of two fields of `Samples`, summed over components."""
 
     def squares(samples: Samples) -> Array:
         one, other = (jnp.sum(jnp.asarray(getattr(samples, name)) ** 2, axis=-1) for name in names)
@@ -228,7 +231,7 @@ def _squares(trajectory: Trajectory, *names: str) -> Array:
 
 
 def duration(trajectory: Trajectory) -> Array:
-    """From start to goal, s."""
+    """Time from start to goal, s."""
     last: Array = arrays(trajectory.breaks)[1][-1]
     return last
 
@@ -271,7 +274,7 @@ def stretch(trajectory: Trajectory, craft: Spacecraft) -> Array:
 
 
 def to_limits(trajectory: Trajectory, craft: Spacecraft) -> Trajectory:
-    """The same motion in the time in which it just keeps all limits."""
+    """The same motion scaled to the shortest time in which it keeps all limits, plus a millionth."""
     factor: Any = stretch(trajectory, craft) * SAFETY
     return trajectory.scaled(factor)
 
@@ -283,12 +286,12 @@ def _largest_of(magnitudes: Array) -> Array:
 
 
 def _breaks(trajectory: Trajectory) -> Array:
-    """The breaks of platform and joints together, in order."""
+    """The breaks of platform and joints together, ascending, s."""
     return jnp.sort(jnp.concatenate([jnp.asarray(trajectory.breaks), jnp.asarray(trajectory.joint_breaks)]))
 
 
 def _times(trajectory: Trajectory) -> Array:
-    """Times at which a quantity is looked at first: many on every piece, and each break from both sides."""
+    """Times (k,), s, of the first samples: many on every piece, and each break from both sides."""
     breaks = _breaks(trajectory)
     each = max(_EACH, -(-_ALL // (len(breaks) - 1)))
     steps = jnp.arange(each) / each

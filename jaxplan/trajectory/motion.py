@@ -1,7 +1,11 @@
-"""Curves of a stack of alike problems: attitudes, loads and margins at their places, and the slopes of these.
+"""Curves of a stack of alike problems: attitudes, loads and margins at their places, and the slopes of loads.
 
-G problems of one kind are worked on together as a `Stack`, S places each. Rates are those in ``s``, the place
-in [0, 1]; in time they are divided by powers of the duration.
+G problems of one kind are worked on together as a `Stack`, with S places each: shares of the duration, in
+[0, 1], at which curves are looked at. A curve has n spline coefficients on each of A = 3 + J axes: the
+platform's coordinates ``b`` in a chart of SO(3) (`curve`), and J joint angles. C loads are the components of
+the platform's limited quantities, D sights the directions that Z rows of constraints bind, *margins* the
+angles (rad) by which they keep these. Rates are derivatives in the place; in time they are divided by powers
+of the duration.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,12 +13,8 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from typing import Any, TypeVar
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
-from jaxplan import so3
 from jaxplan.model.constraints import (
     axes_in_body,
     counted,
@@ -23,21 +23,14 @@ from jaxplan.model.constraints import (
     scores,
 )
 from jaxplan.model.gimbals import Gimbals
-from jaxplan.model.limits import Kinematics, highest_derivative, time_factor, timed_limits, values
-from jaxplan.model.scenario import TrajectorySettings
-from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.runtime.ahead import Task
-from jaxplan.runtime.jit import quick_jit
-from jaxplan.trajectory.curve import chart_motion
+from jaxplan.model.limits import time_factor
+from jaxplan.trajectory.kernels import Kernel, load_slopes_at, motion_at, padded_call
 from jaxplan.trajectory.problem import DiscreteProblem
 
-_BROKEN = 1e-6  # of a row, beyond which its violation counts
+_BROKEN = 1e-6  # the largest violation of a constraint that still counts as none
 
 LIMIT, ZONE, TUBE = range(3)  # kinds of constraints
 
-_TOGETHER = 256  # places that a kernel looks at in one call, always as many; 8 on each of 32 intervals
-
-Kernel = Callable[[np.ndarray, np.ndarray], Array | tuple[Array, ...]]  # of places and platform curves
 T = TypeVar("T")
 
 
@@ -47,20 +40,20 @@ class Stack:
 
     Attributes:
         members: the problems.
-        places: (G, S).
-        rows: (G, 4, S, n) of the basis at the places.
+        places: (G, S) in [0, 1].
+        rows: (G, 4, S, n) values of the splines, and of their first three derivatives, at the places.
         wanted: (G, D, Z) rad, margins to keep.
         free: (G, n, k) free changes of the coefficients.
-        by_time: (G, n, A) how the coefficients grow with the duration.
-        energies: (G, 4, n, n) of the curve and its first three derivatives.
+        by_time: (G, n, A) 1/s, change of the coefficients for each second of the duration.
+        energies: (G, 4, n, n) Gram matrices of the splines and of their first three derivatives.
         weights: (G, 3) of the squares of rate, acceleration and jerk.
-        tube_rows: (G, M, n) of the basis at nodes with a tube, as the next two.
-        tube_values: (G, M, A).
-        tube_radius: (G, A).
-        limits: (G, C) of the components of the platform's loads, in time.
-        joint_limits: (G, L, J) of the joints' rates and accelerations.
-        centres: (G, J) rad, of the ranges of the joints' angles.
-        reaches: (G, J) rad, half of what they span.
+        tube_rows: (G, M, n) values of the splines at nodes with a tube.
+        tube_values: (G, M, A) rad, those nodes.
+        tube_radius: (G, A) rad, of the tube.
+        limits: (G, C) on the platform's loads, in units of time.
+        joint_limits: (G, L, J) on the joints' rates and accelerations.
+        centres: (G, J) rad, middles of the joints' ranges.
+        reaches: (G, J) rad, halves of the joints' ranges.
     """
 
     members: list[DiscreteProblem]
@@ -107,10 +100,10 @@ class Stack:
 
     @cached_property
     def columns(self) -> dict[str, np.ndarray]:
-        """Columns of the constraints and of their sights by name.
+        """Attributes of `Constraints` and of their `Sights`, stacked, by name.
 
-        Those of the rows are ``side``, ``frame``, ``partner`` (G, Z) and ``axis`` (G, Z, 3), those of the
-        sights ``carriers`` (G, D) and ``turning`` (G, 2, D).
+        Of the constraints ``side``, ``frame``, ``partner`` (G, Z) and ``axis`` (G, Z, 3), of the sights
+        ``carriers`` (G, D) and ``turning`` (G, 2, D).
         """
         problems = [own.problem for own in self.members]
         rows = ("side", "frame", "partner", "axis")
@@ -121,17 +114,17 @@ class Stack:
 
     @cached_property
     def moving_axes(self) -> np.ndarray:
-        """(G, S, Z, 3) axes at the places, where some move."""
+        """(G, S, Z, 3) axes of the rows at the places, for constraints some of which move."""
         return np.stack([own.problem.axes(own.places) for own in self.members])
 
     @property
     def gimbals(self) -> Gimbals:
-        """How joints turn devices, of the first of the problems."""
+        """The gimbals of the first problem, whose joints are numbered like those of all."""
         return self.members[0].problem.sights.gimbals
 
     @cached_property
     def frames(self) -> np.ndarray:
-        """(G, g, 3, 3) of the gimbals."""
+        """(G, g, 3, 3) mounting frames of the g gimbals, as of `Gimbals`."""
         return np.stack([own.problem.sights.gimbals.frames for own in self.members])
 
     @property
@@ -142,12 +135,16 @@ class Stack:
     def iterates(
         self, coefficients: np.ndarray, duration: np.ndarray, *, as_given: bool = False
     ) -> "Iterates":
-        """Curves (G, n, A) in durations (G,) with all that is known of them.
+        """Evaluate curves of the problems at their places.
 
-        Those of free time and rest at both ends are taken in the time needed, unless in that which is given.
+        Args:
+            coefficients: (G, n, A).
+            duration: (G,) s.
+            as_given: True to keep these durations. Else curves of a free duration that rest at both ends get
+                the shortest one within the limits.
         """
         curves = self.rows @ coefficients[:, None]
-        motions = self.told(_motion_kernel, curves, range(len(curves)))
+        motions = self.evaluated(_motion_kernel, curves, range(len(curves)))
         found = [
             (*motion, *_margins_along(own, curve, motion[0]))
             for own, curve, motion in zip(self.members, curves, motions, strict=True)
@@ -182,18 +179,18 @@ class Stack:
         broken[~at.finite, LIMIT] = np.inf
         return at
 
-    def told(
+    def evaluated(
         self, kernel_of: Callable[[DiscreteProblem], Kernel], curves: np.ndarray, which: Sequence[int]
     ) -> list[list[np.ndarray]]:
-        """What a kernel tells of some curves, of those of one problem in the same calls.
+        """Call a kernel for some curves, for all those of one problem at once.
 
         Args:
-            kernel_of: the kernel of a problem.
+            kernel_of: makes the kernel of a problem.
             curves: (G, 4, S, A).
-            which: numbers of the curves.
+            which: numbers of the curves to call it for.
 
         Returns:
-            Of each of these curves arrays (S, ...).
+            For each of these curves, the kernel's arrays (S, ...).
         """
         alike: dict[int, list[int]] = {}
         for number in which:
@@ -202,10 +199,10 @@ class Stack:
         for numbers in alike.values():
             own, count = self.members[numbers[0]], len(numbers)
             if count == 1:
-                found[numbers[0]] = _padded_call(kernel_of(own), own.places, curves[numbers[0]])
+                found[numbers[0]] = padded_call(kernel_of(own), own.places, curves[numbers[0]])
                 continue
             joined = np.concatenate([curves[number] for number in numbers], axis=1)
-            told = _padded_call(kernel_of(own), np.tile(own.places, count), joined)
+            told = padded_call(kernel_of(own), np.tile(own.places, count), joined)
             parts = zip(*(np.split(array, count) for array in told), strict=True)
             found |= {number: list(part) for number, part in zip(numbers, parts, strict=True)}
         return [found[number] for number in which]
@@ -227,22 +224,23 @@ class Stack:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Iterates:
-    """Curves of a stack, G of them, with all that is known of them at their places.
+    """Curves of a stack, G of them, with their values at the places.
 
     Attributes:
         stack: the problems.
         coefficients: (G, n, A).
         duration: (G,) s.
-        curves: (G, 4, S, A) ``b`` and joints with three derivatives.
+        curves: (G, 4, S, A) ``b`` and joints with three derivatives in the place.
         attitude: (G, S, 3, 3) body to inertial.
-        tangent: (G, S, 3, 3) what turns a change of ``b`` into a rotation, in body axes: ``U^T D``.
-        loads: (G, S, C) components of the platform's.
+        tangent: (G, S, 3, 3) ``U^T D``, which takes a change of ``b`` to a rotation vector in body axes.
+        loads: (G, S, C) of the platform, for a duration of 1 s.
         body: (G, S, D, 3) sights in body axes.
         cosines: (G, S, D, Z) of the angles between sights and axes.
         margins: (G, S, D, Z) rad; +inf where a row does not bind a sight, and for all entries of a constraint
             but the one that holds best from there to the next place, and to the place before.
-        violations: (G, 3) by kind of constraint, the largest; zero or less where none is broken.
-        known_slopes: of each curve what `load_slopes` has told, None of one that it was not asked about.
+        violations: (G, 3) by kind of constraint, the largest; zero or less where none is broken. Of limits
+            it is the share of the duration that lacks, of joint ranges, zones and tubes the excess in rad.
+        known_slopes: of each curve the answer of `load_slopes`, None while that was not asked for.
     """
 
     stack: Stack
@@ -260,22 +258,22 @@ class Iterates:
 
     @property
     def is_sound(self) -> np.ndarray:
-        """(G,) whether nothing is broken."""
+        """(G,) whether no constraint is broken."""
         return np.all(self.violations <= _BROKEN, axis=1)
 
     @cached_property
     def finite(self) -> np.ndarray:
-        """(G,) whether all numbers are."""
+        """(G,) whether all loads and cosines are finite."""
         kept = np.all(np.isfinite(self.loads), axis=(1, 2))
         return np.asarray(kept & np.all(np.isfinite(self.cosines), axis=(1, 2, 3)))
 
 
-def some(whole: T, which: np.ndarray) -> T:
-    """The part that belongs to some of G members, by rising number or as (G,) bool, to be read only.
+def members_of(whole: T, which: np.ndarray) -> T:
+    """The part of stacked data that belongs to some of G members; to be read only.
 
     Args:
-        whole: arrays (G, ...), lists of G, or a dictionary or dataclass of such.
-        which: the members.
+        whole: an array (G, ...), a list of G, or a dictionary or dataclass of such.
+        which: the members' numbers, rising, or (G,) bool.
     """
     found: Any
     if isinstance(whole, np.ndarray):
@@ -283,15 +281,16 @@ def some(whole: T, which: np.ndarray) -> T:
     elif isinstance(whole, list):
         found = [whole[number] for number in np.arange(len(whole))[which].tolist()]
     elif isinstance(whole, dict):
-        found = {name: some(own, which) for name, own in whole.items()}
+        found = {name: members_of(own, which) for name, own in whole.items()}
     else:
-        parts = {field.name: some(getattr(whole, field.name), which) for field in fields(whole) if field.init}  # type: ignore[arg-type]
+        names = [field.name for field in fields(whole) if field.init]  # type: ignore[arg-type]
+        parts = {name: members_of(getattr(whole, name), which) for name in names}
         found = replace(whole, **parts)  # type: ignore[type-var]
     return found
 
 
 def mixed(first: Iterates, other: Iterates, others: np.ndarray) -> Iterates:
-    """Choose between two iterates of one stack: the other ones where (G,) bool says so."""
+    """Curves chosen one by one from two iterates of a stack: `other` where (G,) `others`, else `first`."""
     if np.all(others) or not np.any(others):
         return other if np.any(others) else first
 
@@ -309,7 +308,7 @@ def mixed(first: Iterates, other: Iterates, others: np.ndarray) -> Iterates:
 
 
 def stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
-    """Arrays (G, ...); what all share is there but once."""
+    """Stack G arrays (...) to (G, ...); without a copy where all are the same object."""
     first = arrays[0]
     if all(array is first for array in arrays):
         return np.broadcast_to(first, (len(arrays), *first.shape))
@@ -317,7 +316,7 @@ def stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def taken(array: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Some of `stacked` arrays, by rising number or as (G,) bool, to be read only: no copy of all of them."""
+    """Entries of an array (G, ...), by rising number or (G,) bool; to be read only, perhaps a view."""
     count = int(np.sum(which)) if which.dtype == bool else len(which)
     if count == len(array):
         return array
@@ -332,13 +331,13 @@ def _most(values: np.ndarray) -> np.ndarray:
 
 
 def _motion_kernel(discrete: DiscreteProblem) -> Kernel:
-    """Attitudes, tangents and loads of one problem's curves."""
+    """The kernel for attitudes, tangents and loads of one problem's curves."""
     problem, chart = discrete.problem, discrete.chart
     return partial(motion_at, chart.attitude, chart.turn, inertia=problem.inertia, names=problem.names)
 
 
 def _slopes_kernel(discrete: DiscreteProblem) -> Kernel:
-    """Derivatives of the loads of one problem's curves."""
+    """The kernel for derivatives of the loads of one problem's curves."""
     problem = discrete.problem
     return partial(load_slopes_at, discrete.chart.turn, inertia=problem.inertia, names=problem.names)
 
@@ -364,7 +363,12 @@ def _margins_along(
 
 
 def load_slopes(at: Iterates, curve: int) -> np.ndarray:
-    """(S, C, 4, 3) derivatives of a curve's loads in ``b`` and its derivatives (last axes)."""
+    """(S, C, 4, 3) derivatives of a curve's loads in ``b`` and its derivatives (last axes); kept in `at`.
+
+    Args:
+        at: the curves.
+        curve: number of the one.
+    """
     known = at.known_slopes[curve]
     if known is not None:
         return known
@@ -373,97 +377,9 @@ def load_slopes(at: Iterates, curve: int) -> np.ndarray:
     unknown = [n for n, slopes in enumerate(at.known_slopes) if slopes is None]
     alike = [n for n in unknown if at.stack.members[n] is own]
     found = {
-        n: slopes for n, (slopes,) in zip(alike, at.stack.told(_slopes_kernel, at.curves, alike), strict=True)
+        n: slopes
+        for n, (slopes,) in zip(alike, at.stack.evaluated(_slopes_kernel, at.curves, alike), strict=True)
     }
     for number, slopes in found.items():
         at.known_slopes[number] = slopes
     return found[curve]
-
-
-def _padded_call(
-    kernel: Kernel,
-    places: np.ndarray,
-    curves: np.ndarray,
-) -> list[np.ndarray]:
-    """What a kernel of places (S,) and platform curves (4, S, 3) answers, `_TOGETHER` places at a time."""
-    count, curves = len(places), curves[:, :, :3]
-    extra = -count % _TOGETHER
-    if extra:
-        places, curves = np.pad(places, (0, extra)), np.pad(curves, ((0, 0), (0, extra), (0, 0)))
-    found = []
-    with jax.enable_x64(True):
-        for first in range(0, len(places), _TOGETHER):
-            part = slice(first, first + _TOGETHER)
-            answer = kernel(places[part], curves[:, part])
-            found.append(answer if isinstance(answer, tuple) else (answer,))
-    if len(found) == 1:
-        return [np.asarray(array)[:count] for array in found[0]]
-    return [np.concatenate(arrays)[:count] for arrays in zip(*found, strict=True)]
-
-
-def kernel_tasks(spacecraft: Spacecraft, settings: TrajectorySettings) -> list[Task]:
-    """What compiles the kernels of a spline fit ahead of need.
-
-    Args:
-        spacecraft: its limits say which loads are told.
-        settings: of the fit.
-
-    Returns:
-        The tasks in the order of need; none for other methods.
-    """
-    if settings.method != "global":
-        return []
-    limits, _ = timed_limits(spacecraft)
-    names, matrix = tuple(limit.quantity.name for limit in limits), np.eye(3)
-    places, curves = np.zeros(_TOGETHER), np.zeros((4, _TOGETHER, 3))
-    kernels: list[Callable[..., Any]] = [partial(motion_at, matrix, matrix[0], inertia=matrix, names=names)]
-    if settings.duration != "stretched":
-        kernels.append(partial(load_slopes_at, matrix[0], inertia=matrix, names=names))
-    return [partial(_padded_call, kernel, places, curves) for kernel in kernels]
-
-
-def loads_at(turn: Array, place: Array, z: Array, inertia: Array, names: tuple[str, ...]) -> Array:
-    """The loads (C,) of these names at one place from ``b`` and its derivatives, z (4, 3)."""
-
-    def moving(*point: Array) -> tuple[Array, ...]:
-        return chart_motion(turn, *point)[1:]
-
-    b, first, second, third = z
-    point = (place[None], b, first, second)
-    if highest_derivative(names) > 2:
-        spin, (_, jerk) = jax.jvp(moving, point, (jnp.ones(1), first, second, third))
-        spin = (*spin, jerk)
-    else:
-        spin = moving(*point)
-    return values(names, Kinematics(spin=spin, inertia=inertia))
-
-
-@partial(quick_jit, static_argnames="names")
-def motion_at(
-    attitude: Array, turn: Array, places: Array, curves: Array, inertia: Array, *, names: tuple[str, ...]
-) -> tuple[Array, Array, Array]:
-    """Attitudes, tangents and loads at all places."""
-
-    def at(place: Array, z: Array) -> tuple[Array, Array, Array]:
-        eta = z[0] - place * turn
-        half = so3.exp(place * turn / 2)
-        gamma = half @ so3.exp(eta) @ half
-        return (
-            attitude @ gamma,
-            half.T @ so3.right_jacobian(eta),
-            loads_at(turn, place, z, inertia, names),
-        )
-
-    return jax.vmap(at)(places, jnp.moveaxis(curves, 0, 1))
-
-
-@partial(quick_jit, static_argnames="names")
-def load_slopes_at(
-    turn: Array, places: Array, curves: Array, inertia: Array, *, names: tuple[str, ...]
-) -> Array:
-    """Derivatives of the loads at all places."""
-
-    def at(place: Array, z: Array) -> Array:
-        return jax.jacfwd(loads_at, argnums=2)(turn, place, z, inertia, names)
-
-    return jax.vmap(at)(places, jnp.moveaxis(curves, 0, 1))

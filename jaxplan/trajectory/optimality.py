@@ -1,12 +1,16 @@
 """The conditions of optimality of a spline fit, as long as the same rows bind, and their matrix.
 
-The optimum ``x`` of a fit, with multipliers ``y`` of the rows that bind, is a root of
+A *row* is an inequality of the fit (`constraints`); letters of sizes are those of `motion`. The optimum ``x``
+of a fit (its free coefficients), with multipliers ``y`` of the rows that bind, is a root of
 
     F(x, y; inputs) = (gradient in x of energy + y . rows,  rows that bind) = 0.
 
-In the shortest motion the logarithm ``t`` of its duration is looked for as well: the gradient is then that in
+In the shortest motion the logarithm ``t`` of its duration is an unknown as well: the gradient is then that in
 ``x`` and ``t`` of ``t`` plus a little of the energy's logarithm. The matrix, the derivative of ``F`` in
 ``z = (x, y)`` or ``(x, y, t)``, is exact, with the curvature of loads and margins in it.
+
+In all functions below `held` is the active set, which stays fixed, `inputs` are the numbers in which the root
+is differentiated, ``z`` is as above, ``c`` are spline coefficients (n, A), and durations are in s.
 """
 
 from collections.abc import Callable
@@ -24,12 +28,12 @@ from jaxplan.model.constraints import Constraints, axes_in_body, joint_values, m
 from jaxplan.model.directions import Sights
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
-from jaxplan.trajectory.motion import loads_at
+from jaxplan.trajectory.kernels import loads_at
 from jaxplan.trajectory.sqp import ENERGY_WEIGHT
 
 _REGULARISATION = 1e-13  # of the matrix, where rows that bind depend on each other
 
-Traced = Any  # an array: of numpy as it is made, of JAX where it is traced
+Traced = Any  # an array: of numpy when it is made, of JAX where it is traced
 
 
 @shown()
@@ -40,11 +44,12 @@ class BindingLinear:
 
     Attributes:
         on: (R,) bool, the others are padding.
-        rows: (R, 4, n), of a node with three derivatives by its place, of which others have none.
-        sign: (R,).
-        axis: (R,) int.
-        node: (R,) int, whose value is the centre; -1 for that of the scale.
-        scale: (R,) int, which of the scales: of rates, accelerations and ranges of joints, and of the tube.
+        rows: (R, 4, n) coefficients of ``c``; for a node in a tube also their derivatives in its place, for
+            others zeros.
+        sign: (R,) -1 or 1.
+        axis: (R,) int, index among the A axes.
+        node: (R,) int, the node whose value is the centre; -1 to take the centre of the scale.
+        scale: (R,) int, index in `FitInputs.scales`.
     """
 
     on: Traced
@@ -62,11 +67,11 @@ class BindingLoads:
     """Rows of the platform's loads that bind: ``sign * load / limit <= 1`` at places.
 
     Attributes:
-        on: (R,) bool.
-        place: (R,).
-        rows: (R, 4, n) of the basis there.
-        sign: (R,).
-        component: (R,) int, of all loads.
+        on: (R,) bool, the others are padding.
+        place: (R,) in [0, 1].
+        rows: (R, 4, n) values of the splines, and of their three derivatives, there.
+        sign: (R,) -1 or 1.
+        component: (R,) int, index among the C loads.
     """
 
     on: Traced
@@ -83,11 +88,11 @@ class BindingMargins:
     """Rows of margins that bind: ``margin >= wanted`` at places.
 
     Attributes:
-        on: (R,) bool.
-        place: (R,).
-        row: (R, n) of the basis there.
-        device: (R,) int, the sight.
-        zone: (R,) int, the row of the constraints.
+        on: (R,) bool, the others are padding.
+        place: (R,) in [0, 1].
+        row: (R, n) values of the splines there.
+        device: (R,) int, index of the sight.
+        zone: (R,) int, index of the row of the constraints.
     """
 
     on: Traced
@@ -101,32 +106,32 @@ class BindingMargins:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ActiveSet:
-    """A fit as a root, for `refit`.
+    """What is held fixed of a fit whose optimum is a root, for `refit`.
 
     Attributes:
-        free: (n, k) ``F`` of `CurveSpace`; so are the next two.
+        free: (n, k) ``F`` of `CurveSpace`; the next two are its attributes, too.
         of_values: (n, v).
         of_rates: (n, 2).
-        energies: (3, n, n) of the first three derivatives, as shares of the first curve's.
-        pieces: (K, 6, n) to Legendre coefficients on each interval.
+        energies: (3, n, n) Gram matrices of the splines' three derivatives, over the first curve's energy.
+        pieces: (K, 6, n) from coefficients to Legendre coefficients on each interval.
         breaks: (K + 1,) in [0, 1].
         places: (m + 1,) of the nodes in [0, 1].
         flank: share of the duration that a flank of the pace takes.
-        least_length: s at full speed, what a path of next to no length is taken for.
-        by_flank: derivatives by that of what lies on breaks that follow it, by the names of attributes;
-            empty where breaks are even.
-        given: (v,) int, nodes that are passed exactly.
+        least_length: s at full speed, the least length that a path is taken to have.
+        by_flank: derivatives in `flank` of the attributes that depend on the breaks, by their names; empty
+            where breaks do not follow the flank.
+        given: (v,) int, nodes that are passed exactly, the ends first.
         windings: (m + 1,) whole turns added to the logarithm at each node.
         long_way: 1 where the chart turns the long way round, else 0.
         share: of the limits on the platform's loads that the rows allow.
-        widened: of the tube that was asked for, the one that was kept.
+        widened: radius of the tube that was used over that asked for.
         counted: (2, D, Z) bool, which margins at the two ends count: of a constraint those of the best entry.
-        duration: s, of the shortest motion, to begin with.
-        linear: rows that bind, as the next two.
-        loads: of the platform's.
-        zones: of margins.
-        x: (k, A) the root.
-        multipliers: (R,) of linear rows, loads and zones.
+        duration: s, of the optimum; where that is given, the inputs' is used instead.
+        linear: linear rows that bind.
+        loads: rows of the platform's loads that bind.
+        zones: rows of margins that bind.
+        x: (k, A) free coefficients of the root.
+        multipliers: (R,) of linear rows, loads and zones, one after the other.
         pace: when nodes are passed: "paced" by a trapezoid of the rate, "steady" or at "given" places.
         stretched: whether the time is stretched to the limits.
         free_time: whether the shortest duration was looked for.
@@ -166,26 +171,27 @@ class FitInputs:
     """All that the optimum depends on.
 
     Attributes:
-        attitude: (3, 3) of the chart.
-        turn: (3,) likewise.
-        nodes: (m + 1, A) ``b`` and joints.
-        moved: (m + 1,) of the nodes' places from those that are held.
+        attitude: (3, 3) of the chart, body to inertial.
+        turn: (3,) rad, of the chart.
+        nodes: (m + 1, A) rad, ``b`` and joints.
+        moved: (m + 1,) how far the nodes' places are from those that are held.
         ends: (2, A) rad/s, rates of the coordinates.
         weights: (3,) of the squares of rate, acceleration and jerk.
-        scales: of linear rows in time, see `BindingLinear`, with their powers of the duration.
-        powers: likewise.
-        centres: likewise, from which they are counted; of nodes these themselves.
-        limits: (C,) of the components of the platform's loads, in time.
+        scales: bounds of linear rows, see `BindingLinear`: joints' rates (rad/s), accelerations (rad/s^2) and
+            half ranges (rad), and the tube's radius on each axis (rad).
+        powers: powers of the duration by which the scales are multiplied.
+        centres: values about which the scales' bounds lie; for the tube the nodes are used instead.
+        limits: (C,) on the components of the platform's loads, in units of time.
         wanted: (D, Z) rad, margins to keep.
         axes: (R, 3) axes of the rows of margins, inertial ones turned to the chart's middle between ``U``
             and ``U`` at the row's place, ``(R_a U)^T e``.
         halves: (R, 3, 3) ``U`` there.
         inertia: (3, 3).
-        duration: s; of a shortest motion that with which it begins.
+        duration: s; for a shortest motion not used, as it is an unknown.
         cones: the pointing constraints.
-        sights: what they bind, D of them.
-        load_powers: (C,) of 1 / duration in the components.
-        names: (Q,) of the platform's loads.
+        sights: the D directions that they bind.
+        load_powers: (C,) powers of 1 / duration that the components have.
+        names: (Q,) of the platform's limited quantities.
     """
 
     attitude: Traced
@@ -211,20 +217,20 @@ class FitInputs:
 
 @quick_jit
 def linearised(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, Traced]:
-    """The conditions ``F`` and their derivative at ``z``, free coefficients and multipliers in one vector."""
+    """The conditions ``F`` and their derivative at ``z``, see `residual` and `matrix`."""
     z = jnp.asarray(z)
     return residual(held, inputs, z), matrix(held, inputs, z)
 
 
 @quick_jit
 def curve_of(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, Traced]:
-    """Spline coefficients (n, A) and duration, s, of the curve that a root ``z`` of `residual` stands for."""
+    """Spline coefficients (n, A) and duration, s, of the curve at ``z``, such as a root of `residual`."""
     x, _, duration = _split(held, inputs, jnp.asarray(z))
     return held.free @ x + offset_of(held, inputs, duration), duration
 
 
 def flat(held: ActiveSet) -> Traced:
-    """The ``z`` that is held: free coefficients, multipliers, and where time is free ``log(duration)``."""
+    """``z`` of an active set: free coefficients, multipliers, and ``log(duration)`` if that is free."""
     parts = [held.x.ravel(), held.multipliers]
     if held.free_time:
         parts.append(array_module(held.duration).log(held.duration)[None])
@@ -232,27 +238,28 @@ def flat(held: ActiveSet) -> Traced:
 
 
 def _split(held: ActiveSet, inputs: FitInputs, z: Traced) -> tuple[Traced, Traced, Traced]:
-    """Free coefficients, multipliers, and the duration."""
+    """Free coefficients ``x`` (k, A), multipliers ``y`` (R,) and duration (s) from ``z``."""
     x, y = z[: held.x.size].reshape(held.x.shape), z[held.x.size :][: len(held.multipliers)]
     return x, y, jnp.exp(z[-1]) if held.free_time else inputs.duration
 
 
 def offset_of(held: ActiveSet, inputs: FitInputs, duration: Traced) -> Traced:
-    """(n, A) coefficients of the curve without freedom."""
+    """(n, A) coefficients of the curve whose free coefficients are zero, in a duration (s)."""
     return held.of_values @ inputs.nodes[held.given] + duration * (held.of_rates @ inputs.ends)
 
 
 def energy_of(held: ActiveSet, inputs: FitInputs, duration: Traced) -> Traced:
-    """(n, n) of one axis."""
+    """(n, n) matrix of the energy of one axis in a duration (s), over the first curve's energy."""
     return jnp.tensordot(inputs.weights * duration ** -np.array([1.0, 3.0, 5.0]), held.energies, axes=1)
 
 
 def _on(held: ActiveSet) -> Traced:
+    """(R,) bool, which of all rows are no padding."""
     return jnp.concatenate([held.linear.on, held.loads.on, held.zones.on])
 
 
 def residual(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
-    """``F``; a row that is padding stands for its multiplier, which is zero."""
+    """``F`` at ``z``, a vector like it; for a row that is padding it is the row's multiplier, zero."""
     x, y, duration = _split(held, inputs, z)
     c, on = held.free @ x + offset_of(held, inputs, duration), _on(held)
     values, slopes = _values(held, inputs, c, duration), _slopes(held, inputs, c, duration)
@@ -269,7 +276,7 @@ def residual(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
 
 
 def _log_energy_slopes(held: ActiveSet, inputs: FitInputs, c: Traced, time: Traced) -> tuple[Traced, Traced]:
-    """Derivatives of what little a shortest motion has of its energy's logarithm, in ``t`` and in ``c``."""
+    """Derivatives of ``ENERGY_WEIGHT * log(energy)`` in ``t``, which is `time`, and in ``c`` (n, A)."""
 
     def little(time: Traced, c: Traced) -> Traced:
         energy = jnp.sum(c * (energy_of(held, inputs, jnp.exp(time)) @ c)) / 2
@@ -280,7 +287,7 @@ def _log_energy_slopes(held: ActiveSet, inputs: FitInputs, c: Traced, time: Trac
 
 
 def _powers(held: ActiveSet, inputs: FitInputs) -> Traced:
-    """(R,) of the duration by which rows fall; a motion from rest to rest depends on it in no other way."""
+    """(R,) powers of the duration by which rows fall; a motion at rest at its ends depends on it only so."""
     linear = inputs.powers[held.linear.scale]
     loads = jnp.array(inputs.load_powers, float)[held.loads.component]
     return jnp.concatenate([linear, loads, jnp.zeros(len(held.zones.on))])
@@ -293,7 +300,7 @@ def _linear_factors(held: ActiveSet, inputs: FitInputs, duration: Traced) -> Tra
 
 
 def _linear_rows(held: ActiveSet, inputs: FitInputs) -> Traced:
-    """(R, n) of the basis, those of nodes where these are passed now."""
+    """(R, n) coefficients of ``c`` in the linear rows, for nodes at the places where they are passed now."""
     linear = held.linear
     moved = jnp.where(linear.node >= 0, inputs.moved[linear.node], 0)
     powers = jnp.stack([jnp.ones_like(moved), moved, moved**2 / 2, moved**3 / 6], axis=1)
@@ -301,7 +308,7 @@ def _linear_rows(held: ActiveSet, inputs: FitInputs) -> Traced:
 
 
 def _values(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> Traced:
-    """By how much of a limit, of zones by how many rad, each row is broken (R,)."""
+    """(R,) by how much each row is broken: shares of the bound, for margins rad."""
     linear, loads, zones = held.linear, held.loads, held.zones
     value = jnp.einsum("rn,nr->r", _linear_rows(held, inputs), c[:, linear.axis])
     of_node = inputs.nodes[linear.node, linear.axis]
@@ -316,7 +323,7 @@ def _values(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
 
 
 def _slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> Traced:
-    """Derivatives (R, k, A) of the rows in the free coefficients."""
+    """Derivatives (R, k, A) of the rows' `_values` in the free coefficients."""
     linear, loads, zones = held.linear, held.loads, held.zones
     axes = c.shape[1]
     rows = _linear_factors(held, inputs, duration)[:, None] * (_linear_rows(held, inputs) @ held.free)
@@ -333,14 +340,21 @@ def _slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
 
 
 def _load_row(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> Traced:
-    """One load at one place, from ``b`` and its derivatives (4, 3)."""
+    """By what share of its limit one load exceeds it, from ``b`` and its derivatives, z (4, 3)."""
     loads = loads_at(inputs.turn, row.place, z, inputs.inertia, inputs.names)
     limit = inputs.limits * duration ** np.array(inputs.load_powers, float)
     return row.sign * loads[row.component] / limit[row.component] - 1
 
 
 def _zone_row(inputs: FitInputs, row: BindingMargins, chart: tuple[Traced, Traced], z: Traced) -> Traced:
-    """One margin at one place, with axis and ``U`` of the row there, from ``b`` and joints (3 + 2n,)."""
+    """By how much one margin lacks of what is wanted, rad.
+
+    Args:
+        inputs: as of the module.
+        row: the row, at its place.
+        chart: its entries of `FitInputs.axes` (3,) and `FitInputs.halves` (3, 3).
+        z: (A,) ``b`` and joints there, rad.
+    """
     axis, half = chart
     turned = axis @ so3.exp(z[:3] - row.place * inputs.turn) @ half
     cones, seen = inputs.cones.some(row.zone[None]), inputs.sights.in_body(z[3:])
@@ -351,9 +365,13 @@ def _zone_row(inputs: FitInputs, row: BindingMargins, chart: tuple[Traced, Trace
 
 
 def _with_slopes(row: Callable[..., Traced], axes: Any) -> tuple[Callable[..., Traced], ...]:
-    """A function of one row for all of them, its derivative in what it depends on, and the second one.
+    """A function of one row mapped over all rows, its first and its second derivative in the last argument.
 
     They are jitted, so that however often a program calls them they are traced and compiled once.
+
+    Args:
+        row: of four arguments.
+        axes: for each argument 0 if rows have their own, None if they share it, as of `jax.vmap`.
     """
     slope = jax.jacfwd(row, 3)
     return tuple(jax.jit(jax.vmap(one, axes)) for one in (row, slope, jax.jacfwd(slope, 3)))
@@ -364,7 +382,7 @@ _zone_values, _zone_slopes, _zone_bends = _with_slopes(_zone_row, (None, 0, 0, 0
 
 
 def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
-    """Derivative of `residual` in ``z``, put together from small blocks at the rows that bind."""
+    """Derivative of `residual` in ``z``, square, assembled from small blocks at the rows that bind."""
     x, y, duration = _split(held, inputs, z)
     c, free, on = held.free @ x + offset_of(held, inputs, duration), held.free, _on(held)
     loads, zones = held.loads, held.zones

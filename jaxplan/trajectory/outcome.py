@@ -1,4 +1,4 @@
-"""What is answered to a fit: the curve of the best attempt, its status, and words for the user."""
+"""Results of a fit from its best attempt: the trajectory, the status, and the message to the user."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ NOT_OPTIMAL = "it is not the optimum: near the fit none was found that keeps all
 
 
 def better(fit: Fit, other: Fit) -> Fit:
-    """The fit that succeeded or, where both or none did, the one that takes or needs less time."""
+    """The one of two fits that succeeded or, if both or none did, whose motion takes or needs less time."""
 
     def key(one: Fit) -> tuple[bool, bool, float]:
         found, curve = one.status is Status.OK, one.trajectory
@@ -27,9 +27,13 @@ def better(fit: Fit, other: Fit) -> Fit:
 
 
 def success(attempt: Attempt, *, stretch: bool = False) -> Fit:
-    """A fit within all limits on rates and loads, perhaps after its time is stretched to them.
+    """The fit of an attempt within all limits on rates and loads.
 
     Where the settings ask for the optimum and that is sound, too, it is the optimum near the attempt.
+
+    Args:
+        attempt: the best one.
+        stretch: whether its time is first scaled, so that it just keeps all limits.
     """
     found = _kept_limits(attempt, stretch=stretch)
     if not attempt.problem.settings.optimal or found.origin is None:
@@ -43,7 +47,7 @@ def success(attempt: Attempt, *, stretch: bool = False) -> Fit:
 
 
 def _kept_limits(attempt: Attempt, *, stretch: bool) -> Fit:
-    """The fit that an attempt is, or what zone or range it breaks."""
+    """The fit with an attempt's curve: OK, or UNCERTIFIED if it breaks a zone or a joint's range."""
     curve, problem = attempt.trajectory, attempt.problem
     if stretch:
         curve = curve.scaled(attempt.peaks.stretch * SAFETY)
@@ -70,7 +74,13 @@ def _kept_limits(attempt: Attempt, *, stretch: bool) -> Fit:
 
 
 def limits_too_tight(closest: Attempt, duration: float, needed: float | None) -> Fit:
-    """The fit that breaks a limit, and in what time it would not."""
+    """The fit that breaks a limit.
+
+    Args:
+        closest: the attempt nearest to keeping the limits.
+        duration: the one asked for, s.
+        needed: duration at which all limits are kept, s; None if none was found.
+    """
     problem, enough = closest.problem, None
     if needed is not None:
         enough = needed_words(needed, moving=problem.horizon > 0, scalable=True)
@@ -84,7 +94,7 @@ def limits_too_tight(closest: Attempt, duration: float, needed: float | None) ->
 
 
 def beyond_charts() -> Fit:
-    """The answer to a path whose nodes leave every chart."""
+    """The fit, INFEASIBLE, of a path whose nodes leave every chart."""
     message = (
         f"the nodes lie more than {np.rad2deg(CHART_REACH):.0f} deg off the steady rotation "
         'from start to goal: set trajectory.method to "paper"'

@@ -11,8 +11,8 @@ stationary point, and Newton's method finds it from the maximum of a fine grid b
 no grid maximum is beside it would be missed; the certificate, which shares nothing with this, has the last
 word.
 
-Rates of the platform at very many points are computed by cross products in numpy: what `curve.chart_motion`
-says of a chart (equations 25 to 29), without attitudes and not for derivatives. With ``E = exp(eta^)``, and
+Rates of the platform at very many points are computed by cross products in numpy: the same formulas as in
+`curve.chart_motion` (equations 25 to 29), but not differentiable. With ``E = exp(eta^)``, and
 ``U = exp(tau Omega^ / 2)``, which leaves ``Omega`` as it is,
 
     omega  = U^T v,                     v  = (Omega + E^T Omega) / 2 + w,   w = D(eta) eta',
@@ -49,9 +49,9 @@ SAFETY = 1 + 1e-6  # on time, beyond what the peaks ask for, so that an independ
 
 _ROUNDING = 1e-9  # beyond a joint's range, at whose very end a node may be
 
-_FEW = 8  # pieces; where there are more they are short
-_POINTS = 4096  # looked at together; what is computed of them is then still in the processor's cache
-_CURVES = 16  # whose maxima are looked for together, for the same reason
+_FEW = 8  # pieces; where a trajectory has more they are short
+_POINTS = 4096  # points computed together, so that intermediate results stay in the processor's cache
+_CURVES = 16  # curves whose maxima are looked for together, for the same reason
 _RESOLVED = 1e-10  # of the largest term of a quantity's cosine sums; smaller last terms are next to nothing
 
 _FINE = 4  # grid intervals in theta for each point
@@ -62,12 +62,13 @@ _SMALL = 0.05  # rad^2, below which series are used
 _ZERO = 1e-300  # rad^2
 _STEP = 1e-30  # s, along the imaginary axis
 
-Asked = tuple[Trajectory, Spacecraft, tuple[str, ...]]  # of positive duration, with names of quantities
+Asked = tuple[Trajectory, Spacecraft, tuple[str, ...]]
+"""A trajectory of positive duration, its spacecraft, and names of the quantities asked for."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Peaks:
-    """The largest share of each limit that a trajectory takes.
+    """The largest share of each limit that a trajectory uses.
 
     Attributes:
         names: of the quantities, such as ``platform rate x`` or ``terminal-1 yaw acceleration``.
@@ -98,14 +99,14 @@ class Peaks:
 
 
 def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
-    """Peaks over limits of all quantities that the spacecraft limits.
+    """Peaks of a trajectory, over their limits, of all quantities that the spacecraft limits.
 
     Args:
         trajectory: of positive duration.
         spacecraft: its limits; a torque or momentum limit needs its inertia.
 
     Returns:
-        Platform first, then the joints.
+        The peaks, of the platform first, then of the joints.
     """
     return all_peaks([(trajectory, spacecraft)])[0]
 
@@ -144,14 +145,14 @@ def _shares(
 
 
 def _platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
-    """Loads of the platform.
+    """Loads of the platform along trajectories, C components of its limited quantities.
 
     Args:
         asked: each with names of quantities of the platform.
 
     Returns:
-        Of each (N, G, C), at as many Chebyshev points of each piece as tell what is between them; of lengths
-        the squares.
+        For each (N, G, C), at G Chebyshev points of each of its N pieces, enough to interpolate between them;
+        of quantities that are a vector's length, its square.
     """
 
     def at_points(some: Sequence[Asked], points: Sequence[int]) -> list[np.ndarray]:
@@ -172,9 +173,9 @@ def _platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
 
 
 def _joint_values(trajectory: Trajectory, craft: Spacecraft) -> np.ndarray:
-    """(M, G, 3J) angles off the middle of their ranges, rates and accelerations of joints.
+    """(M, G, 3J) values at G Chebyshev points of each of M pieces of the joints' motion.
 
-    They are at Chebyshev points of each piece.
+    They are the J angles off the middle of their ranges (rad), then the rates, then the accelerations.
     """
     coefficients = trajectory.joint_coefficients
     count, size, joints = coefficients.shape
@@ -184,7 +185,7 @@ def _joint_values(trajectory: Trajectory, craft: Spacecraft) -> np.ndarray:
 
 
 def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
-    """Loads (N, points, C) of trajectories with the same degree and names; of lengths the squares."""
+    """`_platform_loads` of trajectories with the same degree and names, at so many Chebyshev points."""
     trajectories, names = [curve for curve, _, _ in asked], asked[0][2]
     coefficients = np.concatenate([own.coefficients for own in trajectories])
     chart_rate = np.concatenate([own.chart_rate for own in trajectories])
@@ -214,7 +215,14 @@ def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
 
 
 def _curves(coefficients: np.ndarray, lengths: np.ndarray, points: int, orders: int) -> np.ndarray:
-    """(N, orders, points, d) polynomials and derivatives by time, of pieces (N, size, d)."""
+    """(N, orders, points, d) polynomials and derivatives in time at Chebyshev points of N pieces.
+
+    Args:
+        coefficients: (N, size, d) in the Legendre basis.
+        lengths: (N,) s, of the pieces.
+        points: how many on each piece.
+        orders: how many derivatives, the polynomials themselves counted.
+    """
     count, size, axes = coefficients.shape
     with np.errstate(invalid="ignore", over="ignore"):
         curves = (_rows(size, points, orders) @ coefficients).reshape(count, orders, points, axes)
@@ -224,7 +232,10 @@ def _curves(coefficients: np.ndarray, lengths: np.ndarray, points: int, orders: 
 
 @cache
 def _rows(size: int, points: int, orders: int) -> np.ndarray:
-    """(orders points, size): a polynomial and derivatives at Chebyshev points, from Legendre coefficients."""
+    """(orders * points, size) from Legendre coefficients to a polynomial and its derivatives in [-1, 1].
+
+    At Chebyshev points, all of the polynomial first, then those of each derivative.
+    """
     values = np.polynomial.legendre.legvander(_chebyshev(points), size - 1)
     matrix = derivative_matrix(size - 1)
     found = np.concatenate([values @ np.linalg.matrix_power(matrix, order) for order in range(orders)])
@@ -233,14 +244,14 @@ def _rows(size: int, points: int, orders: int) -> np.ndarray:
 
 
 def _chebyshev(points: int) -> np.ndarray:
+    """Chebyshev points (points,) in [-1, 1], from 1 to -1, both included."""
     return np.cos(np.pi * np.arange(points) / (points - 1))
 
 
 def is_resolved(values: np.ndarray) -> bool:
-    """Whether values (N, G, Q) at the Chebyshev points of pieces tell what is between the points.
+    """Whether values (N, G, Q) at the Chebyshev points of pieces suffice to interpolate between the points.
 
-    So they do where the last terms of the cosine sums are next to nothing; a number that is not finite counts
-    as told.
+    They do where the last terms of the cosine sums are next to nothing; True also where one is not finite.
     """
     series = np.abs(chebyshev(values.shape[1])[0] @ values)
     last, most = (np.max(part, axis=(0, 1), initial=0.0) for part in (series[:, -2:], series))
@@ -289,11 +300,11 @@ def _follow(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
 
     Args:
         sums: (c, G) coefficients.
-        theta: (c,) where each is near its maximum.
-        reach: half the first bracket.
+        theta: (c,) rad, near the maximum of each.
+        reach: half the width of the first bracket, rad.
 
     Returns:
-        (c,) magnitudes.
+        (c,) the largest magnitudes there.
     """
     k = np.arange(sums.shape[1])
     sums = sums * np.sign(np.sum(sums * np.cos(np.outer(theta, k)), axis=1))[:, None]
@@ -319,7 +330,10 @@ def _follow(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
 
 @cache
 def chebyshev(points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices from values at Chebyshev points to a cosine sum, and from that to a fine grid in theta."""
+    """Matrices from values at so many Chebyshev points to a cosine sum (G, G), and from that to a fine grid.
+
+    The grid is even in theta, `_FINE` * G intervals from 0 to pi.
+    """
     k = np.arange(points)
     halved_ends = np.ones(points)
     halved_ends[[0, -1]] = 0.5
@@ -349,6 +363,7 @@ def rates(chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray) -> list[np.nda
 def _velocity_and_acceleration(
     chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray, b_rate: np.ndarray, b_acceleration: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
+    """Angular velocity and acceleration, (3, n) each, see `rates`; also of complex arguments."""
     eta, eta_rate = b - tau * chart_rate, b_rate - chart_rate
     square = dot(eta, eta)
     sine, cosine = _sine_and_cosine(square)
@@ -374,13 +389,13 @@ def _velocity_and_acceleration(
 
 
 def _turned_back(turn: np.ndarray, sine: np.ndarray, cosine: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """``exp(turn^)^T x``."""
+    """``exp(turn^)^T x`` of vectors ``x`` (3, n), from `_sine_and_cosine` of the squared angles."""
     once = cross(turn, vector)
     return np.asarray(vector - sine * once + cosine * cross(turn, once))
 
 
 def _sine_and_cosine(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``sin t / t`` and ``(1 - cos t) / t^2`` of ``t^2``."""
+    """``sin t / t`` and ``(1 - cos t) / t^2`` as functions of ``t^2``, (n,) real or complex."""
     angle = np.sqrt(np.where(square.real < _ZERO, _ZERO, square))
     half = np.sin(angle / 2) / angle
     return np.sin(angle) / angle, 2 * half * half
@@ -389,7 +404,13 @@ def _sine_and_cosine(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _further(
     square: np.ndarray, sine: np.ndarray, cosine: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """``(t - sin t) / t^3`` of ``t^2``, and the slopes of ``(1 - cos t) / t^2`` and of that by ``t^2``."""
+    """``(t - sin t) / t^3``, and the derivatives of ``(1 - cos t) / t^2`` and of the former in ``t^2``.
+
+    Args:
+        square: (n,) ``t^2``, real or complex.
+        sine: ``sin t / t``.
+        cosine: ``(1 - cos t) / t^2``.
+    """
     small = square.real < _SMALL
     z, safe = np.where(small, square, 0), np.where(small, 1, square)
     cubic = np.where(

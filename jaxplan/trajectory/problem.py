@@ -1,7 +1,8 @@
 """The problem of a spline fit: nodes of a path with all that is asked of the curve, and the same discretised.
 
 All attempts at a fit share its `FitProblem`. Each works on a `DiscreteProblem`: splines on one mesh, in one
-chart of SO(3), looked at in finitely many places. Places are shares of the duration, from 0 to 1.
+chart of SO(3), evaluated at finitely many places. A *place* is a share of the duration, from 0 to 1; the
+*tube* is a ball about each node, in which the curve is to pass it. Letters of sizes are those of `motion`.
 """
 
 from dataclasses import dataclass, replace
@@ -29,17 +30,17 @@ _PER_NODE = 1.5  # intervals for a node that is passed exactly; fewer leave no f
 _PER_TUBE = 2 / 3  # intervals for a node in a tube, which asks for less
 _POINTS = 8  # places on each interval; more leave less unseen between them
 _FEW_POINTS = 4  # places on each interval where there are many of them, so short
-_MANY = 128  # intervals from which on there are few points on each
+_MANY = 128  # intervals from which on there are `_FEW_POINTS` on each
 _FEWEST_TUBE_NODES = 8  # least padded number of nodes in tubes; a larger one makes more fits alike
 _SMOOTHING = 1e-9  # weight of the third derivative beside the distance from the path, in first curves
 _TUBE_RADIUS = float(np.deg2rad(1.0))  # rad about nodes, unless the settings of a fit have one
-_CLEARANCE = float(np.deg2rad(0.3))  # rad beyond zones, so that nothing happens between the places
-_BALANCED = 1.05  # times the platform's bound; joints that take no longer leave it no room
+_CLEARANCE = float(np.deg2rad(0.3))  # rad of margin at the places, so that zones are kept between them, too
+_BALANCED = 1.05  # factor on the platform's own least time; if the joints take longer, these alone bind
 _SHARE_OF_ENDS = 0.5  # of the margin at start or goal, the most that is wanted elsewhere
 
 Timing = Literal["given", "stretched", "shortest"]
-"""How the duration of a curve comes about: it is given; or stretched to the limits, which are not looked at
-before; or looked for, as short as the limits allow."""
+"""How the duration of a curve is determined: "given" by the settings; "stretched" to the limits, after a fit
+that ignores them; "shortest", an unknown of the fit, as short as the limits allow."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,7 +52,7 @@ class Mesh:
         basis: of the splines.
         points: places on each interval at which loads and margins are looked at.
         radius: rad, of the tube about the nodes; 0 to pass them exactly, inf for none.
-        flank: share of the duration about which breaks lie close; NaN where they do not.
+        flank: share of the duration of the pace's flanks, near which breaks lie close; NaN where they do not.
     """
 
     places: np.ndarray
@@ -74,8 +75,8 @@ class FitProblem:
         spacecraft: its limits.
         cones: the pointing constraints.
         settings: of step 3.
-        horizon: s, when axes that move are taken to be where they are at the end.
-        near: a motion whose breaks at switches are kept; None for breaks of its own.
+        horizon: s; at a place ``s`` axes that move are taken where they are at the time ``s * horizon``.
+        near: a motion near which the shortest one is looked for, on its breaks; None for breaks of its own.
     """
 
     attitudes: np.ndarray
@@ -101,23 +102,23 @@ class FitProblem:
 
     @property
     def resting(self) -> "FitProblem":
-        """The same with accelerations of zero at both ends: what solves it solves this."""
+        """The same problem with accelerations of zero at both ends, whose solutions solve this one, too."""
         return self if self.rests else replace(self, settings=replace(self.settings, end_acceleration="zero"))
 
     @property
     def weights(self) -> tuple[float, float, float]:
-        """Weights of rate, acceleration and jerk."""
+        """Weights of the squares of rate, acceleration and jerk in the energy."""
         settings = self.settings
         return settings.rate_weight, settings.acceleration_weight, settings.jerk_weight
 
     @property
     def width(self) -> float:
-        """Radius of a tube about the nodes where there is to be one, rad."""
+        """Radius of the tube about the nodes, if a tube is used, rad."""
         return tube_radius(self.settings)
 
     @property
     def radius(self) -> float:
-        """Radius of the tube that is asked for, rad: none for the shortest motion unless the settings do."""
+        """Radius of the tube asked for, rad; inf (none) for the shortest motion unless settings give one."""
         free = self.settings.duration == MINIMUM and self.settings.node_tube is None
         return np.inf if free else self.width
 
@@ -138,22 +139,22 @@ class FitProblem:
 
     @cached_property
     def components(self) -> list[slice]:
-        """Where the components of each of these loads stand among those of all, C of them."""
+        """Slices of the C components of all loads that belong to each of `names`."""
         return components(self.names)
 
     @property
     def inertia(self) -> np.ndarray:
-        """Inertia (3, 3) kg m^2, body axes; where none is given, none is needed."""
+        """Inertia (3, 3) kg m^2, body axes; the identity where none is given, as then none is needed."""
         given = self.spacecraft.inertia
         return np.eye(3) if given is None else np.asarray(given, float)
 
     @cached_property
     def sights(self) -> Sights:
-        """What the constraints bind, D of them."""
+        """The D directions that the constraints bind."""
         return self.cones.sights(self.spacecraft.gimbals, np.asarray(self.spacecraft.fixed_boresights, float))
 
     def axes(self, places: np.ndarray) -> np.ndarray:
-        """Axes (S, Z, 3) of the constraints' rows at places (S,), inertial unless they are of the body."""
+        """Axes (S, Z, 3) of the constraints' rows at places (S,); in body axes for those of the body."""
         return self.cones.axes(np.minimum(places, 1.0) * self.horizon)
 
     @cached_property
@@ -170,12 +171,12 @@ class FitProblem:
 
     @cached_property
     def wanted(self) -> np.ndarray:
-        """Margins to keep (D, Z), rad: no more than half of what the ends and the row itself leave."""
+        """Margins to keep (D, Z), rad, see `wanted_margins`."""
         return np.asarray(wanted_margins(self.cones, np.min(self.end_margins, axis=0)))
 
     @cached_property
     def bound(self) -> float:
-        """No motion between the two ends is quicker, s."""
+        """Lower bound of the duration of any motion between the two ends, s."""
         ends = [0, -1]
         return duration_bound(
             self.spacecraft, self.attitudes[ends], self.joints[ends], self.rates[:, :3], self.rates[:, 3:]
@@ -190,17 +191,17 @@ class FitProblem:
 
     @cached_property
     def times(self) -> np.ndarray:
-        """(m,) s of each edge at full speed."""
+        """(m,) s, time that each edge takes at full speed."""
         return np.asarray(schedule.edge_times(self.turns, np.diff(self.joints, axis=0), self.spacecraft))
 
     @cached_property
     def rise(self) -> float:
-        """In which the axis with the longest way reaches its full rate, s."""
+        """Time in which the axis that moves longest reaches its full rate, s."""
         return float(schedule.rise_time(self.turns, np.diff(self.joints, axis=0), self.spacecraft))
 
     @property
     def least_length(self) -> float:
-        """What a path of next to no length is taken for, s at full speed."""
+        """The least length that a path is taken to have, s at full speed."""
         return max(self.bound / 100, 1e-6 * self.rise)
 
     @cached_property
@@ -209,13 +210,13 @@ class FitProblem:
         return TrapezoidalProfile.quickest(max(float(np.sum(self.times)), self.least_length), self.rise)
 
     def mesh(self, profile: TrapezoidalProfile, radius: float, finer: int, *, graded: bool) -> Mesh:
-        """Where the spline has its breaks, for a pace along the path.
+        """The mesh for a pace along the path.
 
         Args:
             profile: along the path.
             radius: rad, of the tube.
             finer: factor on the number of intervals.
-            graded: whether breaks lie close about the flanks, not as the nodes do.
+            graded: whether breaks lie close together near the flanks; else they are even.
         """
         count = len(self.attitudes) - 1
         if self.fractions is not None:
@@ -239,12 +240,12 @@ class FitProblem:
 
 
 def tube_radius(settings: TrajectorySettings) -> Any:
-    """Radius of the tube about the nodes that settings ask for where there is to be one, rad."""
+    """Radius of the tube about the nodes by the settings, if a tube is used, rad."""
     return _TUBE_RADIUS if settings.node_tube is None else settings.node_tube
 
 
 def wanted_margins(cones: Constraints, left: AnyArray) -> AnyArray:
-    """Margins to keep (D, Z), rad: no more than half of what the ends, and the row itself, leave.
+    """Margins to keep (D, Z), rad: at most half of the margin at either end and half of the cone's own room.
 
     Args:
         cones: the pointing constraints.
@@ -257,22 +258,23 @@ def wanted_margins(cones: Constraints, left: AnyArray) -> AnyArray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DiscreteProblem:
-    """A fit in finitely many numbers: splines in a chart, looked at in some places.
+    """A fit in finitely many numbers: splines in a chart, evaluated at some places.
 
     Attributes:
         problem: what is fitted.
         mesh: breaks of the splines, and the tube about the nodes.
         chart: of the platform.
         nodes: (m + 1, A) ``b`` in the chart and joints, rad.
-        share: of the limits on the platform's loads that may be taken; joints are held at every instant.
+        share: of the limits on the platform's loads that may be used; the joints' may be used in full, since
+            these are kept at every instant and not only at the places.
         timing: see `Timing`.
-        space: the curves.
-        places: (S,) where loads and margins are looked at.
-        rows: (4, S, n) of the basis there.
-        tube_rows: (M, n) of the basis at nodes with a tube; padded with zeros, so that more problems are
-            alike, and of no nodes where there is no tube. So are the next two.
-        tube_values: (M, A) rad.
-        tube_radius: (A,) rad, for each axis; of the platform's three a cube within the ball.
+        space: the curves to choose from.
+        places: (S,) where loads and margins are evaluated.
+        rows: (4, S, n) values of the splines, and of their first three derivatives, at the places.
+        tube_rows: (M, n) values of the splines at nodes with a tube; padded with zeros, so that more problems
+            are alike; M is 0 where there is no tube.
+        tube_values: (M, A) rad, these nodes, padded likewise.
+        tube_radius: (A,) rad, for each axis; for the platform's three, of a cube within the ball.
     """
 
     problem: FitProblem
@@ -290,17 +292,17 @@ class DiscreteProblem:
 
     @property
     def limited(self) -> bool:
-        """Whether limits of rates and loads are kept."""
+        """Whether the fit has to keep limits of rates and loads."""
         return self.timing != "stretched"
 
     @property
     def free_time(self) -> bool:
-        """Whether the duration is looked for as well."""
+        """Whether the duration is an unknown of the fit."""
         return self.timing == "shortest"
 
     @property
     def kind(self) -> tuple[Any, ...]:
-        """What the problems of one stack share."""
+        """Sizes and choices that the problems of one stack must share."""
         problem = self.problem
         return (
             self.rows.shape,
@@ -318,7 +320,7 @@ class DiscreteProblem:
         )
 
     def nearest(self, duration: float) -> np.ndarray:
-        """Coefficients (n, A) of the curve nearest to the path, a little smoothed, in some duration, s."""
+        """Coefficients (n, A) of the curve of a duration (s) nearest to the path, slightly smoothed."""
         space, rows = self.space, self.rows[0]
         wanted = along(self.nodes, self.mesh.places, self.places)
         start = space.fixed + duration * space.by_time
@@ -329,7 +331,7 @@ class DiscreteProblem:
         return start + space.free @ np.linalg.solve(design.T @ design + weight * bending, pull)
 
     def on_mesh(self, mesh: Mesh) -> "DiscreteProblem":
-        """The same problem on a mesh with as many breaks a little elsewhere."""
+        """The same problem on another mesh, in the same chart."""
         nodes = self.problem.attitudes, self.problem.turns, mesh.places
         return _in_chart(
             self.problem, mesh, self.timing, self.share, self.chart, self.chart.coordinates(*nodes)
@@ -339,16 +341,16 @@ class DiscreteProblem:
 def discretise(
     problem: FitProblem, mesh: Mesh, timing: Timing, *, share: float = 1.0
 ) -> DiscreteProblem | None:
-    """The problem that an attempt works on.
+    """The discrete problem that an attempt works on.
 
     Args:
         problem: what is fitted.
-        mesh: breaks of the spline, times of the nodes, and the tube about them.
+        mesh: breaks of the spline, places of the nodes, and the tube about them.
         timing: of the curve.
-        share: of the limits on the platform's loads that may be taken.
+        share: of the limits on the platform's loads that may be used.
 
     Returns:
-        It in the chart in which the nodes lie nearest to a steady turn; None if they leave every chart.
+        It, in the chart in which the nodes lie nearest to a steady turn; None if they leave every chart.
     """
     chart, b = fitting(problem.attitudes, problem.turns, mesh.places)
     if not farthest(chart, b, mesh.places) <= CHART_REACH:

@@ -2,10 +2,11 @@
 
     minimise   dc^T H dc / 2 + g^T dc   [ + dT / T + duration_hessian (dT / T)^2 / 2 ]
 
-over the free changes ``dc`` of all axes, subject to elastic rows. ``H`` is the same for every axis, so its
-inverse is that of one small matrix, and the dual has one unknown a row (`qp`). Few of the rows are near:
-a program begins with those, and is solved again with rows added that its answer breaks, of those that are
-true of all steps only the worst ones at first, and without those that it leaves far behind.
+over the free changes ``dc`` of all axes, subject to elastic rows (inequalities that may be broken at a linear
+penalty). ``H`` is the same for every axis, so its inverse is that of one small matrix, and the dual has one
+unknown a row (`qp`). Few rows are near their bounds: a program begins with those, and is solved again with
+the rows added that its solution breaks (at first, of rows that are exact, only the worst ones), and without
+those to which it leaves much slack. Letters of sizes are those of `motion`; P counts products.
 
 Where each row is one product of a row of the axes and one of the basis (`constraints`), the dual's matrix
 ``G H^-1 G^T`` is that of the rows of the basis times, number by number, that of the rows of the axes.
@@ -27,9 +28,9 @@ _KEPT = 0.1  # of a row's tolerance; a row that a step leaves more slack is take
 _BINDING = 1e-6  # of the largest multiplier; smaller ones count as zero
 _MOST_ROWS = 512  # of a dual; no more can bind in the usual number of intervals
 _SHORTEST_STEP = -0.5  # of the duration, the most that is taken off at once: it stays positive
-_NO_SLOPE = 1e-9  # rows with smaller derivatives are beyond what a program may change
+_NO_SLOPE = 1e-9  # rows with smaller derivatives are left out, as no step changes them
 
-Multipliers = dict[str, np.ndarray]  # by block, of every row
+Multipliers = dict[str, np.ndarray]  # by name of the block, one for each of its rows
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,9 +43,9 @@ class QuadraticProgram:
         hessian: (G, n, n) ``H``.
         gradient: (G, n, A) ``g``.
         duration_hessian: (G,) of the duration's own term, whose slope is 1; None for a given duration.
-        rows: (G, 4, S, n) of the basis at the places.
+        rows: (G, 4, S, n) values of the splines, and of their derivatives, at the places.
         blocks: all rows of the constraints at the curves.
-        penalty: (G, 3) of broken rows, by kind.
+        penalty: (G, 3) for each unit by which a row is broken, by kind.
         overlooked: (G,) share of a row's tolerance; a row that a step breaks by more is added.
     """
 
@@ -60,7 +61,7 @@ class QuadraticProgram:
 
 
 class QPSolution(NamedTuple):
-    """What the programs answer.
+    """Solutions of the programs at a stack of G curves.
 
     Attributes:
         coefficients: (G, n, A) changes to make; not finite where a program broke down.
@@ -78,13 +79,13 @@ class ActiveRows(NamedTuple):
 
     Attributes:
         which: (g,) numbers of the curves.
-        of_curve: of each curve the numbers of its rows, rising.
-        of_block: of each block the index of its rows.
+        of_curve: for each of these curves the numbers, among the R, of its rows, rising.
+        of_block: for each block the indices of its rows.
         slack: (R,).
         time: (R,) coefficient of the relative change of the duration.
-        kind: (R,) int.
-        axes: (R, J, A).
-        basis: (R, J, n), with ``axes`` the slopes; products beyond those of a row are zero.
+        kind: (R,) int, kind of constraint.
+        axes: (R, P, A), with ``basis`` the slopes; products beyond those of a row are zero.
+        basis: (R, P, n).
     """
 
     which: np.ndarray
@@ -102,7 +103,7 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
 
     Args:
         quadratic: the programs.
-        multipliers: by block, of earlier programs; rows that bound there are in from the start.
+        multipliers: by block, of earlier programs; rows with a positive one are in from the start.
     """
     count, blocks = len(quadratic.gradient), quadratic.blocks
     which = np.arange(count)
@@ -148,10 +149,10 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
 
 
 def decrease_bound(quadratic: QuadraticProgram, multipliers: Multipliers, which: np.ndarray) -> np.ndarray:
-    """By how much programs of a given time can lower the objectives of curves that break nothing, at most.
+    """Upper bound on how far programs of a given duration lower the objective, at curves without violations.
 
-    By weak duality, from any multipliers: those of the programs before tell next to exactly once steps are
-    short.
+    By weak duality it holds for any multipliers; those of the programs before make it nearly exact once steps
+    are short.
 
     Args:
         quadratic: the programs at a stack of curves.
@@ -177,7 +178,7 @@ def decrease_bound(quadratic: QuadraticProgram, multipliers: Multipliers, which:
 
 
 def _drop_small(multipliers: Multipliers, count: int) -> None:
-    """Take for zero what is beside the largest multiplier of each of so many programs."""
+    """Set to zero, in place, multipliers (count, ...) that are tiny beside the largest of their program."""
     largest = np.zeros(count)
     for own in multipliers.values():
         largest = np.maximum(largest, np.max(own.reshape(count, -1), axis=1, initial=0))
@@ -188,7 +189,13 @@ def _drop_small(multipliers: Multipliers, count: int) -> None:
 def active_rows(
     blocks: Sequence[ConstraintBlock], chosen: Sequence[np.ndarray], which: np.ndarray
 ) -> ActiveRows:
-    """The rows of blocks that are chosen, bool like their slacks, for some curves by rising number."""
+    """The chosen rows of some curves.
+
+    Args:
+        blocks: of rows.
+        chosen: for each block bool like its slack.
+        which: (g,) numbers of the curves, rising.
+    """
     of_block: list[Index] = []
     for mask in chosen:
         curve, *rest = numbers(taken(mask, which))
@@ -213,7 +220,7 @@ def active_rows(
 
 
 def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Arrays (r, J, w) one after the other, with zeros where one has fewer products than another."""
+    """Concatenate arrays (r, P, w), those with fewer products P padded with zeros."""
     parts = [part for part in parts if len(part)]
     most = max((part.shape[1] for part in parts), default=1)
     missing = [((0, 0), (0, most - part.shape[1]), (0, 0)) for part in parts]
@@ -222,7 +229,7 @@ def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def transposed_product(rows: ActiveRows, multipliers: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """``J^T y``: gradient of rows with multipliers (R,) in the coefficients, of the shape (g, n, A)."""
+    """Sum of the rows' derivatives times their multipliers (R,), by curve: (g, n, A), which is `shape`."""
     found = np.zeros(shape)
     for own, part in enumerate(rows.of_curve):
         if len(part):
@@ -231,7 +238,7 @@ def transposed_product(rows: ActiveRows, multipliers: np.ndarray, shape: tuple[i
 
 
 def _gradient(y: np.ndarray, axes: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """(n, A) of rows (r,) with slopes (r, J, A) and (r, J, n)."""
+    """(n, A) sum of the derivatives of rows times ``y`` (r,), from slopes (r, P, A) and (r, P, n)."""
     pull = y[:, None, None] * axes
     return np.asarray(basis.reshape(-1, basis.shape[2]).T @ pull.reshape(-1, axes.shape[2]))
 
@@ -243,8 +250,8 @@ def _solve_duals(
 
     Args:
         quadratic: the programs of a stack.
-        inverse: (G, k, k) of the Hessians in the free coefficients.
-        alone: (G, k, A) the steps without rows.
+        inverse: (G, k, k) inverses of the Hessians in the free coefficients.
+        alone: (G, k, A) the steps without any rows, in the free coefficients.
         rows: of some of the curves.
 
     Returns:
@@ -270,11 +277,11 @@ def _solve_duals(
 def _dual(
     quadratic: QuadraticProgram, inverse: np.ndarray, alone: np.ndarray, rows: ActiveRows, own: int
 ) -> tuple[BoxQP, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The dual of one curve's program.
+    """The dual of one curve's program, that of index `own` in `rows`; other arguments as of `_solve_duals`.
 
     Returns:
-        The dual, the numbers (r,) of the rows that it has, their slopes in the free coefficients, (r, J, A)
-        and (r, J, k), and the coefficients (r,) of the relative change of the duration.
+        The dual, the numbers (r,) of the rows that it has, their slopes in the free coefficients, (r, P, A)
+        and (r, P, k), and the coefficients (r,) of the relative change of the duration.
     """
     curve, kept = int(rows.which[own]), rows.of_curve[own]
     if not len(kept):
@@ -306,9 +313,9 @@ def _dual(
 
 
 def _inverses_of_forms(matrices: np.ndarray) -> np.ndarray:
-    """Inverses of positive definite matrices (G, n, n), with ones on their diagonals on the way.
+    """Inverses of positive definite matrices (G, n, n), scaled to unit diagonals on the way.
 
-    So breaks at unlike distances cost no digits.
+    So splines on unequal intervals cost no digits.
     """
     size = np.sqrt(np.diagonal(matrices, axis1=1, axis2=2))
     outer = size[:, :, None] * size[:, None, :]

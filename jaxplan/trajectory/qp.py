@@ -1,6 +1,6 @@
 """Two solvers of small dense quadratic programs: in a box, and within half-spaces.
 
-**In a box** (`solve_box_qps`), which is what the dual of a program with elastic rows is:
+**In a box** (`solve_box_qps`), the form of the dual of a program with elastic rows:
 
     minimise  y^T M y / 2 - d^T y    subject to    0 <= y <= penalty
 
@@ -24,9 +24,9 @@ from jaxplan.runtime.batching import parts
 
 _MOST_ITERATIONS = 60  # after which the answer is taken if it is usable
 _TOLERANCE = 1e-9  # of the scaled residual, relative to the size of the linear term
-_USABLE = 1e-4  # such a residual is still an answer, where rounding or the iterations end it
+_USABLE = 1e-4  # the largest residual of an answer, where rounding or the number of iterations ends it
 _INTERIOR = 0.995  # share of the way to the boundary that a step may take
-_INSIDE = 0.5  # of the size of the linear term: how far inside the box it begins
+_INSIDE = 0.5  # of the size of the linear term: how far inside the box the iteration begins
 _REGULARISATION = 1e-14  # added to the diagonal, which is of order one
 TOGETHER = 16  # programs; their matrices are then still in the processor's cache
 
@@ -34,11 +34,11 @@ _TINY = 1e-12  # least size of d
 
 # Weights of the squares of binding rows, over the size of the Hessian; tried in turn until it is positive.
 _SQUARES = tuple(10.0**power for power in range(-2, 7))
-_FLATTEST = 1e-6  # of the largest curvature: the least that is left of one that is not positive
+_FLATTEST = 1e-6  # of the largest eigenvalue of a Hessian that is not positive: the least that others become
 
 
 class BoxQP(NamedTuple):
-    """A program.
+    """A quadratic program in a box.
 
     Attributes:
         matrix: (R, R) ``M``, with a positive diagonal.
@@ -52,11 +52,11 @@ class BoxQP(NamedTuple):
 
 
 class BoxQPSolution(NamedTuple):
-    """Solution of one program.
+    """Solution of one quadratic program in a box.
 
     Attributes:
         multipliers: (R,) ``y``; NaN where the iteration broke down.
-        residual: the largest of what is left of the conditions of an optimum, in their scaled form.
+        residual: the largest residual of the optimality conditions, in their scaled form.
     """
 
     multipliers: np.ndarray
@@ -64,7 +64,7 @@ class BoxQPSolution(NamedTuple):
 
 
 def solve_box_qps(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
-    """Solve many programs."""
+    """Solve many quadratic programs in boxes; the solutions are in the same order."""
     solutions: dict[int, BoxQPSolution] = {}
     scaled, scales = {}, {}
     for number, (matrix, linear, penalty) in enumerate(programs):
@@ -86,16 +86,16 @@ def solve_box_qps(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
 
 @dataclass(frozen=True, eq=False)
 class _BoxQPStack:
-    """Programs in their scaled form with their rows one after the other, N in all.
+    """P programs in their scaled form with their rows one after the other, N in all.
 
     Attributes:
-        matrices: of each.
-        parts: its rows.
-        first: (P,) the first of them.
-        count: (P,) how many.
-        d: (N,).
-        top: (N,).
-        size: (P,) of its ``d``.
+        matrices: ``M`` of each program.
+        parts: slice of the rows of each.
+        first: (P,) index of the first row of each.
+        count: (P,) number of rows of each.
+        d: (N,) linear terms.
+        top: (N,) upper bounds, the penalties.
+        size: (P,) root mean square of each program's ``d``.
     """
 
     matrices: list[np.ndarray]
@@ -125,7 +125,10 @@ class _BoxQPStack:
         )
 
     def gradient(self, values: np.ndarray) -> np.ndarray:
-        """(N,) what is left of the first condition of an optimum."""
+        """(N,) residual of stationarity, ``M y - d`` less the lower bounds' multipliers plus the upper ones'.
+
+        `values` (4, N) are as of `_first`.
+        """
         product = np.empty_like(self.d)
         for m, rows in zip(self.matrices, self.parts, strict=True):
             np.dot(m, values[0, rows], out=product[rows])
@@ -135,18 +138,18 @@ class _BoxQPStack:
         return product
 
     def gap(self, values: np.ndarray) -> np.ndarray:
-        """(P,) mean product of a bound's room and its multiplier."""
+        """(P,) mean product of the room to a bound and that bound's multiplier; `values` as of `_first`."""
         products = values[0] * values[2]
         products += values[1] * values[3]
         return np.add.reduceat(products, self.first) / (2 * self.count)
 
     def spread(self, own: np.ndarray) -> np.ndarray:
-        """What each program has (P,), for each of its rows: (N,), or (1,) of a single one."""
+        """Values (P,) of the programs repeated for each of their rows: (N,), or (1,) for a single program."""
         return own if len(own) == 1 else np.repeat(own, self.count)
 
 
 def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
-    """Iterate until each program is solved, or as near as rounding allows."""
+    """Solve programs in their scaled form, each as nearly as rounding and `_MOST_ITERATIONS` allow."""
     stack, number = _BoxQPStack.of(programs), np.arange(len(programs))
     solutions: dict[int, BoxQPSolution] = {}
     values, residual = _first(stack), np.full(len(programs), np.inf)
@@ -170,7 +173,7 @@ def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
 
 
 def _first(stack: _BoxQPStack) -> np.ndarray:
-    """Where to begin: (4, N) ``y``, the room above it, and the multipliers of the two bounds, all positive.
+    """First iterate (4, N), all positive: ``y``, the room above it, multipliers of lower and upper bounds.
 
     The products of each bound's room and multiplier are alike, however wide the box is.
     """
@@ -180,7 +183,15 @@ def _first(stack: _BoxQPStack) -> np.ndarray:
 
 
 def _iterate(stack: _BoxQPStack, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """One predictor and one corrector step from the same factorisations; NaN is left where there is none."""
+    """Take one predictor and one corrector step, from the same factorisations.
+
+    Args:
+        stack: the programs.
+        values: (4, N) the iterate, as of `_first`.
+
+    Returns:
+        The next iterate, and (P,) its residuals, NaN where a program has broken down.
+    """
     from scipy.linalg.lapack import dpotrf, dpotrs
 
     room, multipliers = values[:2], values[2:]
@@ -196,7 +207,10 @@ def _iterate(stack: _BoxQPStack, values: np.ndarray) -> tuple[np.ndarray, np.nda
         factors.append(factor)
 
     def direction(wanted: np.ndarray) -> np.ndarray:
-        """Newton's direction (4, N) for wanted changes of the products, over the room, (2, N)."""
+        """Newton's direction (4, N) for the changes wanted of the products room * multiplier.
+
+        These are divided by the room, (2, N).
+        """
         step = np.empty_like(values)
         right = wanted[0] - wanted[1] - gradient
         for factor, rows in zip(factors, stack.parts, strict=True):
@@ -206,7 +220,10 @@ def _iterate(stack: _BoxQPStack, values: np.ndarray) -> tuple[np.ndarray, np.nda
         return step
 
     def length(step: np.ndarray, share: float) -> np.ndarray:
-        """How far (N,) a step may go before one of the four meets zero, for each program."""
+        """Factor (N,) on a step (4, N): `share` of the way to where a value meets zero, at most 1.
+
+        It is the same for all rows of a program.
+        """
         steepest = -np.minimum.reduceat((step / values).min(axis=0), first)
         return stack.spread(share / np.maximum(steepest, share))
 
@@ -226,22 +243,23 @@ def _iterate(stack: _BoxQPStack, values: np.ndarray) -> tuple[np.ndarray, np.nda
 def least_change(
     hessian: np.ndarray, gradient: np.ndarray, slopes: np.ndarray, excess: np.ndarray, binding: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Minimises ``d^T H d / 2 + g^T d`` subject to ``G d + e <= 0``, exactly.
+    """Minimise ``d^T H d / 2 + g^T d`` subject to ``G d + e <= 0``, exactly.
 
     With ``H = L L^T`` and ``u = L^T d + L^-1 g`` that is to find the least ``|u|`` within half-spaces, which
     nonnegative least squares do (Lawson and Hanson, chapter 23).
 
     Args:
-        hessian: (n, n) ``H``. One that is not positive is made so: by squares of rows that are taken to bind,
-            which change nothing where these do, or else by the size of its eigenvalues.
-        gradient: (n,).
-        slopes: (r, n).
-        excess: (r,).
-        binding: (r,) bool, which rows are taken to bind.
+        hessian: (n, n) ``H``. One that is not positive definite is made so: by adding squares of rows that
+            are assumed to bind, which changes nothing where these do, or else from its eigenvalues' sizes.
+        gradient: (n,) ``g``.
+        slopes: (r, n) ``G``.
+        excess: (r,) ``e``.
+        binding: (r,) bool, which rows are assumed to bind.
 
     Returns:
         The change (n,) and the multipliers of the rows (r,); none of the rows with a positive one follows
-        from the others. Where no change meets all rows, or they cannot be told, without rows.
+        from the others. Where no change meets all rows, or the iteration fails, the change ignores the rows
+        and the multipliers are zero.
     """
     from scipy.linalg import solve_triangular
     from scipy.optimize import nnls
@@ -263,7 +281,10 @@ def least_change(
 def _convex_factor(
     hessian: np.ndarray, gradient: np.ndarray, slopes: np.ndarray, excess: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The lower factor of a positive Hessian, and the gradient that goes with it."""
+    """Lower Cholesky factor of a Hessian made positive definite, and the gradient that goes with it.
+
+    Arguments as of `least_change`, slopes and excess being those of the rows assumed to bind.
+    """
     squares = slopes.T @ slopes
     unit = np.trace(hessian) / (np.trace(squares) or 1.0)
     for weight in unit * np.array([0.0, *_SQUARES]):

@@ -1,12 +1,14 @@
-"""Times: of a path's nodes, and of the motion along it.
+"""When a motion passes the nodes of a path.
 
-Time of a path is shared out by the cost of the edges, which is the time that each takes at full speed; equal
-costs give the equal split of the paper. An edge of little cost still gets a tenth of the mean, so that two
-near nodes with a corner between them do not ask for a jolt. Nodes without motion between them count as one.
+The duration is divided among the edges by their costs, which are the times that they take at full speed;
+equal costs give the equal split of the paper. An edge of little cost still gets a tenth of the mean, so that
+two near nodes with a corner between them do not ask for a jolt. Nodes without motion between them count as
+one.
 
-For the spline fit a path is measured by the time that each edge takes at full speed. It is gone along with a
-trapezoid of the rate: the faster, the steeper its flanks. In a shortest motion the slowest joint does nothing
-else, so near its flanks the breaks lie close, and few suffice between them.
+For the spline fit the length of a path is the time that its edges take at full speed. The motion along it has
+a trapezoid of the rate (the *pace*), with a rising and a falling flank: the faster, the steeper. In a
+shortest motion the slowest joint moves in just this way, so the spline's breaks lie close together near the
+flanks, and few suffice between them. A *place* is a share of the duration, from 0 to 1.
 """
 
 from dataclasses import dataclass
@@ -21,8 +23,8 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
 
 _CALM_FLANK = 1 / 3  # of the duration, where there is time; near the least acceleration energy
-_STEEP_FLANK = 0.1  # of the duration, where there is not; the least flank
-_STEEP_RISES = 2.0  # times the quickest rise; the least flank, too
+_STEEP_FLANK = 0.1  # of the duration, the least flank where time is short
+_STEEP_RISES = 2.0  # times the quickest rise, likewise
 _FLANK_BREAKS = 9  # intervals that cover a flank and a little more
 _FLANK_STEP = 0.25  # of the flank, the length of one such interval
 FIRST_GUESS = 1.01  # times the duration of a trapezoid, whose accelerations jump: the first guess
@@ -34,14 +36,7 @@ _SAME_NODE = 1e-10  # rad, or matrix element
 
 
 def _distinct_nodes(path: Path) -> np.ndarray:
-    """Which nodes differ from the one before; the first one does.
-
-    Args:
-        path: with m + 1 nodes.
-
-    Returns:
-        (m + 1,) bool.
-    """
+    """(m + 1,) bool, whether each node of a path differs from the one before; true of the first."""
     turned = np.abs(np.diff(path.attitudes, axis=0)).max(axis=(1, 2), initial=0.0)
     moved = np.abs(np.diff(path.joints, axis=0)).max(axis=1, initial=0.0)
     same = (turned <= _SAME_NODE) & (moved <= _SAME_NODE)  # a NaN is not the same
@@ -49,7 +44,7 @@ def _distinct_nodes(path: Path) -> np.ndarray:
 
 
 def passed_nodes(path: Path, *, at_speed: bool, every: bool) -> tuple[Path, np.ndarray]:
-    """The path that a motion passes, whose nodes are not repeated, unless that is all there is to it.
+    """The path without repeated nodes that a motion passes, with at least two nodes unless nothing moves.
 
     Args:
         path: with m + 1 nodes.
@@ -58,7 +53,7 @@ def passed_nodes(path: Path, *, at_speed: bool, every: bool) -> tuple[Path, np.n
         every: whether repeated nodes are kept, unless nothing moves.
 
     Returns:
-        The path, of one node if nothing moves, and for each given node its own number there.
+        The path, of one node if nothing moves, and (m + 1,) the index there of each given node.
     """
     kept = _distinct_nodes(path)
     if not at_speed and np.sum(kept) == 1:
@@ -86,7 +81,7 @@ def node_fractions(edge_costs: AnyArray, on: AnyArray | None = None) -> AnyArray
         on: (m,) bool, the edges that count; the others, at the end, are padding. None for all.
 
     Returns:
-        (m + 1,) strictly increasing from 0 to 1, and 1 at padding.
+        (m + 1,) strictly increasing from 0 to 1; 1 at padding.
     """
     xp, costs = arrays(edge_costs)
     own = xp.ones(len(costs), bool) if on is None else on
@@ -114,7 +109,7 @@ def edge_times(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
 
 
 def rise_time(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
-    """In which the axis with the longest way along edges reaches its full rate, s; arguments as above."""
+    """Time in which the axis that moves longest reaches its full rate, s; arguments as of `edge_times`."""
     rate, acceleration, jerk = (axis_bounds(craft, power) for power in (1, 2, 3))
     xp, turned, moved, rate, acceleration = arrays(turns, moves, rate, acceleration)
     needed = rate / acceleration + acceleration / jerk
@@ -123,10 +118,14 @@ def rise_time(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
 
 
 def axis_bounds(craft: Spacecraft, power: int) -> AnyArray:
-    """Bounds (3 + 2n,) of this derivative of the motion by axis and joint, or inf.
+    """Bounds (3 + 2n,) on a derivative of the motion about each body axis and of each joint, or inf.
 
-    Those of the torque are the same of every axis, whatever it is about. Those of the momentum are left to
+    That of the torque is taken about the axis of the largest inertia, for every axis. Momentum is left to
     `edge_times`, which knows the axis of each edge.
+
+    Args:
+        craft: its limits.
+        power: 1 for rates (rad/s), 2 for accelerations (rad/s^2), 3 for jerks (rad/s^3).
     """
     bounds = [limit.bound for limit in limits(craft)]
     xp = array_module(craft.inertia, *bounds)
@@ -156,7 +155,7 @@ def edge_turns(attitudes: np.ndarray) -> np.ndarray:
 
 
 def padded(array: np.ndarray, least: int) -> np.ndarray:
-    """An array brought to one of few lengths by repeating its last entry, so that kernels are compiled once.
+    """An array padded to one of few lengths by repeating its last entry, so that kernels are compiled once.
 
     Args:
         array: (k, ...).
@@ -171,9 +170,9 @@ class TrapezoidalProfile:
     """A trapezoid of the rate along a path.
 
     Attributes:
-        length: s at full speed.
+        length: of the path, s at full speed.
         duration: s.
-        flank: s, of each of the two.
+        flank: s, of each of the two flanks.
     """
 
     length: AnyArray
@@ -182,7 +181,12 @@ class TrapezoidalProfile:
 
     @classmethod
     def quickest(cls, length: AnyArray, rise: AnyArray) -> "TrapezoidalProfile":
-        """The quickest profile: to full speed in ``rise`` seconds, or to as much as the path has room for."""
+        """The quickest profile: up to full speed in ``rise`` seconds, or to less if the path is too short.
+
+        Args:
+            length: of the path, s at full speed.
+            rise: s.
+        """
         xp, length, rise = arrays(length, rise)
         full, least = length >= rise, 2 * _root(length * rise)
         duration = xp.where(full, length + rise, least)
@@ -190,7 +194,13 @@ class TrapezoidalProfile:
 
     @classmethod
     def within(cls, duration: AnyArray, length: AnyArray, rise: AnyArray) -> "TrapezoidalProfile":
-        """The profile of a given duration: where there is time, half the speed at most and calm flanks."""
+        """The profile of a given duration: where there is time, at most half the full speed, and long flanks.
+
+        Args:
+            duration: s.
+            length: of the path, s at full speed.
+            rise: s, quickest rise to full speed.
+        """
         xp, duration, length, rise = arrays(duration, length, rise)
         calm = _CALM_FLANK * duration
         steepest = xp.maximum(_STEEP_RISES * rise, _STEEP_FLANK * duration)
@@ -204,7 +214,7 @@ class TrapezoidalProfile:
         return self.flank / self.duration
 
     def progress(self, places: np.ndarray) -> np.ndarray:
-        """Share of the path gone at places (S,) in [0, 1] of the duration."""
+        """Share (S,) of the path passed at places (S,) in [0, 1]."""
         flank = self.flank_share
         speed = 1 / (1 - flank)
         rising = speed * places**2 / (2 * flank)
@@ -213,7 +223,7 @@ class TrapezoidalProfile:
         return np.where(places < flank, rising, np.where(places > 1 - flank, falling, cruising))
 
     def places(self, shares: AnyArray) -> AnyArray:
-        """Where shares (m + 1,) of the path are gone: the inverse of `progress`."""
+        """Places (m + 1,) at which shares (m + 1,) of the path are passed: the inverse of `progress`."""
         xp, shares, flank = arrays(shares, self.flank_share)
         speed = 1 / (1 - flank)
         low = _root(2 * flank * shares / speed)
@@ -243,9 +253,9 @@ def along(values: np.ndarray, shares: np.ndarray, gone: np.ndarray) -> np.ndarra
     """Points on the straight lines between nodes.
 
     Args:
-        values: (m + 1, A).
-        shares: (m + 1,) of the path at the nodes, rising from 0 to 1.
-        gone: (S,) of the path.
+        values: (m + 1, A) of the nodes.
+        shares: (m + 1,) parameters of the nodes, rising from 0 to 1, such as their places.
+        gone: (S,) parameters of the points.
 
     Returns:
         (S, A).

@@ -10,9 +10,9 @@ and simple knots, so it has four continuous derivatives. A derivative is a splin
 coefficients are differences of those of the curve; all its values lie between the least and the largest of
 them, which turns a limit at every instant into as many linear rows.
 
-**A curve space** is what a fit may choose from: splines with given ends, which perhaps pass given nodes.
-Their coefficients are ``c = F x + f + T g`` with the free ``x``; ``F`` is the same for all axes, ``g`` stands
-for the rates at the ends, which in ``s`` grow with the duration ``T``.
+**A curve space** is the set that a fit chooses from: splines with given ends, which perhaps pass given nodes.
+Their coefficients are ``c = F x + f + T g`` with the free ``x``; ``F`` is the same for all axes, and ``T g``
+gives the rates at the ends, which in ``s`` grow with the duration ``T``.
 """
 
 from collections.abc import Sequence
@@ -51,6 +51,8 @@ def legendre(x: ArrayLike, order: int) -> AnyArray:
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _legendre(order: int, x: Array) -> Array:
+    """`legendre` in JAX."""
+
     def step(last: tuple[Array, Array], n: Array) -> tuple[tuple[Array, Array], Array]:
         before, value = last
         after = ((2 * n + 1) * x * value - n * before) / (n + 1)
@@ -170,14 +172,14 @@ class Basis:
         return self.differences[0].shape[0]
 
     def rows(self, places: np.ndarray, derivatives: int = _DERIVATIVES) -> np.ndarray:
-        """Rows that give a curve and its derivatives.
+        """Values of the B-splines and of their derivatives; times coefficients they are those of a curve.
 
         Args:
             places: (S,) in [0, 1].
             derivatives: how many, the curve itself counted.
 
         Returns:
-            (derivatives, S, n), by 1, 1/s, 1/s^2 and 1/s^3 of the places' unit.
+            (derivatives, S, n), the derivatives being those in the place.
         """
         span = np.clip(np.searchsorted(self.breaks, places, side="right") - 1, 0, len(self.breaks) - 2)
         by_degree = _local_values(self.breaks, places, span)
@@ -197,11 +199,11 @@ class Basis:
 
         Args:
             points: on each interval, at least 2.
-            to_end: whether the last of them is the end, so that those of the last interval are a little
-                farther apart; else the end is left out.
+            to_end: whether the last place is 1, so that those of the last interval are a little farther
+                apart; else 1 is left out.
 
         Returns:
-            The places (K * points,) and the rows there.
+            The places (K * points,), and `rows` there, (4, K * points, n).
         """
         if (points, to_end) not in self._found:
             steps = np.tile(np.arange(points) / points, (len(self.breaks) - 1, 1))
@@ -215,7 +217,7 @@ class Basis:
 
     @cached_property
     def energies(self) -> np.ndarray:
-        """(4, n, n) integrals of the products of the d-th derivatives, exact by Gauss' rule."""
+        """(4, n, n) integrals of products of the B-splines' d-th derivatives, exact by Gauss' rule."""
         nodes, weights = np.polynomial.legendre.leggauss(DEGREE + 1)
         half = np.diff(self.breaks)[:, None] / 2
         rows = self.rows((self.breaks[:-1, None] + half * (nodes + 1)).ravel())
@@ -223,20 +225,23 @@ class Basis:
 
     @cached_property
     def _on_intervals(self) -> list[np.ndarray]:
-        """By derivative, the B-splines (K, 3, 6 - d) of each interval at its ends and its middle."""
+        """For each derivative d, the B-splines (K, 3, 6 - d) of degree 5 - d at ends and middles.
+
+        These are the start, the middle and the end of each of the K intervals.
+        """
         intervals = len(self.breaks) - 1
         places = self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * [0.0, 0.5, 1.0]
         by_degree = _local_values(self.breaks, places.ravel(), np.repeat(np.arange(intervals), 3))
         return [by_degree[DEGREE - d].reshape(intervals, 3, -1) for d in range(_DERIVATIVES)]
 
     def ends(self, rest: bool) -> tuple[np.ndarray, ...]:
-        """What given values and rates at both ends leave free, and what they make of the coefficients.
+        """Matrices that describe all coefficients ``F x + V values + R rates`` with given ends.
 
         Args:
-            rest: whether accelerations are zero there; else they are free.
+            rest: whether accelerations are zero at both ends; else they are free.
 
         Returns:
-            Free coefficients (n, k), and (n, 2) of the values and of the rates.
+            ``F`` (n, k), ``V`` (n, 2) and ``R`` (n, 2); values and rates (in the place) are of both ends.
         """
         if rest not in self._ends:
             count = 3 if rest else 2
@@ -286,9 +291,14 @@ _PARABOLA = np.array([[1 / 6, 2 / 3, 1 / 6], [-1 / 2, 0, 1 / 2], [1 / 3, -2 / 3,
 
 
 def _local_values(breaks: np.ndarray, places: np.ndarray, span: np.ndarray) -> list[np.ndarray]:
-    """By degree up to `DEGREE`, the B-splines (S, degree + 1) that differ from zero at places in given spans.
+    """For each degree from 0 to `DEGREE`, the B-splines (S, degree + 1) that are not zero at places.
 
     The recursion of Cox and de Boor; scipy's design matrices take a call and a sparse matrix for each degree.
+
+    Args:
+        breaks: (K + 1,).
+        places: (S,) in [0, 1].
+        span: (S,) int, the interval that each place is on.
     """
     knots = _knots(breaks, DEGREE)
     reach = np.arange(1, DEGREE + 1)
@@ -306,6 +316,7 @@ def _local_values(breaks: np.ndarray, places: np.ndarray, span: np.ndarray) -> l
 
 
 def _knots(breaks: np.ndarray, degree: int) -> np.ndarray:
+    """The knots of splines on breaks (K + 1,): both ends ``degree + 1`` times, the others once."""
     return np.concatenate([np.repeat(breaks[:1], degree), breaks, np.repeat(breaks[-1:], degree)])
 
 
@@ -316,8 +327,8 @@ class CurveSpace:
     Attributes:
         basis: of the splines.
         free: (n, k) ``F``.
-        of_values: (n, v) what takes the given values, those at the ends first, to ``f``.
-        of_rates: (n, 2) what takes the rates at the ends to ``g``.
+        of_values: (n, v) matrix from the given values, those at the ends first, to ``f``.
+        of_rates: (n, 2) matrix from the rates at the ends to ``g``.
         fixed: (n, A) ``f``.
         by_time: (n, A) 1/s, ``g``.
     """
@@ -331,7 +342,7 @@ class CurveSpace:
 
     @property
     def energies(self) -> np.ndarray:
-        """(4, n, n) of the basis."""
+        """(4, n, n) Gram matrices of the basis, see `Basis.energies`."""
         return self.basis.energies
 
     @classmethod
@@ -374,7 +385,7 @@ class CurveSpace:
 
 
 def weighted(energies: np.ndarray, duration: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Matrices (G, n, n) of the integral of weighted squares over time, of one axis.
+    """Matrices (G, n, n) of the energy of one axis: the integral over time of weighted squares.
 
     Args:
         energies: (G, 4, n, n) as `CurveSpace` has them.

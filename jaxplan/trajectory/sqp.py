@@ -3,8 +3,9 @@
     minimise   energy(c) / energy_0          or          T / T_0 + small * energy(c) / energy_0
 
 subject to limits, zones and tubes (`constraint_blocks`), each elastic with an exact penalty, so that every
-program has an answer. Steps that do not lower the merit (objective and penalties at the true curve) are
-damped. Alike problems are worked on together, each until it is done.
+program has a solution. Steps that do not lower the merit (objective and penalties at the true curve) are
+rejected, and repeated with more damping. Alike problems are worked on together, each until it is done;
+letters of sizes are those of `motion`.
 """
 
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ import numpy as np
 
 from jaxplan.runtime.batching import in_groups
 from jaxplan.trajectory.constraints import ConstraintBlock, constraint_blocks
-from jaxplan.trajectory.motion import LIMIT, TUBE, ZONE, Iterates, Stack, mixed, some
+from jaxplan.trajectory.motion import LIMIT, TUBE, ZONE, Iterates, Stack, members_of, mixed
 from jaxplan.trajectory.problem import DiscreteProblem
 from jaxplan.trajectory.program import Multipliers, QuadraticProgram, decrease_bound, solve
 from jaxplan.trajectory.splines import weighted
@@ -27,10 +28,10 @@ _FALLING = 0.05  # of the duration: by so much in a step, and it still falls
 _PENALTY_UPDATES = 1  # how often penalties grow where something stays broken
 _PENALTY_GROWTH = 30.0  # factor by which they grow
 ENERGY_WEIGHT = 1e-3  # of the energy beside the duration, where that is looked for
-_DURATION_HESSIAN = 12.0  # in the logarithm of the duration: alone it falls by 1 / 12 in a step
-_BOLD_HESSIAN = 3.0  # the same by time alone, where no energy is to fall beside it
-_OVERLOOKED = 1e-3  # of a row's tolerance: by so much a step may break it and need not be looked for anew
-_BOLDLY_OVERLOOKED = 3e-2  # the same by time alone, where the end need not be met as closely
+_DURATION_HESSIAN = 12.0  # in the logarithm of the duration: without constraints it falls by 1 / 12 in a step
+_BOLD_HESSIAN = 3.0  # the same where the duration alone is lowered, and not the energy
+_OVERLOOKED = 1e-3  # of a row's tolerance: a step that breaks it by less is not computed again with it
+_BOLDLY_OVERLOOKED = 3e-2  # the same where the duration alone is lowered, and the end is less precise
 _SETTLED = 1e-4  # of the merit: a smaller change between steps ends the search, as `ftol` does
 _FTOL = 1e-3  # of the energy: the least decrease for which another step is made
 _DAMPING = 8.0  # factor by which damping grows after a failed step, and falls after a good one
@@ -51,7 +52,7 @@ class InitialGuess:
         discrete: the problem.
         coefficients: (n, A) of the curve.
         duration: s.
-        target_duration: s, at which the search ends, since it is short enough.
+        target_duration: s; the search ends once the duration is no longer than this.
         max_violation: the curve is returned as it is if it breaks a limit by more than this share.
         ftol: relative decrease below which the search ends: of sound curves in a given time the decrease that
             the next program promises, else the change of the merit.
@@ -69,15 +70,15 @@ class InitialGuess:
 
 
 class SQPSolution(NamedTuple):
-    """A curve with its duration, and what is known of it.
+    """A curve with its duration, margins and violations.
 
     Attributes:
         coefficients: (n, A).
         duration: s.
         margins: (S, D, Z) rad, as `Iterates` has them.
         violations: (3,) by kind of constraint, the largest; zero or less where none is broken.
-        finite: whether all numbers are.
-        steps: how many were taken, or tried, from the curve that it began with.
+        finite: whether all loads and cosines of angles are finite.
+        steps: how many were taken, or tried, from the first curve.
     """
 
     coefficients: np.ndarray
@@ -89,13 +90,13 @@ class SQPSolution(NamedTuple):
 
 
 def improve(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
-    """Step from curves to the best ones near them.
+    """Improve curves by steps of sequential quadratic programming to the best ones near them.
 
     Args:
-        begins: where to begin, and with what.
+        begins: first curves, and when to end.
 
     Returns:
-        For each the curve of the lowest merit; broken rows show in its violations.
+        For each the curve of the lowest merit; its violations tell which constraints are broken.
     """
     return in_groups(begins, lambda begin: begin.discrete.kind, _improved, most=TOGETHER)
 
@@ -106,17 +107,17 @@ class SQPState:
 
     Attributes:
         at: the curves.
-        number: of each among those that began together.
-        share: energies of the first curves, of which energies are shares.
+        number: of each member among those that began together.
+        share: energies of the first curves, by which energies are divided.
         first_duration: s, of the first curves.
         target_duration: see `InitialGuess`.
         ftol: likewise.
-        settled: changes of the merits, as shares, that end the searches.
-        pull: weights of the energies beside what else is looked for: 1, or less where that is the duration.
-        duration_hessian: of the durations, in their logarithms.
+        settled: relative changes of the merits below which the searches end.
+        pull: weights of the energies in the objectives: 1 in a given duration, else less, or 0.
+        duration_hessian: second derivatives assumed in the logarithms of the durations.
         overlooked: shares of rows' tolerances, by which steps may break them.
         penalty: (G, 3) by kind of constraint.
-        spent: energies of the curves, as shares.
+        spent: energies of the curves, divided by `share`.
         value: merits of the curves.
         damping: of the next step.
         failed: steps in a row that did not lower the merit.
@@ -189,27 +190,28 @@ class SQPState:
 
     @property
     def _free_time(self) -> bool:
+        """Whether the durations are unknowns, which is the same of all members."""
         return self.stack.members[0].free_time
 
     def _form(self, duration: np.ndarray) -> np.ndarray:
-        """Matrices (G, n, n) of the energies of one axis, as shares of the first curves' energies."""
+        """Matrices (G, n, n) of the energy of one axis over the first curve's energy, in durations (G,) s."""
         return weighted(self.stack.energies, duration, self.stack.weights / self.share[:, None])
 
     def energy(self, at: Iterates) -> np.ndarray:
-        """Energies (G,) of curves, as shares of the first curves'."""
+        """Energies (G,) of curves, divided by `share`."""
         bare = _without_offset(at)
         product = bare * (self._form(at.duration) @ bare)
         return np.asarray(np.sum(product.reshape(len(product), -1), axis=1) / 2)
 
     def merit(self, at: Iterates, energy: np.ndarray) -> np.ndarray:
-        """Objectives and penalties (G,) of curves with energies (G,)."""
+        """Merits (G,), objectives plus penalties, of curves with energies (G,)."""
         value = self.pull * energy
         if self._free_time:
             value = value + at.duration / self.first_duration
         return np.asarray(value + np.sum(self.penalty * np.maximum(at.violations, 0.0), axis=1))
 
     def program(self, at: Iterates, damping: np.ndarray) -> QuadraticProgram:
-        """The programs at curves, where the duration counts as a share of its own."""
+        """The quadratic programs at curves, with damping (G,); changes of durations are relative in them."""
         stack = self.stack
         energy = self._form(at.duration)
         form = energy * (ENERGY_WEIGHT if self._free_time else 1.0)
@@ -226,13 +228,13 @@ class SQPState:
         )
 
     def _blocks_at(self, at: Iterates) -> list[ConstraintBlock]:
-        """The constraints at curves, made once for the program of a step and for what it promises."""
+        """The constraints at curves, kept so that a step and `_stop` after it share them."""
         if self._blocks is None or self._blocks[0] is not at:
             self._blocks = at, list(constraint_blocks(at))
         return self._blocks[1]
 
     def step(self) -> np.ndarray:
-        """Take a step of each; which of them (G,) are done."""
+        """Try a step of each member, and take it if it lowers the merit; return (G,) bool, which are done."""
         proposal = solve(self.program(self.at, self.damping), self.multipliers)
         self.multipliers = proposal.multipliers
         ahead = self.stack.iterates(
@@ -262,7 +264,7 @@ class SQPState:
         return done
 
     def _stop(self, done: np.ndarray, asked: np.ndarray) -> None:
-        """Set (G,) done, of those that are asked about, where the next program cannot promise enough."""
+        """Set `done`, in place, where `asked` is true and the next program promises too small a decrease."""
         which = np.flatnonzero(asked & ~done)
         if len(which):
             quadratic = self.program(self.at, np.zeros(len(done)))
@@ -270,7 +272,7 @@ class SQPState:
             done[which] = promised <= self.ftol[which] * self.value[which]
 
     def _increase_penalty(self, which: np.ndarray) -> None:
-        """Increase the penalties of broken rows, for those of (G,) bool."""
+        """Increase the penalties of the members for which (G,) bool is true; drop their damping."""
         if not np.any(which):
             return
         self.penalty_updates[which] += 1
@@ -280,12 +282,12 @@ class SQPState:
 
 
 def _without_offset(at: Iterates) -> np.ndarray:
-    """Coefficients (G, n, A) of curves that begin at zero: of energies it costs digits where they begin."""
+    """Coefficients (G, n, A) of the curves shifted to begin at zero, so that energies lose no digits."""
     return at.coefficients - at.coefficients[:, :1]
 
 
 def solution_at(at: Iterates, member: int, steps: int) -> SQPSolution:
-    """The solution that one of the curves is, after so many steps."""
+    """The curve of number `member` as a solution, after so many steps."""
     return SQPSolution(
         coefficients=at.coefficients[member].copy(),  # no view, which would keep the whole stack
         duration=float(at.duration[member]),
@@ -297,7 +299,7 @@ def solution_at(at: Iterates, member: int, steps: int) -> SQPSolution:
 
 
 def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
-    """The best curves near first ones, of alike problems."""
+    """`improve` for first curves of problems of one kind."""
     state = SQPState.of(begins)
     solutions: dict[int, SQPSolution] = {}
     done = ~(state.at.violations[:, LIMIT] <= np.array([begin.max_violation for begin in begins]))
@@ -311,5 +313,5 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
         if np.all(done):
             break
         if np.any(done):
-            state = some(state, ~done)
+            state = members_of(state, ~done)
     return [solutions[number] for number in range(len(begins))]

@@ -1,8 +1,8 @@
 """The strategy of the spline fit: which durations, intervals and tubes are tried, and which curve is taken.
 
-It settles many fits at once. They go by numbers: a function takes systems by number and answers by number,
-and what is asked for at the same time is made together. A fit is looked for on a `Ladder` of attempts; what
-is tried on which ladder, and what is made of the best attempt, depends on the duration that is asked for:
+It finds many fits at once. Each has a number: functions take problems by number and return attempts or fits
+by number, and attempts that are needed at the same time are made together. A fit is looked for on a `Ladder`
+of attempts; which ladder, and what is made of its best attempt, depends on the duration that is asked for:
 
     a number      `Strategy.timed`: a curve in that time, or else the shortest one, which says what is needed
     "stretched"   `Strategy.stretched`: a curve without limits, then slowed until the first limit binds
@@ -39,15 +39,15 @@ from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess
 
 _RATE_ROUNDING = 1e-9  # of a limit, by which rates at start and end may be beyond it
-_TIGHTER = (1e-3, 1e-2)  # shares of the limits left for between places, first and then
-_LONGER = 1.02  # from one duration to the next, when one is looked for that is long enough
-_MOST_LONGER = 1.1  # the same for motions with rates at the ends, in one step
+_TIGHTER = (1e-3, 1e-2)  # shares of the limits left unused at the places, in first and further attempts
+_LONGER = 1.02  # factor from one duration to the next, when one is looked for that is long enough
+_MOST_LONGER = 1.1  # the most of such a factor in a step, for motions with rates at the ends
 _SAME_TIME = 1e-12  # of a duration, by which the shortest motion may exceed it by rounding
 _LOOKS = 8  # at most so many durations are tried
 _SLOW = 2.0  # times the bound; beyond, a stretched motion is tried without a tube as well
 _DETOUR = 1.1  # times the bound; beyond, a shortest motion is compared with a stretched one
-_HURRY = 0.97  # of the time along the nodes; with less of it they are only a first guess
-_LEISURE = 1.15  # of the time along the nodes; with less of it breaks lie close about the flanks
+_HURRY = 0.97  # of the quickest time along the nodes; in less they are only a first guess
+_LEISURE = 1.15  # of the quickest time along the nodes; in less breaks lie close about the flanks
 
 Problems = dict[int, FitProblem]  # by fit
 Attempts = dict[int, Attempt | None]  # by fit; None beyond every chart
@@ -55,15 +55,17 @@ Radius = Callable[[FitProblem], float]  # of a tube about the nodes, rad
 
 
 def _asked(problem: FitProblem) -> float:
+    """Radius of the tube that a problem asks for, rad."""
     return problem.radius
 
 
 def _no_tube(_: FitProblem) -> float:
+    """Radius inf, which means no tube."""
     return np.inf
 
 
 def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit]:
-    """Fits one spline of degree 5, platform and joints together, to each of many paths.
+    """Fit one spline of degree 5, platform and joints together, to each of many paths.
 
     It has four continuous derivatives and least energy (rate, acceleration and jerk with the settings'
     weights) among those that pass the nodes within the tube, keep all limits and stay clear of the zones. The
@@ -76,11 +78,11 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
 
     Args:
         queries: one a fit.
-        seconds: of the fits, to which the time of each is added.
+        seconds: where the time of each fit is added, s.
 
     Returns:
-        The fits; of one that is OK, zones are kept at the places that were looked at, and the certificate has
-        the last word on them. UNCERTIFIED where one is broken there.
+        The fits; one that is OK keeps zones at the places that were looked at, and the certificate has the
+        last word on them. It is UNCERTIFIED where one is broken there.
 
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
@@ -89,7 +91,10 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
 
 
 def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
-    """What is fitted, and for each given node its number there; the fit itself where nothing moves."""
+    """Make the problem of a query, and for each given node its number there; or the fit if it is known.
+
+    Known is that of a path without motion, or of numbers that are not finite. Raises a ValueError, see `fit`.
+    """
     spacecraft, fractions = query.spacecraft, query.node_fractions
     path, rates = checked(query)
     longest = np.inf if spacecraft.rate_norm_limit is None else spacecraft.rate_norm_limit
@@ -123,26 +128,27 @@ def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
 
 
 class Strategy:
-    """Settles many fits; see the module.
+    """Finds many fits; see the module.
 
     Attributes:
-        seconds: of the fits, to which the time of attempts is added.
+        seconds: where the time of each fit's attempts is added, s.
     """
 
     def __init__(self, seconds: Seconds) -> None:
         self.seconds = seconds
 
     def fits(self, problems: Problems) -> dict[int, Fit]:
-        """The fits in the durations that the settings ask for.
+        """Find the fits in the durations that the settings ask for.
 
-        What keeps everything with accelerations of zero at both ends does so where they are free. So a motion
-        with free ones is never longer, nor is none found where there is one with zero.
+        A motion with accelerations of zero at both ends is also one where these are free. So where they are
+        free both are tried: a motion is found if there is one with zero, and it is never longer than that.
         """
         timed = {n: one for n, one in problems.items() if not isinstance(one.settings.duration, str)}
         others = {n: one for n, one in problems.items() if n not in timed}
         return self._in_given_time(timed) | self._in_least_time(others)
 
     def _in_given_time(self, problems: Problems) -> dict[int, Fit]:
+        """Fits in given durations, with free end accelerations first, then with zero where those fail."""
         fits = self.timed(problems)
         failed = {n: one for n, one in problems.items() if fits[n].status is not Status.OK and not one.rests}
         for n, other in self.timed({n: one.resting for n, one in failed.items()}).items():
@@ -150,6 +156,7 @@ class Strategy:
         return fits
 
     def _in_least_time(self, problems: Problems) -> dict[int, Fit]:
+        """Fits for "stretched" and "minimum", with end accelerations of zero, then free if allowed."""
         best = self._quickest({n: one.resting for n, one in problems.items()})
         fits = self._within_limits(best)
         free = {n: one for n, one in problems.items() if not one.rests}
@@ -165,7 +172,7 @@ class Strategy:
         return fits
 
     def timed(self, problems: Problems) -> dict[int, Fit]:
-        """Fits in given durations."""
+        """Fits in given durations; where that fails, the shortest motion tells which duration is needed."""
         durations = {n: float(one.settings.duration) for n, one in problems.items()}
         possible = {n: one for n, one in problems.items() if durations[n] >= one.bound}
         attempts = dict.fromkeys(problems) | self._in_time(possible, durations)
@@ -189,7 +196,13 @@ class Strategy:
         return fits
 
     def _needed(self, quickest: dict[int, Attempt], durations: dict[int, float]) -> dict[int, float | None]:
-        """Durations in which all limits are kept, from the shortest motions; None where none is found."""
+        """Durations (s) at which all limits are kept, None where none is found.
+
+        Args:
+            quickest: the shortest motions; one at rest at its ends is only scaled in time, for the others
+                longer durations are tried.
+            durations: s, asked for.
+        """
         found = {n: own.needed * SAFETY if own.sound else None for n, own in quickest.items()}
         open_ = {n: own.problem for n, own in quickest.items() if own.problem.at_speed}
         found |= dict.fromkeys(open_)
@@ -205,7 +218,7 @@ class Strategy:
         return found
 
     def _in_time(self, problems: Problems, durations: dict[int, float], radius: Radius = _asked) -> Attempts:
-        """The first sound attempts within all limits, or the ones nearest to it, in given durations."""
+        """The first sound attempts within all limits in given durations (s), or the ones nearest to it."""
         ladders = {}
         for n, problem in problems.items():
             hurry = durations[n] / problem.quickest.duration
@@ -242,13 +255,13 @@ class Strategy:
         )
 
     def _quickest(self, problems: Problems) -> Attempts:
-        """Motions to be stretched to their limits, or the shortest ones, as the settings ask."""
+        """The best attempts of `stretched` or of `shortest`, as the settings ask."""
         stretching = {n: one for n, one in problems.items() if _stretches(one)}
         others = {n: one for n, one in problems.items() if n not in stretching}
         return self.stretched(stretching) | self.shortest(others)
 
     def stretched(self, problems: Problems) -> Attempts:
-        """The best motions that look at no limits and are to be stretched to them."""
+        """The best attempts that ignore limits, to be stretched to them afterwards."""
         best = self._along(problems, "stretched")
         slow = {
             n: one
@@ -263,10 +276,10 @@ class Strategy:
     def shortest(self, problems: Problems, radius: Radius = _asked) -> Attempts:
         """The shortest motions within all limits, or the ones nearest to it.
 
-        Near a motion with breaks at switches it is looked for from that alone. Else, where the platform is
-        not much quicker than the joints, it is looked for from curves that are bent away from the path;
-        otherwise along the path, and from such curves where there is something to gain. Where one from rest
-        to rest is far above the bound, it is perhaps one without limits, stretched.
+        Where a problem names a motion with breaks at switches, it is looked for near that alone. Else, where
+        the platform is not much quicker than the joints, it is looked for near curves bent away from the
+        path; otherwise along the path, and near bent curves where there is something to gain. One from rest
+        to rest that is far above the lower bound is compared with a motion without limits, stretched to them.
         """
         near = {n: begin for n, one in problems.items() if (begin := guesses.near(one)) is not None}
         found = {n: own for n, own in self._attempts(near, near.get).items() if own is not None and own.sound}
@@ -300,7 +313,12 @@ class Strategy:
         return best | _quicker(self._bent(begins, problems), best) | found
 
     def _bent(self, begins: Mapping[int, InitialGuess | None], problems: Problems) -> Attempts:
-        """The shortest motions near curves on few intervals, and near ones that are bent away from these."""
+        """The shortest motions near curves on few intervals, and near curves bent away from these.
+
+        Args:
+            begins: the curves; None beyond every chart.
+            problems: whose settings say how many bent curves are tried; none, then no attempt is made.
+        """
         counts = {n: problems[n].settings.first_guesses for n in begins}
         every = {
             n: [own, *guesses.bent(own, counts[n])]
@@ -318,7 +336,7 @@ class Strategy:
         return dict(self._precise(best, by_time_alone=False))
 
     def _precise(self, attempts: dict[int, Attempt], *, by_time_alone: bool) -> dict[int, Attempt]:
-        """The shortest motions near those of attempts, with breaks where these switch."""
+        """The shortest motions near those of attempts, on breaks close together where these switch."""
 
         def begin(n: int) -> InitialGuess:
             return guesses.precise(attempts[n], by_time_alone=by_time_alone)
@@ -327,10 +345,10 @@ class Strategy:
         return {n: own for n, own in found.items() if own is not None}
 
     def _released(self, problems: Problems, shortened: dict[int, Attempt]) -> Attempts:
-        """What shortest motions with accelerations of zero at both ends become once they are free.
+        """The shortest motions with free end accelerations, near those with zero ones (`shortened`).
 
-        Found from the path itself the one with free ones may be the longer one: it begins farther away, since
-        close to a path such accelerations are large, and may end in another local minimum.
+        If it were looked for from the path itself, the one with free ones might be longer: it begins farther
+        away, since close to a path such accelerations are large, and may end in another local minimum.
         """
 
         def begin(n: int) -> InitialGuess | None:
@@ -340,7 +358,7 @@ class Strategy:
         return self._attempts(shortened, begin)
 
     def _within_limits(self, attempts: Attempts) -> dict[int, Fit]:
-        """Fits from motions in just the time that their limits allow."""
+        """Fits from attempts, in the shortest time in which each keeps all limits."""
         fits = {n: beyond_charts() for n, own in attempts.items() if own is None}
         best = {n: own for n, own in attempts.items() if own is not None}
         best |= self._slowed({n: own for n, own in best.items() if own.problem.at_speed})
@@ -354,9 +372,9 @@ class Strategy:
         return fits
 
     def _slowed(self, attempts: dict[int, Attempt]) -> dict[int, Attempt]:
-        """Motions with rates at the ends in so much more time that they keep all limits.
+        """Attempts with rates at the ends, fitted again in longer durations until they keep all limits.
 
-        Scaling the time would change these rates: the curve is fitted again where it is too quick.
+        Scaling their time would change these rates.
         """
         best, open_ = dict(attempts), list(attempts)
         durations = {n: own.trajectory.duration for n, own in best.items()}
@@ -379,7 +397,7 @@ class Strategy:
         return best
 
     def _climb(self, ladders: dict[int, Ladder]) -> Attempts:
-        """The best attempts on ladders; the next ones of all are made together."""
+        """Make attempts on ladders to their ends, those of all fits together; return the best ones."""
 
         def begin(n: int) -> InitialGuess | None:
             return ladders[n].first_curve()
@@ -392,7 +410,7 @@ class Strategy:
         return {n: own.best for n, own in ladders.items()}
 
     def _attempts(self, which: Iterable[int], begin: Callable[[int], InitialGuess | None]) -> Attempts:
-        """Attempts of some fits, made together from the first curves that a function tells."""
+        """Make attempts of some fits together, from first curves, which `begin` makes by number."""
         numbers = list(which)
         if not numbers:
             return {}
@@ -401,7 +419,7 @@ class Strategy:
 
 
 def _time_scaled(attempt: Attempt, duration: float) -> Attempt:
-    """The same motion in another duration."""
+    """An attempt's motion scaled in time to another duration, s."""
     curve = attempt.trajectory.scaled(duration / attempt.trajectory.duration)
     for breaks in (curve.breaks, curve.joint_breaks):  # new arrays
         breaks[-1] = duration  # to the last bit
@@ -409,12 +427,12 @@ def _time_scaled(attempt: Attempt, duration: float) -> Attempt:
 
 
 def _stretches(problem: FitProblem) -> bool:
-    """Whether a motion without limits is asked for, whose time is stretched to them."""
+    """Whether a fit without limits is to be stretched to them: asked for, and at rest at its ends."""
     return problem.settings.duration == STRETCHED and not problem.at_speed
 
 
 def _quicker(others: Attempts, attempts: Attempts) -> Attempts:
-    """The other attempts that are sound and quicker than the first ones, once these keep limits."""
+    """Those of `others` that are sound and, scaled to the limits, quicker than `attempts` of their number."""
 
     def is_quicker(other: Attempt | None, own: Attempt | None) -> bool:
         if other is None or own is None or not other.sound:

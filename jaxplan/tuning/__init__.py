@@ -1,7 +1,7 @@
 """Tuning of numbers of scenarios, by the gradient of what follows from them or, without one, by trials.
 
-`parameters` keeps numbers within their bounds, `objectives` are what may be lowered, `descent` follows the
-gradient, and `trials` does without one.
+`parameters` keeps numbers within their bounds, `objectives` has the functions that may be lowered, `descent`
+follows the gradient, and `trials` does without one.
 """
 
 from jaxplan.tuning.descent import Tuning, tune

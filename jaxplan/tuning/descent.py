@@ -1,9 +1,12 @@
 """Gradient descent on numbers of scenarios through `derivatives.replan`.
 
-From time to time the plans are made anew on their paths, so that what is held of them fits the numbers
-reached; between, each trajectory is followed from there. At the end the scenarios are planned from the
-beginning: at the last numbers and, where plans fail there or others on the way promise less, at those. The
+Between planning anew, trajectories are *followed*: as the numbers change, each stays the optimum under the
+limits and zones that bind, which are *held*. From time to time the plans are made anew on their paths, so
+that what is held of them fits the numbers reached. At the end the scenarios are planned from the beginning:
+at the last numbers and, where plans fail there or others on the way have a lower objective, at those. The
 best numbers whose plans are all certified are the answer; those to begin with are among them.
+
+A descent works on *free* parameters, one for each number, which may take any value (`parameters`).
 """
 
 import math
@@ -48,8 +51,8 @@ class Stop:
 
     Attributes:
         free: parameters.
-        step: of the history.
-        objective: as its trajectories, which are followed, have it.
+        step: number of the step in the history.
+        objective: mean over the trajectories, which are followed.
     """
 
     free: jax.Array
@@ -63,11 +66,12 @@ class State:
     """State of a descent, which need not be at the numbers of its result.
 
     Attributes:
-        asked: what the call asks for, by its arguments, as far as it can be told.
+        asked: the call's arguments by name, in a form that can be compared; None for an objective that is a
+            function.
         free: parameters.
-        memory: of the optimiser.
-        plans: that trajectories are followed from; none to begin with.
-        first: plans of the numbers to begin with, all certified.
+        memory: the optimiser's own state.
+        plans: those from which trajectories are followed; none to begin with.
+        first: plans for the numbers to begin with, all certified.
         history: a row for each step that was made.
         checkpoints: where plans were made anew, the beginning first.
         lowest: the step with the lowest objective.
@@ -238,7 +242,7 @@ def tune(
 
 
 class _Planned(NamedTuple):
-    """Numbers with their plans, which are made from the beginning and certified, and the mean objective."""
+    """A point of a descent with plans made anew for it, all certified, and their mean objective."""
 
     stop: Stop
     plans: Sequence[Plan]
@@ -246,7 +250,11 @@ class _Planned(NamedTuple):
 
 
 class _Descent:
-    """A descent under way, with its state, and the objective and gradient there."""
+    """A descent under way, with its state, and the objective and gradient there.
+
+    Making one plans the scenarios for the numbers to begin with, unless the state has plans; it raises a
+    ValueError where one has none, or the objective is not finite.
+    """
 
     def __init__(
         self,
@@ -278,7 +286,7 @@ class _Descent:
             self._state = replace(self._state, checkpoints=(self._stop,))
 
     def go(self, steps: int) -> None:
-        """Make so many steps, unless the objective ceases to be finite or somebody interrupts."""
+        """Make so many steps, unless the objective ceases to be finite or Ctrl-C interrupts."""
         try:
             with progress_bar("tuning", "steps", total=steps, shown=self._progress) as bar:
                 for _ in range(steps):
@@ -302,7 +310,7 @@ class _Descent:
             self._messages.append("interrupted")
 
     def result(self) -> Tuning:
-        """The best numbers found, with certified plans, and what there is to say about them."""
+        """Plan for the most promising numbers; return the best with certified plans, and the messages."""
         state, start = self._state, self._state.checkpoints[0]
         best, refused = self._best(start, self._stop)
         messages = list(self._messages)
@@ -329,18 +337,18 @@ class _Descent:
 
     @property
     def _stop(self) -> Stop:
-        """The numbers where the descent is, and their objective."""
+        """The point where the descent is."""
         row = self._row
         return Stop(free=self._state.free, step=int(row["step"]), objective=row["objective"])
 
     def _at(self, free: jax.Array) -> tuple[Scenario, ...]:
-        """The scenarios with the numbers that parameters stand for."""
+        """The scenarios with the numbers of free parameters put in."""
         pairs = zip(self._tuned, np.asarray(free), strict=True)
         numbers = {one.place: float(one.value(z)) for one, z in pairs}
         return tuple(with_numbers(scenario, numbers) for scenario in self._given)
 
     def _look(self, state: State) -> tuple[dict[str, float], np.ndarray] | None:
-        """The row of the next step and the gradient; None where they are not finite."""
+        """The history's row for a state, and the gradient in the free parameters; None if not finite."""
         value, slope = self._slope(state.free)
         if not (np.isfinite(value) and np.all(np.isfinite(slope))):
             return None
@@ -383,6 +391,7 @@ class _Descent:
         self._state = replace(state, plans=tuple(plans), checkpoints=(*state.checkpoints, self._stop))
 
     def _plans_to_begin_with(self, free: jax.Array) -> tuple[Plan, ...]:
+        """Plan the scenarios for free parameters; raise a ValueError where one has no plan."""
         plans = tuple(plan_batch(self._at(free), progress=self._progress))
         for plan in plans:
             if not plan.ok:
@@ -392,10 +401,10 @@ class _Descent:
         return plans
 
     def _best(self, start: Stop, end: Stop) -> tuple[_Planned, bool]:
-        """The best numbers with certified plans, and whether those at the end have none.
+        """Find the best point with certified plans, and whether planning failed at the end.
 
-        They are planned one after the other, the lowest first, and the end before others that are hardly
-        lower, until none of the rest promises less than what is found.
+        Points are planned for one after the other, that of the lowest objective first, and the end before
+        others that are hardly lower, until none of the rest is lower than the best found.
         """
         state = self._state
         best, refused = _Planned(start, state.first, self._mean(state.first)), False
@@ -413,7 +422,7 @@ class _Descent:
         return best, refused
 
     def _mean(self, plans: Sequence[Plan]) -> float:
-        """The mean objective of plans."""
+        """The mean objective of plans, all OK."""
         values = []
         for plan in plans:
             assert plan.trajectory is not None  # it is OK
@@ -425,4 +434,5 @@ class _Descent:
 
 @partial(quick_jit, static_argnums=2)
 def _valued(trajectory: Trajectory, scenario: Scenario, aim: Objective) -> jax.Array:
+    """The objective of a trajectory and its scenario."""
     return aim(trajectory, scenario)

@@ -1,7 +1,7 @@
 """Objectives of tuning: functions of a trajectory and its scenario, in the units of files.
 
-What a descent follows is their mean over several plans and its gradient, as trajectories follow the numbers
-that are tuned.
+A descent lowers their mean over several plans, by its gradient in the tuned numbers, with which trajectories
+change as `derivatives.replan` has it.
 """
 
 import os
@@ -31,12 +31,14 @@ _DEGREE = np.pi / 180
 
 
 def _margin(trajectory: Trajectory, scenario: Scenario) -> Array:
+    """Smallest margin to any zone, deg; raises a ValueError without zones."""
     if not scenario.zones:
         raise ValueError("objective smallest_margin needs zones, of which there are none")
     return measures.least_margin(trajectory, scenario.spacecraft, scenario.constraints) / _DEGREE
 
 
 def _torque(trajectory: Trajectory, scenario: Scenario) -> Array:
+    """Largest component of the torque, N m; raises a ValueError without an inertia."""
     if scenario.spacecraft.inertia is None:
         raise ValueError("objective peak_torque needs spacecraft.inertia_kg_m2, which is not set")
     return measures.peak_torque(trajectory, scenario.spacecraft)
@@ -78,6 +80,7 @@ def objective_label(given: str | Mapping[str, float] | Objective) -> str:
 
 
 def _spelled(name: str) -> str:
+    """The name of an objective in words, with a minus where its negative is lowered."""
     sign = "\N{MINUS SIGN}" if name == "smallest_margin" else ""
     return sign + name.replace("_", " ")
 
@@ -128,6 +131,7 @@ def _weighted(weights: tuple[tuple[str, float], ...]) -> Objective:
 
 
 def _sum_of(weights: tuple[tuple[str, float], ...], trajectory: Trajectory, scenario: Scenario) -> Array:
+    """Sum of the objectives named, times their weights."""
     parts = [weight * OBJECTIVES[name](trajectory, scenario) for name, weight in weights]
     return jnp.sum(jnp.stack(parts))
 
@@ -135,14 +139,16 @@ def _sum_of(weights: tuple[tuple[str, float], ...], trajectory: Trajectory, scen
 def mean_slope(
     pairs: Iterable[tuple[Held, Scenario]], aim: Objective, tuned: tuple[Parameter, ...], *, often: bool
 ) -> Slope:
-    """The mean objective of plans and its gradient, as a function of the free parameters.
+    """Make the function from free parameters to the mean objective of plans and its gradient.
+
+    Its kernels are compiled now.
 
     Args:
         pairs: what is held of each plan, with its scenario.
         aim: the objective.
-        tuned: what it is a function of.
-        often: whether it is asked for so often that a kernel that is compiled for twice as long, and runs in
-            half of the time, pays.
+        tuned: the numbers that the parameters stand for.
+        often: whether it is called so often that a kernel pays which takes twice as long to compile, and runs
+            in half of the time.
     """
     kernel = _slope if often else _slope_soon
     held: list[Any] = []
@@ -185,7 +191,7 @@ def bare(scenario: Scenario) -> Scenario:
 def _value_and_slope(
     free: jax.Array, held: Held, scenario: Scenario, aim: Objective, tuned: tuple[Parameter, ...]
 ) -> tuple[jax.Array, jax.Array]:
-    """The objective of a plan, and its gradient."""
+    """The objective of a plan at free parameters, and its gradient in them; arguments as of `mean_slope`."""
 
     def value(free: jax.Array) -> jax.Array:
         numbers = {one.place: one.value(z) for one, z in zip(tuned, free, strict=True)}

@@ -1,8 +1,9 @@
 """Numbers that are tuned: their names, bounds and own values, in a file's keys and units.
 
-Trials vary settings within a `Range`. A descent has a free parameter for each number, which a transform keeps
-within its bounds: ``low + (high - low) / (1 + exp(-z))`` of a free ``z``; where the bounds are positive and
-far apart its logarithm is. So a step in ``z`` means about the same for a weight and a duration.
+Trials vary settings within a `Range`. A descent has a free parameter ``z`` for each number, which may take
+any value; the number is ``low + (high - low) / (1 + exp(-z))``, within its bounds. Where the bounds are
+positive and far apart its logarithm is put so. So a step in ``z`` means about the same for a weight and a
+duration.
 """
 
 import math
@@ -21,10 +22,10 @@ from jaxplan.schema.layout import SEARCH, TRAJECTORY
 from jaxplan.schema.numbers import NumberPlace, find_number
 from jaxplan.study.task import Task, make_task
 
-_DIGITS = 4  # that a number tried has, so that settings found can be written down
+_DIGITS = 4  # significant digits of a number tried, so that settings found can be written down
 _TABLES = {"search": SEARCH, "trajectory": TRAJECTORY}
 _FAR = 10.0  # ratio of bounds from which on the logarithm is taken
-_AROUND = 1e3  # times the first value, and a part of it, are the bounds where none are given
+_AROUND = 1e3  # where no bounds are given they are this factor above and below the first value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,9 +35,9 @@ class Range:
     Attributes:
         name: dotted, as in ``search.heuristic_weight``.
         low: the least value, in the file's unit.
-        high: the largest.
+        high: the largest value, likewise.
         integer: whether the setting is a whole number.
-        own: what the scenes have; NaN where they differ, or have a word or nothing there.
+        own: the scenes' own value; NaN where they differ, or have a word or nothing there.
     """
 
     name: str
@@ -46,14 +47,14 @@ class Range:
     own: float
 
     def number(self, value: float) -> float | int:
-        """Round a value as a file has it, within the bounds."""
+        """A value rounded to what is written into a file, within the bounds."""
         if self.integer:
             return round(value)
         return min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high)
 
 
 def make_ranges(task: Task, over: object) -> tuple[Range, ...]:
-    """Ranges of the settings that are to be varied, after a check of their names and bounds.
+    """Check the names and bounds of the settings that are to be varied; return their ranges.
 
     Args:
         task: the study that is made in each trial.
@@ -61,7 +62,7 @@ def make_ranges(task: Task, over: object) -> tuple[Range, ...]:
 
     Raises:
         TypeError: if it is no dict.
-        ScenarioError: if it is empty, or a name or bound is none that a file may hold; all are named.
+        ScenarioError: if it is empty, or a file may not hold a name or bound; all such are named.
     """
     if not isinstance(over, Mapping):
         raise TypeError(
@@ -84,7 +85,7 @@ def make_ranges(task: Task, over: object) -> tuple[Range, ...]:
 
 
 def _pair(bounds: Any) -> tuple[float, float] | None:
-    """Two finite numbers, the lower one first; None for anything else."""
+    """Bounds as two finite floats, the lower one first; None for anything else."""
     if not isinstance(bounds, tuple | list) or len(bounds) != 2:
         return None
     numeric = all(isinstance(one, int | float | np.number) and type(one) is not bool for one in bounds)
@@ -93,6 +94,7 @@ def _pair(bounds: Any) -> tuple[float, float] | None:
 
 
 def _range(name: str, bounds: tuple[float, float], scenarios: Sequence[Scenario]) -> Range:
+    """The range of a setting by its dotted name, with the value that all scenarios have."""
     table, _, key = name.partition(".")
     entry = next(entry for entry in _TABLES[table].fields if entry.key == key)
     held = [getattr(getattr(scenario, table), entry.attribute) for scenario in scenarios]
@@ -112,10 +114,10 @@ class Parameter:
     """A number that is tuned.
 
     Attributes:
-        place: where it stands.
-        low: bound in the file's units.
-        high: bound in the file's units.
-        first: value to begin with.
+        place: where it stands in a scenario.
+        low: lower bound in the file's unit.
+        high: upper bound in the file's unit.
+        first: value to begin with, in the file's unit.
     """
 
     place: NumberPlace
@@ -125,11 +127,11 @@ class Parameter:
 
     @property
     def logarithmic(self) -> bool:
-        """True if the logarithm is what the transform keeps within bounds."""
+        """Whether the transform is applied to the logarithm of the number."""
         return self.low > 0 and self.high / self.low >= _FAR
 
     def value(self, free: Array) -> Array:
-        """The number, in the file's units."""
+        """The number, in the file's unit, at a free parameter."""
         share = 1 / (1 + jnp.exp(-free))
         if self.logarithmic:
             return self.low * (self.high / self.low) ** share
@@ -147,7 +149,7 @@ class Parameter:
 def parameters(
     scenario: Scenario, over: Sequence[str] | Mapping[str, tuple[float, float]]
 ) -> tuple[Parameter, ...]:
-    """Parameters for the numbers that are to be tuned, after a check of their names and bounds.
+    """Check the names and bounds of the numbers that are to be tuned; return their parameters.
 
     Args:
         scenario: with the values to begin with.
@@ -157,7 +159,7 @@ def parameters(
 
     Raises:
         ScenarioError: if a scenario has no such number; the message says what there is.
-        ValueError: if bounds are none, or the first value does not lie between them.
+        ValueError: if bounds are not two numbers, or the first value does not lie between them.
     """
     if isinstance(over, str):
         raise ValueError(f'over = "{over}": must be a list of names, or their bounds by name')
@@ -192,7 +194,7 @@ def parameters(
 
 
 def number_of(scenario: Scenario, name: str) -> NumberPlace:
-    """Where a number stands; a ScenarioError, as of any other unknown key, where there is none."""
+    """Find where the number of a dotted name stands; raise a ScenarioError, as for any unknown key, else."""
     try:
         return find_number(scenario, name)
     except KeyError as error:
@@ -200,7 +202,7 @@ def number_of(scenario: Scenario, name: str) -> NumberPlace:
 
 
 def _usual(place: NumberPlace, first: float) -> tuple[float, float]:
-    """Bounds of a number for which none are given."""
+    """Bounds of a number for which none are given; raises a ValueError if it may be negative."""
     interval = place.interval
     if interval is None or interval.low < 0:
         raise ValueError(
@@ -211,5 +213,5 @@ def _usual(place: NumberPlace, first: float) -> tuple[float, float]:
 
 
 def as_dict(tuned: Sequence[Parameter], free: np.ndarray) -> dict[str, float]:
-    """Tuned numbers by name, in the file's units."""
+    """The numbers at free parameters (k,), by name, in the file's units."""
     return {one.place.name: float(one.value(z)) for one, z in zip(tuned, free, strict=True)}

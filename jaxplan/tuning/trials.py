@@ -1,9 +1,9 @@
 """Search settings tuned by trials: each is a study of the same scenes, by other settings.
 
-What a search does jumps with its settings, so there is no gradient to follow (`descent` has one, of
-trajectories). A trial plans whole, as `run_study` does, not the search alone: a short path that no certified
-trajectory follows is a failure. Success comes before the objective: trials with more failed scenes are always
-worse. Times are those of the search step.
+The result of a search jumps with its settings, so there is no gradient to follow (`descent` has one, of
+trajectories). A trial makes whole plans, as `run_study` does, not the search alone: a short path without a
+certified trajectory is a failure. Success comes before the objective: trials with more failed scenes are
+always worse. Times are those of the search step.
 """
 
 import math
@@ -51,7 +51,18 @@ class Trial(NamedTuple):
 
 
 class Trials:
-    """Runs trials, and keeps their rows, the best trial, and the one by the scenes' own settings."""
+    """Runs trials, and keeps their rows, the best trial, and the one by the scenes' own settings.
+
+    Making one runs the first trial.
+
+    Args:
+        task: the study that is made in each trial.
+        ranges: of the settings.
+        score: the objective, of a study.
+        most: number of trials after which a further one raises `Ended`.
+        noisy: whether the objective depends on times, so that a first study is made and thrown away.
+        bar: counts trials, and shows the best objective.
+    """
 
     def __init__(
         self, task: Task, ranges: tuple[Range, ...], score: Score, most: int, noisy: bool, bar: Bar
@@ -65,7 +76,11 @@ class Trials:
         self.own = self.best = self._noted(numbers)
 
     def __call__(self, values: np.ndarray) -> float:
-        """Rank of settings, of which lower is better; settings that were tried before cost no trial."""
+        """Make a trial of settings (k,), unless it has been made; return its rank, of which lower is better.
+
+        Raises:
+            Ended: if all trials are spent, or because of an error in this one.
+        """
         numbers = {one.name: one.number(value) for one, value in zip(self.ranges, values, strict=True)}
         key = tuple(numbers.values())
         if key not in self._known:
@@ -80,7 +95,7 @@ class Trials:
         return self._known[key]
 
     def measure_again(self) -> str:
-        """Let fresh measurements decide between the best and the scenes' own settings; says how."""
+        """Repeat the trials of the best and of the scenes' own settings, and keep the better; says how."""
         try:
             own, best = map(self._again, (self.own, self.best))
         except KeyboardInterrupt:
@@ -91,11 +106,12 @@ class Trials:
         return "measured again"
 
     def _again(self, trial: Trial) -> Trial:
+        """Repeat a trial, without entering it in the history."""
         numbers = {one.name: trial.row[one.name] for one in self.ranges}
         return self._trial(int(trial.row["trial"]), numbers)
 
     def _noted(self, numbers: Row) -> Trial:
-        """Make the next trial and enter it in the history."""
+        """Make the next trial by settings, and enter it in the history."""
         trial = self._trial(len(self.history), numbers)
         self.history.append(trial.row)
         self._known[tuple(numbers.values())] = self._rank(trial)
@@ -103,7 +119,12 @@ class Trials:
         return trial
 
     def _trial(self, number: int, numbers: Row) -> Trial:
-        """Make a study by settings; that of trial 0 is by the scenes' own."""
+        """Make a trial of this number by settings; that of number 0 is by the scenes' own, whatever is given.
+
+        Raises:
+            KeyboardInterrupt: if the study is interrupted.
+            ValueError: if its objective is NaN or -inf.
+        """
         task = self.task
         # in one chunk where it may be, so that the times of trials compare
         study = run_study(
@@ -123,6 +144,7 @@ class Trials:
         return Trial({"trial": number, "objective": value, "success_rate": rate, **numbers}, study)
 
     def _better(self, one: Trial, other: Trial) -> Trial:
+        """The trial of the lower rank, the first of two as good."""
         return min(one, other, key=self._rank)
 
     def _rank(self, trial: Trial) -> float:
@@ -264,7 +286,7 @@ def tune_search(
 
 
 def _search(trial: Trials, seed: int) -> str:
-    """Try settings until all trials are spent; says how it ended, if not so.
+    """Try settings until all trials are spent; returns words on how it ended, empty if so.
 
     Differential evolution, of scipy's methods: it only compares trials, so that noise, jumps, plateaus and
     failures do it little harm, it keeps whole numbers whole, and every trial after the first eight builds on
@@ -298,7 +320,7 @@ def _search(trial: Trials, seed: int) -> str:
 
 
 def _make_score(objective: str | Score) -> tuple[str, Score]:
-    """Label and function of an objective."""
+    """Label and function of an objective; a TypeError or ValueError, see `tune_search`, for what is none."""
     if isinstance(objective, str):
         if objective not in _OBJECTIVES:
             known = ", ".join(_OBJECTIVES)
