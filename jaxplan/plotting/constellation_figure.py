@@ -50,7 +50,7 @@ def constellation(
     view: tuple[float, float] | None = None,
     legend: bool = True,
 ) -> list[Axes]:
-    """The shell around the Earth, each satellite coloured by its manoeuvre's time, and their histogram.
+    """Draw the shell around the Earth, satellites coloured by the times of their manoeuvres, and a histogram.
 
     Satellites behind the Earth are not seen, and those beyond its limb on the far side are paler. The bars of
     the histogram have the colours of the globe.
@@ -88,6 +88,7 @@ def constellation(
 
 
 def _view(result: Constellation, angles: tuple[float, float] | None) -> GlobeView:
+    """View from azimuth and elevation of the eye, deg; for None one that has the Sun to the side."""
     if angles is not None:
         expect_view(angles)
         return GlobeView.from_angles(*np.deg2rad(angles))
@@ -134,6 +135,7 @@ def _draw_globe(axes: Axes, result: Constellation, norm: Normalize, view: GlobeV
 
 
 def _draw_earth(axes: Axes, view: GlobeView, radius: float) -> None:
+    """Draw the Earth with its grid, and scale the axes to a shell's radius, in radii of the Earth."""
     reach = 1.16 * radius
     axes.set_aspect("equal")
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
@@ -158,7 +160,10 @@ def _draw_planes(axes: Axes, result: Constellation, view: GlobeView) -> None:
 
 
 def _draw_sun(axes: Axes, sun: np.ndarray | None, view: GlobeView, radius: float) -> None:
-    """Draw an arrow towards the Sun at the edge of the picture; none where it is right in front or behind."""
+    """Draw an arrow toward the Sun, a unit vector (3,), at the edge of the picture of a shell of a radius.
+
+    There is none without a Sun, or where the Sun is right in front or behind.
+    """
     if sun is None:
         return
     toward = view.project(sun)
@@ -204,7 +209,7 @@ def _draw_histogram(
 
 
 def _shares(times: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Shares of times in bins, percent."""
+    """Percentage of all times (k,) that falls in each bin between edges (b + 1,), (b,)."""
     return 100 * np.histogram(times, edges)[0] / len(times)
 
 

@@ -57,7 +57,7 @@ def animate(
     view: tuple[float, float] | None = None,
     frames: int = 80,
 ) -> "Film":
-    """A film of a manoeuvre on the globe.
+    """Make a film of a manoeuvre on the globe.
 
     As the last line of a notebook's cell it shows a player. ``.save("slew.gif")`` writes a file, as ``.mp4``
     where ffmpeg is installed.
@@ -65,7 +65,7 @@ def animate(
     Args:
         plan: with a trajectory.
         ax: axes, a figure to put them in, or None for a new one.
-        view: inertial azimuth and elevation of the eye, deg; None for where most of the ways are in front.
+        view: inertial azimuth and elevation of the eye, deg; None for one that most boresights face.
         frames: pictures, evenly over the manoeuvre.
 
     Returns:
@@ -192,7 +192,7 @@ def _check_place(target: Path) -> None:
 
 
 def _smaller(found: re.Match[str]) -> str:
-    """Reduce the colours of a picture that is embedded in a page, so that it takes fewer bytes."""
+    """The PNG ``data:`` address of a match with its colours reduced, so that it takes fewer bytes."""
     picture = Image.open(io.BytesIO(base64.b64decode(found[2].replace("\\\n", ""))))
     file = io.BytesIO()
     picture.convert("RGB").quantize(_COLOURS).save(file, "png")
@@ -200,7 +200,7 @@ def _smaller(found: re.Match[str]) -> str:
 
 
 class _Picture:
-    """Artists of a film that move; a call with the number of an instant moves them to it."""
+    """Artists of a film that move; a call with the index of a time of the motion moves them to it."""
 
     def __init__(self, axes: Axes, plan: Plan, moves: Motion, view: GlobeView) -> None:
         self.axes, self.motion, self.view = axes, moves, view
@@ -223,7 +223,7 @@ class _Picture:
         self.clock = axes.text(-1.06, 1.27, "", fontsize=SMALL + 1, ha="left", va="top")
 
     def __call__(self, number: int) -> list[Artist]:
-        """Show an instant; returns what has changed."""
+        """Move all artists to the motion's time of an index; returns those that have changed."""
         attitude = self.motion.values.attitude[number]
         self._turn_platform(attitude)
         feet, tips = self.feet @ attitude.T, self.motion.boresights[number]
@@ -241,7 +241,7 @@ class _Picture:
         return [*self.moving, self.faces, *chain(*self.trails), *self.beams, *self.spots, self.clock]
 
     def _move_zones(self, time: float) -> None:
-        """Draw the zones that move where they are at a time, s."""
+        """Draw the zones that move where they are at a time, s, in place of those drawn before."""
         for artist in self.moving:
             artist.remove()
         zones = zones_at(self.scenario, time, moving=True)
@@ -249,7 +249,7 @@ class _Picture:
         self.moving += name_zones(self.axes, self.view, zones)
 
     def _turn_platform(self, attitude: np.ndarray) -> None:
-        """Draw the faces of the platform that the eye sees."""
+        """Draw the faces of the platform that the eye sees at an attitude (3, 3), body to inertial."""
         corners, shades = [], []
         for axis, side in product(range(3), (-1, 1)):
             middle, first, second = np.roll(np.eye(3), -axis, axis=0) * _BODY
@@ -264,6 +264,7 @@ class _Picture:
         self.faces.set_facecolor(shades)
 
     def _words(self, number: int) -> str:
+        """Time and smallest margin at the motion's time of an index, as text."""
         times = self.motion.times
         words = f"{times[number]:.1f} of {times[-1]:.1f} s"
         found = [values[number] for values in self.margins if not np.isnan(values[number])]

@@ -64,7 +64,7 @@ _FACES = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # corners of a square
 def spacecraft(
     spacecraft: Spacecraft, joints: ArrayLike | None = None, ax: Canvas = None, *, legend: bool = True
 ) -> Axes3D:
-    """A spacecraft in its body axes, so that a wrong mounting is seen.
+    """Draw a spacecraft in its body axes, so that a wrong mounting is seen.
 
     Args:
         spacecraft: its devices.
@@ -111,9 +111,9 @@ def spacecraft_figure(craft: Spacecraft, joints: ArrayLike) -> Figure:
 
 
 def _solid(where: Canvas) -> tuple[Axes3D, Axes]:
-    """The 3-D axes to draw on, with nothing around, and those that the legend stands beside.
+    """Make or check the 3-D axes to draw on; returns them, and the axes that the legend stands beside.
 
-    These are narrow ones of their own where that can be: a layout does not know how wide 3-D axes are.
+    In a figure these are narrow ones of their own, since a layout does not know how wide 3-D axes are.
     """
     if where is None:
         where = new_figure(SIZE)
@@ -134,7 +134,14 @@ def _solid(where: Canvas) -> tuple[Axes3D, Axes]:
 
 
 class _Picture:
-    """What is drawn of a spacecraft; surfaces are one collection, so that near ones cover far ones."""
+    """Drawing of a spacecraft; surfaces are one collection, so that near ones cover far ones.
+
+    Args:
+        craft: the spacecraft.
+        axes: 3-D, to draw on.
+        joints: (J,) rad.
+        turned: whether boresights are drawn at these angles, besides zero angles.
+    """
 
     def __init__(self, craft: Spacecraft, axes: Axes3D, joints: np.ndarray, *, turned: bool) -> None:
         self.craft, self.axes, self.turned = craft, axes, turned
@@ -186,7 +193,7 @@ class _Picture:
             self._draw_field(number, device, device.field_of_view, foot)
 
     def _draw_reach(self, number: int, terminal: Terminal, foot: np.ndarray) -> None:
-        """The part of a sphere that a terminal's ranges reach, without its masks, and its yaw axis."""
+        """Draw the part of a sphere that a terminal's ranges reach, without its masks, and its yaw axis."""
         frame, colour = self.craft.gimbals.frames[number], device_style(number)["color"]
         ranges = np.asarray(terminal.ranges, float)
         yaws, pitches = _once_around(ranges[0]), ranges[1]
@@ -218,7 +225,7 @@ class _Picture:
         self._line(_from(foot, _AXIS * frame[:, 2]), {"color": colour, "linewidth": 1, "linestyle": ":"})
 
     def _draw_fan(self, number: int, drive: Drive, foot: np.ndarray) -> None:
-        """The fan in which a drive's boresight turns, and its axis."""
+        """Draw the fan in which a drive's boresight turns, and its axis."""
         frame, colour = self.craft.gimbals.frames[number], device_style(number)["color"]
         angles = _points(_once_around(np.asarray(drive.range, float)))
         own = pointing(angles, np.full_like(angles, float(drive.tilt)))
@@ -231,7 +238,7 @@ class _Picture:
         self._line(foot + axis, {"color": colour, "linewidth": 1, "linestyle": ":"})
 
     def _draw_field(self, number: int, device: Any, full: np.ndarray, foot: np.ndarray) -> None:
-        """A field of view as a pyramid, with the direction of up at its upper edge."""
+        """Draw a field of view of full angles (2,) rad as a pyramid, with an arrow up at its upper edge."""
         colour = device_style(number)["color"]
         if isinstance(device, Terminal):
             up, turn = UP if device.up is None else device.up, self.moved[number]
@@ -284,7 +291,7 @@ class _Picture:
             self._name(places[where], name, device_style(number)["color"], SMALL + 1)
 
     def _seen(self, point: np.ndarray) -> np.ndarray:
-        """Where a point is in the picture, pixels."""
+        """Place (2,) in the picture, pixels, of a point (3,) in body axes."""
         across, up, _ = proj_transform(*point, self.axes.get_proj())
         return np.asarray(self.axes.transData.transform((across, up)))
 
@@ -352,7 +359,7 @@ class _Picture:
 
 
 def _told(device: Terminal | Drive | Instrument) -> str:
-    """A device's name with its ranges and its field of view, deg."""
+    """Legend text of a device: its name, its ranges and its field of view, deg."""
     lines = [device.name]
     if isinstance(device, Terminal):
         yaw, pitch = np.asarray(device.ranges, float)
@@ -373,14 +380,14 @@ def _degrees(angle: float) -> str:
 
 
 def _turn(azimuth: float, elevation: float) -> np.ndarray:
-    """(3, 3) from a moving part's axes (boresight, left, up) to those at zero angles."""
+    """Rotation (3, 3) by angles in rad, from a moving part's axes (boresight, left, up) to its mount's."""
     ahead = pointing(azimuth, elevation)
     left = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     return np.stack([ahead, left, np.cross(ahead, left)], axis=-1)
 
 
 def _once_around(span: np.ndarray) -> np.ndarray:
-    """A range, of which no more than a turn is drawn: the last one, up to half a turn where it has that."""
+    """A range (2,) rad, cut to one turn: the one that ends at pi, or as near to that as the range allows."""
     if span[1] - span[0] < TURN:
         return span
     high = np.clip(np.pi, span[0] + TURN, span[1])
@@ -388,10 +395,12 @@ def _once_around(span: np.ndarray) -> np.ndarray:
 
 
 def _net(span: np.ndarray) -> np.ndarray:
+    """Edges (k,) of equal cells of a range, rad, each about `_CELL` wide."""
     return np.linspace(span[0], span[1], 1 + max(1, round(float(span[1] - span[0]) / _CELL)))
 
 
 def _points(span: np.ndarray) -> np.ndarray:
+    """Equidistant angles (k,) of a range, rad, at most `_STEP` apart."""
     return np.linspace(span[0], span[1], 2 + int(float(span[1] - span[0]) / _STEP))
 
 
@@ -400,11 +409,12 @@ def _middles(edges: np.ndarray) -> np.ndarray:
 
 
 def _from(foot: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Both ends (2, 3) of a vector from a foot."""
     return np.array([foot, foot + vector])
 
 
 def _within(terminal: Terminal, points: np.ndarray) -> np.ndarray:
-    """Which (yaw, pitch) (..., 2) lie in a mask, whatever the turn."""
+    """Which (yaw, pitch) (..., 2) rad lie in a mask of a terminal, at any turn of the yaw; (...) bool."""
     found = np.zeros(points.shape[:-1], dtype=bool)
     low, high = np.min(points[..., 0]), np.max(points[..., 0])
     for corners in terminal.mask:
@@ -418,7 +428,10 @@ def _within(terminal: Terminal, points: np.ndarray) -> np.ndarray:
 def _outline(
     corners: np.ndarray, turn: int, yaws: np.ndarray, pitches: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Yaws and pitches along a mask's outline, held within the ranges; corners (k, 2)."""
+    """Yaws and pitches along a mask's outline, rad, its corners (k, 2) moved by whole turns of the yaw.
+
+    Points are clipped to the ranges (2,) of yaws and pitches.
+    """
     places, count = np.linspace(0.0, len(corners), 24 * len(corners) + 1), np.arange(len(corners) + 1)
     closed = corners[count % len(corners)] + np.array([TURN * turn, 0.0])
     yaw, pitch = (np.interp(places, count, closed[:, column]) for column in range(2))

@@ -40,7 +40,7 @@ _ACROSS = np.linspace(-1.1, 1.1, 23)  # half widths of such a cone from its cent
 
 
 def circle(axis: np.ndarray, half_angle: float) -> np.ndarray:
-    """The edge of a cone on the sphere.
+    """Points along the edge of a cone on the sphere.
 
     Args:
         axis: (3,) unit vector.
@@ -99,10 +99,10 @@ class Sheet(NamedTuple):
     """One layer of a picture, on a grid of its points.
 
     Attributes:
-        across: (n,) of the picture.
-        upward: (m,) likewise.
-        directions: (m, n, 3) inertial.
-        strength: by which the opacity of an area is multiplied.
+        across: (n,) horizontal coordinates in the picture: deg on the flat map, radii on the globe.
+        upward: (m,) vertical ones.
+        directions: (m, n, 3) inertial unit vectors at the grid's points.
+        strength: factor of an area's opacity.
     """
 
     across: np.ndarray
@@ -137,7 +137,7 @@ class FlatMap:
         return [(cut(unfold(line)), 1.0)]
 
     def sheets(self, axis: np.ndarray, half_angle: float) -> Iterator[Sheet]:
-        """The layers of the picture, on a grid that is fine enough for a cone."""
+        """Yield the one layer of the map, on a grid that is fine enough for a cone."""
         if half_angle > _SMALL:
             yield _flat_sheet()
             return
@@ -148,7 +148,7 @@ class FlatMap:
         yield _sheet(across, upward)
 
     def extent(self, axis: np.ndarray, half_angle: float) -> tuple[float, float]:
-        """Half the width and height of a cone in the picture, at most those of a half sphere."""
+        """Half the width and height, deg, of a cone in the picture, at most those of a half sphere."""
         angle = min(float(np.rad2deg(half_angle)), 90.0)
         return angle / np.cos(min(abs(azimuth_elevation(axis)[1]), np.pi / 3)), angle
 
@@ -164,6 +164,7 @@ class FlatMap:
 
 
 def _sheet(across: np.ndarray, upward: np.ndarray) -> Sheet:
+    """The flat map on a grid of azimuths (n,) and elevations (m,), deg."""
     return Sheet(across, upward, np.asarray(pointing(*np.deg2rad(np.meshgrid(across, upward)))), 1.0)
 
 
@@ -173,7 +174,7 @@ def _flat_sheet() -> Sheet:
 
 
 def _finer(lines: np.ndarray, centre: float, reach: float) -> np.ndarray:
-    """The lines of a grid with more lines about a centre, so that what is small does not fall between two."""
+    """Grid coordinates (n,) with more of them within about `reach` of a centre, for what is small there."""
     more = centre + reach * _ACROSS
     return np.union1d(lines, more[(more > lines[0]) & (more < lines[-1])])
 
@@ -239,7 +240,7 @@ class GlobeView:
         return [(np.where(side[:, None], flat, np.nan), alpha) for side, alpha in ((near, 1.0), (far, PALE))]
 
     def sheets(self, axis: np.ndarray, half_angle: float) -> Iterator[Sheet]:
-        """The layers of front and back of the sphere, with the limb's directions beyond it."""
+        """Yield the layers of the sphere's front and back; points beyond the limb have its directions."""
         across = upward = _GLOBE_LINES
         points = _whole_disc()
         if half_angle <= _SMALL:
@@ -250,7 +251,7 @@ class GlobeView:
             yield Sheet(across, upward, points * (1, 1, side) @ self.axes, strength)
 
     def extent(self, axis: np.ndarray, half_angle: float) -> tuple[float, float]:
-        """Half the width and height of a cone in the picture, if it is seen from straight above."""
+        """Half the width and height, radii, of a cone in the picture, as if its axis met the eye."""
         size = float(np.sin(min(half_angle, np.pi / 2)))
         return size, size
 

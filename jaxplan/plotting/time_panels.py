@@ -58,7 +58,7 @@ class Panel(NamedTuple):
 
     Attributes:
         quantity: what is drawn.
-        words: the quantity by the name of what it is of.
+        words: label of the vertical axis, without the unit.
         values: (c, k) a row for each curve, in SI units.
         limits: (c, 2) likewise, least and largest; an infinite one is none.
         styles: of the curves.
@@ -92,7 +92,7 @@ class Panel(NamedTuple):
 
 
 class Joints(NamedTuple):
-    """A kind of joints: what their angles are called, which they are, and the first device that has one."""
+    """A kind of joints: what their angles are called, their indices, and the number of the first device."""
 
     name: str
     which: slice
@@ -107,7 +107,7 @@ def joint_kinds(craft: Spacecraft) -> list[Joints]:
 
 
 def _joint_panel(craft: Spacecraft, values: Kinematics, power: int, kind: Joints) -> Panel:
-    """The panel of a kind of joints' angles, or of a derivative of them."""
+    """The panel of a kind of joints: their angles for power 0, or the derivative of that order."""
     (quantity,) = (
         each
         for each in QUANTITIES
@@ -150,7 +150,10 @@ def _axis_entries(craft: Spacecraft, quantity: Quantity) -> Entries:
 def _figure(
     plan: Plan, ax: Canvas, groups: Sequence[tuple[Entries, Sequence[Panel]]], moves: Motion, legend: bool
 ) -> list[Axes]:
-    """Draw panels from top to bottom, with a legend beside the first of each group."""
+    """Draw groups of panels from top to bottom, each with a legend if wanted; returns the axes.
+
+    A group is the legend entries of its curves, and its panels.
+    """
     count = sum(len(group) for _, group in groups)
     grid = panels(ax, count, size(count))
     left = iter(grid)
@@ -164,7 +167,7 @@ def _figure(
 
 
 def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Joint angles of terminals and drives over time, with both ends of their ranges and the path's nodes.
+    """Draw joint angles of terminals and drives over time, with their ranges and the path's nodes.
 
     Args:
         plan: with a trajectory.
@@ -196,7 +199,7 @@ def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
 
 
 def rates(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Joint rates and the platform's angular velocity over time, with limits.
+    """Draw joint rates and the platform's angular velocity over time, with limits.
 
     Args:
         plan: with a trajectory.
@@ -215,7 +218,7 @@ def rates(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
 
 
 def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Joint accelerations and the platform's angular acceleration over time, with limits.
+    """Draw joint accelerations and the platform's angular acceleration over time, with limits.
 
     Args:
         plan: with a trajectory.
@@ -233,7 +236,7 @@ def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list
 
 
 def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]:
-    """Draw a derivative of pitches, yaws (the paper's order), drives and the platform's attitude."""
+    """Draw the derivative of order `power` of pitches, yaws (the paper's order), drives and attitude."""
     moves, craft = motion(plan), plan.scenario.spacecraft
     values = moves.values.kinematics(craft)
     kinds = sorted(joint_kinds(craft), key=lambda kind: ("pitch", "yaw", "drive").index(kind.name))
@@ -245,7 +248,7 @@ def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]
 
 
 def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Torque, angular momentum and jerk of the platform over time, with limits.
+    """Draw torque, angular momentum and jerk of the platform over time, with limits.
 
     Args:
         plan: with a trajectory.

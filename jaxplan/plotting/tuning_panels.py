@@ -46,7 +46,7 @@ _FAILED: Look = {"color": KEEP_OUT, "linestyle": "", "marker": "x", "markersize"
 
 
 def tuning(result: Tuning | SearchTuning, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """The objective and the numbers of each step; of trials each by itself, and the best so far as a line.
+    """Draw the objective and the tuned numbers by step; or by trial, with the best so far as a line.
 
     A ring marks the step or trial whose numbers are the answer. Trials are drawn as they were measured first:
     of times the last measurement may choose another one. The objective of a step is that of trajectories
@@ -98,7 +98,7 @@ def tuning(result: Tuning | SearchTuning, ax: Canvas = None, *, legend: bool = T
 
 
 def _trials(axes: Axes, rows: Sequence[Row], key: str) -> None:
-    """Draw each trial, a cross for those with more failures than the best, and the best until then."""
+    """Draw a column `key` of all trials: the best until then as a line, a cross for those of `_failed`."""
     best = list(accumulate(rows, _better))
     numbers = np.array([row["trial"] for row in rows])
     values = np.array([row[key] for row in rows], dtype=float)
@@ -109,13 +109,13 @@ def _trials(axes: Axes, rows: Sequence[Row], key: str) -> None:
 
 
 def _failed(rows: Sequence[Row]) -> np.ndarray:
-    """Which trials planned fewer scenes than the best."""
+    """Which trials (k,) planned fewer scenes than the most successful one."""
     rates = np.array([row["success_rate"] for row in rows])
     return rates < np.max(rates)
 
 
 def _better(first: Row, second: Row) -> Row:
-    """The better of two trials: success comes first."""
+    """The better of two trials: of the higher success rate, or else the lower objective."""
     return min(first, second, key=lambda row: (-row["success_rate"], row["objective"]))
 
 

@@ -1,7 +1,8 @@
-"""Zones on the sphere of directions, on either projection: areas, edges, names, and ways of moving ones.
+"""Zones on the sphere of directions, on either projection: areas, edges, names, and tracks of moving ones.
 
 Keep-out zones are hatched with a solid edge, keep-in zones have a dashed one, or a dotted one if they are of
-a group. Directions are inertial unit vectors.
+a group of which any one holds. Directions are inertial unit vectors; the track of a zone that moves is the
+curve of its axis on the sphere over time.
 """
 
 from collections.abc import Sequence
@@ -53,7 +54,7 @@ def draw_line(axes: Axes, projection: Projection, line: np.ndarray, look: Look) 
 
 
 def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
-    """Draw a zone with its edge: hatched for keep-out, hardly filled if it binds no device."""
+    """Draw a zone with its edge, hatched for keep-out and pale if it binds no device; returns the artists."""
     axis, drawn = zone.axis_at(), list[Artist]()
     fill = _zone_fill(zone)
     limb = Circle((0, 0), 1, transform=axes.transData) if isinstance(projection, GlobeView) else None
@@ -101,15 +102,15 @@ def name_zones(
     ways: np.ndarray = NOTHING,
     ends: np.ndarray = NOTHING,
 ) -> list[Artist]:
-    """Write each zone's name in it, or above or below if a boresight must stay in.
+    """Write each zone's name in it, or above or below a keep-in zone; returns the texts.
 
     Args:
         axes: where to.
         projection: of the axes.
         zones: that are named; few ones on the flat map with what they bind, if that is not all devices.
         devices: names of all devices.
-        ways: (k, 3), what is drawn, which names should not cover.
-        ends: (m, 3), starts and goals, which names cover only where there is no other place.
+        ways: (k, 3) directions of drawn curves, which names should not cover.
+        ends: (m, 3) directions of starts and goals, which names cover only where there is no other place.
     """
     crowded = len(zones) > _CROWD
     marks = [(spot, np.full(2, projection.mark)) for spot in projection.project(ends)]
@@ -140,10 +141,10 @@ def name_zones(
 
 
 def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.ndarray]:
-    """Where in the picture a zone's name may stand; the best comes first, and the last is always there.
+    """Points (2,) of the picture where a zone's name of a size (2,) may stand, the best first; never none.
 
-    That is over and under a keep-in zone, since its inside is where the ways are, and else in the zone. Of
-    one that is more than half the sphere the outside is the smaller part, so its name stays inside, too.
+    These are over and under a keep-in zone, as the tracks are inside of it, and else in the zone. Of one that
+    is more than half the sphere the outside is the smaller part, so its name stays inside, too.
     """
     axis, angle = zone.axis_at(), zone.half_angle
     centre, extent = projection.project(axis), projection.extent(axis, angle)
@@ -209,8 +210,8 @@ def zones_at(scenario: Scenario, time: float, *, moving: bool | None = None) -> 
     return [replace(zone, direction=zone.axis_at(time)) for zone in wanted]
 
 
-def zone_ways(plan: Plan) -> list[tuple[Cone, np.ndarray]]:
-    """Moving zones at their last places, with the ways of their axes (k, 3).
+def zone_tracks(plan: Plan) -> list[tuple[Cone, np.ndarray]]:
+    """Inertial zones that move, at their last places, each with the track of its axis (k, 3).
 
     The last instant is that of the goal; of a plan without one, the last that is known.
     """
