@@ -128,7 +128,7 @@ DIRECTIONS = 16
 
 
 def random_scenario(seed: int, kind: str = "keep_out") -> Scenario:
-    """A random scene with targets as its goal.
+    """Draw a random scene; its goal has targets, but for some of ``any_spacecraft``.
 
     Args:
         seed: 0 or more; scenes of different seeds or kinds are independent.
@@ -177,7 +177,7 @@ def _is_seed(value: object) -> bool:
 def _draw(
     rng: np.random.Generator, kind: _Kind
 ) -> tuple[GivenState, tuple[KeepOut, ...], tuple[KeepIn, ...]]:
-    """Start and zones of a scene."""
+    """Draw start, keep-out and keep-in zones of a scene of a kind."""
     craft, targets = setting()
     keep_in = tuple(
         KeepIn(name=f"link-{i + 1}", direction=direction, half_angle=kind.hold, devices=(terminal.name,))
@@ -198,7 +198,13 @@ def _draw(
 
 
 def _keep_out(rng: np.random.Generator, kind: _Kind, ends: np.ndarray) -> tuple[KeepOut, ...]:
-    """Cones that are clear of what the terminals that are not held see at both ends (2, 3, 3)."""
+    """Draw keep-out cones for the terminals that are not held, clear of their boresights at both ends.
+
+    Args:
+        rng: source of the draws.
+        kind: of the scene.
+        ends: (2, 3, 3) inertial boresights of the terminals at start and goal.
+    """
     free = ends[:, kind.held :].reshape(-1, 3)
     names = tuple(terminal.name for terminal in setting()[0].terminals[kind.held :])
     cones = []
@@ -223,7 +229,7 @@ def _keep_out(rng: np.random.Generator, kind: _Kind, ends: np.ndarray) -> tuple[
 
 
 def _breaks(straight: np.ndarray, keep_out: tuple[KeepOut, ...], keep_in: tuple[KeepIn, ...]) -> bool:
-    """True if boresights (k, 3, 3) of a motion are deep in a zone somewhere."""
+    """True if inertial boresights (k, 3, 3) of a motion are deeper than `BROKEN` in a zone somewhere."""
     held = len(keep_in)
     depths = [
         np.max(straight[:, held:] @ zone.direction) - math.cos(zone.half_angle - BROKEN) for zone in keep_out
