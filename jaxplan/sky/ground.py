@@ -14,7 +14,7 @@ from jaxplan.sky.frames import earth_fixed_state
 from jaxplan.sky.orbits import EARTH_RADIUS
 
 _FLATTENING = 1 / 298.257223563  # of the ellipsoid of WGS 84
-_SQUARE = _FLATTENING * (2 - _FLATTENING)  # of its eccentricity
+_SQUARE = _FLATTENING * (2 - _FLATTENING)  # the square of its eccentricity
 
 
 @shown("latitude deg", "longitude deg", "altitude m", "minimum_elevation deg")
@@ -81,7 +81,7 @@ def ground_state(
 def elevation(
     point: GroundPoint, position: np.ndarray, epoch: np.datetime64, times: np.ndarray
 ) -> np.ndarray:
-    """How high something stands above the horizon of a point of the ground; air does not bend the line.
+    """Elevation of something above the horizon of a point of the ground; air does not bend the line.
 
     Args:
         point: of the ground.
