@@ -152,10 +152,10 @@ def _draw_planes(axes: Axes, result: Constellation, view: GlobeView) -> None:
     """Draw the orbits of all planes, where the Earth is not in front of them."""
     shell = result.switch.shell
     period = np.linspace(0, shell.period, 181)
-    ways = np.stack([shell.positions(time)[:: shell.slots] for time in period], axis=1)
-    for way in ways / (shell.radius - shell.altitude):
-        flat = view.project(way)
-        hidden = (view.depth(way) < 0) & (np.hypot(*flat.T) < 1)
+    orbits = np.stack([shell.positions(time)[:: shell.slots] for time in period], axis=1)
+    for orbit in orbits / (shell.radius - shell.altitude):
+        flat = view.project(orbit)
+        hidden = (view.depth(orbit) < 0) & (np.hypot(*flat.T) < 1)
         axes.plot(*np.where(hidden[:, None], np.nan, flat).T, color="0.75", linewidth=0.7, zorder=1)
 
 

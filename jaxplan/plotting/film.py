@@ -86,8 +86,10 @@ def animate(
     draw_zones(axes, plan, seen, zones_at(plan.scenario, 0.0, moving=False))
     axes.set_ylim(-1.06, 1.3)  # with room for the clock above
     ends = draw_ends(axes, plan, seen, alpha=0.5)
-    for device, way in enumerate(np.moveaxis(moves.boresights, 1, 0)):
-        draw_line(axes, seen, way, {"linewidth": 0.8, "zorder": 2.5, "color": device_style(device)["color"]})
+    for device, track in enumerate(np.moveaxis(moves.boresights, 1, 0)):
+        draw_line(
+            axes, seen, track, {"linewidth": 0.8, "zorder": 2.5, "color": device_style(device)["color"]}
+        )
     devices = device_entries(plan.scenario.spacecraft.device_names)
     legend_beside(axes, [*devices, *ends, *zone_entries(plan.scenario)])
     picture = _Picture(axes, plan, moves, seen)
@@ -229,8 +231,8 @@ class _Picture:
         feet, tips = self.feet @ attitude.T, self.motion.boresights[number]
         near, front = self.view.depth(tips) >= 0, self.view.depth(feet) >= 0
         for device, ends in enumerate(self.view.project(np.stack([feet, tips], axis=1))):
-            way = self.motion.boresights[: number + 1, device]
-            for line, (flat, _) in zip(self.trails[device], self.view.parts(way), strict=True):
+            track = self.motion.boresights[: number + 1, device]
+            for line, (flat, _) in zip(self.trails[device], self.view.parts(track), strict=True):
                 line.set_data(*flat.T)
             self.beams[device].set_data(*ends.T)
             self.beams[device].set(alpha=1.0 if near[device] else 0.5, zorder=2.8 if front[device] else 2.6)

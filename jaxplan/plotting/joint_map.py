@@ -121,6 +121,7 @@ def _draw_mask(axes: Axes, mask: Mask, low: np.ndarray, high: np.ndarray) -> Non
 
 
 def _entries(plan: Plan) -> Entries:
+    """Legend entries of what the maps of a plan show."""
     drawn: Entries = [(Line2D([], [], color=GREY, linewidth=1.8), "trajectory")] if plan.trajectory else []
     drawn += [(Line2D([], [], color=GREY, **_NODE), "node of the path")] if plan.path is not None else []
     drawn.append((Line2D([], [], color=GREY, **_START), "start"))

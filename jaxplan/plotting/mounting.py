@@ -168,6 +168,7 @@ class _Picture:
         self._name_devices()
 
     def _draw_body(self) -> None:
+        """Draw the platform as a cube, with the body axes."""
         for axis, side in np.ndindex(3, 2):
             middle, first, second = np.roll(np.eye(3), -axis, axis=0) * _BODY
             square = np.array([(2 * side - 1) * middle + i * first + j * second for i, j in _FACES])
@@ -178,6 +179,7 @@ class _Picture:
             self._name(1.06 * _FRAME * axis, name, look["color"], TEXT + 2)
 
     def _draw_device(self, number: int, device: Terminal | Drive | Instrument, foot: np.ndarray) -> None:
+        """Draw the device of a number from its foot (3,): reach, boresights and field of view."""
         look = device_style(number)
         colour = look["color"]
         if isinstance(device, Terminal):
@@ -296,10 +298,12 @@ class _Picture:
         return np.asarray(self.axes.transData.transform((across, up)))
 
     def _fill(self, polygons: Sequence[np.ndarray] | np.ndarray, colour: str, alpha: float) -> None:
+        """Add polygons, each (k, 3) in body axes, to the surfaces that are drawn last."""
         self.surfaces += list(polygons)
         self.colours += [to_rgba(colour, alpha)] * len(polygons)
 
     def _line(self, points: np.ndarray, look: Look) -> None:
+        """Draw a line through points (k, 3) in body axes."""
         self.drawn.append(points)
         self.axes.plot(*points.T, zorder=3, **look)
 
@@ -316,6 +320,7 @@ class _Picture:
         self._line(np.array([barbs[0], points[-1], barbs[1]]), {**look, "linestyle": "-"})
 
     def _name(self, place: np.ndarray, text: str, colour: str, size: float) -> None:
+        """Write a text at a point (3,) in body axes."""
         named = self.axes.text(*place, text, color=colour, fontsize=size, zorder=5, **HALO)
         plain(named)
 
@@ -372,10 +377,12 @@ def _told(device: Terminal | Drive | Instrument) -> str:
 
 
 def _span(ends: np.ndarray) -> str:
+    """Text of a range (2,) rad, in degrees."""
     return "{} to {} deg".format(*map(_degrees, ends))
 
 
 def _degrees(angle: float) -> str:
+    """Text of an angle, rad, in degrees."""
     return f"{np.rad2deg(angle):.4g}".replace("-", "\N{MINUS SIGN}")
 
 
@@ -405,6 +412,7 @@ def _points(span: np.ndarray) -> np.ndarray:
 
 
 def _middles(edges: np.ndarray) -> np.ndarray:
+    """Middles (k,) of the cells between edges (k + 1,)."""
     return (edges[1:] + edges[:-1]) / 2
 
 

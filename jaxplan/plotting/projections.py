@@ -78,7 +78,7 @@ def cut(points: np.ndarray) -> np.ndarray:
     """A line on the flat map, taken apart where it crosses the meridian at its edges.
 
     Args:
-        points: (k, 2) deg, successive points of the line; the shorter way between two is meant.
+        points: (k, 2) deg, successive points of the line; two are joined the shorter way round in azimuth.
 
     Returns:
         (k', 2) deg: at every crossing the line runs up to the edge, a row of NaN follows, and it goes on from
@@ -170,6 +170,7 @@ def _sheet(across: np.ndarray, upward: np.ndarray) -> Sheet:
 
 @cache
 def _flat_sheet() -> Sheet:
+    """The flat map on its usual grid."""
     return _sheet(_AZIMUTHS, _ELEVATION_LINES)
 
 
@@ -279,4 +280,5 @@ def _disc(across: np.ndarray, upward: np.ndarray) -> np.ndarray:
 
 @cache
 def _whole_disc() -> np.ndarray:
+    """Points of the near half sphere at the globe's usual grid."""
     return _disc(_GLOBE_LINES, _GLOBE_LINES)

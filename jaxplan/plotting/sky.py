@@ -151,8 +151,8 @@ def view_of(plan: Plan, angles: tuple[float, float] | None) -> GlobeView:
     if angles is not None:
         expect_view(angles)
         return GlobeView.from_angles(*np.deg2rad(angles))
-    ways = boresight_tracks(plan)
-    points = [mark.directions for mark in end_marks(plan)] if ways is None else [ways.reshape(-1, 3)]
+    tracks = boresight_tracks(plan)
+    points = [mark.directions for mark in end_marks(plan)] if tracks is None else [tracks.reshape(-1, 3)]
     return GlobeView.facing(np.concatenate([np.zeros((1, 3)), *points]))  # there may be no devices
 
 
@@ -173,10 +173,10 @@ def _draw_plan(axes: Axes, plan: Plan, projection: Projection, legend: bool) -> 
     scenario, craft = plan.scenario, plan.scenario.spacecraft
     draw_zones(axes, plan, projection, zones_at(scenario, 0.0))
     entries = device_entries(craft.device_names)
-    ways = boresight_tracks(plan)
-    if ways is not None:
-        for device, way in enumerate(np.moveaxis(ways, 1, 0)):
-            draw_line(axes, projection, way, {"linewidth": 1.8, "zorder": 3, **device_style(device)})
+    tracks = boresight_tracks(plan)
+    if tracks is not None:
+        for device, track in enumerate(np.moveaxis(tracks, 1, 0)):
+            draw_line(axes, projection, track, {"linewidth": 1.8, "zorder": 3, **device_style(device)})
     if plan.path is not None and craft.device_names:
         nodes = craft.boresights(plan.path.attitudes, plan.path.joints)
         for device, points in enumerate(np.moveaxis(nodes, 1, 0)):
@@ -203,12 +203,12 @@ def draw_zones(axes: Axes, plan: Plan, projection: Projection, zones: Sequence[C
     """Draw zones with their names, the tracks of those that move, and the plan's title."""
     for zone in zones:
         draw_zone(axes, projection, zone)
-    for last, way in zone_tracks(plan):
+    for last, track in zone_tracks(plan):
         look = zone_outline(last)
         draw_line(axes, projection, circle(last.axis_at(), last.half_angle), look | _FAINT)
-        draw_line(axes, projection, way, {"color": look["color"], **_ZONE_TRACK})
-    ways, craft = boresight_tracks(plan), plan.scenario.spacecraft
-    drawn = [NOTHING] if ways is None else [ways.reshape(-1, 3)]
+        draw_line(axes, projection, track, {"color": look["color"], **_ZONE_TRACK})
+    tracks, craft = boresight_tracks(plan), plan.scenario.spacecraft
+    drawn = [NOTHING] if tracks is None else [tracks.reshape(-1, 3)]
     ends = [NOTHING, *(mark.directions for mark in end_marks(plan))]
     name_zones(axes, projection, zones, craft.device_names, *map(np.concatenate, (drawn, ends)))
     outcome = "" if plan.ok else f": {plan.status.name}"

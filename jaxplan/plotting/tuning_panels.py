@@ -152,6 +152,7 @@ class _WholeNumbers(ScalarFormatter):
 
 
 def _entries(rows: Sequence[Row]) -> Entries:
+    """Legend entries of trials and the best of them."""
     entries: Entries = [(Line2D([], [], **_LINE), "best so far"), (Line2D([], [], **_TRIAL), "a trial")]
     return entries + [(Line2D([], [], **_FAILED), "fewer scenes\nplanned")] * bool(np.any(_failed(rows)))
 

@@ -36,7 +36,7 @@ from jaxplan.plotting.style import (
 Cone = KeepOut | KeepIn
 
 _EDGE: Look = {"linewidth": 1.1, "zorder": 1.6}  # of a zone
-_WAY = 33  # points of the way of a zone's axis
+_TRACK_POINTS = 33  # of the track of a zone's axis
 _CROWD = 20  # zones, beyond which their names get smaller and go without the devices they bind
 # Where a zone's name may stand, the best first: shares of the zone's half width and half height.
 _SPOTS = np.array([(across, up) for across in (0, 0.6, -0.6, 1.2, -1.2) for up in (0, 0.5, -0.5, 0.8, -0.8)])
@@ -81,6 +81,7 @@ def zone_outline(zone: Cone) -> Look:
 
 
 def _zone_fill(zone: Cone) -> Look:
+    """Colours and hatch of a zone's area."""
     colour = KEEP_IN if isinstance(zone, KeepIn) else KEEP_OUT
     if not _binds_devices(zone):
         return {"facecolor": to_rgba(colour, 0.03), "edgecolor": "none"}
@@ -99,7 +100,7 @@ def name_zones(
     projection: Projection,
     zones: Sequence[Cone],
     devices: Sequence[str] = (),
-    ways: np.ndarray = NOTHING,
+    tracks: np.ndarray = NOTHING,
     ends: np.ndarray = NOTHING,
 ) -> list[Artist]:
     """Write each zone's name in it, or above or below a keep-in zone; returns the texts.
@@ -109,12 +110,12 @@ def name_zones(
         projection: of the axes.
         zones: that are named; few ones on the flat map with what they bind, if that is not all devices.
         devices: names of all devices.
-        ways: (k, 3) directions of drawn curves, which names should not cover.
+        tracks: (k, 3) directions of drawn curves, which names should not cover.
         ends: (m, 3) directions of starts and goals, which names cover only where there is no other place.
     """
     crowded = len(zones) > _CROWD
     marks = [(spot, np.full(2, projection.mark)) for spot in projection.project(ends)]
-    labels, texts = Labels(projection.project(ways), marks), list[Artist]()
+    labels, texts = Labels(projection.project(tracks), marks), list[Artist]()
     # What is in front first, and of that the smallest, as it has the least room; of equals as they come.
     for zone in sorted(zones, key=lambda zone: (-projection.opacity(zone.axis_at()), zone.half_angle)):
         near = projection.opacity(zone.axis_at()) == 1
@@ -215,12 +216,12 @@ def zone_tracks(plan: Plan) -> list[tuple[Cone, np.ndarray]]:
 
     The last instant is that of the goal; of a plan without one, the last that is known.
     """
-    ways: list[tuple[Cone, np.ndarray]] = []
+    tracks: list[tuple[Cone, np.ndarray]] = []
     zones: tuple[Cone, ...] = (*plan.scenario.keep_out, *plan.scenario.keep_in)
     for zone in zones:
         path = zone.path
         if path is not None and path.moves:
             last = float(path.times[-1]) if plan.goal is None else plan.goal.time
             there = replace(zone, direction=zone.axis_at(last))
-            ways.append((there, path.at(np.linspace(0.0, last, _WAY))))
-    return ways
+            tracks.append((there, path.at(np.linspace(0.0, last, _TRACK_POINTS))))
+    return tracks
