@@ -171,6 +171,7 @@ def random_scenario(seed: int, kind: str = "keep_out") -> Scenario:
 
 
 def _is_seed(value: object) -> bool:
+    """True for an integer of at least 0."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= 0
 
 
