@@ -29,9 +29,9 @@ from jaxplan.model.zones import FIELD_OF_VIEW, FixedVector, KeepIn, KeepOut, Zon
 
 INSIDE = math.radians(3.0)
 """rad, how far start and end stay inside the ranges of joints."""
-_LEAST_ROOM = math.radians(8.0)  # of a pitch beside a mask
-_FARTHEST = math.radians(290.0)  # yaw about which a mask lies
-_APART = math.cos(math.radians(35.0))  # of a drive's boresight from its axis, at least, and from the opposite
+_LEAST_ROOM = math.radians(8.0)  # rad of the pitch's range that a mask leaves at least
+_FARTHEST = math.radians(290.0)  # rad, magnitude of the yaw about which a mask lies, at most
+_APART = math.cos(math.radians(35.0))  # cosine of the least angle between a drive's boresight and axis line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +73,7 @@ BUILDS = (
     Build(terminals=4, drives=0, instruments=1, jerk=True),
     Build(terminals=4, drives=1, instruments=2, fields=1),
 )
-"""Each as likely as another."""
+"""Builds of which one is drawn, each as likely as another."""
 
 State = tuple[np.ndarray, np.ndarray]
 """An attitude (3, 3), body to inertial, and joints (J,) rad."""

@@ -36,7 +36,7 @@ from jaxplan.model.spacecraft import Instrument, Spacecraft
 from jaxplan.model.zones import FIELD_OF_VIEW, FixedVector, JointBound, KeepIn, KeepOut, Mask, Zone, tabulate
 
 CLEARANCE = math.radians(2.0)
-"""rad, the margin that start and goal have to every zone that is drawn."""
+"""rad, least margin that start and goal have to every zone that is drawn."""
 FARTHEST = math.radians(30.0)
 """rad, from the nearest goal to another that is clear, where the nearest is broken itself."""
 DRAWS = 8
@@ -45,7 +45,7 @@ KNOWN = 400.0
 """s, over which directions that move are known."""
 _TIMES = np.linspace(0, KNOWN, 41)
 _PITCH_LIMIT = 15.0  # deg, of the spacecraft
-_EDGES = 4  # of a polygon
+_EDGES = 4  # number of a polygon's edges
 
 _FIELD, _UP = (
     np.radians([14.0, 8.0]),

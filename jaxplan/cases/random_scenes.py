@@ -121,10 +121,10 @@ SKY_KINDS = tuple(_KINDS)
 ANY_SPACECRAFT = "any_spacecraft"
 RANDOM_KINDS = (*SKY_KINDS, *random_kinds.KINDS, ANY_SPACECRAFT)
 """All kinds."""
-_PLACE = 1000  # of the streams of random spacecraft, which more kinds before it do not move
+_PLACE = 1000  # number of the streams of random spacecraft, which stays though kinds are added
 
 DIRECTIONS = 16
-"""Directions drawn at once for a cone, of which the first that is clear counts."""
+"""Number of directions drawn at once for a cone, of which the first that is clear is taken."""
 
 
 def random_scenario(seed: int, kind: str = "keep_out") -> Scenario:

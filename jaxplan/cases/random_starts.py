@@ -25,22 +25,22 @@ from jaxplan.model.zones import tabulate
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.sky import orbits
 
-YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # of start and goal
+YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # rad, of joints at start and goal
 JOINT_LIMITS = np.repeat([YAW_LIMIT, PITCH_LIMIT], 3)
 HAIR = 1e-9
 """Least slack of what is admissible, as a cosine or in rad."""
 UNAMBIGUOUS = 1e-6
 """rad; the slew to the second-best goal is longer by at least this."""
 LONGEST_TURN = math.radians(179.0)
-"""Half a turn may be made either way."""
+"""rad, greatest turn to a goal; half a turn could be made in either direction."""
 BATCH = 64
-"""Starts drawn at once."""
+"""Number of starts drawn at once."""
 SAMPLES = 129
-"""Samples of the straight motion, its ends included."""
+"""Number of samples of the straight motion, its ends included."""
 BROKEN = math.radians(0.2)
 """rad, least depth in a zone at some sample of a straight motion that counts as blocked."""
 PATIENCE = 50
-"""Sets of zones that are tried with one start."""
+"""Number of sets of zones that are tried with one start."""
 
 
 def admissible(slack: np.ndarray) -> np.ndarray:

@@ -30,8 +30,8 @@ _KINDS = (
     "joint_bounds, grouped, moving, moved_goals, mixed, terminal_masks, fields or any_spacecraft"
 )
 _PLANNERS = "mha, mha-paper, wastar, rrt_star or rrt_connect"
-_OF_STUDIES = ("study", "table4")  # commands; the others are of scenes and plans
-_NEW_OBJECTS = 100_000  # between two looks for garbage; by Python's 700 they take a tenth of a short command
+_OF_STUDIES = ("study", "table4")  # commands of `jaxplan.cli.studies`; the others are in `plans`
+_NEW_OBJECTS = 100_000  # new objects between garbage collections; with Python's 700 these take a tenth
 _PLAN = "a plan.json, as jaxplan plan -o DIR writes it"
 _SCENARIO = "a scenario file, or case-1 to case-4 of the paper"
 

@@ -29,7 +29,7 @@ from jaxplan.sky import orbits
 
 WHEN = ("before", "after")
 CLEARANCE = math.radians(1.0)
-"""rad, from the Sun's cone, and from the Earth's where a terminal waits."""
+"""rad between the Sun's cone and a link that is not out; a waiting terminal keeps it from both cones."""
 _TURNS = 721
 """Directions around the Sun's cone tried for a waiting terminal, half to either side of the nearest."""
 

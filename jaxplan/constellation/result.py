@@ -19,7 +19,7 @@ from jaxplan.runtime.display import shown
 from jaxplan.runtime.workers import Workers
 from jaxplan.study import Study, Summary, run_study
 
-_LEFT_OUT = ("scene", "seed", "name", "kind")  # of a study's columns, which say nothing of a satellite
+_LEFT_OUT = ("scene", "seed", "name", "kind")  # columns of a study that say nothing of a satellite
 
 
 @shown("satellites", "study.done", heading="Constellation of {0.switch.title}")

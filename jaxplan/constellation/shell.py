@@ -25,8 +25,8 @@ from jaxplan.schema import ScenarioError
 from jaxplan.sky import orbits
 
 PATTERNS = ("delta", "star")
-HIGHEST = 1e6  # km, beyond where the Earth keeps satellites
-MOST = 10**6  # satellites
+HIGHEST = 1e6  # km, greatest altitude of a shell; beyond, the Earth keeps no satellites
+MOST = 10**6  # largest number of satellites of a shell
 _NOTATION = re.compile(r"\s*([0-9.]+)\s*:\s*([0-9]+)\s*/\s*([0-9]+)\s*/\s*([0-9]+)\s*")
 
 

@@ -48,20 +48,20 @@ _MEAN: Look = {
 }
 _SPREAD: Look = {"linewidth": 1.4, "marker": "|", "markersize": 6, "color": GREY}
 _DOT: Look = {"marker": "o", "linestyle": "none", "markeredgewidth": 0.8}
-_LARGE, _SMALL_DOT, _FEW = 4.2, 1.6, 10  # points: a dot where there are few scenes, and at least
-_APART = 0.17  # of a line, the rates of paths found and paths clear
-_BAND = 0.62  # of a line, the height over which dots are spread
-_WIDTH, _LEAST = 12.5, 2.7  # inches: of the page, and at least its height, so that the legend has room
+_LARGE, _SMALL_DOT, _FEW = 4.2, 1.6, 10  # points: size of a dot at so few scenes, and the least size
+_APART = 0.17  # lines: half the distance of the marks of paths found and paths clear
+_BAND = 0.62  # lines: height over which dots are spread
+_WIDTH, _LEAST = 12.5, 2.7  # inches: width of the page, and its least height, so that the legend has room
 _ROW, _HEAD, _FOOT = 0.25, 0.45, 0.5  # inches that a planner, the title of a kind and the last axes take
-_COLUMNS = {  # of a row, whose values have a panel
+_COLUMNS = {  # attributes of a row that have a panel, with the label of its axis
     "seconds": "search time (s)",
     "steps": "path length (steps)",
     "nodes": "path length (interior nodes)",
 }
-_LEAST_SPAN = 4.0  # steps or nodes that an axis shows
+_LEAST_SPAN = 4.0  # steps or nodes that an axis shows at least
 _MARKERS = ("o", "s", "D", "^", "v", "P", "X")  # of the methods whose durations are compared
-_HEIGHT, _METHOD = 1.0, 0.26  # inches: of what is around the panel of durations, and of a method of a scene
-_GAP = 0.6  # between scenes, in lines of methods
+_HEIGHT, _METHOD = 1.0, 0.26  # inches around the panel of durations, and for each method of a scene
+_GAP = 0.6  # lines of methods: free height between scenes
 _AREA: Look = {"color": "0.93", "linewidth": 0}
 _BOUND: Look = {"color": "black", "linewidth": 1.6}
 

@@ -28,18 +28,18 @@ from jaxplan.runtime.arguments import expect_any
 _SIZE = (11.5, 5.0)  # inches
 _EARTH: Look = {"facecolor": "#EAF1F6", "edgecolor": "0.6", "linewidth": 0.8}
 _SUN = "#E69F00"
-_LINE: Look = {"color": "black", "linewidth": 1.4}  # of the histogram of the shortest times
-# A link out and no plan, among the satellites and in a legend.
+_LINE: Look = {"color": "black", "linewidth": 1.4}  # of the histogram of `minimum`
+# Marks of satellites with a link that is out, and of those without a plan: on the globe and in the legend.
 _OUT: Look = {"facecolors": "none", "edgecolors": "black", "linewidths": 1.0, "zorder": 4}
 _RING: Look = {"marker": "o", "markersize": 6, "color": "black", "fillstyle": "none"}
 _LOST: Look = {"color": KEEP_OUT, "marker": "x", "linewidths": 1.2, "zorder": 5}
 _CROSS: Look = {"marker": "x", "markersize": 5, "color": KEEP_OUT}
 _COLOURS = "viridis"  # of manoeuvre times, on the globe and in the histogram
-_MOST = 0.99  # of the satellites, whose times the colours span
-_FAR = 1.5  # times what most take: longer ones are named instead of drawn
-_FEW_PLANES = 12  # that are drawn as lines
+_MOST = 0.99  # share of the satellites whose times the colours span
+_FAR = 1.5  # multiple of the longest of these times, beyond which times are written instead of drawn
+_FEW_PLANES = 12  # up to so many planes are drawn as lines
 _BINS = 28  # of the histogram
-_BESIDE = np.deg2rad((-65.0, 20.0))  # azimuth from the Sun's and elevation of the eye
+_BESIDE = np.deg2rad((-65.0, 20.0))  # rad: azimuth from the Sun's and elevation of the eye
 
 
 def constellation(

@@ -15,9 +15,9 @@ from jaxplan.geometry.vectors import pointing
 from jaxplan.model.gimbals import TURN
 from jaxplan.model.spacecraft import Spacecraft
 
-_TO_A_SIDE = 0.2  # length of the mean of all directions that a device reaches, below which it has no side
-_APART = 0.6  # half edges between the feet of two devices, where there is room
-_ASIDE = 0.65  # half edges from a foot to places beside it
+_TO_A_SIDE = 0.2  # length of the mean of all directions that a device reaches, below which it tells no side
+_APART = 0.6  # half edges between the feet of two devices at least, where there is room
+_ASIDE = 0.65  # half edges from a foot to the places beside it that are tried
 
 
 def feet(craft: Spacecraft) -> np.ndarray:

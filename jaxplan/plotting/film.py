@@ -42,9 +42,9 @@ from jaxplan.runtime.progress import progress_bar
 SIZE = (6.8, 5.6)  # inches
 
 _PLAY = 8.0  # s that a film lasts, however long the manoeuvre
-_PLAYER = 120  # pictures at most of the player that a notebook shows
-_COLOURS = 64  # of a picture in a player: a quarter of the bytes, and no difference to be seen
-_LARGEST = 200.0  # MB of pictures that are made small after they were drawn
+_PLAYER = 120  # most pictures of the player that a notebook shows
+_COLOURS = 64  # colours of a picture in a player: a quarter of the bytes, and no difference to be seen
+_LARGEST = 200.0  # MB that all pictures of a player may have before their colours are reduced
 _STILLS, _VIDEOS = (".gif", ".png", ".webp"), (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi")
 _BODY = np.array([0.15, 0.15, 0.19])  # half edges of the platform, in radii of the sphere
 _PALEST, _DARKEST = 0.93, 0.62  # greys of its faces, square to the eye and edgewise

@@ -36,7 +36,7 @@ from jaxplan.plotting.style import (
     tidy,
 )
 
-_PANEL = (7.5, 2.6)  # inches, of a terminal
+_PANEL = (7.5, 2.6)  # inches: width and height of a terminal's panel
 _MASK: Look = {"facecolor": "#B2182B22", "edgecolor": KEEP_OUT, "linewidth": 1.1, "zorder": 1.6}
 _RANGE: Look = {"fill": False, "edgecolor": GREY, "linewidth": 1.0, "zorder": 1.5}
 _START: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgecolor": "white"}
@@ -48,7 +48,7 @@ _END: Look = {
     "markeredgewidth": 1.8,
 }
 _NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
-_EDGE = np.linspace(0, 1, 33)[:-1, None]  # shares of an edge of a field, at which its outline has points
+_EDGE = np.linspace(0, 1, 33)[:-1, None]  # fractions of a field's edge at which its outline has points
 
 
 def joint_map(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:

@@ -51,15 +51,15 @@ _TICKS = [
     0.0,
     *(sign * value for value in _DEGREES if value <= 180 for sign in (-1, 1)),
 ]  # nearest to zero first
-_MINOR = 0.2  # of the room that a number takes: so far apart are ticks without one, lest they run together
+_MINOR = 0.2  # least distance of ticks without a label, in widths of a label, lest they run together
 SIZE = (9.0, 4.2)  # inches
 _PROVED: Look = {"marker": "^", "color": "black", "markersize": 7, "linestyle": "none"}
-# Of a name from its lowest point, in halves of its size: above, below, to the sides, farther off.
+# Offsets of a name's centre from the lowest point of its curve, in halves of the name's size, the best first.
 _OFFSETS = np.array(
     [(0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 2.5), (1, 2.5), (-1, 2.5), (2, 0), (-2, 0)]
 )
 _BROKEN: Look = {"facecolor": to_rgba(KEEP_OUT, 0.12), "edgecolor": "none", "zorder": 0.6}
-_CROWD = 60  # curves, beyond which they are drawn fainter
+_CROWD = 60  # number of curves beyond which they are drawn fainter
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

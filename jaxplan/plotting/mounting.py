@@ -46,18 +46,18 @@ from jaxplan.runtime.arguments import expect, expect_numbers
 
 SIZE = (9.0, 6.4)  # inches
 _BODY, _DOME, _AXIS, _LOOK, _FIELD = 0.55, 0.38, 0.52, 0.62, 0.54
-"""Lengths in the picture: half edge of the platform; of each device from its foot on the radius of what it
-reaches, its axis, its boresight, and its field of view."""
+"""Lengths in the picture: half edge of the platform; from the foot of a device the radius of what it reaches,
+its axis, its boresight, and its field of view."""
 _FRAME = 1.3  # length of the body axes, from the middle of the platform
 _VIEW = (24.0, -52.0)  # deg, elevation and azimuth of the eye
-_CELL = np.deg2rad(5.0)  # rad, of the net that surfaces are made of
-_STEP = np.deg2rad(2.0)  # rad, between points of lines on them
-_REACH, _MASKED, _SIDE = 0.20, 0.45, 0.10  # opacities
-_NARROW = 0.01  # width of what the legend stands beside, in widths of the picture
-_LINES = 36  # of a column of the legend
-_FILLED = 0.84  # share of the axes that the picture fills
+_CELL = np.deg2rad(5.0)  # rad: width of the cells that surfaces are made of
+_STEP = np.deg2rad(2.0)  # rad between points of lines on them, at most
+_REACH, _MASKED, _SIDE = 0.20, 0.45, 0.10  # opacities: of what is reached, of masks, of the platform's faces
+_NARROW = 0.01  # width of the axes that the legend stands beside, in widths of the picture
+_LINES = 36  # lines of text in a column of the legend
+_FILLED = 0.84  # share of the axes' width or height that the picture fills
 _LETTER = np.array([0.75, 1.8])  # width of a letter and height of a line, in sizes of the font
-_HEAD = 0.07  # length of an arrow's head
+_HEAD = 0.07  # length of an arrow's head, in the picture's units
 _FACES = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # corners of a square
 
 

@@ -22,16 +22,16 @@ import numpy as np
 
 from jaxplan.geometry.vectors import azimuth_elevation, frame, pointing
 
-PALE = 0.28  # share of the near side's opacity with which the far side of the globe is drawn
+PALE = 0.28  # opacity of the far side of the globe, as a share of the near side's
 
 # rad, angles along a circle from its northernmost point, where it begins. It may pass close to a pole only
-# near there or opposite; there the azimuth turns fast, so points crowd.
+# near there or opposite; there the azimuth changes fast, so points are dense.
 _NEAR = np.geomspace(1e-6, 0.02, 40)
 _ROUND = np.unique(
     [*np.linspace(0, 2 * np.pi, 721), *_NEAR, *(np.pi - _NEAR), *(np.pi + _NEAR), *(2 * np.pi - _NEAR)]
 )
-_ELEVATIONS = np.deg2rad([15, 0, -15, 30, -30, 45, -45])  # rad, that a chosen view may have
-_LIMB = 0.2  # depth below which a direction is seen too much from the side
+_ELEVATIONS = np.deg2rad([15, 0, -15, 30, -30, 45, -45])  # rad, elevations of the eye that are tried
+_LIMB = 0.2  # depth, in radii, below which a direction is too near to the limb to count as in front
 # Lines of the grids on which areas are found: deg on the flat map, radii on the globe.
 _AZIMUTHS, _ELEVATION_LINES = np.linspace(-180, 180, 361), np.linspace(-90, 90, 181)
 _GLOBE_LINES = np.linspace(-1.01, 1.01, 203)

@@ -39,9 +39,9 @@ from jaxplan.plotting.style import (
 from jaxplan.plotting.time_panels import AXIS_ENTRIES, BODY, SPIN, labelled
 from jaxplan.trajectory import Trajectory
 
-_FAR_OF_SEVERAL = 1.5  # times the highest value, beyond which a limit is told and not drawn
-_INSTANTS = 880  # of the grid, besides both sides of some seventy breaks
-_SMOOTH = 3  # continuous derivatives of the attitude, with which the jerk has no jumps
+_FAR_OF_SEVERAL = 1.5  # multiple of the highest value beyond which a limit is written and not drawn
+_INSTANTS = 880  # times of the grid, besides both sides of some seventy breaks
+_SMOOTH = 3  # number of continuous derivatives of the attitude with which the jerk has no jumps
 _GREY: Look = {"color": GREY}
 _JOIN: Look = {"color": "0.7", "linewidth": 0.9, "linestyle": (0, (1, 2))}
 

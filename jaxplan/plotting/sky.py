@@ -70,8 +70,8 @@ _WISH: Look = {
     "markeredgewidth": 1.1,
 }
 _NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
-_FAINT: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}  # of one that moves, where it is at last
-_FIELD: Look = {"linewidth": 1.0, "zorder": 3.1}  # of view
+_FAINT: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}  # edge of a moving zone at its last place
+_FIELD: Look = {"linewidth": 1.0, "zorder": 3.1}  # outline of a field of view
 _ZONE_TRACK: Look = {"linewidth": 1.1, "zorder": 1.7}
 
 

@@ -43,12 +43,12 @@ Named: TypeAlias = dict[str, Study]
 
 OK = Status.OK.name
 _SIZE = (8.0, 4.2)  # inches
-_ROW, _AROUND = 0.4, 1.1  # inches: of a study's line, and of what is around the lines
-_BAR = 0.6  # of a line
-# Multiples of a power of ten that have a number, for the ratio from the least to the largest value.
+_ROW, _AROUND = 0.4, 1.1  # inches: height of a study's line, and of what is around the lines
+_BAR = 0.6  # lines: height of a bar
+# Multiples of a power of ten whose ticks have a number, where largest over least value is below the key.
 _SUBS = {4.0: (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), 50.0: (1.0, 2.0, 5.0), np.inf: (1.0,)}
 _FAINT: Look = {"linewidth": 0.9, "linestyle": ":"}
-# Of scenes that nobody could plan in blue, of the planner's failures in red.
+# Colours of statuses: of scenes that nobody could plan in blue, of the planner's failures in red.
 _OUTCOMES = {
     Status.OK.name: "0.87",
     Status.INVALID_START.name: "#92C5DE",
@@ -64,8 +64,8 @@ _OUTCOMES = {
     "crashed": "black",
 }
 _SPREADS = ("total_s", "length_steps", "duration_s", "min_margin_deg")
-_CURVES = 2.6  # inches: of a row of curves
-_LINE, _ABOVE = 0.26, 0.75  # inches: of a study's line, and of what is around the lines
+_CURVES = 2.6  # inches: height of a row of distributions
+_LINE, _ABOVE = 0.26, 0.75  # inches: height of a study's line above them, and of what is around the lines
 
 
 class Quantity(NamedTuple):

@@ -65,8 +65,8 @@ HALO: Look = {  # of a name at a place
     "va": "center",
     "path_effects": [withStroke(linewidth=2.5, foreground="white")],
 }
-_LEGEND_ROWS = 14  # of a column of a legend, beyond which it gets another column
-INSTANTS = 1024  # of the grid of a motion; the paper's manoeuvres have 14 to 50 nodes
+_LEGEND_ROWS = 14  # entries in a column of a legend, beyond which it gets another column
+INSTANTS = 1024  # times of the grid of a motion; the paper's manoeuvres have 14 to 50 nodes
 _NODE_TICK, _DOWNWARD = 3.0, Path([(0, 0), (0, -1)])  # length of the mark of a node in points, and its shape
 _STILL = 1e-3  # share of a limit below which curves count as standing still
 

@@ -3,8 +3,8 @@
 A figure of a plan is a table of `Panel`, each with curves, limits and labels; what there is, by which name
 and in which unit, is the list of `jaxplan.model.limits`. They are the paper's Figures 8 to 10 and 13 to 15.
 
-A limit far from all curves of its panel is told above it instead of drawn, since the curves would shrink to a
-line. Inside are radians and seconds, on the axes degrees and seconds.
+A limit far from all curves of its panel is written above it instead of drawn, since the curves would shrink
+to a line. Inside are radians and seconds, on the axes degrees and seconds.
 """
 
 from collections.abc import Sequence
@@ -39,18 +39,18 @@ from jaxplan.plotting.style import (
     time_axis,
 )
 
-_LONG = 10  # letters of a word, beside more of which its unit has no place
-_FAR = 4.0  # times the highest value of a plan, beyond which a limit is told and not drawn
+_LONG = 10  # letters of a label's last word, beyond which the unit goes to a line of its own
+_FAR = 4.0  # multiple of the highest value of a plan beyond which a limit is written and not drawn
 BODY = ("body x", "body y", "body z")
 AXIS_ENTRIES: Entries = [
     (Line2D([], [], linewidth=1.6, **look), name) for look, name in zip(AXIS_STYLES, BODY, strict=True)
 ]
 _NODE: Look = {"marker": ".", "linestyle": "none"}
-# Of the platform's rate, acceleration and jerk.
+# Quantities of the platform's rate, acceleration and jerk.
 SPIN = sorted(
     (q for q in QUANTITIES if not (q.of_joints or q.by_inertia or q.of_length)), key=lambda q: q.power
 )
-_LENGTHS = {q.power: q for q in QUANTITIES if q.of_length}  # of those vectors, by their powers
+_LENGTHS = {q.power: q for q in QUANTITIES if q.of_length}  # norms of these vectors, by power of time
 
 
 class Panel(NamedTuple):

@@ -28,7 +28,7 @@ from jaxplan.tuning import SearchTuning, Tuning
 Row = Mapping[str, float]
 
 _WIDTH, _FIRST, _OTHERS = 8.0, 2.6, 1.7  # inches: of the figure, and heights of its panels
-_FAR = 10.0  # ratio of objectives from which on their axis is logarithmic
+_FAR = 10.0  # ratio of largest to least objective from which on their axis is logarithmic
 _COUNTS = ("step", "trial")
 _NO_NUMBERS = (*_COUNTS, "objective", "slope", "success_rate")
 _LINE: Look = {"color": COLOURS[0], "linewidth": 1.8}

@@ -47,9 +47,9 @@ FIGURE_NAMES = (
 )
 """Names of all figures that a plan may have."""
 
-_DPI = 200  # dots an inch of pictures in a page that are no SVG
-_SCREEN_DPI = 150  # likewise in files of their own
-_QUICKLY = 3  # of zlib's nine levels: files are a twentieth larger than by 6, in three quarters of the time
+_DPI = 200  # dots an inch of the PNG pictures in a page
+_SCREEN_DPI = 150  # dots an inch of pictures in files of their own
+_QUICKLY = 3  # level of zlib, of 9: files are a twentieth larger than by 6, in three quarters of the time
 
 
 def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:

@@ -35,12 +35,12 @@ from jaxplan.plotting.style import (
 
 Cone = KeepOut | KeepIn
 
-_EDGE: Look = {"linewidth": 1.1, "zorder": 1.6}  # of a zone
+_EDGE: Look = {"linewidth": 1.1, "zorder": 1.6}  # of a zone's edge
 _TRACK_POINTS = 33  # of the track of a zone's axis
-_CROWD = 20  # zones, beyond which their names get smaller and go without the devices they bind
+_CROWD = 20  # number of zones beyond which their names are smaller and do not say what they bind
 # Where a zone's name may stand, the best first: shares of the zone's half width and half height.
 _SPOTS = np.array([(across, up) for across in (0, 0.6, -0.6, 1.2, -1.2) for up in (0, 0.5, -0.5, 0.8, -0.8)])
-_INSIDE = 0.9  # of a zone's half angle, within which the middle of its name stands
+_INSIDE = 0.9  # share of a zone's half angle within which the middle of its name stands
 NOTHING = np.zeros((0, 3))
 
 
