@@ -20,9 +20,9 @@ from jaxplan.planner import Plan
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.trajectory.curve import Samples
 
-MOST_SAMPLES = 10_000_000  # of a file
+MOST_SAMPLES = 10_000_000  # most samples of a file
 SHORTEST_STEP = 1e-6  # s: nearer instants would coincide in files that count seconds from the year 2000
-_CHUNK = 4096  # samples between two looks at the bar, which take some hundredths of a second
+_CHUNK = 4096  # samples between two updates of the bar, which take some hundredths of a second
 _ROUNDING = 1e-9  # how far a matrix may be from a rotation; a trajectory's are within 1e-14
 _NUMBER = "% .15e"  # 16 digits, as many as CCSDS allows and a double has
 

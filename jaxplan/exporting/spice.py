@@ -27,12 +27,12 @@ from jaxplan.model.epochs import ephemeris_time
 from jaxplan.model.outlines import UP
 from jaxplan.model.spacecraft import Spacecraft
 
-_CRAFT = -999  # of the numbers that NAIF leaves to everybody
+_CRAFT = -999  # number of the spacecraft, one of those that NAIF leaves to everybody
 _BUS = -999000
 _FIRST_TERMINAL, _FIRST_INSTRUMENT = -999001, -999501  # those that follow count downward
 _BUS_NAME = "JAXPLAN_BUS"
-_LONGEST_NAME = 26  # of a frame, since variables of 32 characters are called after it
-_MARGIN = 1e-6  # s, by which a kernel is valid longer, since a time near 2030 is rounded to 1e-7 s
+_LONGEST_NAME = 26  # characters of a frame's name, since variables of at most 32 are called after it
+_MARGIN = 1e-6  # s, by which a kernel is valid longer at both ends, as times near 2030 are rounded to 1e-7 s
 
 _CLOCK = f"""KPL/SCLK
 

@@ -9,7 +9,7 @@ import numpy as np
 
 NONE = "\N{EN DASH}"
 _VOID = ("img", "meta")
-_NARROW = 3  # columns; a table of no more is not spread over the page
+_NARROW = 3  # number of columns up to which a table is not spread over the page
 Row = Sequence[Any]
 
 

@@ -17,11 +17,11 @@ from jaxplan.runtime.arguments import as_floats
 from jaxplan.schema.faults import WRONG, Place, Reading
 from jaxplan.schema.kinds import NUMBER, Kind, Number
 
-UNIT_TOLERANCE = 1e-3  # by which a length may differ from one; beyond it is refused
+UNIT_TOLERANCE = 1e-3  # by which the length of a unit vector may differ from one
 _ROUNDING = 8 * np.finfo(float).eps  # by which a unit vector's length may differ from one and keep its bits
 # By which entries of R^T R may differ from the identity; the certificate is stricter.
 ORTHONORMAL = 1e-6
-# How long an axis of a name may be, where its first array sets that.
+# Least and greatest length of an axis, by its name, where the first array that has it sets the length.
 LENGTHS = {"sample": (2, 10_000)} | dict.fromkeys(
     ("pieces", "terms", "joint pieces", "joint terms"), (1, math.inf)
 )

@@ -16,13 +16,13 @@ from jaxplan.schema.arrays import PerAxis
 from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.kinds import NUMBER, shortest_degrees
 
-MOST_ZONES = 1000  # of a scenario; more are refused before they are read
+MOST_ZONES = 1000  # number of zones of a scenario; more are refused before they are read
 ZONES = {"keep_out": "keep_out", "keep_in": "keep_in", "joint_bound": "joint_bounds"}
 """Keys of a file under which pointing constraints stand, and their attributes."""
 # Keys of rates at start and goal, and their attributes.
 RATES = {"angular_velocity_rad_s": "angular_velocity", "joint_rates_rad_s": "joint_rates"}
 _DEVICES = {"terminal": "terminals", "drive": "drives", "instrument": "instruments"}
-SQUARE = 1e-3  # by which the cosine of a right angle may differ from zero; it is made right
+SQUARE = 1e-3  # by which the cosine of a right angle may differ from zero; the model makes it exact
 APART = np.deg2rad(
     1.0
 )  # rad, least angle between a drive's boresight and its axis, which it would not move on

@@ -15,8 +15,8 @@ from jaxplan.sky.orbits import EARTH_RADIUS
 
 _ANGLE_DEG = Number(Interval("[-360, 360]"), degrees=True)
 _INCLINATION = Number(Interval("[-180, 180]"), degrees=True)
-_FAR = Number(Interval("[-1e7, 1e7]"))  # km, and s: beyond anything that circles the Earth
-_FAST = Number(Interval("[-100, 100]"))  # km/s
+_FAR = Number(Interval("[-1e7, 1e7]"))  # km, or s: wider than anything that circles the Earth needs
+_FAST = Number(Interval("[-100, 100]"))  # km/s, likewise
 
 
 @dataclass(frozen=True)

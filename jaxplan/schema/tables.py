@@ -20,7 +20,7 @@ from jaxplan.schema.faults import WRONG, Place, nearest
 from jaxplan.schema.kinds import ANY, Choice, Integer, Interval, Kind, Number, Text, YesNo
 
 _SECOND = "stands in the place of {}, only one of them can be given"
-_CHECKED = "_schema_checked"  # attribute of objects whose numbers and texts were found good
+_CHECKED = "_schema_checked"  # attribute that is set on objects whose numbers and texts were found good
 
 
 @dataclass(frozen=True)

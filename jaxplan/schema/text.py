@@ -21,8 +21,8 @@ from jaxplan.schema.layout import SCENARIO
 from jaxplan.schema.tables import Either, Field, Rows, Table
 
 LARGEST_FILE = 2**20  # bytes
-_DEEPEST = 16  # brackets, or parts of a dotted key; a scenario needs four
-_LONGEST_WORD = 1000  # characters of a bare key or a number
+_DEEPEST = 16  # most nested brackets, or dots in a key; a scenario needs four
+_LONGEST_WORD = 1000  # most characters of a bare key or a number
 _WIDEST_LINE = 100  # characters; a longer array is written with an item a line
 
 _TOKENS = re.compile(
@@ -33,8 +33,8 @@ _TOKENS = re.compile(
     re.DOTALL | re.VERBOSE,
 )
 
-_COLUMN = 38  # where comments begin; a longer line has its comment above
-_WIDTH = 118  # characters of a line with its comment
+_COLUMN = 38  # column in which comments begin; a longer line has its comment above
+_WIDTH = 118  # most characters of a line with its comment
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 
 _HEADER = re.compile(r"(#?)\[+([\w.]+)\]+")

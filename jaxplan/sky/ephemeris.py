@@ -35,12 +35,12 @@ from jaxplan.sky.frames import elapsed, library
 
 FRAMES = ("GCRS", "GCRF", "ICRF", "EME2000", "J2000")
 """Names of the axes that samples may have."""
-_AHEAD_OF_TAI = {"TAI": 0.0, "TT": TT_MINUS_TAI, "TDB": TT_MINUS_TAI, "GPS": -19.0}  # s; TDB to 0.002 s
+_AHEAD_OF_TAI = {"TAI": 0.0, "TT": TT_MINUS_TAI, "TDB": TT_MINUS_TAI, "GPS": -19.0}  # s, TDB to 0.002 s
 _TIME_SYSTEMS = ("UTC", *_AHEAD_OF_TAI)
 _DEGREE = 7  # of the polynomial between samples
-_FARTHEST = np.deg2rad(45.0)  # rad between neighbouring samples, seen from the Earth's centre
-_LEAST_RADIUS = 6356.7  # km, of the Earth at its poles; nothing flies below
-_LARGEST_FILE = 64 * 2**20  # bytes of a message, some 500,000 samples
+_FARTHEST = np.deg2rad(45.0)  # rad, most between neighbouring samples, seen from the Earth's centre
+_LEAST_RADIUS = 6356.7  # km, radius of the Earth at its poles; nothing flies below
+_LARGEST_FILE = 64 * 2**20  # most bytes of a message, some 500,000 samples
 _SECOND = np.timedelta64(1, "s")
 _DATE = re.compile(
     r"(\d{4})-(?:(\d\d)-(\d\d)|(\d{3}))T(\d\d):(\d\d):(\d\d(?:\.\d*)?)Z?", re.ASCII

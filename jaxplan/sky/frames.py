@@ -35,7 +35,7 @@ from jaxplan.runtime.arguments import floats
 from jaxplan.sky.orbits import EARTH_RADIUS
 
 BODIES = ("sun", "moon", "earth")
-RADII = {"sun": 695_700.0, "moon": 1737.4, "earth": EARTH_RADIUS}  # km
+RADII = {"sun": 695_700.0, "moon": 1737.4, "earth": EARTH_RADIUS}  # km, see the module
 _UNIX_DAY_ZERO = 2440587.5  # Julian date of 1970-01-01T00:00
 _DAY = 86400.0  # s in a day
 _EARTH_RATE = 2 * np.pi * 1.00273781191135448 / _DAY  # rad/s, of the Earth rotation angle (IERS 2010, 5.15)

@@ -15,7 +15,7 @@ from jaxplan.runtime.display import shown
 from jaxplan.sky.frames import elapsed
 from jaxplan.sky.orbits import EARTH_MU, EARTH_RADIUS
 
-_ROUNDS = 60  # of Newton's iteration, more than any takes; three to six, but for e near 1
+_ROUNDS = 60  # most iterations of Newton's method, more than any solution takes: 3 to 6, but for e near 1
 _ANGLES = ("node", "perigee", "anomaly")
 
 

@@ -27,8 +27,8 @@ from jaxplan.sky.sights import Epoch, Thing, drift_times, positions
 from jaxplan.sky.zone import path
 
 _GUARD = 1e-6  # s, by which spans are longer than found, so that at their ends nothing is hidden any more
-_THIRDS = 40  # rounds in which a least or greatest value is found, to 2e-6 s of the 20 s about it
-_HALVES = 34  # rounds in which an end of a span is found, to 1e-9 s
+_THIRDS = 40  # iterations of ternary search for an extremum, to 2e-6 s of the 20 s about it
+_HALVES = 34  # iterations of bisection for an end of a span, to 1e-9 s
 EARTH, HORIZON = "the Earth", "its horizon"  # what hides, in messages
 
 Height: TypeAlias = Callable[[np.ndarray], np.ndarray]

@@ -20,7 +20,7 @@ from jaxplan.sky.frames import elapsed, library, teme_to_gcrs
 
 COLUMNS = 69  # characters of a line
 STALE_DAYS = 7.0  # days from the elements' epoch: from here on SGP4 is likely tens of km off in low orbit
-LAST_DAYS = 30.0  # days from the elements' epoch: from here on hundreds of km, and it is not asked any more
+LAST_DAYS = 30.0  # days from the elements' epoch: beyond, it is hundreds of km off, and is not used
 _DAY = 86400.0  # s in a day
 
 # What SGP4 answers instead of a position, by its codes.

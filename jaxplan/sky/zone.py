@@ -28,7 +28,7 @@ ACCURACY = 1e-9  # rad: how far a path may be from the direction in the middle b
 _FEWEST, _MOST = (
     8,
     4096,
-)  # intervals of a path to begin with, and samples; they are halved until it is accurate
+)  # intervals of a path to begin with, and most samples; intervals are halved until it is accurate
 _DIGITS = 1e9  # half angles are rounded up to 1e-9 deg, so that files hold them exactly
 
 

@@ -166,8 +166,8 @@ LARGEST = 16
 """Blocks in a chunk at most."""
 DEATHS = 2
 """Deaths of workers with nothing else to do, after which a block is cut into scenes, or a scene given up."""
-_UNDER_WAY = 2  # chunks a worker, so that none waits for the next
-_IDLE = 1.5  # a chunk that is done within so many times its own time has hardly waited
+_UNDER_WAY = 2  # chunks under way for each worker at first, so that none waits for the next
+_IDLE = 1.5  # a chunk whose answer comes within this multiple of its own time has hardly waited
 
 
 class Blocks:

@@ -25,9 +25,9 @@ from jaxplan.study.rows import COLUMNS, TIMES, Answer, Row
 from jaxplan.study.task import Task
 
 HEADER, TABLE, TIMINGS, LOCK = "study.json", "table.jsonl", "timings.jsonl", ".lock"
-_PART = f".{HEADER}.part"  # what becomes the header once it is whole
+_PART = f".{HEADER}.part"  # the header while it is written
 _LARGEST_HEADER = 64 * 2**20  # bytes; seeds that do not follow one another take up to 43 each
-_LONGEST_LINE = 2**20  # bytes
+_LONGEST_LINE = 2**20  # most bytes of a row
 _FILES = {TABLE: COLUMNS, TIMINGS: TIMES}
 _KEYS: Mapping[str, Any] = {  # of the header, with their types
     "jaxplan": str,

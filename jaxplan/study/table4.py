@@ -41,7 +41,7 @@ TOLERANCE = 1e-9
 PAPER_KINDS = ("keep_out", "keep_in")
 _INTERVALS = 32  # intervals into which an edge is cut for the check
 _REHEARSALS = 5  # scenes that are searched before the clock runs, so that what they use is compiled
-_KEPT = 256  # problems, so that planners that follow one another need not find the same goals
+_KEPT = 256  # search problems kept in memory, so that the next planner need not find the same goals
 _HEAD = [
     *("planner", "found", "95 %", "clear", "95 %", "MinT", "MaxT", "AT", "MinL", "MaxL", "AL"),
     *("steps: min", "max", "mean"),

@@ -26,8 +26,8 @@ from jaxplan.version import __version__
 
 BLOCK = 16
 """Scenes that are planned together. More make a study little quicker on a processor, but its end ragged."""
-_LARGEST_SEED = 2**63 - 1  # for which data frames, whose integers have 64 bits, have room
-_MOST_SCENES = 2**31  # of a study, which numbers them with 32 bits
+_LARGEST_SEED = 2**63 - 1  # the largest that fits the 64-bit integers of data frames
+_MOST_SCENES = 2**31  # scenes of a study, which numbers them with 32 bits
 # Settings that a study gives to every scene itself.
 _OWN = {
     "search.method": "given by planner",
