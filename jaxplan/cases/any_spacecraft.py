@@ -122,7 +122,7 @@ class Drawn:
 
 
 def draw(rng: np.random.Generator, name: str) -> Scenario:
-    """Draw a scenario of a name."""
+    """Draw a scenario, which is given a name."""
     return draw_scenario(draw_scene(rng), name)
 
 
@@ -151,7 +151,7 @@ def draw_scene(rng: np.random.Generator) -> Drawn:
 
 
 def draw_scenario(scene: Drawn, name: str) -> Scenario:
-    """Draw the goal of a scene, and make a scenario of a name of it."""
+    """Draw the goal of a scene, and make a scenario of it, which is given a name."""
     return Scenario(
         name=name,
         spacecraft=scene.craft,
@@ -371,7 +371,7 @@ def _light(scene: Drawn) -> list[Zone]:
 
 
 def _field(scene: Drawn) -> list[Zone]:
-    """Draw an inertial direction that stays outside of all fields of view by an angle; none without."""
+    """Draw an inertial direction that stays outside of all fields of view by an angle, if there are any."""
     craft, rng = scene.craft, scene.rng
     names = tuple(one.name for one in craft.devices if one.field_of_view is not None)
     if not names:

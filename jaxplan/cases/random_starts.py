@@ -44,13 +44,13 @@ PATIENCE = 50
 
 
 def admissible(slack: np.ndarray) -> np.ndarray:
-    """True where a slack, known to rounding, is above zero; every decision on a draw is made by this."""
+    """True where a slack, a cosine or rad, is at least `HAIR`; every decision on a draw is made by this."""
     return slack >= HAIR
 
 
 @cache
 def setting() -> tuple[Spacecraft, Targets]:
-    """The paper's spacecraft, and the lines of sight from its satellite to the three others (section 5)."""
+    """The paper's spacecraft, and as targets the lines of sight to three other satellites (section 5)."""
     node, anomaly = np.radians([[10.0, 10.0, 5.0, 13.0], [20.0, 25.0, 15.0, 15.0]])
     with jax.enable_x64(True):
         directions = np.asarray(_lines_of_sight(node, anomaly))

@@ -235,7 +235,7 @@ def _wrong_numbers(texts: tuple[str, ...], notation: str) -> list[str]:
 
 
 def out_of_range(name: str, value: object, unit: str, low: float, high: float) -> list[str]:
-    """A message if a value is no number in [low, high], else none; ends in the unit."""
+    """A list of one message if a value is no number in [low, high], in the unit; else an empty one."""
     if is_number(value) and low <= value <= high:
         return []
     return [f"{name} = {value!r}: must be a number of {unit} in [{low:g}, {high:g}]"]

@@ -92,7 +92,7 @@ def sample(plan: Plan, start: np.datetime64 | None, times: np.ndarray) -> Sample
 
 
 def instants(duration: float, step: float) -> np.ndarray:
-    """Times (k,), s: multiples of the step and the duration, which replaces a multiple close to it.
+    """Times (k,) s to sample at: multiples of the step, and the duration in the place of one close to it.
 
     Raises:
         ValueError: if the step is out of range.

@@ -298,7 +298,7 @@ class _Picture:
         return np.asarray(self.axes.transData.transform((across, up)))
 
     def _fill(self, polygons: Sequence[np.ndarray] | np.ndarray, colour: str, alpha: float) -> None:
-        """Add polygons, each (k, 3) in body axes, to the surfaces that are drawn last."""
+        """Add polygons, each (k, 3) in body axes, to the surfaces, which `draw` draws together."""
         self.surfaces += list(polygons)
         self.colours += [to_rgba(colour, alpha)] * len(polygons)
 

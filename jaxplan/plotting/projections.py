@@ -125,7 +125,7 @@ class FlatMap:
     gap: ClassVar = 2.0
 
     def project(self, directions: np.ndarray) -> np.ndarray:
-        """Points (..., 2) of the picture of directions (..., 3)."""
+        """Points (..., 2) of the picture, deg, of inertial directions (..., 3)."""
         return unfold(directions)
 
     def opacity(self, directions: np.ndarray) -> np.ndarray:
@@ -221,7 +221,7 @@ class GlobeView:
         return f"seen from azimuth {azimuth:.0f}, elevation {elevation:.0f} deg (inertial)"
 
     def project(self, directions: np.ndarray) -> np.ndarray:
-        """Points (..., 2) of the picture of points (..., 3)."""
+        """Points (..., 2) of the picture, radii, of inertial points (..., 3)."""
         return np.asarray(directions @ self.axes[:2].T)
 
     def depth(self, points: np.ndarray) -> np.ndarray:
@@ -233,7 +233,7 @@ class GlobeView:
         return np.where(self.depth(directions) >= 0, 1.0, PALE)
 
     def parts(self, line: np.ndarray) -> list[tuple[np.ndarray, float]]:
-        """A line (k, 3) on the sphere in front and behind, each (k, 2) with NaN on the other side."""
+        """A line (k, 3) on the sphere in front and behind, each (k, 2) with NaN elsewhere, with opacities."""
         flat, near = self.project(line), self.depth(line) >= 0
         far = ~near
         far[1:] |= near[1:] & ~near[:-1]  # so that the two halves meet

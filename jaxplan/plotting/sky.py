@@ -243,14 +243,14 @@ def draw_ends(axes: Axes, plan: Plan, projection: Projection, **fading: float) -
 
 
 def boresight_tracks(plan: Plan) -> np.ndarray | None:
-    """Boresights (k, D, 3) along the trajectory, or along the path without one; None without a path."""
+    """Inertial boresights (k, D, 3) along the trajectory, or else along the path; None without both."""
     if plan.trajectory is not None:
         return motion(plan).boresights
     return None if plan.path is None else path_boresights(plan.path, plan.scenario.spacecraft)
 
 
 def path_boresights(path: Path, craft: Spacecraft, points_an_edge: int = 24) -> np.ndarray:
-    """Boresights (k, D, 3) along a path: geodesics of the platform with linear joints."""
+    """Inertial boresights (k, D, 3) along a path, whose edges are geodesics with linear joints."""
     attitudes, joints, edges = path.attitudes, path.joints, path.edges
     if edges:
         places = np.linspace(0, edges, points_an_edge * edges + 1)

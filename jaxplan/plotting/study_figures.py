@@ -142,7 +142,7 @@ def study_figure(studies: Studies) -> Figure:
 
 
 def _size(studies: int) -> tuple[float, float]:
-    """Width and height of the page, inches."""
+    """Width and height of the page for a number of studies, inches."""
     return 11.0, _ABOVE + _LINE * studies + 2 * _CURVES + 0.3
 
 

@@ -81,13 +81,13 @@ def device_style(number: int) -> Look:
 
 
 def plain(text: Text) -> Text:
-    """Show a text letter by letter: names come from files, and a ``$`` in one is no formula."""
+    """Have a text shown letter by letter, as a ``$`` in a name is no formula; returns the text."""
     text.set_parse_math(False)
     return text
 
 
 def note(axes: Axes, text: str) -> None:
-    """Say in an empty panel why it is empty."""
+    """Write in an empty panel why it is empty."""
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)
 
 
@@ -115,7 +115,7 @@ def plain_numbers(axis: Axis) -> None:
 
 
 def barrier(side: int) -> Look:
-    """A solid line with ticks on the side that is out of bounds: above for 1, below for -1.
+    """Look of a solid line with ticks on the side that is out of bounds: above for 1, below for -1.
 
     Curves have no ticks, so whatever its colour a limit is not taken for one of them.
     """
@@ -159,7 +159,7 @@ def limit_lines(
 
 
 def both_sides(limits: np.ndarray) -> np.ndarray:
-    """Ends (c, 2) of limits (c,) of magnitudes."""
+    """Least and largest values (c, 2) that limits (c,) of magnitudes allow."""
     return np.stack([-limits, limits], axis=-1)
 
 

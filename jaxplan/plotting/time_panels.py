@@ -73,7 +73,7 @@ class Panel(NamedTuple):
     nodes: np.ndarray | None = None
 
     def draw(self, axes: Axes, moves: Motion) -> Entries:
-        """Draw it; returns legend entries for limits, if there are any."""
+        """Draw the panel; returns legend entries for limits, if there are any."""
         if not self.styles:
             note(axes, "no joints")
         shown = self.quantity.in_unit(self.values)
@@ -124,7 +124,7 @@ def _joint_panel(craft: Spacecraft, values: Kinematics, power: int, kind: Joints
 
 
 def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -> Panel:
-    """The components of a quantity along the body axes and, where that is limited, their length."""
+    """The panel of a quantity: its components along the body axes and, where that is limited, its norm."""
     given = quantity.given(craft)
     curves, bounds = quantity.values(values), np.full(3, np.inf if given is None else given)
     length = _limited_length(craft, quantity)
@@ -136,7 +136,7 @@ def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -
 
 
 def _limited_length(craft: Spacecraft, quantity: Quantity) -> Quantity | None:
-    """The length of a vector that a spacecraft limits; None where it does not, or the vector has none."""
+    """The quantity that is the norm of a vector, if the spacecraft limits that; else None."""
     length = _LENGTHS.get(quantity.power) if quantity in SPIN else None
     return None if length is None or length.given(craft) is None else length
 

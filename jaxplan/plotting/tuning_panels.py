@@ -140,7 +140,7 @@ class _WholeNumbers(ScalarFormatter):
     """Formatter of ticks with all their digits, without an offset or power beside the axis."""
 
     def format_ticks(self, values: Sequence[float]) -> list[str]:
-        """The labels of some ticks."""
+        """The labels of ticks at some values."""
         ticks = np.asarray(values, dtype=float)
         for digits in range(6, 17):
             texts = [f"{tick:.{digits}g}" for tick in ticks]

@@ -185,7 +185,7 @@ def _header(plan: Plan, status: Status, message: str, certificate: Certificate |
 
 
 def _steps(status: Status) -> Markup:
-    """The steps of planning: done, where it ended, and not reached."""
+    """List of the steps of planning: those done, the one where it failed, and those not reached."""
     ended, items = STEPS.index(status.step), []
     for place, step in enumerate(STEPS):
         look, word = ("done", "done") if place <= ended else ("left", "not reached")

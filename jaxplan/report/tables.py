@@ -101,7 +101,7 @@ def _direction(vector: Any) -> tuple[str, str]:
 
 
 def kind_of(zone: Zone) -> str:
-    """What a zone asks, in words."""
+    """Text of a zone's kind, such as "keep-out, moving"."""
     if isinstance(zone, Mask):
         return "mask"
     words = ["joint bound" if isinstance(zone, JointBound) else "keep-out" if zone.side > 0 else "keep-in"]

@@ -80,9 +80,9 @@ def check_mount(mount: Any, place: Place) -> None:
 
 
 def check_terminal(terminal: Any, place: Place) -> None:
-    """Note faults of a terminal: a joint without limit of rate or acceleration, its own or that of both.
+    """Note faults of a terminal: missing limits of rate or acceleration, and a range of pitch near 90 deg.
 
-    And a range of pitch of which nothing is left where 90 deg are kept away from.
+    A limit may be a joint's own or that of both; pitch is kept `NEAREST_TO_POLE` away from 90 deg.
     """
     for quantity, unit in (("rate", "deg_s"), ("acceleration", "deg_s2")):
         key = f"{quantity}_limit_{unit}"
@@ -162,7 +162,7 @@ def _joint_ranges(craft: Any) -> np.ndarray | None:
 
 
 def _names(devices: Any) -> tuple[str, ...] | None:
-    """The names of devices; None where they cannot all be told."""
+    """The names of devices; None where one of them has a fault."""
     if devices is WRONG or any(one is WRONG or one.name is WRONG for one in devices):
         return None
     return tuple(one.name for one in devices)
@@ -179,7 +179,7 @@ def _check_unique(rows: Sequence[tuple[Place, Any]]) -> None:
 
 
 def _check_zone(key: str, zone: Any, place: Place) -> None:
-    """Note a zone under a key that binds nothing, or its own axis, and an entry without a group."""
+    """Note a zone, under a key of `ZONES`, that binds nothing or its own axis, and an entry without group."""
     if key != "joint_bound":
         aside = zone.direction is None and not zone.is_inertial  # else it was told that one axis is enough
         if (key == "keep_in" or aside) and zone.devices == () and zone.vectors == ():

@@ -31,7 +31,7 @@ ANGLE_DEG = Number(Interval("[-5e4, 5e4]"), degrees=True)
 
 
 def _of_number(make: Callable[[Number], Kind]) -> Callable[[Key], Kind]:
-    """What makes a kind for a `Key`: `make`, of the number with that key's range and unit."""
+    """Function of a `Key` that returns `make` of the number with the key's range and unit."""
     return lambda told: make(Number(Interval(told.range), degrees="_deg" in told.name))
 
 

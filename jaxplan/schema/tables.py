@@ -182,7 +182,7 @@ class Table(Kind):
 
     @cached_property
     def _alternatives(self) -> list[list[Field]]:
-        """Attributes of which one must be given, the first of which is the usual one."""
+        """Groups of attributes of which exactly one must be given, the usual one first."""
         named = [entry.instead_of for entry in self.attributes if entry.instead_of]
         return [[entry for entry in self.attributes if entry.says == usual] for usual in dict.fromkeys(named)]
 
@@ -243,7 +243,7 @@ def table(
 
 
 def _declared(part: Any, hint: Any, kinds: Mapping[Any, Any]) -> Field:
-    """The `Field` of a dataclass field of a type, `hint`; its name stands for a key that it has not."""
+    """The `Field` of a dataclass field of a type, `hint`; its name stands in for a missing key."""
     told: Key = part.metadata["key"]
     return Field(
         told.name or part.name,

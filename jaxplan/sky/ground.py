@@ -50,13 +50,13 @@ class GroundPoint:
 
     @property
     def up(self) -> np.ndarray:
-        """(3,) unit vector at right angles to the ellipsoid, along axes that are fixed to the Earth."""
+        """Unit vector (3,) at right angles to the ellipsoid, along axes that are fixed to the Earth."""
         cos = np.cos(self.latitude)
         return np.array([cos * np.cos(self.longitude), cos * np.sin(self.longitude), np.sin(self.latitude)])
 
     @property
     def place(self) -> np.ndarray:
-        """(3,) km, along axes that are fixed to the Earth."""
+        """Position (3,) km from the Earth's centre, along axes that are fixed to the Earth."""
         normal = EARTH_RADIUS / np.sqrt(1 - _SQUARE * np.sin(self.latitude) ** 2)
         height = self.altitude * 1e-3
         return self.up * np.array([normal + height] * 2 + [normal * (1 - _SQUARE) + height])
