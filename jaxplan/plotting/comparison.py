@@ -48,7 +48,7 @@ _MEAN: Look = {
 }
 _SPREAD: Look = {"linewidth": 1.4, "marker": "|", "markersize": 6, "color": GREY}
 _DOT: Look = {"marker": "o", "linestyle": "none", "markeredgewidth": 0.8}
-_LARGE, _SMALL_DOT, _FEW = 4.2, 1.6, 10  # points: size of a dot at so few scenes, and the least size
+_LARGE, _SMALL_DOT, _FEW = 4.2, 1.6, 10  # points: size of a dot up to `_FEW` scenes, and the least size
 _APART = 0.17  # lines: half the distance of the marks of paths found and paths clear
 _BAND = 0.62  # lines: height over which dots are spread
 _WIDTH, _LEAST = 12.5, 2.7  # inches: width of the page, and its least height, so that the legend has room

@@ -252,7 +252,7 @@ class GlobeView:
             yield Sheet(across, upward, points * (1, 1, side) @ self.axes, strength)
 
     def extent(self, axis: np.ndarray, half_angle: float) -> tuple[float, float]:
-        """Half the width and height, radii, of a cone in the picture, as if its axis met the eye."""
+        """Half the width and height, radii, of a cone in the picture, as if it were seen along its axis."""
         size = float(np.sin(min(half_angle, np.pi / 2)))
         return size, size
 

@@ -112,13 +112,13 @@ def _refuse(word: str) -> float:
 class Store:
     """Store of a study's rows, in a folder or in memory; a context that holds the folder's lock.
 
-    Attributes:
-        done: (scenes,) whether each scene has a row in the table.
-        rows: without a folder, the rows of each file by its name.
-
     Args:
         folder: a new or empty one, or one that holds the same study; None to keep rows in memory.
         task: the study.
+
+    Attributes:
+        done: (scenes,) whether each scene has a row in the table.
+        rows: without a folder, the rows of each file by its name.
 
     Raises:
         StudyFolderError: if the folder holds anything else, is no folder, or is in use.
