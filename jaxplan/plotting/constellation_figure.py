@@ -1,4 +1,4 @@
-"""A constellation on the globe, coloured by how long its manoeuvres take, and how those times are spread."""
+"""A constellation on the globe, satellites coloured by manoeuvre times, and a histogram of these."""
 
 import numpy as np
 from matplotlib import colormaps

@@ -3,8 +3,8 @@
 Several trajectories are given by their names; in `compare` the colour and line style of each are those of its
 place among the names. At a break a trajectory is drawn from both sides, so that a jump is a vertical stroke.
 
-A limit far from all curves of its panel is told above it. Inside are radians and seconds, on the axes degrees
-and seconds.
+A limit far from all curves of its panel is written above it. Inside are radians and seconds, on the axes
+degrees and seconds.
 """
 
 from collections.abc import Mapping, Sequence

@@ -13,7 +13,7 @@ with ``axes.figure.savefig(...)``.
 
 A name stands at the first of some places where it covers no other name, and the fewest points of curves.
 
-Arguments that cannot be drawn are refused by their names.
+Arguments that cannot be drawn raise an error that names them.
 """
 
 import math

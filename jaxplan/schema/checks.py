@@ -82,7 +82,7 @@ def check_mount(mount: Any, place: Place) -> None:
 def check_terminal(terminal: Any, place: Place) -> None:
     """Note faults of a terminal: missing limits of rate or acceleration, and a range of pitch near 90 deg.
 
-    A limit may be a joint's own or that of both; pitch is kept `NEAREST_TO_POLE` away from 90 deg.
+    A limit may be a joint's own or that of both; pitch is kept `NEAREST_TO_POLE`, rad, away from 90 deg.
     """
     for quantity, unit in (("rate", "deg_s"), ("acceleration", "deg_s2")):
         key = f"{quantity}_limit_{unit}"

@@ -2,7 +2,8 @@
 
 A fault is one line, ``keep_out[2].half_angle_deg = 210: must lie in (0, 180)``: the key path as the file
 spells it with zero-based indices, the value in the file's units, and what it must be. Of a scenario that was
-made in Python it names attributes instead, and the unit.
+made in Python it names attributes instead, and the unit. Faults are *noted*: added to the list of a `Reading`
+by the `Place` of the value, which then counts as `WRONG`, and reading goes on to find the others.
 """
 
 import difflib

@@ -2,7 +2,7 @@
 
 All go through one reader, the tables of `layout`, which judge single values; what concerns several of them
 is for `checks`. Whether start and goal keep the constraints is no matter of these: planning answers that
-with a status. What Python gives is taken for the model's own types: lists become tuples or float64 arrays,
+with a status. What Python gives is converted to the model's own types: lists become tuples or float64 arrays,
 numbers of any type floats, and a single number that stands for three becomes three; what a file may not hold
 is a fault, told by its attribute and in its unit.
 
