@@ -328,7 +328,7 @@ class _Picture:
         """Legend entries: devices with their ranges, and what the lines are."""
         devices = self.craft.devices
         found: Entries = [
-            (Line2D([], [], linewidth=2.2, **device_style(number)), _told(device))
+            (Line2D([], [], linewidth=2.2, **device_style(number)), _device_label(device))
             for number, device in enumerate(devices)
         ]
         joints = [device for device in devices if not isinstance(device, Instrument)]
@@ -363,7 +363,7 @@ class _Picture:
         return found + [(handle, text) for there, handle, text in kinds if there]
 
 
-def _told(device: Terminal | Drive | Instrument) -> str:
+def _device_label(device: Terminal | Drive | Instrument) -> str:
     """Legend text of a device: its name, its ranges and its field of view, deg."""
     lines = [device.name]
     if isinstance(device, Terminal):

@@ -270,7 +270,7 @@ class Polygons(Kind):
         array = np.array(corners).reshape(-1, 2)
         complaint = outlines.fault(array)
         if complaint is not None:
-            return place.fault(f"must {complaint}", _told(np.asarray(value, float), value, place))
+            return place.fault(f"must {complaint}", _shown_value(np.asarray(value, float), value, place))
         same = isinstance(value, np.ndarray) and value.dtype == float and np.array_equal(value, array)
         return value if same else array
 
@@ -311,7 +311,7 @@ def _within(place: Place, index: Any) -> Place:
     return place
 
 
-def _told(array: np.ndarray, value: Any, place: Place) -> Any:
+def _shown_value(array: np.ndarray, value: Any, place: Place) -> Any:
     """What messages show of an array: its numbers if it was given in Python, else the file's value."""
     return array.tolist() if place.reading.python else value
 
@@ -323,15 +323,15 @@ def unit(vector: np.ndarray, value: Any, place: Place, what: str = "a unit vecto
     """
     norm = math.hypot(*vector.tolist())
     if norm == 0:
-        return place.fault(f"must be {what}, not zero", _told(vector, value, place))
+        return place.fault(f"must be {what}, not zero", _shown_value(vector, value, place))
     if abs(norm - 1) > UNIT_TOLERANCE:
-        return place.fault(f"must be {what}, its norm is {norm:.6g}", _told(vector, value, place))
+        return place.fault(f"must be {what}, its norm is {norm:.6g}", _shown_value(vector, value, place))
     return vector if abs(norm - 1) <= _ROUNDING else vector / norm
 
 
 def units(vectors: np.ndarray, value: Any, place: Place) -> Any:
     """Check vectors (k, n), and bring them to unit length; a `Rule`."""
-    told = _told(vectors, value, place)
+    told = _shown_value(vectors, value, place)
     read = [unit(vector, told[i], place[i]) for i, vector in enumerate(vectors)]
     return WRONG if any(vector is WRONG for vector in read) else np.array(read)
 
@@ -356,7 +356,7 @@ def inertia(matrix: np.ndarray, value: Any, place: Place) -> Any:
         complaint = "must have no principal moment above the sum of the other two, as no body has"
     else:
         return matrix
-    return place.fault(complaint, _told(matrix, value, place))
+    return place.fault(complaint, _shown_value(matrix, value, place))
 
 
 def rotations(matrices: np.ndarray, value: Any, place: Place) -> Any:
@@ -395,7 +395,7 @@ def range_of(ends: np.ndarray, value: Any, place: Place) -> Any:
     """Check that the first end of a range (2,) is below the second; a `Rule`."""
     if ends[0] < ends[1]:
         return ends
-    return place.fault("must be two numbers, the first below the second", _told(ends, value, place))
+    return place.fault("must be two numbers, the first below the second", _shown_value(ends, value, place))
 
 
 DIRECTION = Array((3,), noun="a unit vector of 3 numbers", rule=unit)
