@@ -24,9 +24,9 @@ bskLogging.setDefaultLogLevel(bskLogging.BSK_ERROR)
 
 STEP = 0.1  # s, of the controller and of the integration
 FAR = 1e11  # m, to the body that the cone is about
-FREQUENCY, DAMPING = 0.3, 1.0  # of the closed loop about each axis, rad/s and of critical
-_STILL = 1e-9  # rad, from the last attitude of a reference
-_GRID = 8  # of the planner's nodes, as in its documentation's example
+FREQUENCY, DAMPING = 0.3, 1.0  # of the closed loop about each axis, rad/s and as a share of critical
+_STILL = 1e-9  # rad from the last attitude of a reference, within which it has arrived
+_GRID = 8  # size of the grid of the planner's nodes, as in its documentation's example
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,19 +68,19 @@ class Flown:
 
     @property
     def slew_time(self) -> float:
-        """When the reference has arrived, s."""
+        """Time at which the reference arrives at its last attitude, s."""
         away = Rotation.from_matrix(self.reference[-1].T @ self.reference).magnitude()
         moving = np.flatnonzero(away > _STILL)
         return float(self.times[moving[-1] + 1]) if len(moving) else 0.0
 
     def error(self) -> np.ndarray:
-        """(k,) rad between the reference and what is flown."""
+        """Angles (k,) rad between the reference and the attitude that is flown."""
         between = np.swapaxes(self.reference, 1, 2) @ self.attitude
         return Rotation.from_matrix(between).magnitude()
 
 
 def fly_waypoints(task: Task, file: Path, seconds: float) -> Flown:
-    """Fly a file of waypoints, as ``jaxplan.export(format="basilisk")`` writes it."""
+    """Fly a file of waypoints, as ``jaxplan.export(format="basilisk")`` writes it, for some seconds."""
     module = waypointReference.WaypointReference()
     module.ModelTag = "waypointReference"
     module.dataFileName, module.attitudeType, module.delimiter = str(file), 1, ","
@@ -94,8 +94,8 @@ def fly_own_plan(task: Task, average_rate: float, spline: int, seconds: float) -
     Args:
         task: the slew.
         average_rate: rad/s, which says how long it takes.
-        spline: 0 through the nodes, 1 near them.
-        seconds: how long to fly.
+        spline: 0 for one through the nodes, 1 for one near them.
+        seconds: s, how long to fly.
     """
     module = constrainedAttitudeManeuver.ConstrainedAttitudeManeuver(_GRID)
     module.ModelTag = "constrainedAttitudeManeuver"
@@ -117,7 +117,7 @@ def fly_own_plan(task: Task, average_rate: float, spline: int, seconds: float) -
 
 
 def _fly(task: Task, reference: Any, seconds: float) -> Flown:
-    """Fly the reference of a module with ``attRefOutMsg`` from the task's start."""
+    """Fly the reference of a module with ``attRefOutMsg`` from the task's start, for some seconds."""
     simulation = SimulationBaseClass.SimBaseClass()
     step = macros.sec2nano(STEP)
     simulation.CreateNewProcess("process").addTask(simulation.CreateNewTask("task", step))
@@ -154,10 +154,12 @@ def _fly(task: Task, reference: Any, seconds: float) -> Flown:
 
 
 def _mrp(rotation_vector: np.ndarray) -> list[float]:
+    """Modified Rodrigues parameters of a rotation vector (3,) rad."""
     return Rotation.from_rotvec(rotation_vector).as_mrp().tolist()
 
 
 def _vehicle(task: Task) -> Any:
+    """Basilisk's message of the vehicle's inertia."""
     config = messaging.VehicleConfigMsgPayload()
     config.ISCPntB_B = task.inertia.ravel().tolist()
     return messaging.VehicleConfigMsg().write(config)

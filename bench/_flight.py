@@ -18,7 +18,7 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.trajectory import Trajectory
 
 STEPS = 20_000
-# What is forgiven: degrees into a zone, share of a limit, degrees from the goal, degrees a second there.
+# Tolerances: deg into a zone, excess over a limit as a share of it, deg from the goal, deg/s there.
 ZONE, LIMIT, GOAL, REST = 1e-4, 1e-3, 1e-2, 1e-2
 
 
@@ -47,9 +47,9 @@ class Verdict:
 
     Attributes:
         margin: least over all zones and instants, deg; infinite without zones.
-        peak: the largest rate, acceleration or joint angle over its limit.
-        miss: from the goal, of the platform or the farthest joint, deg.
-        rest: rate at the goal beyond the one asked for, of the fastest axis, deg/s.
+        peak: largest ratio of a rate, acceleration or joint angle to its limit.
+        miss: distance from the goal, of the platform or the farthest joint, deg.
+        rest: difference of the final rate from the one asked for, of the axis where it is largest, deg/s.
     """
 
     margin: float
@@ -59,7 +59,7 @@ class Verdict:
 
     @property
     def refusal(self) -> str:
-        """Why the manoeuvre is refused; empty if it is not. What is not a number is refused."""
+        """Text on why the manoeuvre is refused; empty if it is not. Where a value is NaN it is refused."""
         reasons = []
         if not self.margin >= -ZONE:
             reasons.append(f"{-self.margin:.3f} deg into a zone")
@@ -71,7 +71,7 @@ class Verdict:
 
 
 def inspect(scenario: Scenario, goal: Goal, flight: Flight) -> Verdict:
-    """Fly a manoeuvre from the scenario's start."""
+    """Check a manoeuvre from the scenario's start to a goal, by integrating its rates."""
     craft, start, end = scenario.spacecraft, scenario.start, scenario.goal
     attitude, joints = Rotation.from_rotvec(start.rotation_vector), np.asarray(start.joints, float)[None]
     limits, speed_ups = _limits(craft)
@@ -105,7 +105,7 @@ def inspect(scenario: Scenario, goal: Goal, flight: Flight) -> Verdict:
 
 
 def flight_of(trajectory: Trajectory) -> Flight:
-    """A trajectory of jaxplan's, by its samples."""
+    """The flight of a trajectory of jaxplan's, by its samples."""
     breaks = np.union1d(trajectory.breaks, trajectory.joint_breaks)
 
     def rates(t: np.ndarray, _: int) -> np.ndarray:
@@ -126,7 +126,7 @@ def joint_bound(scenario: Scenario, goal: Goal) -> float:
 
 
 def rest_to_rest(change: np.ndarray, rate: np.ndarray | float, speed_up: np.ndarray | float) -> np.ndarray:
-    """Shortest time of a change (...) from rest to rest, in s.
+    """Shortest time (...) s of changes (...) rad from rest to rest, within limits rad/s and rad/s^2.
 
     An axis speeds up and slows down at its acceleration limit ``a`` and coasts at its rate limit ``v`` if it
     gets there: ``2 sqrt(d / a)`` or ``d / v + v / a`` for a change ``d``.
@@ -136,19 +136,19 @@ def rest_to_rest(change: np.ndarray, rate: np.ndarray | float, speed_up: np.ndar
 
 
 def craft_range(craft: Spacecraft) -> np.ndarray:
-    """(2n,) rad, bound of each joint's angle."""
+    """Largest magnitude (2n,) rad of each joint's angle."""
     return np.array([t.yaw_limit for t in craft.terminals] + [t.pitch_limit for t in craft.terminals])
 
 
 def _limits(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
-    """(3 + 2n,) bounds of rates and of accelerations."""
+    """Limits (3 + 2n,) of rates, rad/s, and of accelerations, rad/s^2."""
     rates = [craft.rate_limit] * 3 + [t.rate_limit for t in craft.terminals] * 2
     speed_ups = [craft.acceleration_limit] * 3 + [t.acceleration_limit for t in craft.terminals] * 2
     return np.array(rates), np.array(speed_ups)
 
 
 def _products(vectors: np.ndarray) -> Rotation:
-    """Of rotation vectors (k, 3): the product of the first, of the first two, and so on."""
+    """Cumulative products of the rotations of vectors (k, 3) rad: the first, the first two, and so on."""
     turns, shift = Rotation.from_rotvec(vectors), 1
     while shift < len(vectors):
         turns = Rotation.concatenate([turns[:shift], turns[:-shift] * turns[shift:]])
@@ -157,7 +157,16 @@ def _products(vectors: np.ndarray) -> Rotation:
 
 
 def _margin(scenario: Scenario, turns: Rotation, joints: np.ndarray) -> float:
-    """Least margin of all zones along a motion, rad; NaN if some is none."""
+    """Least margin of all zones along a motion, rad; NaN if a state is.
+
+    Args:
+        scenario: whose zones are meant.
+        turns: k attitudes, body to inertial.
+        joints: (k, 2n) rad.
+
+    Raises:
+        ValueError: for instruments and zones in groups.
+    """
     craft = scenario.spacecraft
     if craft.instruments or any(zone.any_of for zone in scenario.keep_in):
         raise ValueError("instruments and zones in groups are not checked")

@@ -9,7 +9,7 @@ from jaxplan.model.path import Path
 from jaxplan.search import Scene
 from jaxplan.study.table4 import TOLERANCE, least_margins
 
-SAMPLES = 64  # intervals of an edge, which is at most one step long
+SAMPLES = 64  # intervals into which an edge is cut, which is at most one step long
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,10 +19,10 @@ class Measures:
     Attributes:
         steps: length in steps, `jaxplan.model.path.step_cost`.
         travel: rotation of the platform and changes of all joints summed, rad.
-        edges: of the path, each at most one step.
-        below: edges whose margin is below zero by the exact bound of `jaxplan.model.path.edge_margins`.
+        edges: their number, each at most one step long.
+        below: number of edges whose margin is below zero by the bound of `jaxplan.model.path.edge_margins`.
         below_sampled: likewise by dense samples.
-        margin: least, by the bound, rad.
+        margin: the least, by the bound, rad.
     """
 
     steps: float
@@ -34,7 +34,7 @@ class Measures:
 
 
 def measure(scene: Scene, path: Path) -> Measures:
-    """Judge a path."""
+    """Measure a path of a search problem."""
     bounds, sampled = least_margins(scene, path), sampled_margins(scene, path)
     turns = Rotation.from_matrix(path.attitudes)
     rotation = (turns[:-1].inv() * turns[1:]).magnitude()
@@ -49,13 +49,17 @@ def measure(scene: Scene, path: Path) -> Measures:
 
 
 def straight_lengths(scene: Scene) -> tuple[float, float]:
-    """Steps and travel of the straight motion from start to goal, which no path can undercut."""
+    """Length in steps and travel, rad, of the straight motion from start to goal, which no path undercuts."""
     change = np.abs(scene.goal_joints - scene.start_joints)
     return scene.straight_steps, float(np.linalg.norm(scene.goal_coordinates) + np.sum(change))
 
 
 def sampled_margins(scene: Scene, path: Path) -> np.ndarray:
-    """(m,) least margin of each edge at `SAMPLES` + 1 instants, in numpy and scipy alone, rad."""
+    """Least margin (m,) rad of each edge at `SAMPLES` + 1 states, in numpy and scipy alone.
+
+    Raises:
+        ValueError: for instruments and zones in groups.
+    """
     if np.any(scene.grouped_cones.bound) or len(scene.fixed_boresights):
         raise ValueError("zones in groups and instruments are not sampled")
     part = np.linspace(0, 1, SAMPLES + 1)

@@ -21,11 +21,11 @@ except ModuleNotFoundError as missing:
     raise SystemExit(MISSING.format(missing.name, "bench")) from None
 
 Checker = Callable[[np.ndarray, np.ndarray, np.ndarray, float], bool]
-_STRIDE = 8  # samples are taken far apart first, so that a motion that is not clear is soon found out
+_STRIDE = 8  # every so many samples are taken first, so that a motion that is not clear is soon found out
 
 
 def zone_table(scene: Scene) -> np.ndarray:
-    """(Z, 5 + n): the zones that bind a terminal, without the scene's padding."""
+    """Rows (Z, 5 + n), as the module has them, of the zones that bind a terminal, without the padding."""
     cones = scene.cones
     rows = np.column_stack([cones.axis, np.cos(cones.half_angle), cones.side, cones.bound])
     return np.ascontiguousarray(rows[np.any(cones.bound, axis=1)], dtype=float)
@@ -33,7 +33,14 @@ def zone_table(scene: Scene) -> np.ndarray:
 
 @numba.njit
 def compiled(motion: np.ndarray, mounts: np.ndarray, table: np.ndarray, resolution: float) -> bool:
-    """Whether a motion (2, 4 + 2n) is clear at its samples, one after the other."""
+    """Whether a motion (2, 4 + 2n) is clear at its samples, taken one after the other.
+
+    Args:
+        motion: its two states.
+        mounts: (n,) rad, azimuth of each terminal in the body, to which its yaw adds.
+        table: of `zone_table`.
+        resolution: rad by which platform and joints move between samples.
+    """
     first, last = motion[0], motion[1]
     count = len(mounts)
     cosine = first[0] * last[0] + first[1] * last[1] + first[2] * last[2] + first[3] * last[3]
@@ -70,7 +77,7 @@ def compiled(motion: np.ndarray, mounts: np.ndarray, table: np.ndarray, resoluti
 
 
 def vectorised(motion: np.ndarray, mounts: np.ndarray, table: np.ndarray, resolution: float) -> bool:
-    """The same, all samples at once in numpy."""
+    """Whether a motion is clear, all samples at once in numpy; the arguments are those of `compiled`."""
     first, last = motion
     cosine = float(first[:4] @ last[:4])
     angle = np.arccos(min(abs(cosine), 1.0))  # half of the rotation

@@ -35,7 +35,15 @@ _POINTER = ctypes.c_char_p(b"nb_handle")  # by this name OMPL's bindings know a 
 
 
 class _Motions(base.MotionValidator):
-    """Asks the checker, for motions and for single states."""
+    """OMPL's validator of motions and states, which asks a checker.
+
+    Args:
+        information: OMPL's, of the space.
+        space: of attitudes and joints.
+        scene: the problem.
+        check: the checker.
+        resolution: rad between samples of a motion.
+    """
 
     def __init__(
         self,
@@ -62,13 +70,13 @@ class _Motions(base.MotionValidator):
         return self.checkMotion(state, state)
 
     def row(self, state: base.State) -> np.ndarray:
-        """(4 + 2n,) quaternion x, y, z, w and joints."""
+        """A state of OMPL as an array (4 + 2n,): quaternion x, y, z, w and joints, rad."""
         self.copy(self.first, state)
         return self.motion[0].copy()
 
 
 class Rival:
-    """RRTConnect on one scene.
+    """OMPL's RRTConnect on one scene.
 
     Args:
         scene: the problem; its zones bind one by one, without groups.
@@ -95,7 +103,7 @@ class Rival:
         )
 
     def solve(self, seed: int) -> tuple[float, Path | None]:
-        """Search and simplify; the same seed makes the same path.
+        """Search for a path and simplify it; the same seed makes the same path.
 
         Args:
             seed: 0 or more.
@@ -120,6 +128,7 @@ class Rival:
         return seconds, self._path() if found else None
 
     def _state(self, attitude: np.ndarray, joints: np.ndarray) -> base.State:
+        """A state of OMPL from an attitude (3, 3), body to inertial, and joints (2n,) rad."""
         state = self.space.allocState()
         turn = state[0]
         turn.x, turn.y, turn.z, turn.w = Rotation.from_matrix(attitude).as_quat().tolist()
@@ -127,6 +136,7 @@ class Rival:
         return state
 
     def _path(self) -> Path:
+        """OMPL's solution as a path, in edges of at most one step."""
         solution = self.setup.getSolutionPath()
         states = [solution.getState(i) for i in range(solution.getStateCount())]
         rows = np.array([self.motions.row(state) for state in states])
@@ -137,6 +147,7 @@ class Rival:
 
 
 def _box(ranges: np.ndarray) -> base.RealVectorStateSpace:
+    """OMPL's space of the joints within ranges (2n, 2) rad."""
     space, bounds = base.RealVectorStateSpace(len(ranges)), base.RealVectorBounds(len(ranges))
     for joint, (low, high) in enumerate(ranges.tolist()):
         bounds.setLow(joint, low)

@@ -7,7 +7,7 @@ import numpy as np
 from _measures import Measures
 
 EASY, HARD, HELD = ("keep_out", "keep_in"), ("hard_keep_out", "hard_keep_in"), "held_links"
-MHA, NUMPY = "mha", "numpy"  # a rival with the checker in numpy has a name that ends so
+MHA, NUMPY = "mha", "numpy"  # our planner; and the end of the name of a rival with the checker in numpy
 
 _HEAD = (
     f"  {'planner':<19}{'found':>9}{'clear':>9}{'mean ms':>9}{'median':>8}{'steps':>8}{'best':>7}"
@@ -17,7 +17,7 @@ _HEAD = (
 
 @dataclass(kw_only=True)
 class Trial:
-    """A planner on a scene: seconds of each run (seeds, repeats), and its paths, None where it found none."""
+    """Results of a planner on a scene: seconds by seed and repeat, and a path, or None, for each seed."""
 
     seconds: list[list[float]]
     paths: list[Measures | None] = field(default_factory=list)
@@ -43,7 +43,7 @@ class Trial:
 
 @dataclass(kw_only=True)
 class Case:
-    """A scene: length of the straight motion, and what each planner did by its name."""
+    """A scene: steps and travel (rad) of the straight motion, and the trial of each planner by its name."""
 
     steps: float
     travel: float
@@ -51,7 +51,7 @@ class Case:
 
 
 def print_kind(kind: str, cases: Sequence[Case], infeasible: int) -> None:
-    """The planners on the scenes of one kind."""
+    """Print the table of the planners on the scenes of one kind, of which some are left out as infeasible."""
     print(f"{kind}: {len(cases)} scenes, and {infeasible} proved to have no path")
     print(_HEAD)
     for name in dict.fromkeys(name for case in cases for name in case.trials):
@@ -77,7 +77,7 @@ def print_kind(kind: str, cases: Sequence[Case], infeasible: int) -> None:
 
 
 def print_targets(results: Mapping[str, Sequence[Case]]) -> None:
-    """Each target with its figure and its bar."""
+    """Print each target: what is measured, its value, and the most that it may be."""
     print(f"{'target':<66}{'figure':>9}{'bar':>11}")
     for text, figure, bar in _targets(results):
         verdict = "met" if figure <= bar else "MISSED"
@@ -85,6 +85,7 @@ def print_targets(results: Mapping[str, Sequence[Case]]) -> None:
 
 
 def _targets(results: Mapping[str, Sequence[Case]]) -> Iterator[tuple[str, float, float]]:
+    """Yield for each target a text, the value, and the most that it may be."""
     for kind, cases in results.items():
         ours = [case.trials[MHA] for case in cases]
         rivals = dict.fromkeys(name for case in cases for name in case.trials if name != MHA)
@@ -114,6 +115,6 @@ def _targets(results: Mapping[str, Sequence[Case]]) -> Iterator[tuple[str, float
 
 
 def _mean(values: Sequence[float] | np.ndarray) -> float:
-    """Mean over the scenes with a path; NaN if there are none."""
+    """Mean of the values that are not NaN, as without a path; NaN if there are none."""
     known = np.array([value for value in values if not np.isnan(value)])
     return float(np.mean(known)) if known.size else np.nan

@@ -35,11 +35,11 @@ try:
 except ModuleNotFoundError as missing:
     raise SystemExit(MISSING.format(missing.name, "openscvx")) from None
 
-PADDING = np.deg2rad(0.3)
-RATE_PADDING = 0.012  # share of the rate limits, where accelerations are linear between nodes
-SLOWER = 1.05  # than a solve found, where it is repeated
-SHARPNESS = 10.0  # of the zones' rows beside the others
-LONGEST = 100.0  # s
+PADDING = np.deg2rad(0.3)  # rad by which cones are wider and joint ranges narrower, as nodes alone keep them
+RATE_PADDING = 0.012  # share of the rate limits that is left, where accelerations are linear between nodes
+SLOWER = 1.05  # a repeated solve begins from so many times the duration of the one before
+SHARPNESS = 10.0  # factor of the zones' rows beside the others
+LONGEST = 100.0  # s, greatest duration
 WEIGHTS = {"lam_cost": 1.0, "lam_prox": 0.1, "lam_vc": 10.0, "lam_vb": 10.0}
 TOLERANCES = {"ep_tr": 1e-4, "ep_vb": 1e-4, "ep_vc": 1e-6}
 ITERATIONS = 60
@@ -47,7 +47,7 @@ ITERATIONS = 60
 
 @dataclass(frozen=True, kw_only=True)
 class Way:
-    """A way to run it: its name, whether accelerations may jump, and the number of nodes."""
+    """A way to run OpenSCvx: its name, whether accelerations may jump, and the number of nodes."""
 
     name: str
     jumps: bool
@@ -56,7 +56,7 @@ class Way:
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """What it answers: whether it calls it converged, the manoeuvre, seconds and iterations it took."""
+    """OpenSCvx's answer: whether it says converged, the manoeuvre, the seconds and iterations it took."""
 
     converged: bool
     flight: Flight | None
@@ -65,7 +65,7 @@ class Answer:
 
 
 class Rival:
-    """A compiled problem for all scenes of a spacecraft with as many zones.
+    """A compiled problem of OpenSCvx for all scenes of a spacecraft with as many zones.
 
     Args:
         craft: the spacecraft, without instruments.
@@ -73,7 +73,7 @@ class Rival:
         way: how to run it.
 
     Attributes:
-        compile_seconds: that it took to make.
+        compile_seconds: time that it took to make.
     """
 
     def __init__(self, craft: Spacecraft, zones: Sequence[int], way: Way) -> None:
@@ -125,7 +125,10 @@ class Rival:
     def _attempt(
         self, scenario: Scenario, goal: Goal, path: Path | None, duration: float
     ) -> tuple[ox.OptimizationResults | None, int]:
-        """One solve from a first guess of some duration, None where it broke down, and its iterations."""
+        """Solve once from a first guess of a duration, s; returns result and iterations.
+
+        The result is None where it broke down.
+        """
         self._set_zones(scenario)
         self._set_ends_and_guess(scenario, goal, path, duration)
         self.problem.reset()
@@ -139,6 +142,7 @@ class Rival:
         return result, self.problem.state.k - 1
 
     def _make_variables(self) -> None:
+        """Make states, controls and time, with their limits and scales."""
         craft, count, hold = self.craft, self.way.nodes, "ZOH" if self.way.jumps else "FOH"
         joints = 2 * len(craft.terminals)
         speed = np.array([t.rate_limit for t in craft.terminals] * 2)
@@ -178,7 +182,7 @@ class Rival:
         )
 
     def _zone_rows(self, zones: Sequence[int]) -> list[ox.Constraint]:
-        """Cosines of the angles to the zones' axes below a threshold, both with the zone's side as factor."""
+        """Constraints of zones: cosines of angles to their axes below thresholds, both times their sides."""
         turn, rows = ox.spatial.QDCM(self.attitude), []
         for place, (terminal, count) in enumerate(zip(self.craft.terminals, zones, strict=True)):
             if not count:
@@ -194,7 +198,7 @@ class Rival:
         return rows
 
     def _ends_at_rest(self) -> list[ox.Constraint]:
-        """No acceleration at the first and at the last node."""
+        """Constraints: no acceleration at the first and at the last node."""
         return [
             (control.at(node) == np.zeros(control.shape)).convex()
             for control in (self.acceleration, self.joint_accelerations)
@@ -202,7 +206,7 @@ class Rival:
         ]
 
     def _rates_between(self) -> list[ox.Constraint]:
-        """Rate limits half-way between nodes, where a rate may be a sixth higher than at them.
+        """Constraints: rate limits half-way between nodes, where a rate may be a sixth higher than at them.
 
         It may still be higher by a hundredth elsewhere; the padding of the limits is for that. The rows take
         the spacing of the first guess, since a product with the real one is not convex; a longer spacing than
@@ -218,6 +222,7 @@ class Rival:
         return rows
 
     def _set_zones(self, scenario: Scenario) -> None:
+        """Set the problem's parameters: axes of zones, relative to the start attitude, and thresholds."""
         start = Rotation.from_rotvec(scenario.start.rotation_vector)
         for place, zones in enumerate(zones_by_terminal(scenario)):
             if zones:
@@ -227,6 +232,7 @@ class Rival:
                 self.problem.parameters.update({f"axes_{place}": axes, f"thresholds_{place}": thresholds})
 
     def _set_ends_and_guess(self, scenario: Scenario, goal: Goal, path: Path | None, duration: float) -> None:
+        """Set both ends and the first guess, along a path or the straight motion in a duration, s."""
         guess = first_guess(scenario, goal, path, duration, self.way.nodes)
         quaternions, rates, joints, joint_rates = guess
         if not self.way.jumps:

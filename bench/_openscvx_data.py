@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation, Slerp
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario
 
-LEISURE = 1.3  # of the first guess, over the longer of the platform's and the joints' own times
+LEISURE = 1.3  # duration of the first guess over the longer of the platform's and the joints' own times
 
 
 def zones_by_terminal(scenario: Scenario) -> list[list[tuple[int, np.ndarray, float]]]:
-    """Side (+1 keep out, -1 keep in), direction and half-angle of the zones that bind each terminal."""
+    """For each terminal its zones: side (+1 keep out, -1 keep in), direction (3,), half-angle in rad."""
     sided = [(1, zone) for zone in scenario.keep_out] + [(-1, zone) for zone in scenario.keep_in]
     return [
         [
@@ -26,7 +26,7 @@ def zones_by_terminal(scenario: Scenario) -> list[list[tuple[int, np.ndarray, fl
 
 
 def first_duration(scenario: Scenario, goal: Goal) -> float:
-    """Seconds of the first guess: more than the joints, or a turn about a fixed axis, need by themselves."""
+    """Duration of the first guess, s: more than the joints, or a turn about a fixed axis, need alone."""
     craft = scenario.spacecraft
     start = Rotation.from_rotvec(scenario.start.rotation_vector)
     turn = (start.inv() * Rotation.from_matrix(goal.attitude)).as_rotvec()

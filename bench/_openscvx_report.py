@@ -19,12 +19,12 @@ class Trial:
     Attributes:
         ok: whether it says so itself.
         verdict: of the check; None where there is nothing to check.
-        ratio: duration over the slowest joint's; NaN likewise.
-        seconds: of the solver, median over repeats.
+        ratio: duration over the least that the slowest joint needs; NaN where there is no manoeuvre.
+        seconds: time of the solver, median over repeats.
         total: s, of the whole plan; NaN for the rival, which is given goal and path.
         iterations: of the rival, NaN for jaxplan.
         ours: seconds of jaxplan's solver in the same scene.
-        note: what is worth saying of it.
+        note: text that is printed if it fails.
     """
 
     ok: bool
@@ -38,12 +38,12 @@ class Trial:
 
     @property
     def refused(self) -> bool:
-        """Whether it is called OK but is not."""
+        """Whether the planner says OK but the check refuses the manoeuvre."""
         return self.ok and (self.verdict is None or bool(self.verdict.refusal))
 
     @property
     def good(self) -> bool:
-        """Whether it is called OK and is."""
+        """Whether the planner says OK and the check agrees."""
         return self.ok and not self.refused
 
 
@@ -56,7 +56,7 @@ class Case:
 
 
 def print_kind(kind: str, cases: Sequence[Case], left_out: int, *, each: bool) -> None:
-    """The planners on the scenes of one kind; with `each` also a line for every trial."""
+    """Print the table of the planners on the scenes of one kind; with `each` also a line for every trial."""
     print(f"{kind}: {len(cases)} scenes, and {left_out} without a searched path")
     print(_HEAD)
     for name in dict.fromkeys(name for case in cases for name in case.trials):
@@ -76,6 +76,7 @@ def print_kind(kind: str, cases: Sequence[Case], left_out: int, *, each: bool) -
 
 
 def _line(name: str, trials: Sequence[Trial]) -> str:
+    """A row of the table: a planner's trials."""
     good = [trial for trial in trials if trial.good]
     margins = [trial.verdict.margin for trial in trials if trial.ok and trial.verdict]
     peaks = [trial.verdict.peak for trial in trials if trial.ok and trial.verdict]
@@ -98,6 +99,6 @@ def _line(name: str, trials: Sequence[Trial]) -> str:
 
 
 def _middle(values: Iterable[float]) -> float:
-    """Median of what is a number; NaN if nothing is."""
+    """Median of the values that are not NaN; NaN if there are none."""
     known = [value for value in values if not np.isnan(value)]
     return float(np.median(known)) if known else np.nan

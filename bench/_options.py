@@ -1,4 +1,4 @@
-"""Option types that refuse what makes no sense, in argparse's words, and what to say of a missing package."""
+"""Types of options for argparse, which refuse what makes no sense, and the message on a missing package."""
 
 import argparse
 import math
@@ -8,17 +8,17 @@ MISSING = "{} is missing: install the extra that brings it with pip install -e '
 
 
 def positive(text: str) -> int:
-    """An integer of at least 1."""
+    """Read an integer of at least 1."""
     return _at_least(1, text)
 
 
 def not_negative(text: str) -> int:
-    """An integer of at least 0."""
+    """Read an integer of at least 0."""
     return _at_least(0, text)
 
 
 def angle(text: str) -> float:
-    """An angle in rad, from 0 to pi."""
+    """Read an angle in rad, from 0 to pi."""
     try:
         value = float(text)
     except ValueError:
@@ -29,6 +29,7 @@ def angle(text: str) -> float:
 
 
 def _at_least(least: int, text: str) -> int:
+    """Read an integer of at least `least`."""
     if not text.isdecimal() or int(text) < least:
         raise argparse.ArgumentTypeError(f"{text!r} must be an integer of at least {least}")
     return int(text)

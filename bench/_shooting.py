@@ -17,8 +17,8 @@ from scipy.optimize import minimize
 
 from jaxplan import so3
 
-_SUBSTEPS = 4  # of the attitude's integration on an interval
-_CLOSED = 1e-6  # rad and rad/s, by which the end may be missed
+_SUBSTEPS = 4  # steps of the attitude's integration on an interval
+_CLOSED = 1e-6  # rad and rad/s, by which attitude and rate may miss the end
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,7 +30,7 @@ class Slew:
         push: (3,) rad/s^2 or N m, limits of accelerations or torques.
         rate: (3,) rad/s, limits of rates; infinite for none.
         inertia: (3, 3) kg m^2 where ``push`` is a torque, else None.
-        intervals: of the pushes.
+        intervals: number of those on which the pushes (accelerations or torques) are constant.
     """
 
     turn: np.ndarray
@@ -41,6 +41,10 @@ class Slew:
 
     @cached_property
     def _kernels(self) -> tuple[Callable[..., Any], ...]:
+        """Jitted functions of the unknowns, duration s and pushes as shares of their limits.
+
+        They are errors of attitude and rate at the end, their slopes, slacks of the rate limits, and theirs.
+        """
         with jax.enable_x64(True):
             goal = jnp.asarray(so3.exp(np.asarray(self.turn, float)))
             inertia = jnp.eye(3) if self.inertia is None else jnp.asarray(self.inertia, float)
@@ -78,7 +82,7 @@ class Slew:
         return tuple(jax.jit(f) for f in (ends, jax.jacfwd(ends), slack, jax.jacfwd(slack)))
 
     def quickest(self, starts: int, guess: float, seed: int = 0) -> float:
-        """The least duration (s) that was found from so many starts, about a first guess of it (s)."""
+        """Least duration, s, found from a number of random starts about a first guess of it, s."""
         rng, best = np.random.default_rng(seed), np.inf
         with jax.enable_x64(True):
             ends, ends_slope, slack, slack_slope = self._kernels
@@ -104,7 +108,7 @@ class Slew:
         return float(best)
 
     def _start(self, rng: np.random.Generator) -> np.ndarray:
-        """First pushes: those of a turn about one axis, and slow waves."""
+        """Draw first pushes, flat, as shares of their limits: of a turn about one axis, and slow waves."""
         share = self.turn / np.max(np.abs(self.turn))
         places = (np.arange(self.intervals) + 0.5) / self.intervals
         pushes = np.where(places < 0.5, 1.0, -1.0)[:, None] * share * rng.uniform(0.2, 1)

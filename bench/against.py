@@ -62,7 +62,13 @@ STEPS = ("decompose", "search", "trajectory", "certificate")
 
 
 def measured(tree: Path, cache: str, arguments: list[str]) -> dict[str, float]:
-    """The figures of one process that uses a checkout."""
+    """Run the program in a process that uses a checkout; returns its figures, by "group|way|step".
+
+    Args:
+        tree: folder of the checkout.
+        cache: folder in which it keeps compiled code.
+        arguments: of the program.
+    """
     environment = {
         **os.environ,
         "PYTHONPATH": str(tree),

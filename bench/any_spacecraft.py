@@ -35,11 +35,11 @@ from dense import breaches
 from reference import least_margin
 
 GIVEN_UP = (jp.Status.NODE_LIMIT, jp.Status.TIME_LIMIT)
-RRT_SECONDS = 10.0
+RRT_SECONDS = 10.0  # s that RRT-Connect has for a scene
 
 
 def scene(seed: int) -> jp.Scenario:
-    """The random scene of a seed; every other is to be flown as fast as may be."""
+    """The random scene of a seed, every other one with the duration "minimum"."""
     found = jp.random_scenario(seed, ANY_SPACECRAFT)
     search = replace(found.search, time_limit=math.inf)  # on a busy machine, too
     duration = MINIMUM if seed % 2 else STRETCHED
@@ -47,7 +47,7 @@ def scene(seed: int) -> jp.Scenario:
 
 
 def faults(plan: jp.Plan, folder: Path) -> Iterator[tuple[str, str]]:
-    """What is wrong with a plan: a word for its column, and what it is."""
+    """Yield what is wrong with a plan: the column that counts it, and a text; files go to a folder."""
     if plan.ok:
         found = breaches(plan)
         margin, least = plan.certificate.min_margin, least_margin(plan.scenario, plan.trajectory)
@@ -70,7 +70,7 @@ def _named(plan: jp.Plan) -> bool:
 
 
 def _equal(plan: jp.Plan, folder: Path) -> bool:
-    """Whether scenario and plan survive their files to the last bit."""
+    """Whether scenario and plan, written to a folder and read again, are the same to the last bit."""
     jp.save_scenario(plan.scenario, folder / "scene.toml")
     plan.save(folder / "plan.json")
     again = jp.load_plan(folder / "plan.json")

@@ -94,15 +94,15 @@ def scene(seed: int) -> Scenario:
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """Of one flight.
+    """Results of one flight.
 
     Attributes:
         time: s until the reference arrives.
         margin: deg, the reference's least angle beyond the cone.
         flown: deg, that of the attitude that is flown.
         arrived: whether the reference ends at the goal.
-        error: deg, the largest between reference and flight.
-        torque: N m, the largest about an axis.
+        error: deg, the largest angle between reference and flight.
+        torque: N m, the largest about a body axis.
     """
 
     time: float
@@ -139,7 +139,13 @@ class Flights:
     def fly(
         self, flight: Callable[..., "_basilisk.Flown"], task: "_basilisk.Task", *how: object
     ) -> Result | None:
-        """What a flight shows; None where its process died."""
+        """Fly in the other process, by a function of `_basilisk`; None where that process died.
+
+        Args:
+            flight: the function.
+            task: its first argument.
+            how: the others.
+        """
         if self._pool is None:
             self._pool = ProcessPoolExecutor(1, get_context("spawn"))
         try:
@@ -150,7 +156,7 @@ class Flights:
 
 
 def inspect(task: "_basilisk.Task", flown: "_basilisk.Flown") -> Result | None:
-    """What a flight shows; None if it shows no numbers."""
+    """Results of a flight; None if it has values that are not finite."""
     if not (np.all(np.isfinite(flown.reference)) and np.all(np.isfinite(flown.attitude))):
         return None
 
@@ -171,7 +177,7 @@ def inspect(task: "_basilisk.Task", flown: "_basilisk.Flown") -> Result | None:
 
 
 def compare(scenario: Scenario, flights: Flights, folder: Path) -> list[Result | None]:
-    """The flights of one scene: jaxplan's plan, and Basilisk's with both of its splines."""
+    """Fly one scene: jaxplan's plan, exported to a folder, and Basilisk's plans with both of its splines."""
     task, plan = task_of(scenario), jp.plan(scenario, progress=False)
     file = jp.export(plan, folder / f"{scenario.name}.csv", format="basilisk", step_s=_basilisk.STEP)
     duration = plan.trajectory.duration
@@ -185,7 +191,7 @@ def compare(scenario: Scenario, flights: Flights, folder: Path) -> list[Result |
 
 
 def line(name: str, results: list[Result | None]) -> str:
-    """A row of the table."""
+    """A row of the table: successes, failures, and median and worst of each value."""
     alive = [result for result in results if result is not None]
     success = sum(result.arrived and not result.broken for result in alive)
     broken = sum(result.broken for result in alive)

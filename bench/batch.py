@@ -32,7 +32,7 @@ Work = Callable[[], list[Trajectory | None]]
 
 
 def paths(count: int, method: str) -> list[FitQuery]:
-    """So many paths of random scenes, to be fitted in 80 s."""
+    """Find `count` paths of random scenes, to be fitted in 80 s by a method of step 3."""
     scenes = [
         jp.random_scenario(seed, kind) for seed in range(-(-count // len(SKY_KINDS))) for kind in SKY_KINDS
     ]
@@ -49,7 +49,7 @@ def paths(count: int, method: str) -> list[FitQuery]:
 
 
 def satellites(count: int) -> list[jp.Scenario]:
-    """So many of a shell, before they switch a link."""
+    """Scenarios of `count` satellites of a shell that switch a link, evenly spread."""
     tilt = np.radians(23.44)
     shell = jp.walker("53:1584/72/39", 550.0)
     scenes = jp.link_switch(shell, sun_direction=[0.0, np.cos(tilt), np.sin(tilt)]).scenarios()
@@ -57,11 +57,12 @@ def satellites(count: int) -> list[jp.Scenario]:
 
 
 def fitted(queries: Sequence[FitQuery]) -> list[Trajectory | None]:
-    """What a worker sends back."""
+    """Fit queries together; returns their trajectories."""
     return [fit.trajectory for fit in fit_batch(queries)]
 
 
 def fits(count: int, method: str, pool: ProcessPoolExecutor, workers: int) -> dict[str, Work]:
+    """Functions, by name, that fit the same paths one by one, together, and by workers."""
     queries = paths(count, method)
     parts = [queries[number::workers] for number in range(workers)]
 
@@ -79,6 +80,7 @@ def fits(count: int, method: str, pool: ProcessPoolExecutor, workers: int) -> di
 
 
 def plans(count: int, pool: ProcessPoolExecutor, workers: int) -> dict[str, Work]:
+    """Functions, by name, that plan the same satellites one by one, together, and by workers."""
     scenes = satellites(count)
     batch = partial(jp.plan_batch, scenes, progress=False)
     return {
@@ -97,12 +99,12 @@ def same(one: Trajectory | None, other: Trajectory | None) -> bool:
 
 
 def inline() -> None:
-    """What jaxplan does in workers of its own: JAX computes in the thread that asks."""
+    """Make JAX compute in the calling thread, as jaxplan does in workers of its own."""
     jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 
 def compare(what: str, ways: dict[str, Work], count: int, repeats: int) -> None:
-    """One row."""
+    """Time ways to do the same work in turns, and print a row: ms each, ratios, and whether answers agree."""
     answers = {name: work() for name, work in ways.items()}  # nothing is compiled later
     seconds: dict[str, list[float]] = {name: [] for name in ways}
     for _ in tqdm(range(repeats), desc=what, leave=False):

@@ -24,7 +24,7 @@ from jaxplan.planner.proof import prove
 
 
 def on_grid(scenario: jp.Scenario, trajectory: jp.Trajectory) -> tuple[float, float]:
-    """Least margin in rad and largest ratio of a joint or platform rate or acceleration to its limit."""
+    """Least margin, rad, and largest ratio of a rate, acceleration or joint angle to its limit, on a grid."""
     craft = scenario.spacecraft
     cones = zones.tabulate(scenario.keep_out, scenario.keep_in, craft)
     least, ratio = np.inf, 0.0
@@ -45,7 +45,7 @@ def on_grid(scenario: jp.Scenario, trajectory: jp.Trajectory) -> tuple[float, fl
 
 
 def timed(scenario: jp.Scenario, plan: jp.Plan, repeats: int) -> tuple[Certificate, float, float]:
-    """The report, and the median and least milliseconds of making it."""
+    """Certify a plan's trajectory `repeats` times; returns the certificate, and median and least ms."""
     assert plan.goal is not None
     assert plan.trajectory is not None
     seconds = []
@@ -57,7 +57,7 @@ def timed(scenario: jp.Scenario, plan: jp.Plan, repeats: int) -> tuple[Certifica
 
 
 def crowded(scenario: jp.Scenario, count: int) -> jp.Scenario:
-    """The scenario with small keep-out zones for all devices besides its own zones."""
+    """The scenario with `count` small keep-out zones for all devices besides its own zones."""
     directions = np.random.default_rng(0).normal(size=(count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     small = [zones.KeepOut(name=f"small-{i}", direction=d, half_angle=1e-3) for i, d in enumerate(directions)]

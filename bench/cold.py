@@ -91,13 +91,13 @@ atexit.register(tell)
 
 
 def run(root: Path, home: str, program: str, folder: str) -> tuple[list[float], str]:
-    """Seconds of a process by the clock and of the processor, and what it printed.
+    """Run a program in a new process; returns its seconds by the clock and of the processor, and its output.
 
     Args:
-        root: of a checkout.
+        root: folder of a checkout.
         home: folder in which it keeps compiled code.
-        program: in Python.
-        folder: that the program calls DIR.
+        program: text in Python.
+        folder: what the program calls DIR.
     """
     # With PYTHONDONTWRITEBYTECODE every process would compile the sources of this package anew.
     left_out = ("JAX_", "XDG_", "PYTHONDONTWRITEBYTECODE")

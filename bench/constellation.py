@@ -24,11 +24,11 @@ import jaxplan as jp
 from jaxplan.constellation import LinkSwitch
 
 _REHEARSAL = 64  # satellites a process, after which all that is used is compiled
-_TICKS = os.sysconf("SC_CLK_TCK")
+_TICKS = os.sysconf("SC_CLK_TCK")  # clock ticks a second
 
 
 def built() -> LinkSwitch:
-    """The switch; prints what building it takes."""
+    """Make the switch, twice, and print the time that each takes."""
     tilt = np.radians(23.44)
     for words in ("with compiling", "again"):
         began = time.process_time()
@@ -43,24 +43,24 @@ def built() -> LinkSwitch:
 
 
 def evenly(total: int, count: int) -> list[int]:
-    """So many of the satellites, evenly spread."""
+    """Numbers of `count` satellites, evenly spread over all."""
     return np.unique(np.linspace(0, total - 1, min(count, total)).astype(int)).tolist()
 
 
 def cpu_seconds(processes: Sequence[int]) -> float:
-    """CPU time of processes so far, s."""
+    """CPU time of processes, by their ids, so far, s."""
     fields = [Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split() for process in processes]
     return sum(int(each[11]) + int(each[12]) for each in fields) / _TICKS
 
 
 def peak_memory(processes: Sequence[int]) -> float:
-    """Most memory that was ever resident, summed over processes, MiB."""
+    """Peak of the resident memory of processes, by their ids, summed, MiB."""
     lines = [Path(f"/proc/{process}/status").read_text().splitlines() for process in processes]
     return sum(int(line.split()[1]) for each in lines for line in each if line.startswith("VmHWM")) / 1024
 
 
 def run(switch: LinkSwitch, options: argparse.Namespace) -> None:
-    """Plan, and print what came of it and what it took."""
+    """Plan the satellites of a switch, and print the summary, the time and the memory."""
     total, pool = switch.shell.total, None
     processes = [os.getpid()]
     if options.workers > 1:
@@ -94,7 +94,7 @@ def run(switch: LinkSwitch, options: argparse.Namespace) -> None:
 
 
 def minimum(switch: LinkSwitch, options: argparse.Namespace) -> None:
-    """Plan a sample of the satellites in the shortest time."""
+    """Plan a sample of the satellites in the shortest time, and print the summary."""
     result = jp.plan_constellation(
         switch,
         satellites=evenly(switch.shell.total, options.minimum),

@@ -23,10 +23,11 @@ sys.path.append(
 )  # the problems and the reference are those of the tests
 from pointing import KINDS, Printed, random_problem
 
-TOLERANCE = 1e-8  # rad
+TOLERANCE = 1e-8  # rad by which slews may differ and count as the same
 
 
 def compare(first: int, count: int, starts: int) -> None:
+    """Solve problems by step 1 and by SLSQP from random starts, and print a row for each kind."""
     verdicts = {kind: Counter[str]() for kind in KINDS}
     goals, gaps = Counter[int](), []
     for seed in tqdm(range(first, first + count), unit="problem"):
@@ -59,6 +60,7 @@ def compare(first: int, count: int, starts: int) -> None:
 
 
 def latency(first: int, repeats: int) -> None:
+    """Print the time of step 1, compiled before, for each kind of problems."""
     print("warm latency, ms       median     90 %")
     for number, kind in enumerate(KINDS):
         seconds = []

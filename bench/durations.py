@@ -20,14 +20,14 @@ from jaxplan.model.scenario import Scenario
 
 
 def scenes(kind: str, first: int, count: int) -> list[Scenario]:
-    """The paper's four cases, or random ones."""
+    """The paper's four cases for the kind "cases", else `count` random scenes from a first seed on."""
     if kind == "cases":
         return [jp.paper_case(number) for number in range(1, 5)]
     return [random_scenario(seed, kind) for seed in range(first, first + count)]
 
 
 def report(kind: str, duration: float | str, scenarios: list[Scenario]) -> None:
-    """Plan all scenes and print their row."""
+    """Plan all scenes in a duration, s or a word, fly the plans, and print their row."""
     ratios, fits, totals, refused, failed = [], [], [], 0, []
     for number, scenario in enumerate(scenarios):
         settings = replace(scenario.trajectory, method="global", duration=duration)

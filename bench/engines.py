@@ -36,11 +36,15 @@ Problem = tuple[np.ndarray, np.ndarray, np.ndarray]  # matrix, linear, penalty
 Engine = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 SIZES = (64, 128, 256, 512)
-GOOD = 1e-6  # of the cost, above the best
+GOOD = 1e-6  # share of the cost above the best within which an answer counts as good
 
 
 def collect(count: int) -> list[Problem]:
-    """What fits of random scenes ask for, each scaled to a diagonal of ones."""
+    """Plan random scenes, and collect the duals that their fits solve, each scaled to a diagonal of ones.
+
+    Args:
+        count: scenes of each kind.
+    """
     found: list[Problem] = []
 
     def spy(programs):
@@ -64,10 +68,12 @@ def collect(count: int) -> list[Problem]:
 
 
 def solve_own(matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray) -> np.ndarray:
+    """Multipliers y (k,) in [0, penalty] that minimise y^T matrix y / 2 - linear^T y, by our own engine."""
     return solve_box_qps([BoxQP(matrix, linear, penalty)])[0].multipliers
 
 
 def solve_piqp(matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray) -> np.ndarray:
+    """The same by PIQP."""
     solver = piqp.DenseSolver()
     solver.setup(matrix, -linear, x_l=np.zeros_like(linear), x_u=penalty)
     solver.solve()
@@ -75,6 +81,7 @@ def solve_piqp(matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray) -> n
 
 
 def solve_osqp(matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray) -> np.ndarray:
+    """The same by OSQP."""
     solver, count = osqp.OSQP(), len(linear)
     solver.setup(
         P=sparse.csc_matrix(np.triu(matrix)),
@@ -91,7 +98,7 @@ def solve_osqp(matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray) -> n
 
 
 def solve_qpax(matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray) -> np.ndarray:
-    """Padded to one of few sizes, for which it is compiled; what is added never binds."""
+    """The same by qpax, padded to one of few sizes, for which it is compiled; what is added never binds."""
     count = len(linear)
     size = next(size for size in SIZES if size >= count)
     wide = np.eye(size)
@@ -104,6 +111,7 @@ def solve_qpax(matrix: np.ndarray, linear: np.ndarray, penalty: np.ndarray) -> n
 
 @jax.jit
 def _qpax(matrix: jax.Array, linear: jax.Array, penalty: jax.Array) -> jax.Array:
+    """The same by qpax at the size given."""
     size = len(linear)
     none, box = jnp.zeros((0, size)), jnp.concatenate([jnp.eye(size), -jnp.eye(size)])
     bounds = jnp.concatenate([penalty, jnp.zeros(size)])
@@ -111,7 +119,7 @@ def _qpax(matrix: jax.Array, linear: jax.Array, penalty: jax.Array) -> jax.Array
 
 
 def report(problems: list[Problem], engines: dict[str, Engine]) -> None:
-    """One row for each size and engine."""
+    """Solve all problems by all engines, and print a row for each size and engine."""
     print(
         f"{'rows':>10} {'programs':>9}  {'engine':<8} {'median, ms':>10} {'90 %, ms':>9} {'within 1e-6':>12}"
     )

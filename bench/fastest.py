@@ -21,11 +21,11 @@ from _shooting import Slew
 import jaxplan as jp
 from jaxplan import so3
 
-OPTIMUM = 3.2431  # s, of half a turn of a unit inertia with a unit torque about each axis
-FREE = np.full(3, np.inf)
+OPTIMUM = 3.2431  # s, published for half a turn of a unit inertia with a unit torque about each axis
+FREE = np.full(3, np.inf)  # rad/s: rates without limits
 INERTIAS = ((1.0, 1.0, 1.0), (1.0, 2.0, 3.0), (1.0, 1.0, 0.3), (1.0, 1.6, 1.6))  # kg m^2
 RATE, ACCELERATION = np.deg2rad(3.0), np.deg2rad(2.0)
-SIX = 6  # cones of a scene with a single instrument
+SIX = 6  # number of cones of a scene with a single instrument
 
 
 def scene_of(slew: Slew, ends: str) -> jp.Scenario:
@@ -51,7 +51,7 @@ def scene_of(slew: Slew, ends: str) -> jp.Scenario:
 
 
 def single_instrument(seed: int) -> jp.Scenario:
-    """A camera alone that slews far among six cones."""
+    """Draw a scene of a camera alone that slews far among six cones."""
     rng = np.random.default_rng([77, seed])
 
     def drawn() -> np.ndarray:
@@ -86,14 +86,24 @@ def single_instrument(seed: int) -> jp.Scenario:
 
 
 def timed(scenario: jp.Scenario) -> tuple[jp.Plan, float]:
-    """The plan, and the processor's seconds that it took."""
+    """Plan a scenario; returns the plan, and the CPU time that it took, s."""
     began = time.process_time()
     plan = jp.plan(scenario, throw=False, progress=False)
     return plan, time.process_time() - began
 
 
 def beside(name: str, slew: Slew, starts: int, known: float = np.inf) -> tuple[float, float]:
-    """Print the row of a slew, both ends of accelerations; durations over the best known."""
+    """Plan a slew with accelerations at both ends zero and free, and print its row.
+
+    Args:
+        name: of the row.
+        slew: the slew.
+        starts: of the independent optimiser; 0 for none.
+        known: s, a duration that is published.
+
+    Returns:
+        Both durations over the best that is known.
+    """
     plans = [timed(scene_of(slew, ends)) for ends in ("zero", "free")]
     bound = plans[0][0].duration_bound or np.nan
     guess = plans[0][0].trajectory.duration if plans[0][0].ok else 1.5 * bound
@@ -118,7 +128,7 @@ def print_head(title: str) -> None:
 
 
 def published(starts: int) -> None:
-    """Slews about axes of the body, where the turn about one axis is far from the quickest."""
+    """Print rows of slews about axes of the body, where the turn about one axis is far from the quickest."""
     x, z = np.eye(3)[0], np.eye(3)[2]
     half = np.pi * (1 - 1e-9)
     print_head("about an axis of the body")
@@ -139,7 +149,7 @@ def published(starts: int) -> None:
 
 
 def drawn_slews(first: int, count: int) -> Iterator[tuple[str, Slew]]:
-    """Slews about axes that are drawn, every fourth about one of the body's, with three kinds of limits."""
+    """Yield names and slews about random axes, every fourth about a body axis, with three kinds of limits."""
     for seed in range(first, first + count):
         rng = np.random.default_rng([28, seed])
         axis = np.eye(3)[seed % 3] if seed % 4 == 0 else rng.normal(size=3)
@@ -157,7 +167,7 @@ def drawn_slews(first: int, count: int) -> Iterator[tuple[str, Slew]]:
 
 
 def random(first: int, count: int, starts: int) -> None:
-    """Slews about axes that are drawn."""
+    """Print rows of slews about random axes, and how far their durations are from the best known."""
     print_head("axes drawn")
     ratios = np.array([beside(name, slew, starts) for name, slew in drawn_slews(first, count)])
     for column, ends in enumerate(("zero", "free")):
@@ -169,7 +179,7 @@ def random(first: int, count: int, starts: int) -> None:
 
 
 def zones(first: int, count: int, searches: int) -> None:
-    """Scenes with zones beside the best plan of other searches, seeds and both methods in turn."""
+    """Print rows of scenes with zones: durations over the best of other searches, by two methods in turn."""
     print(f"\n{'scenes':<20} {'certified':>9}  {'at most 1.01':>12} {'largest':>8}  CPU, ms: median, 90 %")
     for kind in ("hard_keep_out", "keep_out", "single_instrument"):
         ratios, spent, failed = [], [], []

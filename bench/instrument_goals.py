@@ -29,20 +29,20 @@ from pointing import Problem
 from pointing_aims import KINDS, axes, over_roll, random_aims, slsqp
 from reference import angle, random_units
 
-TOLERANCE = 1e-6  # rad
-EVERY = 50  # problems, of which each row counts more
+TOLERANCE = 1e-6  # rad by which answers may differ and count as the same
+EVERY = 50  # problems from one row to the next
 OURS = [number for number, (_, aimed) in enumerate(KINDS.values()) if aimed[2]]
 COLUMNS = ("problems", "solved", "on a grid", "worse", "by SLSQP", "worse", "better", "wishes", "worse")
 
 
 def seed_of(number: int) -> int:
-    """The seed of a problem among those whose instruments have targets."""
+    """The seed of the problem of a number among those whose instruments have targets."""
     turn, place = divmod(number, len(OURS))
     return turn * len(KINDS) + OURS[place]
 
 
 class Wishing:
-    """A device without a target, at first of a problem, and where it would rather point."""
+    """A problem with a wish: a random direction that its first device without a target prefers."""
 
     def __init__(self, problem: Problem, seed: int) -> None:
         craft, targets = problem.spacecraft, problem.targets
@@ -56,7 +56,7 @@ class Wishing:
         self.problem = replace(problem, targets=replace(targets, prefer=tuple(prefer)))
 
     def distance(self, attitude: np.ndarray) -> np.ndarray:
-        """(...) rad, how far the device is from its wish at best, at attitudes (..., 3, 3)."""
+        """Least angle (...) rad from the device to its wish at attitudes (..., 3, 3), body to inertial."""
         seen = self.toward @ attitude
         if isinstance(self.device, jp.Instrument):
             return angle(seen, self.device.boresight)
@@ -74,7 +74,17 @@ class Wishing:
 
 
 def judge(seed: int, starts: int, count: Counter[str], largest: dict[str, float]) -> list[str]:
-    """Count a problem, and say what is worse."""
+    """Solve the problem of a seed by step 1 and by the references, and count who is better.
+
+    Args:
+        seed: of the problem.
+        starts: runs of SLSQP; 0 for none.
+        count: counters by column, which are raised.
+        largest: by reference, the largest angle, rad, by which ours is worse, which is updated.
+
+    Returns:
+        A line for each answer that is worse than a reference's.
+    """
     kind, problem = random_aims(seed)
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     goals, lines = problem.decompose().goals, []

@@ -33,7 +33,7 @@ ALLOWED = 1e-9  # rad below zero
 
 
 def scenes(kind: str, first: int, count: int) -> list[jp.Scenario]:
-    """Random scenes; every other is to be flown as fast as may be."""
+    """Random scenes of a kind, every other one with the duration "minimum"."""
     found = []
     for seed in range(first, first + count):
         scene = jp.random_scenario(seed, kind)

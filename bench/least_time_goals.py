@@ -26,7 +26,7 @@ from jaxplan.model.least_time import rest_bounds
 
 
 def solved(problem: Problem, criterion: str) -> tuple[Decomposition, float]:
-    """The goals, and s that step 1 took once compiled."""
+    """Solve a problem by a criterion; returns its goals, and the time that step 1 took once compiled, s."""
     asked = replace(problem, targets=replace(problem.targets, criterion=criterion))
     asked.decompose()
     begin = time.perf_counter()
@@ -34,7 +34,7 @@ def solved(problem: Problem, criterion: str) -> tuple[Decomposition, float]:
 
 
 def bound(problem: Problem, found: Decomposition) -> float:
-    """The strict bound of the time to the first goal, s."""
+    """Strict lower bound of the time to the first goal, s."""
     goal = found.goals[0]
     turn = np.asarray(so3.log(problem.start.T @ goal.attitude))
     return float(rest_bounds(problem.spacecraft, turn[None], goal.joints[None])[0])

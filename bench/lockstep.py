@@ -20,6 +20,7 @@ from jaxplan.study.table4 import make_problem
 
 
 def one_by_one(scenes: list[Scene], settings: list[SearchSettings]) -> list[SearchResult]:
+    """Search scenes one after the other, with the settings of each."""
     return [PLANNERS["mha"](scene, each) for scene, each in zip(scenes, settings, strict=True)]
 
 
@@ -37,6 +38,7 @@ def same(first: SearchResult, second: SearchResult) -> bool:
 
 
 def compare(kind: str, count: int, repeats: int) -> None:
+    """Search scenes of a kind one by one and in a batch, in turns, and print paths a second of both."""
     scenarios = [
         jp.random_scenario(seed, kind) for seed in tqdm(range(count), desc=kind, unit="scene", leave=False)
     ]

@@ -63,7 +63,15 @@ def settings(options: argparse.Namespace) -> list[Setting]:
 def compare(
     scenario: Scenario, scene: Scene, ways: Sequence[Setting], repeats: int, resolution: float
 ) -> Case:
-    """Let both sides plan one scene, in turns."""
+    """Let `mha` and OMPL plan one scene in turns.
+
+    Args:
+        scenario: the scene.
+        scene: its search problem.
+        ways: to run OMPL.
+        repeats: of `mha`.
+        resolution: rad between samples of OMPL's checker.
+    """
     search = PLANNERS[MHA]
     result = search(scene, scenario.search)
     ours = Trial(seconds=[[]], expansions=result.expansions)
@@ -88,7 +96,7 @@ def compare(
 
 
 def run_kind(kind: str, ways: Sequence[Setting], options: argparse.Namespace) -> tuple[list[Case], int]:
-    """The scenes of a kind one after the other, and how many were proved to have no path."""
+    """Compare on the scenes of a kind; returns the results, and how many were proved to have no path."""
     cases, infeasible = [], 0
     for place in tqdm(range(options.scenes), desc=kind, unit="scene"):
         scenario = jp.random_scenario(options.first_seed + place, kind)

@@ -40,14 +40,14 @@ CASES, WAYS = "cases", ("bang-bang", "smooth")
 
 
 class Rivals:
-    """The rival's compiled problems, one a way and a number of zones at each terminal."""
+    """OpenSCvx's compiled problems, one for each way to run it and numbers of zones at the terminals."""
 
     def __init__(self, ways: Sequence[Way]) -> None:
         self.ways = ways
         self._made: dict[tuple[Way, tuple[int, ...]], Rival] = {}
 
     def of(self, scenario: Scenario, goal: Goal, way: Way) -> Rival:
-        """The problem for a scene; one that is not there yet is compiled, which is reported.
+        """The problem for a scene; one that is not there yet is compiled, and the time printed.
 
         Its first solve takes longer than the next ones, so one goes before.
         """
@@ -61,7 +61,7 @@ class Rivals:
 
 
 def compare(scenario: Scenario, rivals: Rivals, repeats: int) -> Case | None:
-    """Let both sides plan one scene, in turns; None where jaxplan finds no path."""
+    """Let jaxplan and OpenSCvx plan one scene in turns; None where jaxplan finds no path."""
     first = jp.plan(scenario, throw=False, progress=False)  # compiles
     goal, path = first.goal, first.path
     if goal is None or path is None:
@@ -89,14 +89,14 @@ def compare(scenario: Scenario, rivals: Rivals, repeats: int) -> Case | None:
 
 
 class _Runs:
-    """The rival on one scene: from the straight motion, and where that fails from the path."""
+    """OpenSCvx's runs on one scene: from the straight motion, and where that fails from jaxplan's path."""
 
     def __init__(self, rival: Rival, name: str) -> None:
         self.rival, self.name = rival, name
         self.verdicts, self.answers, self.seconds = {}, {}, {}
 
     def go(self, scenario: Scenario, goal: Goal, path: Path) -> None:
-        """Solve once; of what has failed only once in all."""
+        """Solve once from each first guess until one succeeds; one that failed before is not tried again."""
         for guess, given in (("straight", None), ("searched", path)):
             name = f"{self.name}, {guess}"
             if name not in self.answers or self._good(name):
@@ -110,11 +110,19 @@ class _Runs:
                 return
 
     def _good(self, name: str) -> bool:
+        """Whether the answer from a first guess, by name, has converged and is not refused."""
         verdict = self.verdicts.get(name)
         return self.answers[name].converged and verdict is not None and not verdict.refusal
 
     def trials(self, scenario: Scenario, goal: Goal, bound: float, ours: float) -> dict[str, Trial]:
-        """What came out, by the first guess."""
+        """The trials, by the name of way and first guess.
+
+        Args:
+            scenario: the scene.
+            goal: of it.
+            bound: s, the least that the slowest joint needs.
+            ours: s, the time of jaxplan's solver.
+        """
         return {
             name: Trial(
                 ok=answer.converged,
@@ -131,7 +139,7 @@ class _Runs:
 
 
 def run_kind(kind: str, scenarios: Iterable[Scenario], rivals: Rivals, options: argparse.Namespace) -> None:
-    """The scenes of a kind one after the other, and their table."""
+    """Compare on the scenes of a kind one after the other, and print their table."""
     cases, left_out = [], 0
     for scenario in tqdm(list(scenarios), desc=kind, unit="scene"):
         settings = replace(scenario.trajectory, method=options.method, duration=options.duration)

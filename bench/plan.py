@@ -34,7 +34,7 @@ def timings(scenario: jp.Scenario, repeats: int) -> dict[str, float]:
 
 
 def compiled_by_second_scene() -> int:
-    """Kernels compiled for a scene of the same padded sizes as one planned before."""
+    """Number of kernels compiled for a scene of the same padded sizes as one planned before."""
     jp.plan(jp.paper_case(1), progress=False)
     events: list[str] = []
     jax.monitoring.register_event_duration_secs_listener(lambda event, _, **__: events.append(event))

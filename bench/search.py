@@ -26,6 +26,7 @@ from jaxplan.search.multi_heuristic import Rules, Search, make_root
 
 
 def median_us(call: Callable[[], object], repeats: int) -> float:
+    """Median time of a call, us, after a first one that compiles."""
     call()
     seconds = []
     for _ in range(repeats):
@@ -36,6 +37,7 @@ def median_us(call: Callable[[], object], repeats: int) -> float:
 
 
 def expansion_times(repeats: int) -> None:
+    """Print the times of an empty call, of the expansion's kernel and of a whole expansion, for case 2."""
     scenario = paper_case(2)
     scene = make_scene(scenario, find_goals(scenario)[0])
     with jax.enable_x64(True):
@@ -60,7 +62,7 @@ def expansion_times(repeats: int) -> None:
 
 
 def _times_of_expansions(scene: object, settings: object, rules: Rules) -> list[float]:
-    """Seconds of each of up to 20 expansions: queues, moves, kernel, prices and the new block."""
+    """Seconds of each of up to 20 expansions: queues, moves, kernel, costs and the new children."""
     search, scenes = Search(scene, settings, rules), Scenes([scene])
     seconds: list[float] = []
     call = search.next_request()
@@ -73,6 +75,7 @@ def _times_of_expansions(scene: object, settings: object, rules: Rules) -> list[
 
 
 def case_searches(repeats: int) -> None:
+    """Search the paper's cases by every planner with several seeds, and print lengths and times."""
     print("\ncase  planner      steps (needed)  expansions  median ms over seeds")
     for number in (1, 2, 3, 4):
         scenario = paper_case(number)

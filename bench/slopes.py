@@ -35,7 +35,7 @@ from jaxplan.trajectory.outcome import NOT_OPTIMAL
 
 Change = Callable[[jp.Scenario, float], jp.Scenario]
 Measure = Callable[[jp.Trajectory], Any]
-Place = Callable[[Any], Any]  # from the slopes by a scenario that by one number
+Place = Callable[[Any], Any]  # function of the slopes by all numbers of a scenario that returns one of them
 
 LOW_ORBIT = Path(__file__).parents[1] / "tests" / "scenarios" / "low_orbit.toml"
 SAME_PLACE = 1e-3  # of the duration: places on the curve that are farther apart are two
@@ -46,7 +46,7 @@ QUICKLY = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": F
 
 @cache
 def compiled(measure: Measure) -> Callable[..., Any]:
-    """Value, trajectory and slopes of a measure, compiled once for all plans of equal shapes."""
+    """Jitted function of a scenario and what is held: value, trajectory and slopes of a measure."""
 
     def measured(own: jp.Scenario, held: Held) -> tuple[Any, jp.Trajectory]:
         trajectory = jp.replan(held, own)
@@ -59,7 +59,7 @@ def compiled(measure: Measure) -> Callable[..., Any]:
 
 
 def told(scenario: jp.Scenario, held: Held, measure: Measure) -> tuple[float, jp.Trajectory, jp.Scenario]:
-    """The measure, the trajectory, and the slopes by all numbers of the scenario, in 64 bits."""
+    """Value of a measure, the trajectory, and the slopes by all numbers of the scenario, in 64 bits."""
     plain = jax.tree.map(np.asarray, replace(scenario, name=""))  # names would be compiled for anew
     with jax.enable_x64(True):
         (value, trajectory), slopes = compiled(measure)(plain, held)
@@ -67,7 +67,7 @@ def told(scenario: jp.Scenario, held: Held, measure: Measure) -> tuple[float, jp
 
 
 def numbers(plan: jp.Plan) -> Iterator[tuple[str, float, Change, Place]]:
-    """What is changed: its name and value, the scenario with another one, and its place among slopes."""
+    """Yield the numbers whose slopes are checked: name, value, how to change it, its place among slopes."""
     scenario = plan.scenario
     craft, settings = scenario.spacecraft, scenario.trajectory
 
@@ -122,13 +122,13 @@ def numbers(plan: jp.Plan) -> Iterator[tuple[str, float, Change, Place]]:
 
 
 def binding(held: Held) -> list[np.ndarray]:
-    """Which rows bind, and at which places, as arrays to be compared."""
+    """Arrays of which constraints bind, and at which places, to be compared."""
     parts = [vars(part) for part in (held.fit.linear, held.fit.loads, held.fit.zones)]
     return [np.asarray(row) for part in parts for name, row in part.items() if name not in ("row", "rows")]
 
 
 def same(lows: list[np.ndarray], highs: list[np.ndarray]) -> bool:
-    """Whether the same binds."""
+    """Whether the same constraints bind at the same places, from `binding` of two plans."""
     return all(
         low.shape == high.shape and np.allclose(low, high, atol=SAME_PLACE)
         for low, high in zip(lows, highs, strict=True)
@@ -136,7 +136,10 @@ def same(lows: list[np.ndarray], highs: list[np.ndarray]) -> bool:
 
 
 def optimal_cost(plan: jp.Plan) -> tuple[float, float, bool] | None:
-    """Seconds of a fit and from there to the optimum, compiling aside, and whether that is certified."""
+    """Seconds of a fit and from there to the optimum, compiling aside, and whether the latter is certified.
+
+    None where there is no optimum.
+    """
     assert plan.path is not None
     assert plan.goal is not None
     query = [wanted_fit(plan.scenario, plan.path, plan.goal)]
@@ -155,14 +158,14 @@ def optimal_cost(plan: jp.Plan) -> tuple[float, float, bool] | None:
 
 
 def peak_time(trajectory: jp.Trajectory, scenario: jp.Scenario) -> float:
-    """When a motion is at the limit that it leans on most, as a share of its duration."""
+    """Time of the largest peak of a motion relative to its limit, as a share of the duration."""
     shares = np.linspace(0, 1, 10_001)
     factors = time_factors(trajectory.sample(shares * trajectory.duration), scenario.spacecraft)
     return float(shares[np.argmax(np.asarray(factors))])
 
 
 def anew(plan: jp.Plan, scenario: jp.Scenario) -> Held | None:
-    """What is held of the plan of a scenario near another's, made anew along its path; None if nothing is."""
+    """Plan a scenario near a plan's along its path, and hold that; None if it cannot be held."""
     try:
         return jp.hold(jp.follow(plan, scenario))
     except ValueError:
@@ -170,7 +173,16 @@ def anew(plan: jp.Plan, scenario: jp.Scenario) -> Held | None:
 
 
 def compare(plan: jp.Plan, step: float, errors: dict[str, list[float]]) -> float | None:
-    """Add the errors of a plan's slopes, NaN for what is told apart; what it has above its optimum."""
+    """Compare the slopes of a plan with differences.
+
+    Args:
+        plan: the plan.
+        step: relative change of each number to either side.
+        errors: by name of the number, to which errors are added; NaN where both sides differ in what binds.
+
+    Returns:
+        Excess of the plan's measure over that of its optimum, as a share; None if it cannot be held.
+    """
     measure = jp.measures.effort if plan.scenario.trajectory.timed else jp.measures.duration
     try:
         held = jp.hold(plan)
@@ -222,7 +234,7 @@ def show(name: str, scenes: list[jp.Scenario], step: float) -> None:
 
 
 def in_time(scenes: Iterable[jp.Scenario], duration: float | str) -> list[jp.Scenario]:
-    """Scenes by the global method in a given duration, or the shortest one."""
+    """Scenes with the method "global" and a duration, s, or "minimum"."""
     return [
         replace(own, trajectory=replace(own.trajectory, method="global", duration=duration)) for own in scenes
     ]

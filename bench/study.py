@@ -27,7 +27,7 @@ _REHEARSALS = 2  # of the whole study, after which each process has compiled wha
 
 
 def rate(kind: str, count: int, workers: int) -> float:
-    """Scenes a second by so many processes."""
+    """Scenes a second that a number of processes plan, of a study of `count` scenes of a kind."""
     pool = WorkerPool(workers)
     try:
         task = Task(kind=kind, scenes=range(count), planner="mha")

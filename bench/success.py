@@ -65,7 +65,7 @@ class Tally:
 
 
 def study(kind: str, seeds: Sequence[int], everywhere: bool) -> Tally:
-    """Search the scenes of one kind."""
+    """Search the scenes of one kind; `everywhere` lets RRT-Connect search all, not only those missed."""
     tally = Tally(scenes=len(seeds))
     for number in tqdm(seeds, desc=kind, unit="scene"):
         scenario = jp.random_scenario(number, kind)
@@ -114,7 +114,7 @@ def line(kind: str, tally: Tally) -> str:
 
 
 def print_seeds(kind: str, tally: Tally) -> None:
-    """The scenes worth a look."""
+    """Print the seeds of scenes without a path, missed, or not clear."""
     for what, seeds in (
         ("proved to have no path", tally.barred),
         ("missed by mha", tally.missed),

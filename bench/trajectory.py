@@ -28,6 +28,7 @@ from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 
 def median_ms(call: Callable[[], object], repeats: int) -> float:
+    """Median time of a call, ms, after a first one that compiles."""
     call()
     seconds = []
     for _ in range(repeats):
@@ -38,6 +39,7 @@ def median_ms(call: Callable[[], object], repeats: int) -> float:
 
 
 def fits(repeats: int) -> None:
+    """Fit the paths in several durations, and print the times."""
     craft = make_spacecraft()
     kinds = {
         "stretched": TrajectorySettings(),
@@ -57,11 +59,13 @@ def fits(repeats: int) -> None:
 
 
 def fit_paper(path: Path, craft: Spacecraft, settings: TrajectorySettings) -> Fit:
+    """Fit a path by the paper's method."""
     query = FitQuery(path=path, spacecraft=craft, settings=replace(settings, method="paper"))
     return fit_batch([query])[0]
 
 
 def samples(repeats: int) -> None:
+    """Sample trajectories of 3 and 12 terminals at several numbers of times, and print how long it takes."""
     path = load("astar_c3")
     print("\nsamples, median ms      3 terminals      12 terminals")
     wide = replace(path, joints=np.tile(path.joints, 4))

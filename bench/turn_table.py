@@ -31,21 +31,29 @@ RATIOS = {
 CORNERS = list(np.ndindex(2, 2, 2))
 PENALTIES = 1e2, 1e3, 1e4  # of the squared excess; ends where it is below half a percent
 ITERATIONS = 300  # for each penalty
-ALONG_AXES = 30.0  # times as much counts a share of a turn about a body axis, of which there are few places
-MARGIN = 1e-3  # of what a length grows by, for what lies between the places looked at
-MORE = 1.15  # times the excess between tabulated ratios, for what lies between the ratios looked at
-BETWEEN = 4  # parts of a cell of ratios that are looked at
-FINER = 4  # parts of a cell of turns, along each coordinate, that are looked at
+ALONG_AXES = 30.0  # weight of a turn about a body axis, of which there are few places, over that of others
+MARGIN = 1e-3  # relative margin on the growth of a length, for what lies between the places evaluated
+MORE = 1.15  # factor of the excess between tabulated ratios, for what lies between the ratios evaluated
+BETWEEN = 4  # parts of a cell of ratios, at whose ends growth is evaluated
+FINER = 4  # parts of a cell of turns, along each coordinate, likewise
 
 
 def rates_of(first: float, second: float) -> np.ndarray:
+    """Rates (3,) in falling order from the ratios of the second to the first and the third to the second."""
     return np.array([1.0, first, first * second])
 
 
 def slopes(rates: np.ndarray, face: int, parts: int, side: int) -> np.ndarray:
-    """(cells, places, 3, 8): rate times the slope along each body axis, by the shares at a cell's corners.
+    """Matrices from the shares at a cell's corners to rate times slope of a length along each body axis.
 
-    side: 1 for the turn, -1 for its inverse.
+    Args:
+        rates: (3,) of the body axes.
+        face: axis f of the largest ``|r_i| / c_i``, see `jaxplan.model.turn_table`.
+        parts: into which a cell is cut along each coordinate; slopes are taken at the ends of these.
+        side: 1 for the turn, -1 for its inverse.
+
+    Returns:
+        (cells, places, 3, 8).
     """
     counts = np.array([ANGLES, PLACES, PLACES])
     cells = np.stack(np.meshgrid(*[np.arange(n - 1) for n in counts], indexing="ij"), -1).reshape(-1, 1, 3)
@@ -77,7 +85,7 @@ def slopes(rates: np.ndarray, face: int, parts: int, side: int) -> np.ndarray:
 
 
 def numbers() -> np.ndarray:
-    """(3, K, L, L) a number for each place; places on the edges of faces, which are of two, have the same."""
+    """Number (3, K, L, L) of each place of the table; a place on the edge of two faces has one number."""
     first, second = np.meshgrid(np.arange(PLACES), np.arange(PLACES), indexing="ij")
     keys = np.zeros((3, ANGLES, PLACES, PLACES, 4), int)
     keys[..., 3] = np.arange(ANGLES)[:, None, None]
@@ -88,19 +96,29 @@ def numbers() -> np.ndarray:
 
 
 def corners_of(values: np.ndarray, face: int) -> np.ndarray:
-    """(cells, 8) values (3, K, L, L) at the corners of a face's cells."""
+    """Values (3, K, L, L) at the corners of a face's cells, (cells, 8)."""
     ends = [slice(None, -1), slice(1, None)]
     return np.stack([values[face][tuple(ends[k] for k in corner)].ravel() for corner in CORNERS], 1)
 
 
 def sizes(slope: jax.Array, measure: Measure) -> jax.Array:
+    """Growth (...) of lengths from rate times slope (..., 3), by a measure; smoothed, a little too large."""
     if measure == "box":
-        return jnp.sum(jnp.sqrt(slope**2 + 1e-4), -1)  # smooth, and a little too large
+        return jnp.sum(jnp.sqrt(slope**2 + 1e-4), -1)
     return jnp.sqrt(jnp.sum(slope**2, -1) + 1e-12)
 
 
 @jax.jit
 def penalised(values: jax.Array, weights: jax.Array, of_box: bool, near: tuple, penalty: float) -> jax.Array:
+    """Cost of shares: penalty on squared growth above 1, less their weighted sum.
+
+    Args:
+        values: (k,) a share for each number of `numbers`.
+        weights: (k,) of them.
+        of_box: whether the measure is that of a box.
+        near: matrices of `slopes`, and the numbers (cells, 8) of the corners of their cells.
+        penalty: factor of the penalty.
+    """
     matrix, corner = near
     slope = jnp.einsum("cpmk,ck->cpm", matrix, values[corner])
     size = jnp.where(of_box, sizes(slope, "box"), sizes(slope, "ellipsoid"))
@@ -113,7 +131,7 @@ climb = jax.jit(jax.value_and_grad(penalised))
 
 
 def raised(shares: np.ndarray, rates: np.ndarray, measure: Measure) -> np.ndarray:
-    """Shares (3, K, L, L) raised as far as slopes allow, from others."""
+    """Shares (3, K, L, L), raised from first ones as far as the growth of lengths at rates (3,) allows."""
     number = numbers()
     values, weights = np.empty(number.max() + 1), np.empty(number.max() + 1)
     values[number] = shares
@@ -138,7 +156,7 @@ def raised(shares: np.ndarray, rates: np.ndarray, measure: Measure) -> np.ndarra
 
 
 def largest_slope(shares: np.ndarray, rates: np.ndarray, measure: Measure, parts: int = FINER) -> float:
-    """How fast a length grows at most, over all cells; it must be 1 or less."""
+    """Largest growth of a length of shares (3, K, L, L) at rates (3,), over all cells; 1 is allowed."""
     order = 1 if measure == "box" else 2
     found = 0.0
     for face in range(3):
@@ -150,7 +168,10 @@ def largest_slope(shares: np.ndarray, rates: np.ndarray, measure: Measure, parts
 
 
 def first_shares(rates: np.ndarray, measure: Measure) -> np.ndarray:
-    """The eigenaxis of a box; the angle, which is exact for equal rates, of an ellipsoid."""
+    """Shares (3, K, L, L) to begin with: for a box of the turn about the eigenaxis, else of the angle.
+
+    The latter are exact for equal rates.
+    """
     found = np.ones((3, ANGLES, PLACES, PLACES))
     if measure == "ellipsoid":
         places = np.linspace(0, 1, PLACES)
@@ -159,13 +180,13 @@ def first_shares(rates: np.ndarray, measure: Measure) -> np.ndarray:
 
 
 def between(known: list[float]) -> np.ndarray:
-    """Ratios looked at: those tabulated, and in between."""
+    """Ratios at which growth is evaluated: those tabulated, and `BETWEEN` - 1 between each two."""
     parts = [np.linspace(a, b, BETWEEN + 1)[:-1] for a, b in pairwise(known)]
     return np.concatenate([*parts, known[-1:]])
 
 
 def slopes_between(shares: np.ndarray, measure: Measure) -> np.ndarray:
-    """(P, Q): by what lengths grow at most at ratios in between, which they are divided by."""
+    """Largest growth (P, Q) of lengths, with margins, at the ratios of `between`; they are divided by it."""
     ratios = RATIOS[measure]
     fine = [between(known) for known in ratios]
     by = [
@@ -181,7 +202,7 @@ def slopes_between(shares: np.ndarray, measure: Measure) -> np.ndarray:
 
 
 def table(measure: Measure) -> np.ndarray:
-    """Shares (U, V, 3, K, L, L)."""
+    """Shares (U, V, 3, K, L, L) of a measure at all tabulated ratios; prints how they come out."""
     first, second = RATIOS[measure]
     found = np.empty((len(first), len(second), 3, ANGLES, PLACES, PLACES))
     for u in reversed(range(len(first))):

@@ -2,9 +2,10 @@
 
 What is drawn first is the `Build`: how many devices there are and what is limited, of a few that are given,
 since kernels are compiled for each. Then come mountings, ranges and limits; a start and an end, which are
-states at rest; masks, cones and fields of view that are clear of both by `CLEARANCE`; and the goal, which is
-what devices see at the end, so that all targets can be met together. Devices without a target are held or
-free, and some of these have wishes. Now and then the end itself is the goal.
+states at rest; masks, cones and fields of view that are clear of both by `CLEARANCE`; and the goal: targets
+along the boresights at the end, so that all can be met together. Devices without a target keep their joints
+(*held*) or are free, and some of these have a wish: a direction that they prefer. Now and then the end itself
+is the goal.
 
 A zone is drawn anew until it is clear, `DRAWS` times, and then left out. What is drawn late does not change
 what was drawn before. Attitudes are body to inertial, angles in radians unless a name or text says deg.
@@ -28,9 +29,9 @@ from jaxplan.model.zones import FIELD_OF_VIEW, FixedVector, KeepIn, KeepOut, Zon
 
 INSIDE = math.radians(3.0)
 """rad, how far start and end stay inside the ranges of joints."""
-_LEAST_ROOM = math.radians(8.0)  # of a pitch beside a mask
-_FARTHEST = math.radians(290.0)  # yaw about which a mask lies
-_APART = math.cos(math.radians(35.0))  # of a drive's boresight from its axis, at least, and from the opposite
+_LEAST_ROOM = math.radians(8.0)  # rad of the pitch's range that a mask leaves at least
+_FARTHEST = math.radians(290.0)  # rad, magnitude of the yaw about which a mask lies, at most
+_APART = math.cos(math.radians(35.0))  # cosine of the least angle between a drive's boresight and axis line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,9 +42,9 @@ class Build:
         terminals: number of them.
         drives: number.
         instruments: number.
-        fields: instruments, the first ones, that have a rectangular field of view.
+        fields: number of instruments, the first ones, that have a rectangular field of view.
         seen: whether the first terminal has one, too.
-        lengths: whether lengths of angular velocity and acceleration are limited.
+        lengths: whether the norms of angular velocity and acceleration are limited.
         torque: whether torque is.
         jerk: whether jerk is.
     """
@@ -72,10 +73,10 @@ BUILDS = (
     Build(terminals=4, drives=0, instruments=1, jerk=True),
     Build(terminals=4, drives=1, instruments=2, fields=1),
 )
-"""Each as likely as another."""
+"""Builds of which one is drawn, each as likely as another."""
 
 State = tuple[np.ndarray, np.ndarray]
-"""An attitude (3, 3) and joints (J,)."""
+"""An attitude (3, 3), body to inertial, and joints (J,) rad."""
 
 
 @dataclass(kw_only=True)
@@ -99,16 +100,19 @@ class Drawn:
     zones: list[Zone] = field(default_factory=list)
 
     def likely(self, share: float) -> bool:
-        """True in a share of all draws."""
+        """Draw true with a probability of `share`."""
         return bool(self.rng.uniform() < share)
 
     def some(self, names: tuple[str, ...], least: int = 1) -> tuple[str, ...]:
-        """Some of the names, at least so many, in their order."""
+        """Draw some of the names, at least `least` of them, and keep their order."""
         count = int(self.rng.integers(least, len(names) + 1))
         return tuple(names[i] for i in sorted(self.rng.permutation(len(names))[:count].tolist()))
 
     def is_clear(self, *zones: Zone, craft: Spacecraft | None = None) -> bool:
-        """Whether start and end are clear of zones, and of the masks of a spacecraft."""
+        """Whether start and end are clear by `CLEARANCE` of zones, and of the masks of `craft`.
+
+        None stands for the scene's own.
+        """
         craft = self.craft if craft is None else craft
         rows = tabulate(**sorts(zones), spacecraft=craft)
         attitudes, joints = (np.stack(part) for part in zip(self.start, self.end, strict=True))
@@ -118,12 +122,12 @@ class Drawn:
 
 
 def draw(rng: np.random.Generator, name: str) -> Scenario:
-    """The scenario of a stream of draws."""
-    return told(begun(rng), name)
+    """Draw a scenario, which is given a name."""
+    return draw_scenario(draw_scene(rng), name)
 
 
-def begun(rng: np.random.Generator) -> Drawn:
-    """Spacecraft, start and end of a scene, with all that must be kept clear of."""
+def draw_scene(rng: np.random.Generator) -> Drawn:
+    """Draw spacecraft, start and end of a scene, and masks and zones that are clear of both ends."""
     craft = _spacecraft(rng, BUILDS[int(rng.integers(len(BUILDS)))])
     low, high = craft.joint_ranges.T
     start, end = rng.uniform(low + INSIDE, high - INSIDE, (2, craft.joint_count))
@@ -146,8 +150,8 @@ def begun(rng: np.random.Generator) -> Drawn:
     return scene
 
 
-def told(scene: Drawn, name: str) -> Scenario:
-    """The scenario that is made of a scene."""
+def draw_scenario(scene: Drawn, name: str) -> Scenario:
+    """Draw the goal of a scene, and make a scenario of it, which is given a name."""
     return Scenario(
         name=name,
         spacecraft=scene.craft,
@@ -162,8 +166,10 @@ def told(scene: Drawn, name: str) -> Scenario:
 
 
 def _spacecraft(rng: np.random.Generator, build: Build) -> Spacecraft:
+    """Draw a spacecraft of a build."""
+
     def per_axis(least: float, most: float) -> Any:
-        """A limit, rad, of all axes or of each."""
+        """Draw a limit between two in deg, for all axes or each by itself; in rad."""
         own = np.array([random_angle(rng, least, most) for _ in range(3)])
         return own if rng.uniform() < 0.5 else float(own[0])
 
@@ -187,6 +193,7 @@ def _spacecraft(rng: np.random.Generator, build: Build) -> Spacecraft:
 
 
 def _terminal(rng: np.random.Generator, number: int, build: Build) -> Terminal:
+    """Draw the terminal of a number, from 0, with a field of view if the build has one for it."""
     given: dict[str, Any] = {}
     if rng.uniform() < 0.4:
         given["mount"] = random_angle(rng, -180, 180)
@@ -218,6 +225,7 @@ def _terminal(rng: np.random.Generator, number: int, build: Build) -> Terminal:
 
 
 def _drive(rng: np.random.Generator, number: int) -> Drive:
+    """Draw the drive of a number, from 0."""
     axis = boresight = random_direction(rng)
     while not admissible(_APART - abs(axis @ boresight)):
         boresight = random_direction(rng)
@@ -233,6 +241,7 @@ def _drive(rng: np.random.Generator, number: int) -> Drive:
 
 
 def _instrument(rng: np.random.Generator, number: int, build: Build) -> Instrument:
+    """Draw the instrument of a number, from 0, with a field of view if the build has one for it."""
     boresight, given = random_direction(rng), dict[str, Any]()
     if number < build.fields:
         given["field_of_view"] = np.array([random_angle(rng, 4, 40), random_angle(rng, 4, 40)])
@@ -241,12 +250,12 @@ def _instrument(rng: np.random.Generator, number: int, build: Build) -> Instrume
 
 
 def _range(rng: np.random.Generator, low: tuple[float, float], high: tuple[float, float]) -> np.ndarray:
-    """(2,) rad, least and largest angle, each drawn between two in deg."""
+    """Draw a range, (2,) rad: its least angle between `low`, its largest between `high`, both in deg."""
     return np.array([random_angle(rng, *low), random_angle(rng, *high)])
 
 
 def _across(rng: np.random.Generator, axis: np.ndarray) -> np.ndarray:
-    """A random unit vector (3,) at right angles to one."""
+    """Draw a unit vector (3,) at right angles to an axis (3,)."""
     return np.stack(unit(np.stack(cross(axis, random_direction(rng)))))
 
 
@@ -266,7 +275,7 @@ def _add_masks(scene: Drawn) -> None:
 
 
 def _corners(scene: Drawn, terminal: Terminal) -> np.ndarray:
-    """(3 or 4, 2) corners of a convex polygon of yaw and pitch about a place at an end of the pitch."""
+    """Draw corners (3 or 4, 2), rad, of a convex mask about a yaw at either end of the pitch's range."""
     rng, (yaw, (low, high)) = scene.rng, terminal.ranges
     centre = np.array([rng.uniform(*np.clip(yaw, -_FARTHEST, _FARTHEST)), high if scene.likely(0.5) else low])
     deepest = min(math.radians(30), high - low - _LEAST_ROOM)
@@ -283,7 +292,7 @@ def _corners(scene: Drawn, terminal: Terminal) -> np.ndarray:
 
 
 def _sky(scene: Drawn) -> list[Zone]:
-    """Cones that all devices keep out of."""
+    """Draw up to two inertial cones, each for all devices to keep out of, or for some."""
     rng, names = scene.rng, scene.craft.device_names
     return [
         KeepOut(
@@ -297,7 +306,7 @@ def _sky(scene: Drawn) -> list[Zone]:
 
 
 def _sun(scene: Drawn) -> list[Zone]:
-    """A wide cone that instruments keep out of."""
+    """Draw a wide inertial cone that some instruments keep out of."""
     names = tuple(one.name for one in scene.craft.instruments)
     half_angle = random_angle(scene.rng, 15, 40)
     return [
@@ -316,7 +325,7 @@ def _moving(scene: Drawn) -> tuple[str, ...]:
 
 
 def _structure(scene: Drawn) -> list[Zone]:
-    """A cone about an axis of the body, for a device with joints."""
+    """Draw a cone about an axis of the body that a device with joints keeps out of; at times none."""
     if not _moving(scene) or scene.likely(0.3):
         return []
     return [
@@ -330,7 +339,10 @@ def _structure(scene: Drawn) -> list[Zone]:
 
 
 def _beam(scene: Drawn) -> list[Zone]:
-    """A cone about the boresight of a device, for another one; one of both has joints."""
+    """Draw a cone about the boresight of a device that another keeps out of; one of both has joints.
+
+    At times, or where there are no two such devices, there is none.
+    """
     moving = _moving(scene)
     if not moving or len(scene.craft.device_names) < 2 or scene.likely(0.3):
         return []
@@ -344,7 +356,7 @@ def _beam(scene: Drawn) -> list[Zone]:
 
 
 def _light(scene: Drawn) -> list[Zone]:
-    """A wide cone that an axis of the body, or a device, stays in."""
+    """Draw a wide inertial cone that an axis of the body, or a device, stays in; at times none."""
     if scene.likely(0.4):
         return []
     rng = scene.rng
@@ -359,7 +371,7 @@ def _light(scene: Drawn) -> list[Zone]:
 
 
 def _field(scene: Drawn) -> list[Zone]:
-    """A direction that stays away from fields of view; there is one wherever there are fields."""
+    """Draw an inertial direction that stays outside of all fields of view by an angle, if there are any."""
     craft, rng = scene.craft, scene.rng
     names = tuple(one.name for one in craft.devices if one.field_of_view is not None)
     if not names:
@@ -376,7 +388,10 @@ def _field(scene: Drawn) -> list[Zone]:
 
 
 def _trackers(scene: Drawn) -> list[Zone]:
-    """Two instruments of which one keeps out of a wide cone."""
+    """Draw a group for the last two instruments: one of both keeps out of its wide cone about one direction.
+
+    At times, or with fewer instruments, there is none.
+    """
     names = tuple(one.name for one in scene.craft.instruments)[-2:]
     if len(names) < 2 or scene.likely(0.5):
         return []
@@ -394,7 +409,7 @@ def _trackers(scene: Drawn) -> list[Zone]:
 
 
 def _carried(scene: Drawn) -> list[Zone]:
-    """A vector of a device's moving part that keeps out of a cone."""
+    """Draw a vector of a device's moving part and an inertial cone that it keeps out of; at times none."""
     if not _moving(scene) or scene.likely(0.6):
         return []
     vector = FixedVector(along=random_direction(scene.rng), to=scene.some(_moving(scene))[0])
@@ -406,7 +421,7 @@ def _carried(scene: Drawn) -> list[Zone]:
 
 
 def _targets(scene: Drawn) -> Targets:
-    """What some devices see at the end, and what others shall do: at least one has a target.
+    """Draw a goal: targets of one device or more, along their boresights at the end, and wishes of others.
 
     At most one instrument and one drive have, with all terminals: more than three equations are seldom meant.
     """

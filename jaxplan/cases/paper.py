@@ -15,7 +15,7 @@ CASE_NAMES = ("case-1", "case-2", "case-3", "case-4")
 
 
 def case_path(name: str) -> Path:
-    """The scenario file of a case.
+    """Path of the scenario file of a case.
 
     Args:
         name: one of `CASE_NAMES`.
@@ -29,7 +29,7 @@ def case_path(name: str) -> Path:
 
 
 def paper_case(number: int) -> Scenario:
-    """One of the paper's four cases.
+    """Read one of the paper's four cases.
 
     Args:
         number: 1 or 2 with keep-out zones alone, 3 or 4 with a keep-in zone for terminal 1.

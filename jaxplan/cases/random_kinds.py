@@ -5,7 +5,7 @@ drawn anew until start and goal are clear of it by `CLEARANCE`. All of them are 
 motion to the nearest goal of step 1 breaks something. In `moved_goals` it is that goal itself that is broken,
 while another, drawn near it, is clear. Where `DRAWS` of either are not enough the start is drawn anew.
 
-No zone may wall off a part of the joint angles, as then there may be no way at all: masks and polygons reach
+No zone may wall off a part of the joint angles, as then there may be no path at all: masks and polygons reach
 into the range of the pitch from one side, and leave 6 deg at the other.
 """
 
@@ -36,7 +36,7 @@ from jaxplan.model.spacecraft import Instrument, Spacecraft
 from jaxplan.model.zones import FIELD_OF_VIEW, FixedVector, JointBound, KeepIn, KeepOut, Mask, Zone, tabulate
 
 CLEARANCE = math.radians(2.0)
-"""rad, the margin that start and goal have to every zone that is drawn."""
+"""rad, least margin that start and goal have to every zone that is drawn."""
 FARTHEST = math.radians(30.0)
 """rad, from the nearest goal to another that is clear, where the nearest is broken itself."""
 DRAWS = 8
@@ -45,7 +45,7 @@ KNOWN = 400.0
 """s, over which directions that move are known."""
 _TIMES = np.linspace(0, KNOWN, 41)
 _PITCH_LIMIT = 15.0  # deg, of the spacecraft
-_EDGES = 4  # of a polygon
+_EDGES = 4  # number of a polygon's edges
 
 _FIELD, _UP = (
     np.radians([14.0, 8.0]),
@@ -75,7 +75,7 @@ class Kind:
 
 
 def draw(rng: np.random.Generator, kind: Kind) -> tuple[GivenState, tuple[Zone, ...]]:
-    """Start and zones of a scene."""
+    """Draw start and zones of a scene of a kind."""
     for attitude, joints, _ in starts(rng, 0, 0.0):
         goal = nearest_goal(attitude)
         if goal is None:
@@ -93,7 +93,7 @@ def draw(rng: np.random.Generator, kind: Kind) -> tuple[GivenState, tuple[Zone, 
 
 
 def sorts(zones: Sequence[Zone]) -> dict[str, Any]:
-    """The zones by their sort, as a scenario has them."""
+    """Zones by the attribute of a scenario that holds them, without masks, which the spacecraft has."""
     return {
         "keep_out": tuple(zone for zone in zones if isinstance(zone, KeepOut)),
         "keep_in": tuple(zone for zone in zones if isinstance(zone, KeepIn)),
@@ -102,7 +102,7 @@ def sorts(zones: Sequence[Zone]) -> dict[str, Any]:
 
 
 def equipped(zones: Sequence[Zone]) -> Spacecraft:
-    """The paper's spacecraft with the masks that are among some zones, and the fields that some are of."""
+    """The paper's spacecraft with the masks among zones, and with fields of view if a zone is about one."""
     craft, _ = setting()
     own = {
         terminal.name: [
@@ -118,12 +118,12 @@ def equipped(zones: Sequence[Zone]) -> Spacecraft:
 
 
 def _states(*states: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Attitudes (k, 3, 3) and joints (k, 6) of some states."""
+    """Attitudes (k, 3, 3) and joints (k, 6) of k states, each an attitude (3, 3) and joints (6,)."""
     return np.stack([attitude for attitude, _ in states]), np.stack([joints for _, joints in states])
 
 
 def _another_goal(rng: np.random.Generator, attitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Attitude and joints of a random goal near that with an attitude."""
+    """Draw another goal: an attitude (3, 3) within `FARTHEST` of one, and the joints (6,) it needs."""
     craft, targets = setting()
     while True:
         turned = attitude @ np.asarray(so3.exp(rng.uniform(0, FARTHEST) * random_direction(rng)))
@@ -135,7 +135,13 @@ def _another_goal(rng: np.random.Generator, attitude: np.ndarray) -> tuple[np.nd
 def _zones(
     rng: np.random.Generator, recipes: Sequence[Recipe], clear: tuple[np.ndarray, np.ndarray]
 ) -> tuple[Zone, ...]:
-    """Draw zones by all recipes, clear of some states; none where a recipe finds no such zone."""
+    """Draw zones by all recipes; none if `DRAWS` of a recipe are not enough.
+
+    Args:
+        rng: source of the draws.
+        recipes: of the zones.
+        clear: attitudes (k, 3, 3) and joints (k, 6) that keep all of them by `CLEARANCE`.
+    """
     found: list[Zone] = []
     for recipe in recipes:
         for _ in range(DRAWS):
@@ -149,7 +155,7 @@ def _zones(
 
 
 def _margins(zones: Sequence[Zone], attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """The least margin (k,) of each state, rad; to zones that move the least at any time."""
+    """Least margin (k,) rad of each of k states to zones; to those that move, the least at any time."""
     craft = equipped(zones)
     rows = tabulate(**sorts(zones), spacecraft=craft)
     sights = rows.sights(craft.gimbals, craft.fixed_boresights)
@@ -175,15 +181,20 @@ def _as_filed(angle: float) -> float:
 
 
 def _side(rng: np.random.Generator) -> int:
+    """Draw 1 or -1."""
     return 1 if rng.uniform() < 0.5 else -1
 
 
 def _terminal(number: int) -> str:
+    """Name of the terminal of a number, from 0."""
     return setting()[0].terminals[number].name
 
 
 def _vector(rng: np.random.Generator, to: int | None) -> tuple[FixedVector]:
-    """A vector of the body, or one of a terminal at 40 deg or more from its boresight."""
+    """Draw a unit vector fixed to the moving part of the terminal `to`, or for None to the body.
+
+    On a terminal it is at 40 deg or more from the boresight.
+    """
     along = random_direction(rng)
     while to is not None and not admissible(math.cos(math.radians(40.0)) - along[0]):
         along = random_direction(rng)
@@ -191,7 +202,7 @@ def _vector(rng: np.random.Generator, to: int | None) -> tuple[FixedVector]:
 
 
 def _masks(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
-    """Two cones about axes of the body that a terminal must not look into, both from above or below."""
+    """Draw two cones about axes of the body, both from above or below, that a terminal keeps out of."""
     side, frame = _side(rng), setting()[0].gimbals.frames[number]
     found = []
     for i in range(2):
@@ -210,7 +221,7 @@ def _masks(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
 
 
 def _beam(rng: np.random.Generator, axis: int, number: int) -> tuple[Zone, ...]:
-    """A cone about a terminal's beam for another terminal."""
+    """Draw a cone about the boresight of the terminal `axis` that the terminal `number` keeps out of."""
     return (
         KeepOut(
             name=f"beam-{axis + 1}",
@@ -228,14 +239,15 @@ def _cone(
     sort: type[KeepOut] | type[KeepIn] = KeepOut,
     of: tuple[int | None, ...] = (),
 ) -> tuple[Zone, ...]:
-    """A cone on the sky.
+    """Draw an inertial cone.
 
     Args:
         rng: source of the draws.
         name: of the zone.
         half_angles: range of its half-angle, deg.
-        sort: of the zone.
-        of: which terminals' vectors it binds, or None for one of the body; all terminals themselves if empty.
+        sort: whether it is kept out of or in.
+        of: for each vector that it binds the number of its terminal, or None for the body; if empty it binds
+            all terminals' boresights.
     """
     known: dict[str, Any] = {
         "direction": random_direction(rng),
@@ -245,13 +257,16 @@ def _cone(
 
 
 def _mask(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
-    """A mask of a terminal; it reaches in from above or below."""
+    """Draw a mask of the terminal `number`, which reaches into the range of the pitch from above or below."""
     corners, name = np.vectorize(_as_filed)(_corners(rng)), _terminal(number)
     return (Mask(name=f"mask 1 of {name}", device=name, corners=corners, turns=(0,)),)
 
 
 def _beside(rng: np.random.Generator, name: str, of: str, distances: tuple[float, float]) -> tuple[Zone, ...]:
-    """A direction that stays away from the field of view of a device by a distance in a range, deg."""
+    """Draw an inertial direction that stays outside of the field of view of the device `of`.
+
+    Its distance from the field's edge is drawn between two in deg.
+    """
     distance = _as_filed(random_angle(rng, *distances))
     return (
         KeepOut(
@@ -265,7 +280,10 @@ def _beside(rng: np.random.Generator, name: str, of: str, distances: tuple[float
 
 
 def _corners(rng: np.random.Generator) -> np.ndarray:
-    """Corners of a convex polygon of yaw and pitch, counter-clockwise; it reaches in from above or below."""
+    """Draw corners (4, 2), rad, of a convex polygon of yaw and pitch, counter-clockwise.
+
+    It reaches into the range of the pitch from above or below.
+    """
     centre = np.array([random_angle(rng, -60, 60), math.radians(_side(rng) * _PITCH_LIMIT)])
     size = np.array([random_angle(rng, 15, 35), random_angle(rng, 8, 22)])
     turn = 2 * np.pi * (np.arange(_EDGES) + rng.uniform()) / _EDGES
@@ -273,7 +291,7 @@ def _corners(rng: np.random.Generator) -> np.ndarray:
 
 
 def _polygon(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
-    """A convex polygon of a terminal's yaw and pitch that is forbidden, as bounds of joints."""
+    """Draw a forbidden convex polygon of a terminal's yaw and pitch, as a group of joint bounds."""
     corners = _corners(rng)
     along = np.roll(corners, -1, axis=0) - corners  # counter-clockwise, so that outside is at the right
     normals = np.stack([along[:, 1], -along[:, 0]], axis=-1) / np.linalg.norm(along, axis=-1, keepdims=True)
@@ -291,7 +309,7 @@ def _polygon(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
 
 
 def _group(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
-    """Two entries of which one must hold, each of two zones.
+    """Draw a group of two entries of which one must hold, each of two zones, for the terminal `number`.
 
     A panel is in the shade and a terminal keeps out of a cone on the sky, or another panel is in the light
     and the terminal keeps out of a cone about an axis of the body.
@@ -316,7 +334,7 @@ def _group(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
 
 
 def _passing(rng: np.random.Generator, name: str, by_body: bool) -> tuple[Zone, ...]:
-    """A cone that moves along a great circle, for all terminals or for a vector of the body."""
+    """Draw a keep-out cone that moves along a great circle, for a body vector or else all terminals."""
     first, toward, speed = random_direction(rng), random_direction(rng), random_angle(rng, 0.02, 0.08)
     across = toward - (toward @ first) * first
     across /= np.linalg.norm(across)
@@ -327,7 +345,7 @@ def _passing(rng: np.random.Generator, name: str, by_body: bool) -> tuple[Zone, 
 
 
 def _for_each(recipe: Callable[..., tuple[Zone, ...]], **given: Any) -> tuple[Recipe, ...]:
-    """A recipe for each terminal."""
+    """A recipe for each of the three terminals, by `number`, with further arguments fixed."""
     return tuple(partial(recipe, number=number, **given) for number in range(3))
 
 

@@ -121,14 +121,14 @@ SKY_KINDS = tuple(_KINDS)
 ANY_SPACECRAFT = "any_spacecraft"
 RANDOM_KINDS = (*SKY_KINDS, *random_kinds.KINDS, ANY_SPACECRAFT)
 """All kinds."""
-_PLACE = 1000  # of the streams of random spacecraft, which more kinds before it do not move
+_PLACE = 1000  # number of the streams of random spacecraft, which stays though kinds are added
 
 DIRECTIONS = 16
-"""Directions drawn at once for a cone, of which the first that is clear counts."""
+"""Number of directions drawn at once for a cone, of which the first that is clear is taken."""
 
 
 def random_scenario(seed: int, kind: str = "keep_out") -> Scenario:
-    """A random scene with targets as its goal.
+    """Draw a random scene; its goal has targets, but for some of ``any_spacecraft``.
 
     Args:
         seed: 0 or more; scenes of different seeds or kinds are independent.
@@ -171,13 +171,14 @@ def random_scenario(seed: int, kind: str = "keep_out") -> Scenario:
 
 
 def _is_seed(value: object) -> bool:
+    """True for an integer of at least 0."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= 0
 
 
 def _draw(
     rng: np.random.Generator, kind: _Kind
 ) -> tuple[GivenState, tuple[KeepOut, ...], tuple[KeepIn, ...]]:
-    """Start and zones of a scene."""
+    """Draw start, keep-out and keep-in zones of a scene of a kind."""
     craft, targets = setting()
     keep_in = tuple(
         KeepIn(name=f"link-{i + 1}", direction=direction, half_angle=kind.hold, devices=(terminal.name,))
@@ -198,7 +199,13 @@ def _draw(
 
 
 def _keep_out(rng: np.random.Generator, kind: _Kind, ends: np.ndarray) -> tuple[KeepOut, ...]:
-    """Cones that are clear of what the terminals that are not held see at both ends (2, 3, 3)."""
+    """Draw keep-out cones for the terminals that are not held, clear of their boresights at both ends.
+
+    Args:
+        rng: source of the draws.
+        kind: of the scene.
+        ends: (2, 3, 3) inertial boresights of the terminals at start and goal.
+    """
     free = ends[:, kind.held :].reshape(-1, 3)
     names = tuple(terminal.name for terminal in setting()[0].terminals[kind.held :])
     cones = []
@@ -223,7 +230,7 @@ def _keep_out(rng: np.random.Generator, kind: _Kind, ends: np.ndarray) -> tuple[
 
 
 def _breaks(straight: np.ndarray, keep_out: tuple[KeepOut, ...], keep_in: tuple[KeepIn, ...]) -> bool:
-    """True if boresights (k, 3, 3) of a motion are deep in a zone somewhere."""
+    """True if inertial boresights (k, 3, 3) of a motion are deeper than `BROKEN` in a zone somewhere."""
     held = len(keep_in)
     depths = [
         np.max(straight[:, held:] @ zone.direction) - math.cos(zone.half_angle - BROKEN) for zone in keep_out

@@ -25,32 +25,32 @@ from jaxplan.model.zones import tabulate
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.sky import orbits
 
-YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # of start and goal
+YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # rad, of joints at start and goal
 JOINT_LIMITS = np.repeat([YAW_LIMIT, PITCH_LIMIT], 3)
 HAIR = 1e-9
 """Least slack of what is admissible, as a cosine or in rad."""
 UNAMBIGUOUS = 1e-6
 """rad; the slew to the second-best goal is longer by at least this."""
 LONGEST_TURN = math.radians(179.0)
-"""Half a turn may be made either way."""
+"""rad, greatest turn to a goal; half a turn could be made in either direction."""
 BATCH = 64
-"""Starts drawn at once."""
+"""Number of starts drawn at once."""
 SAMPLES = 129
-"""Samples of the straight motion, its ends included."""
+"""Number of samples of the straight motion, its ends included."""
 BROKEN = math.radians(0.2)
 """rad, least depth in a zone at some sample of a straight motion that counts as blocked."""
 PATIENCE = 50
-"""Sets of zones that are tried with one start."""
+"""Number of sets of zones that are tried with one start."""
 
 
 def admissible(slack: np.ndarray) -> np.ndarray:
-    """True where a slack, known to rounding, is above zero; every decision on a draw is made by this."""
+    """True where a slack, a cosine or rad, is at least `HAIR`; every decision on a draw is made by this."""
     return slack >= HAIR
 
 
 @cache
 def setting() -> tuple[Spacecraft, Targets]:
-    """The paper's spacecraft, and the lines of sight from its satellite to the three others (section 5)."""
+    """The paper's spacecraft, and as targets the lines of sight to three other satellites (section 5)."""
     node, anomaly = np.radians([[10.0, 10.0, 5.0, 13.0], [20.0, 25.0, 15.0, 15.0]])
     with jax.enable_x64(True):
         directions = np.asarray(_lines_of_sight(node, anomaly))
@@ -65,6 +65,7 @@ def setting() -> tuple[Spacecraft, Targets]:
 
 @quick_jit
 def _lines_of_sight(node: Array, anomaly: Array) -> Array:
+    """Inertial unit vectors (3, 3) from the first satellite to three others; node and anomaly (4,) rad."""
     satellites = orbits.position(500.0, math.radians(10.0), node, anomaly)
     return orbits.line_of_sight(satellites[0], satellites[1:])
 
@@ -72,7 +73,7 @@ def _lines_of_sight(node: Array, anomaly: Array) -> Array:
 def starts(
     rng: np.random.Generator, held: int, within: float
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Starts with uniform attitude and joints, of those at which the held terminals see their targets.
+    """Draw starts of uniform attitude and joints, of those at which held terminals point near their targets.
 
     An attitude is uniform on SO(3) if it brings terminal 1's boresight to a uniform point of the sphere and
     turns uniformly about it. Where terminal 1 is held, that point is drawn from the cap around its target.
@@ -108,7 +109,7 @@ def _frame(first: np.ndarray) -> np.ndarray:
 
 
 def _turn_about_x(angle: np.ndarray) -> np.ndarray:
-    """Rotations (k, 3, 3) by the angles (k,)."""
+    """Rotations (k, 3, 3) about the x axis by angles (k,) rad."""
     turn = np.zeros((len(angle), 3, 3))
     turn[:, 0, 0] = 1
     turn[:, 1, 1] = turn[:, 2, 2] = np.cos(angle)
@@ -118,12 +119,12 @@ def _turn_about_x(angle: np.ndarray) -> np.ndarray:
 
 
 def nearest_goal(attitude: np.ndarray, least: float = 0.0, most: float = LONGEST_TURN) -> Goal | None:
-    """The nearest goal of step 1, if the turn to it is in a range and no other goal is as near.
+    """The nearest goal of step 1, if the turn to it is in a range and no other goal is as near; else None.
 
     Args:
-        attitude: (3, 3) of the start.
-        least: rad; zero for no bound.
-        most: rad.
+        attitude: (3, 3) of the start, body to inertial.
+        least: rad, of the platform's turn; zero for no bound.
+        most: rad, of the same.
     """
     if least and _reaches_goal_within(attitude, least):
         return None  # step 1 would say so too, but takes a hundred times as long
@@ -135,20 +136,20 @@ def nearest_goal(attitude: np.ndarray, least: float = 0.0, most: float = LONGEST
 
 
 def _reaches_goal_within(attitude: np.ndarray, angle: float) -> bool:
-    """True if one of a few turns by less than an angle, or none, leads to a goal; if not, another may."""
+    """True if one of some turns by less than `angle`, rad, leads to a goal; if not, another still may."""
     craft, targets = setting()
     body = targets.directions @ (attitude @ _turns_within(angle))
     return bool(np.any(np.all(np.abs(_joints_along(craft, body)) < JOINT_LIMITS, axis=-1)))
 
 
 def _joints_along(craft: Spacecraft, body: np.ndarray) -> np.ndarray:
-    """(..., 6) rad, at which terminals point along directions (..., 3, 3) in body axes."""
+    """Joint angles (..., 6) rad at which the terminals point along directions (..., 3, 3) in body axes."""
     return np.concatenate(angles_along(craft.gimbals.frames, body), axis=-1)
 
 
 @cache
 def _turns_within(angle: float) -> np.ndarray:
-    """Rotations (k, 3, 3) about the diagonals, edges and faces of a cube, by less than an angle."""
+    """Rotations (k, 3, 3) by less than `angle`, rad, about axes to a cube's corners, edges and faces."""
     axes = np.array([axis for axis in itertools.product((-1, 0, 1), repeat=3) if any(axis)], dtype=float)
     axes /= np.linalg.norm(axes, axis=-1, keepdims=True)
     return np.asarray(so3.exp(np.concatenate([angle * part * axes for part in (0.0, 0.33, 0.66, 0.99)])))
@@ -166,7 +167,7 @@ def straight_motion(attitude: np.ndarray, joints: np.ndarray, goal: Goal) -> np.
 
 
 def at_rest(attitude: np.ndarray, joints: np.ndarray) -> GivenState:
-    """The start of a scenario."""
+    """The state without rates of an attitude (3, 3), body to inertial, and joints (J,) rad."""
     return GivenState(
         rotation_vector=so3.log(attitude),
         joints=joints,

@@ -30,8 +30,8 @@ _KINDS = (
     "joint_bounds, grouped, moving, moved_goals, mixed, terminal_masks, fields or any_spacecraft"
 )
 _PLANNERS = "mha, mha-paper, wastar, rrt_star or rrt_connect"
-_OF_STUDIES = ("study", "table4")  # commands; the others are of scenes and plans
-_NEW_OBJECTS = 100_000  # between two looks for garbage; by Python's 700 they take a tenth of a short command
+_OF_STUDIES = ("study", "table4")  # commands of `jaxplan.cli.studies`; the others are in `plans`
+_NEW_OBJECTS = 100_000  # new objects between garbage collections; with Python's 700 these take a tenth
 _PLAN = "a plan.json, as jaxplan plan -o DIR writes it"
 _SCENARIO = "a scenario file, or case-1 to case-4 of the paper"
 
@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code.
 
     Args:
-        arguments: the words after ``jaxplan``; those of the process by default.
+        arguments: what stands after ``jaxplan`` on the command line; those of the process by default.
     """
     parser = _parser()
     options = parser.parse_args(arguments)
@@ -79,6 +79,7 @@ def _tell_of_refusals() -> None:
 
 
 def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
+    """Run the command of the parsed options, or print version or help; returns the exit code."""
     if options.command is not None:
         home = import_module(f"jaxplan.cli.{'studies' if options.command in _OF_STUDIES else 'plans'}")
         return int(getattr(home, options.command)(options))
@@ -98,15 +99,15 @@ def _drop_output() -> None:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are of the command that was given, and name its help."""
+    """A parser whose errors are those of the subcommand that was given, and point to its help."""
 
     def error(self, message: str) -> NoReturn:
-        """Print what is wrong with the words, and exit."""
+        """Print the usage and what is wrong with the arguments, and exit with `BAD_INPUT`."""
         self.print_usage(sys.stderr)
         self.exit(BAD_INPUT, f"{self.prog}: error: {message}; see {self.prog} --help\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse the words; one that has no meaning is an error."""
+        """Parse arguments; one that is not known is an error."""
         known, left = super().parse_known_args(args, namespace)
         if left:
             self.error(f"unrecognized arguments: {' '.join(left)}")
@@ -114,6 +115,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def _parser() -> argparse.ArgumentParser:
+    """Make the parser of the command line."""
     parser = Parser(
         prog="jaxplan",
         description=DESCRIPTION,
@@ -130,14 +132,14 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _count(text: str) -> int:
-    """A whole number of at least 1, for argparse."""
+    """Read a whole number of at least 1, as a type for argparse, which it tells of an error."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text}: must be a whole number, at least 1")
     return int(text)
 
 
 def _seconds(text: str) -> float:
-    """A time in seconds of zero or more, for argparse."""
+    """Read a time in seconds of zero or more, as a type for argparse, which it tells of an error."""
     try:
         seconds = float(text)
     except ValueError:
@@ -148,7 +150,7 @@ def _seconds(text: str) -> float:
 
 
 def _add_scene_commands(commands: Any) -> None:
-    """Tell the parser of the commands on scenario files."""
+    """Add the commands on scenario files to the parser."""
     new = commands.add_parser(
         "new",
         help="write a scenario file to begin with",
@@ -172,7 +174,7 @@ def _add_scene_commands(commands: Any) -> None:
 
 
 def _add_plan_commands(commands: Any) -> None:
-    """Tell the parser of the commands that make or read a plan."""
+    """Add the commands that make or read a plan to the parser."""
     plan = commands.add_parser(
         "plan", help="plan a scenario", description=("Plan a scenario and certify it.")
     )
@@ -228,6 +230,7 @@ def _add_plan_commands(commands: Any) -> None:
 
 
 def _add_study(commands: Any) -> None:
+    """Add the command ``study`` to the parser."""
     study = commands.add_parser(
         "study",
         help="plan many random scenes, and say how it went",
@@ -257,6 +260,7 @@ def _add_study(commands: Any) -> None:
 
 
 def _add_table4(commands: Any) -> None:
+    """Add the command ``table4`` to the parser."""
     table4 = commands.add_parser(
         "table4",
         help="compare the planners as the paper's Table 4 does",

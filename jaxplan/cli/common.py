@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 DONE, NO_PLAN, BAD_INPUT, NOT_CERTIFIED = 0, 1, 2, 3
-MARK = "jaxplan"  # in the pictures that are ours
+MARK = "jaxplan"  # what the PNG files that we write name as their software; others are never removed
 
 
 def complain(message: str, code: int) -> int:
@@ -17,7 +17,14 @@ def complain(message: str, code: int) -> int:
 
 
 def writable_folder(name: str) -> Path:
-    """Make the folder for results and try to write there, before anything is computed."""
+    """Make a folder for results, with its parents, and try to write a temporary file there.
+
+    Returns:
+        Its path.
+
+    Raises:
+        ValueError: if the name is empty or that of a file, or nothing can be written there.
+    """
     if not name:
         raise ValueError("DIR of -o is empty, it must name a folder")
     folder = Path(name)
@@ -33,12 +40,12 @@ def writable_folder(name: str) -> Path:
 
 
 def try_folder_of(path: str | Path) -> None:
-    """Make the folder of a file and try to write there, before anything is computed."""
+    """Make the folder that a file is to stand in, as `writable_folder` does, before anything is computed."""
     writable_folder(str(Path(path).parent))
 
 
 def print_result(result: Any) -> None:
-    """Print a result to stdout, dicts and lists as JSON."""
+    """Print a result to stdout: a dict or list as JSON, all else as text."""
     print(json.dumps(result, indent=1) if isinstance(result, dict | list) else result)
 
 
@@ -48,7 +55,7 @@ def say(message: str) -> None:
 
 
 def save(figure: Any, file: Path) -> None:
-    """Write a figure whole or not at all, and say where."""
+    """Write a figure as PNG, whole or not at all, and print the file's name to stderr."""
     from jaxplan.plotting import write_png
     from jaxplan.runtime.files import replacing_file
 
@@ -58,7 +65,7 @@ def save(figure: Any, file: Path) -> None:
 
 
 def set_up_jax() -> None:
-    """Let JAX compute in the thread that asks: most kernels take less time than to hand them to another."""
+    """Make JAX compute in the calling thread: most kernels take less time than handing them to another."""
     import jax
 
     jax.config.update("jax_cpu_enable_async_dispatch", False)

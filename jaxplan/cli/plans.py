@@ -1,6 +1,6 @@
 """The commands on one scene or plan, from ``new`` to ``export``.
 
-Each is a function of the words that were given, and returns the exit code. It imports by itself what others
+Each is a function that takes the parsed arguments and returns the exit code. It imports by itself what others
 do without, so that each begins soon.
 """
 
@@ -50,7 +50,7 @@ _COUNTED = {  # what a scene and its spacecraft have several of, and what one of
 
 
 def new(options: argparse.Namespace) -> int:
-    """Write a scenario file to begin with."""
+    """Write a scenario file to begin with: the template, or a case of the paper."""
     if options.file == "-":
         print(_text(options.source), end="")
         return DONE
@@ -67,7 +67,7 @@ def new(options: argparse.Namespace) -> int:
 
 
 def _text(source: str | None) -> str:
-    """The template, or the file of a case."""
+    """Text of the template for None, else of the case of that name; raises ValueError if there is none."""
     if source is None:
         return template()
     if source not in CASE_NAMES:
@@ -76,7 +76,7 @@ def _text(source: str | None) -> str:
 
 
 def validate(options: argparse.Namespace) -> int:
-    """Say what is wrong with scenario files."""
+    """Print what scenario files hold and what is wrong with them."""
     found = [_findings(name) for name in options.files]
     print_result(found if options.json else "\n".join(map(_line, found)))
     if any(one["faults"] for one in found):
@@ -85,7 +85,10 @@ def validate(options: argparse.Namespace) -> int:
 
 
 def _findings(name: str) -> dict[str, Any]:
-    """Collect what a scenario file holds, its faults, and what its start and goal break."""
+    """Read a scenario file; returns a dict for JSON of what it holds, its faults, and what its ends break.
+
+    A file that is faulty, or no scenario at all, has None for what it holds.
+    """
     found: dict[str, Any] = {"file": name, "valid": False, "faults": [], "start": [], "goal": []}
     try:
         scene = load_scene(name)
@@ -100,9 +103,10 @@ def _findings(name: str) -> dict[str, Any]:
 
 
 def _breaches(scene: Scenario) -> tuple[list[str], list[str]]:
-    """List what the start breaks, and the goal where it is a given state among nothing that moves.
+    """Messages on the limits and zones that the start breaks, and on what is wrong at the goal.
 
-    Of targets it is known, where the duration is a number, whether they are seen in the end.
+    The goal is checked where it is a given state and nothing moves; and where the duration is a number,
+    whether its targets are hidden then.
     """
     duration = scene.trajectory.duration
     if not isinstance(duration, str):
@@ -118,7 +122,7 @@ def _breaches(scene: Scenario) -> tuple[list[str], list[str]]:
 
 
 def _line(found: dict[str, Any]) -> str:
-    """Findings of one scenario file as text."""
+    """Text for what `_findings` returns of one scenario file."""
     name, holds = found["file"], found["holds"]
     if holds is None:
         return str(ScenarioError(found["faults"], name or '""'))
@@ -154,7 +158,7 @@ def plan(options: argparse.Namespace) -> int:
 
 
 def check(options: argparse.Namespace) -> int:
-    """Certify a plan file anew."""
+    """Certify a plan file anew, and print the certificate."""
     plan = load_plan_file(options.plan)
     if plan.trajectory is None or plan.goal is None:
         from jaxplan.exporting import ending
@@ -190,7 +194,7 @@ def _plot_spacecraft(options: argparse.Namespace) -> int:
 
 
 def report(options: argparse.Namespace) -> int:
-    """Write a page on a plan file."""
+    """Write an HTML page on a plan file."""
     from jaxplan.report import report_html
 
     plan = load_plan_file(options.plan)
@@ -225,7 +229,7 @@ def export(options: argparse.Namespace) -> int:
 
 
 def _code_of(plan: Plan) -> int:
-    """The exit code for how a plan ended."""
+    """The exit code for a plan's status."""
     return {Status.OK: DONE, Status.UNCERTIFIED: NOT_CERTIFIED}.get(plan.status, NO_PLAN)
 
 
@@ -245,7 +249,12 @@ def _draw(plan: Plan, folder: Path) -> None:
 
 
 def load_scene(name: str) -> Scenario:
-    """The scenario of a file, or a case of the paper."""
+    """Read the scenario of a file, or a case of the paper by its name.
+
+    Raises:
+        ScenarioError: (a ValueError) for a scenario with faults.
+        ValueError: if there is no such file, or it is no scenario file.
+    """
     set_up_jax()
     cases = ", ".join(CASE_NAMES)
     if name in CASE_NAMES:
@@ -270,7 +279,11 @@ def load_scene(name: str) -> Scenario:
 
 
 def load_plan_file(name: str) -> Plan:
-    """The plan of a file."""
+    """Read the plan of a file.
+
+    Raises:
+        ValueError: if there is no such file, or it is no plan file.
+    """
     set_up_jax()
     if not name:
         raise ValueError("PLAN is empty, it must name a plan.json")
@@ -297,6 +310,7 @@ def load_plan_file(name: str) -> Plan:
 
 
 def _is_scenario(name: str) -> bool:
+    """Whether a name is that of a case of the paper, or of a TOML file that exists."""
     return name in CASE_NAMES or (name.endswith(".toml") and Path(name).is_file())
 
 

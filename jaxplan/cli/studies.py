@@ -1,6 +1,6 @@
 """The commands on many scenes: ``study`` and ``table4``.
 
-Each is a function of the words that were given, and returns the exit code.
+Each is a function that takes the parsed arguments and returns the exit code.
 """
 
 import argparse
@@ -42,6 +42,7 @@ def study(options: argparse.Namespace) -> int:
 
 
 def _first_seed(options: argparse.Namespace) -> int:
+    """The seed of the first scene, 0 unless given; raises ValueError for a negative one."""
     first = options.first_seed or 0
     if first < 0:
         raise ValueError(f"--first-seed {first}: seeds must be at least 0")
@@ -49,7 +50,11 @@ def _first_seed(options: argparse.Namespace) -> int:
 
 
 def _setting(text: str) -> tuple[str, Any]:
-    """Name and value of a setting; a value that is no TOML is a text without its quotes."""
+    """Name and value of a setting NAME=VALUE; a value that is no TOML is taken as a string without quotes.
+
+    Raises:
+        ValueError: if there is no equals sign.
+    """
     name, equals, value = text.partition("=")
     if not equals:
         raise ValueError(f"--set {text}: must be NAME=VALUE, such as search.max_expansions=500")
@@ -60,7 +65,7 @@ def _setting(text: str) -> tuple[str, Any]:
 
 
 def _report(options: argparse.Namespace) -> int:
-    """Say what studies in folders found, and how they compare where there are two or more."""
+    """Print summaries of the studies in folders, and comparisons with the first where there are several."""
     for name in ("kind", "n", "first_seed", "planner", "workers", "set"):
         if getattr(options, name) is not None:
             raise ValueError(

@@ -29,13 +29,13 @@ from jaxplan.sky import orbits
 
 WHEN = ("before", "after")
 CLEARANCE = math.radians(1.0)
-"""rad, from the Sun's cone, and from the Earth's where a terminal waits."""
+"""rad between the Sun's cone and a link that is not out; a waiting terminal keeps it from both cones."""
 _TURNS = 721
-"""Places on the rim that are tried, half of them to either side of the nearest."""
+"""Directions around the Sun's cone tried for a waiting terminal, half to either side of the nearest."""
 
 
 def default_topologies(shell: Shell, terminals: int) -> tuple[np.ndarray, np.ndarray]:
-    """The topologies before and after a switch.
+    """Make the topologies before and after a switch, for three or four terminals a satellite.
 
     Args:
         shell: of at least two satellites a plane. Beyond the outer planes of a star there is nobody; a
@@ -79,12 +79,15 @@ def checked_topology(value: object, key: str, shell: Shell, terminals: int) -> n
 
     Args:
         value: (T, n) numbers of satellites.
-        key: its name.
-        shell: that they are of.
-        terminals: of each satellite, n.
+        key: the argument's name, for messages.
+        shell: of which satellites.
+        terminals: number of each satellite's, n.
+
+    Returns:
+        (T, n) int.
 
     Raises:
-        ScenarioError: if it is none.
+        ScenarioError: for another shape or type, or a number that no satellite has.
     """
     try:
         table = np.asarray(value)
@@ -128,7 +131,7 @@ class Surroundings:
     drift_time: float
 
     def links(self, topology: np.ndarray, when: str, names: Sequence[str]) -> tuple[np.ndarray, list[str]]:
-        """The directions of all links, and what is wrong with them.
+        """Directions of all links, and messages on those that cannot be.
 
         Args:
             topology: (T, n).
@@ -172,13 +175,20 @@ class Surroundings:
         return directions, faults
 
     def in_the_sun(self, directions: np.ndarray) -> np.ndarray:
-        """Mark directions (..., 3) inside the Sun's cone, or closer to it than `CLEARANCE`."""
+        """Which directions (..., 3) are inside the Sun's cone, or closer to it than `CLEARANCE`: (...)."""
         if self.sun_direction is None:
             return np.zeros(directions.shape[:-1], dtype=bool)
         return np.asarray(separation(directions, self.sun_direction) < self.sun_half_angle + CLEARANCE)
 
     def waiting(self, links: np.ndarray, out: np.ndarray) -> np.ndarray:
-        """Find where the terminals wait whose links (2, T, n, 3) are out (2, T, n), in their order.
+        """Find the directions in which terminals wait whose links are out.
+
+        Args:
+            links: (2, T, n, 3) inertial unit vectors, before and after the switch.
+            out: (2, T, n) bool, which of them are out.
+
+        Returns:
+            (k, 3) inertial unit vectors for the k links that are out, in the order of ``links[out]``.
 
         Raises:
             ScenarioError: if there is no such place.
@@ -199,7 +209,7 @@ class Surroundings:
 
 @quick_jit
 def _lines_of_sight(here: Array, there: Array) -> Array:
-    """Directions of links, and how near to the Earth they come, km."""
+    """(..., 4): inertial unit vector from `here` to `there`, (..., 3) km; the line's lowest altitude, km."""
     direction, lowest = orbits.line_of_sight(here, there), orbits.grazing_altitude(here, there)
     return jax.numpy.concatenate([direction, lowest[..., None]], axis=-1)
 
@@ -235,4 +245,5 @@ def waiting_directions(
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (..., 3) at unit length."""
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))

@@ -19,7 +19,7 @@ from jaxplan.runtime.display import shown
 from jaxplan.runtime.workers import Workers
 from jaxplan.study import Study, Summary, run_study
 
-_LEFT_OUT = ("scene", "seed", "name", "kind")  # of a study's columns, which say nothing of a satellite
+_LEFT_OUT = ("scene", "seed", "name", "kind")  # columns of a study that say nothing of a satellite
 
 
 @shown("satellites", "study.done", heading="Constellation of {0.switch.title}")
@@ -68,6 +68,7 @@ class Constellation:
         return self._by_satellite(self.study.timings)
 
     def _by_satellite(self, rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+        """Rows of the study with the satellite's number in the place of the columns `_LEFT_OUT`."""
         return [
             {"satellite": int(self.satellites[row["scene"]])}
             | {name: value for name, value in row.items() if name not in _LEFT_OUT}
@@ -75,7 +76,7 @@ class Constellation:
         ]
 
     def _column(self, name: str, kind: type = float) -> np.ndarray:
-        """Column (N,) of the table; NaN where nothing is known."""
+        """Column (N,) of the table by its name, as an array of a type; NaN where nothing is known."""
         return np.array([np.nan if row[name] is None else row[name] for row in self.table], dtype=kind)
 
     @property
@@ -153,7 +154,7 @@ class ConstellationSummary(Summary):
         return f"Switch of the {self.switch.title}"
 
     def record(self) -> dict[str, Any]:
-        """The summary for machines."""
+        """The summary as a dict for JSON."""
         return super().record() | {
             **{f"sun_outages_{when}": count for when, count in zip(WHEN, self.sun_outages, strict=True)},
             "satellites_with_sun_outages": self.satellites_with_outages,

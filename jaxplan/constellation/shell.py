@@ -25,8 +25,8 @@ from jaxplan.schema import ScenarioError
 from jaxplan.sky import orbits
 
 PATTERNS = ("delta", "star")
-HIGHEST = 1e6  # km, beyond where the Earth keeps satellites
-MOST = 10**6  # satellites
+HIGHEST = 1e6  # km, greatest altitude of a shell; beyond, the Earth keeps no satellites
+MOST = 10**6  # largest number of satellites of a shell
 _NOTATION = re.compile(r"\s*([0-9.]+)\s*:\s*([0-9]+)\s*/\s*([0-9]+)\s*/\s*([0-9]+)\s*")
 
 
@@ -177,7 +177,7 @@ class Shell:
 
 
 def walker(notation: str, altitude: float, *, pattern: str = "delta", epoch_angle: float = 0.0) -> Shell:
-    """A Walker shell from the field's notation.
+    """Make a Walker shell from the field's notation.
 
     Args:
         notation: ``i:T/P/F`` with the inclination in degrees, such as "53:1584/72/39".
@@ -219,7 +219,7 @@ def walker(notation: str, altitude: float, *, pattern: str = "delta", epoch_angl
 
 
 def _wrong_numbers(texts: tuple[str, ...], notation: str) -> list[str]:
-    """List the faults of inclination, total, planes and phasing."""
+    """Messages on what is wrong with the texts of inclination, total, planes and phasing; perhaps none."""
     try:
         inclination = float(texts[0])
     except ValueError:  # more than one point
@@ -235,7 +235,7 @@ def _wrong_numbers(texts: tuple[str, ...], notation: str) -> list[str]:
 
 
 def out_of_range(name: str, value: object, unit: str, low: float, high: float) -> list[str]:
-    """Message about a number outside its range; none if it lies there."""
+    """A list of one message if a value is no number in [low, high], in the unit; else an empty one."""
     if is_number(value) and low <= value <= high:
         return []
     return [f"{name} = {value!r}: must be a number of {unit} in [{low:g}, {high:g}]"]
@@ -248,5 +248,6 @@ def is_number(value: object) -> TypeGuard[float]:
 
 @quick_jit
 def _states(altitude: Array, inclination: Array, nodes: Array, latitudes: Array, time: Array) -> Array:
+    """Inertial positions, km, and velocities, km/s: (2, T, 3); arguments are those of `orbits.position`."""
     elements = (altitude, inclination, nodes, latitudes, time)
     return jax.numpy.stack([orbits.position(*elements), orbits.velocity(*elements)])

@@ -115,10 +115,10 @@ class LinkSwitch(Surroundings):
         return f"links of {self.shell.name}, {len(self.spacecraft.terminals)} terminals a satellite"
 
     def scenarios(self, satellites: Iterable[int] | None = None) -> list[Scenario]:
-        """The planning problems.
+        """Make the planning problems, a scenario for each satellite.
 
         Args:
-            satellites: numbers of those that are wanted; None for all.
+            satellites: their numbers; None for all.
 
         Raises:
             ScenarioError: if there is no such satellite, or one comes twice.
@@ -147,7 +147,7 @@ class LinkSwitch(Surroundings):
         ]
 
     def scenario(self, satellite: int) -> Scenario:
-        """The planning problem of one satellite, to be planned by itself.
+        """Make the planning problem of one satellite, to be planned by itself.
 
         Raises:
             ScenarioError: if there is no such satellite.
@@ -155,7 +155,7 @@ class LinkSwitch(Surroundings):
         return self.scenarios([satellite])[0]
 
     def chosen(self, satellites: Iterable[int] | None) -> list[int]:
-        """Numbers of satellites, checked; all of them for None."""
+        """Check numbers of satellites and return them, all for None; raises ScenarioError for wrong ones."""
         if satellites is None:
             return list(range(self.shell.total))
         numbers = list(several("satellites", satellites, "numbers of satellites"))
@@ -190,7 +190,7 @@ def link_switch(
     drift_time: float = 90.0,
     time: float = 0.0,
 ) -> LinkSwitch:
-    """The planning problems of a switch of a shell's topology.
+    """Make the planning problems of a switch of a shell's topology, one a satellite.
 
     Args:
         shell: the satellites, of `walker`.
@@ -262,7 +262,7 @@ def _surroundings(
     drift_time: float,
     time: float,
 ) -> Surroundings:
-    """Earth and Sun around a shell, after a check of the arguments of `link_switch`."""
+    """Check arguments of `link_switch` and make the `Surroundings` of them; raises ScenarioError."""
     faults = [
         *out_of_range("sun_half_angle", sun_half_angle, "rad", 1e-6, 1.5),
         *out_of_range("lowest_altitude", lowest_altitude, "km", 0.0, 1000.0),
@@ -298,7 +298,7 @@ def _surroundings(
 def _topologies(
     shell: Shell, terminals: int, before: ArrayLike | None, after: ArrayLike | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The topologies that are given, with defaults for missing ones."""
+    """Check the topologies (T, n) before and after, with `default_topologies` in the place of None."""
     default = default_topologies(shell, terminals) if before is None or after is None else None
     given = [
         default[place] if value is None and default else checked_topology(value, when, shell, terminals)
@@ -308,7 +308,15 @@ def _topologies(
 
 
 def _starts(craft: Spacecraft, nominal: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Attitudes (T, 3, 3) and joints (T, 2n) at which terminals point along directions (T, n, 3).
+    """Find the starts: states nearest to the nominal ones at which terminals point along their links.
+
+    Args:
+        craft: of each satellite.
+        nominal: (T, 3, 3) attitudes, body to inertial.
+        directions: (T, n, 3) inertial unit vectors of the links before the switch.
+
+    Returns:
+        Attitudes (T, 3, 3), body to inertial, and joints (T, 2n) rad.
 
     Raises:
         ScenarioError: if a satellite has none.

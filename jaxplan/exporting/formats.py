@@ -1,4 +1,4 @@
-"""One door to all formats: it checks what is asked, has the plan proved anew, and writes all or nothing."""
+"""The export to all formats: it checks the arguments, certifies the plan anew, and writes all or nothing."""
 
 import errno
 import os
@@ -28,11 +28,11 @@ class Format:
     """A kind of file, or of folder with several files.
 
     Attributes:
-        write: writes to a path; for a folder, an empty one.
+        write: function that writes a sampled motion to a path; for a folder, an empty one.
         suffix: of a name where the user gives none.
         parts: suffixes of the files of a folder, empty for a single file.
         dated: whether it cannot do without an epoch.
-        needs: modules beyond the required ones.
+        needs: modules to be installed beyond the required ones.
     """
 
     write: Callable[[Sampled, Path], None]
@@ -139,14 +139,14 @@ def default_path(plan_file: str | os.PathLike[str], format: str) -> Path:
 
 
 def ending(plan: Plan) -> str:
-    """What a plan without certificate lacks, and how it ended."""
+    """Message on what a plan that is not certified lacks, and how it ended."""
     lack = "has no trajectory" if plan.trajectory is None else "is not certified"
     ending = ": ".join(filter(None, [plan.status.name, plan.message]))
     return f"the plan of {plan.scenario.name} {lack}; it ended as {ending}"
 
 
 def free_place(path: str | os.PathLike[str], parts: tuple[str, ...] = (), *, overwrite: bool) -> Path:
-    """The path to write to, if nothing is there or it may be replaced.
+    """Check that a path may be written to, and return it.
 
     Args:
         path: of a file, or of a folder.
@@ -154,8 +154,8 @@ def free_place(path: str | os.PathLike[str], parts: tuple[str, ...] = (), *, ove
         overwrite: whether an old file may be replaced, or a folder that holds files of these suffixes only.
 
     Raises:
-        FileExistsError: if something is there and was not to be replaced.
-        ValueError: if the path is empty, or something is there that would not have been written so.
+        FileExistsError: if something is there, and `overwrite` is false.
+        ValueError: if the path is empty, or what is there is not such a file or folder.
     """
     if not os.fspath(path):
         raise ValueError("path is empty, it must name a file or folder to write")

@@ -20,9 +20,9 @@ from jaxplan.planner import Plan
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.trajectory.curve import Samples
 
-MOST_SAMPLES = 10_000_000  # of a file
+MOST_SAMPLES = 10_000_000  # most samples of a file
 SHORTEST_STEP = 1e-6  # s: nearer instants would coincide in files that count seconds from the year 2000
-_CHUNK = 4096  # samples between two looks at the bar, which take some hundredths of a second
+_CHUNK = 4096  # samples between two updates of the bar, which take some hundredths of a second
 _ROUNDING = 1e-9  # how far a matrix may be from a rotation; a trajectory's are within 1e-14
 _NUMBER = "% .15e"  # 16 digits, as many as CCSDS allows and a double has
 
@@ -38,7 +38,7 @@ class Sampled:
         spacecraft: that flies it.
         start: UTC of time zero, None where the file does without.
         times: (k,) s, rising from 0 to the duration.
-        values: the trajectory there: radians, body axes.
+        values: the trajectory there, in radians and seconds; angular velocities in body axes.
         quaternions: (k, 4) body to inertial, scalar first, of unit length; neighbours have no change of sign.
     """
 
@@ -55,7 +55,7 @@ class Sampled:
 
 
 def sample(plan: Plan, start: np.datetime64 | None, times: np.ndarray) -> Sampled:
-    """Evaluate a plan's trajectory.
+    """Sample a plan's trajectory, with a bar where that takes long.
 
     Args:
         plan: with a trajectory.
@@ -92,7 +92,7 @@ def sample(plan: Plan, start: np.datetime64 | None, times: np.ndarray) -> Sample
 
 
 def instants(duration: float, step: float) -> np.ndarray:
-    """Times (k,), s: multiples of the step and the duration, which replaces a multiple close to it.
+    """Times (k,) s to sample at: multiples of the step, and the duration in the place of one close to it.
 
     Raises:
         ValueError: if the step is out of range.
@@ -112,14 +112,14 @@ def instants(duration: float, step: float) -> np.ndarray:
 
 
 def frames(azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
-    """Frames of devices.
+    """Frames of devices whose z axis is the boresight, see the module.
 
     Args:
-        azimuth: (...) rad.
-        elevation: (...) rad.
+        azimuth: (...) rad, of the boresight.
+        elevation: (...) rad, likewise.
 
     Returns:
-        (..., 3, 3) device to body.
+        (..., 3, 3) from the device to the axes in which the angles are.
     """
     a, b = np.broadcast_arrays(azimuth, elevation)
     outward, left, up = (
@@ -129,11 +129,11 @@ def frames(azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
 
 
 def device_motion(sampled: Sampled, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frames and angular velocities of a device with joints on the body.
+    """Frames and angular velocities, relative to the body, of a device with joints.
 
     Args:
         sampled: the manoeuvre.
-        number: of the terminal, or after all of them of the drive.
+        number: of the device: terminals from 0 on, then drives.
 
     Returns:
         (k, 3, 3) frames, device to body, and (k, 3) rad/s, their angular velocity in body axes.
@@ -159,7 +159,7 @@ def instrument_frames(boresights: np.ndarray) -> np.ndarray:
 
 
 def table_lines(columns: Sequence[np.ndarray], separator: str = " ") -> Iterator[str]:
-    """Lines of text of a table of numbers, each with its line end.
+    """Yield the lines of a table of numbers as text, each with its line end.
 
     Args:
         columns: (k,) or (k, c), side by side.
@@ -173,7 +173,7 @@ def table_lines(columns: Sequence[np.ndarray], separator: str = " ") -> Iterator
 
 
 def progress(rows: Iterable[T], total: int) -> Iterator[T]:
-    """The rows, with a bar where writing them takes long."""
+    """Yield the rows, of which there are `total`, and show a bar where writing them takes long."""
     with progress_bar("writing", "rows", total=total) as bar:
         for row in rows:
             yield row
@@ -181,7 +181,10 @@ def progress(rows: Iterable[T], total: int) -> Iterator[T]:
 
 
 def plain(text: str, longest: int = 80) -> str:
-    """Replace with ``?`` what is no printable ASCII, and the backslash, which has a meaning to SPICE."""
+    """Cut a text to `longest` characters, with ``?`` for what is no printable ASCII and for backslashes.
+
+    To SPICE a backslash has a meaning. Of a text that is blank, ``?`` is left.
+    """
     return "".join(c if " " <= c <= "~" and c != "\\" else "?" for c in text)[:longest].strip() or "?"
 
 
@@ -190,8 +193,8 @@ def labels(names: Iterable[str], taken: Iterable[str], longest: int) -> list[str
 
     Args:
         names: any text, such as names of devices.
-        taken: what they must not be.
-        longest: characters.
+        taken: names that they must not have.
+        longest: characters of one at most.
 
     Returns:
         For each name itself with other characters made ``_``, or ``device_3`` where that is too long, empty

@@ -27,12 +27,12 @@ from jaxplan.model.epochs import ephemeris_time
 from jaxplan.model.outlines import UP
 from jaxplan.model.spacecraft import Spacecraft
 
-_CRAFT = -999  # of the numbers that NAIF leaves to everybody
+_CRAFT = -999  # number of the spacecraft, one of those that NAIF leaves to everybody
 _BUS = -999000
-_FIRST_TERMINAL, _FIRST_INSTRUMENT = -999001, -999501
+_FIRST_TERMINAL, _FIRST_INSTRUMENT = -999001, -999501  # those that follow count downward
 _BUS_NAME = "JAXPLAN_BUS"
-_LONGEST_NAME = 26  # of a frame, since variables of 32 characters are called after it
-_MARGIN = 1e-6  # s, by which a kernel is valid longer, since a time near 2030 is rounded to 1e-7 s
+_LONGEST_NAME = 26  # characters of a frame's name, since variables of at most 32 are called after it
+_MARGIN = 1e-6  # s, by which a kernel is valid longer at both ends, as times near 2030 are rounded to 1e-7 s
 
 _CLOCK = f"""KPL/SCLK
 
@@ -55,6 +55,8 @@ SCLK01_COEFFICIENTS_{-_CRAFT}    = ( 0 -1577880000 1 )
 
 @dataclass(frozen=True, kw_only=True)
 class _Frame:
+    """A frame of SPICE: its number, its name, and the name of what it is the frame of."""
+
     number: int
     name: str
     what: str  # it is the frame of
@@ -89,7 +91,7 @@ def write_spice(sampled: Sampled, folder: Path) -> None:
 
 
 def _device_frames(craft: Spacecraft) -> tuple[list[_Frame], list[_Frame]]:
-    """Frames of devices with joints, and of instruments."""
+    """Frames of the devices with joints, and those of the instruments, numbered and named."""
     prefix = "JAXPLAN_"
     plain_names = (name.replace("-", "_") for name in craft.device_names)
     names = labels(plain_names, taken=["bus"], longest=_LONGEST_NAME - len(prefix))
@@ -104,6 +106,7 @@ def _device_frames(craft: Spacecraft) -> tuple[list[_Frame], list[_Frame]]:
 
 
 def _frame_kernel(sampled: Sampled, turning: Sequence[_Frame], instruments: Sequence[_Frame]) -> str:
+    """Text of the frame kernel: the platform, devices with joints (`turning`), and instruments."""
     lines = ["KPL/FK", "", f"   Frames of the spacecraft of: {plain(sampled.name)}", ""]
     lines += [f"   {_BUS_NAME:<26}  {_BUS}  the platform, based on J2000"]
     lines += [f"   {f.name:<26}  {f.number}  {f.what}, turning on the bus" for f in turning]
@@ -127,7 +130,10 @@ def _frame_kernel(sampled: Sampled, turning: Sequence[_Frame], instruments: Sequ
 def _fields(
     craft: Spacecraft, turning: Sequence[_Frame], instruments: Sequence[_Frame]
 ) -> Iterator[tuple[_Frame, np.ndarray, np.ndarray]]:
-    """Devices with a field of view: the frame, up in its axes, and the full angles across and along it."""
+    """Yield for each device with a field of view its frame, up (3,) in that, and the full angles (2,) rad.
+
+    The first angle is across up, the second along it.
+    """
     for frame, terminal in zip(turning, craft.terminals, strict=False):  # then come the drives
         if terminal.field_of_view is not None:
             forward, left, above = UP if terminal.up is None else terminal.up
@@ -139,7 +145,7 @@ def _fields(
 
 
 def _instrument_kernel(sampled: Sampled, fields: Sequence[tuple[_Frame, np.ndarray, np.ndarray]]) -> str:
-    """Fields of view as rectangles; the reference vector is up."""
+    """Text of the instrument kernel: fields of view, as `_fields` has them, as rectangles about up."""
     lines = [
         "KPL/IK",
         "",
@@ -166,6 +172,7 @@ def _instrument_kernel(sampled: Sampled, fields: Sequence[tuple[_Frame, np.ndarr
 
 
 def _definition(frame: _Frame, kind: int) -> list[str]:
+    """Lines of a kernel that define a frame of a class of SPICE: 3 by a C-kernel, 4 by a fixed matrix."""
     variable = f"FRAME_{frame.number}"
     return [
         f"FRAME_{frame.name} = {frame.number}",
@@ -203,6 +210,7 @@ def _pool_holding(kernel: str) -> Iterator[None]:
 
 
 def _write_c_kernel(sampled: Sampled, turning: Sequence[_Frame], path: Path) -> None:
+    """Write the C-kernel, a segment each for platform and devices with joints; their frames are loaded."""
     import spiceypy as spice
 
     assert sampled.start is not None
@@ -226,7 +234,10 @@ def _write_c_kernel(sampled: Sampled, turning: Sequence[_Frame], path: Path) -> 
 def _motions(
     sampled: Sampled, turning: Sequence[_Frame]
 ) -> Iterator[tuple[int, str, np.ndarray, np.ndarray]]:
-    """Each moving frame's number and base, (k, 4) quaternions to it and (k, 3) rad/s in its components."""
+    """Yield each moving frame's number, its base, quaternions (k, 4) frame to base, and rates (k, 3) rad/s.
+
+    Rates are the frame's angular velocity relative to the base, in the base's components.
+    """
     yield _BUS, "J2000", sampled.quaternions, sampled.inertial(sampled.values.angular_velocity)
     for number, frame in enumerate(turning):
         matrices, rates = device_motion(sampled, number)

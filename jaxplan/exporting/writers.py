@@ -86,6 +86,7 @@ def write_stk(sampled: Sampled, folder: Path) -> None:
 
 
 def _write_stk(sampled: Sampled, path: Path, quaternions: np.ndarray, axes: tuple[str, ...]) -> None:
+    """Write an attitude file: quaternions (k, 4), scalar first, relative to what the lines `axes` name."""
     header = (
         "stk.v.11.0",
         "BEGIN Attitude",
@@ -171,7 +172,7 @@ def write_npz(sampled: Sampled, path: Path) -> None:
 
 
 def _arrays(sampled: Sampled) -> list[tuple[str, str, np.ndarray]]:
-    """Name, unit and values of each quantity: (k,), (k, 3), or (k, 4) for the quaternion."""
+    """Name, suffix of the unit and values of each quantity: (k,), (k, 3), or (k, 4) for the quaternion."""
     values, craft = sampled.values, sampled.spacecraft
     arrays = [
         ("time", "_s", sampled.times),
@@ -190,6 +191,6 @@ def _arrays(sampled: Sampled) -> list[tuple[str, str, np.ndarray]]:
 
 
 def _owner(craft: Spacecraft, joint: int) -> int:
-    """The number of the device that a joint is of."""
+    """The number of the device that a joint, by its index, belongs to."""
     terminals = len(craft.terminals)
     return joint % terminals if joint < 2 * terminals else joint - terminals

@@ -1,8 +1,8 @@
 """Planners and methods compared, a line each: the paper's Table 4 as figures, and durations beside a bound.
 
-A planner has one colour in all panels, that of its place among the planners of step 2, whichever of them are
-compared. Rows that are only known from print are grey. The first line of a panel stands at height 0, the next
-at 1, downward.
+A planner has one colour in all panels, by its place in `jaxplan.search.PLANNERS`, whichever of them are
+compared. Rows that the paper prints ("printed" below) are grey. The first line of a panel stands at height 0
+of the vertical axis, the next at 1, downward.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -48,26 +48,26 @@ _MEAN: Look = {
 }
 _SPREAD: Look = {"linewidth": 1.4, "marker": "|", "markersize": 6, "color": GREY}
 _DOT: Look = {"marker": "o", "linestyle": "none", "markeredgewidth": 0.8}
-_LARGE, _SMALL_DOT, _FEW = 4.2, 1.6, 10  # points: a dot where there are few scenes, and at least
-_APART = 0.17  # of a line, the rates of paths found and paths clear
-_BAND = 0.62  # of a line, the height over which dots are spread
-_WIDTH, _LEAST = 12.5, 2.7  # inches: of the page, and at least its height, so that the legend has room
+_LARGE, _SMALL_DOT, _FEW = 4.2, 1.6, 10  # points: size of a dot up to `_FEW` scenes, and the least size
+_APART = 0.17  # lines: half the distance of the marks of paths found and paths clear
+_BAND = 0.62  # lines: height over which dots are spread
+_WIDTH, _LEAST = 12.5, 2.7  # inches: width of the page, and its least height, so that the legend has room
 _ROW, _HEAD, _FOOT = 0.25, 0.45, 0.5  # inches that a planner, the title of a kind and the last axes take
-_COLUMNS = {  # of a row, whose values have a panel
+_COLUMNS = {  # attributes of a row that have a panel, with the label of its axis
     "seconds": "search time (s)",
     "steps": "path length (steps)",
     "nodes": "path length (interior nodes)",
 }
-_LEAST_SPAN = 4.0  # steps or nodes that an axis shows
+_LEAST_SPAN = 4.0  # steps or nodes that an axis shows at least
 _MARKERS = ("o", "s", "D", "^", "v", "P", "X")  # of the methods whose durations are compared
-_HEIGHT, _METHOD = 1.0, 0.26  # inches: of what is around the panel of durations, and of a method of a scene
-_GAP = 0.6  # between scenes, in lines of methods
+_HEIGHT, _METHOD = 1.0, 0.26  # inches around the panel of durations, and for each method of a scene
+_GAP = 0.6  # lines of methods: free height between scenes
 _AREA: Look = {"color": "0.93", "linewidth": 0}
 _BOUND: Look = {"color": "black", "linewidth": 1.6}
 
 
 def table4(rows: Iterable[Row], ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Success rates, search times and path lengths of planners that searched the same scenes.
+    """Draw success rates, search times and path lengths of planners that searched the same scenes.
 
     Each kind of scenes has four panels with a planner a line: the shares of scenes where a path was found and
     where it is clear along whole edges; the times of all searches, logarithmic; and the lengths of the clear
@@ -138,7 +138,7 @@ def _is_printed(row: Row) -> bool:
 
 
 def _by_kind(rows: Iterable[Row]) -> list[list[Row]]:
-    """The rows of each kind, those from print last."""
+    """Check rows and group them by their kind of scenes; the printed ones stand last in each group."""
     kinds: dict[str, list[Row]] = {}
     for number, row in enumerate(several("rows", rows, "rows, as jaxplan.study.table4.compare returns")):
         expect_any(f"rows[{number}]", row, (Row,), "a row of jaxplan.study.table4.compare")
@@ -152,7 +152,7 @@ def _size(kinds: Sequence[Sequence[Row]]) -> tuple[float, float]:
 
 
 def _title(rows: Sequence[Row]) -> str:
-    """Title of a kind: its name, and how many scenes the rows have."""
+    """Title of the panels of a kind: its name, and how many scenes its rows have, printed ones apart."""
     own, printed = ([row.scenes for row in rows if _is_printed(row) == of] for of in (False, True))
     told = [f"{_range(own)} scene{'s' * (set(own) != {1})}"] if own else []
     told += [f"{_range(printed)} as printed"] if printed else []
@@ -160,6 +160,7 @@ def _title(rows: Sequence[Row]) -> str:
 
 
 def _range(counts: Sequence[int]) -> str:
+    """Text of the least and the largest count, "5 to 20", or of the only one, "20"."""
     low, high = min(counts), max(counts)
     return f"{low}" if low == high else f"{low} to {high}"
 
@@ -183,7 +184,10 @@ def _success(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def _spreads(axes: Axes, rows: Sequence[Row], column: str) -> None:
-    """Draw times of all searches, hollow without a clear path, or lengths of the clear paths."""
+    """Draw a column of `_COLUMNS` of each row: times of all searches, or lengths of the clear paths.
+
+    The dot of a search that led to no clear path is hollow.
+    """
     times = column == "seconds"
     if times:
         axes.set_xscale("log")
@@ -202,7 +206,11 @@ def _spreads(axes: Axes, rows: Sequence[Row], column: str) -> None:
 
 
 def _values(axes: Axes, line: int, row: Row, values: np.ndarray, solved: np.ndarray | None = None) -> None:
-    """Draw a dot for each scene and the mean, or the spread of a printed row."""
+    """Draw a row's values on a line at a height: a dot for each scene and the mean.
+
+    Of a printed row the values are (least, largest, mean), drawn as a bar with the mean. `solved` (k,) bool
+    says which dots are filled; None for all.
+    """
     if _is_printed(row):
         least, largest, mean = values
         axes.plot([least, largest], [line, line], **_SPREAD)
@@ -222,7 +230,7 @@ def _values(axes: Axes, line: int, row: Row, values: np.ndarray, solved: np.ndar
 
 
 def _remark(axes: Axes, line: int, text: str) -> None:
-    """Say on a line why nothing is drawn there."""
+    """Write on the line at a height why nothing is drawn there."""
     place = axes.get_yaxis_transform()
     axes.text(0.02, line, text, transform=place, ha="left", va="center", color=GREY, fontsize=SMALL)
 
@@ -262,7 +270,7 @@ def _align(column: Sequence[Axes]) -> None:
 
 
 def _rounded(low: float, high: float, *, decades: bool) -> tuple[float, float]:
-    """Limits between which there are at least two ticks: whole decades, or a few units."""
+    """Limits of an axis that span `low` to `high` and two ticks: whole decades, or at least `_LEAST_SPAN`."""
     if decades:
         return 0.9 * 10 ** np.floor(np.log10(low)), 1.1 * 10 ** np.ceil(np.log10(high))
     missing = max(_LEAST_SPAN - (high - low), 0.0)
@@ -276,10 +284,10 @@ def durations(
     *,
     legend: bool = True,
 ) -> Axes:
-    """Durations of several methods for each scene, with their excess over the bound in percent.
+    """Draw durations of several methods for each scene, with their excess over the bound in percent.
 
     Args:
-        seconds: of each method, by the names of scenes; a scene without a value has no mark.
+        seconds: s, by method and then by name of the scene; a scene without a value has no mark.
         bounds: s, no motion to the same goal is shorter, by the names of scenes (`Plan.duration_bound`);
             they know no zones, and another goal that meets the same targets may be met sooner.
         ax: axes, a figure to put them in, or None for a new one.
@@ -334,6 +342,7 @@ def durations(
 
 
 def _draw_duration(axes: Axes, height: float, value: float, bound: float, look: Look) -> None:
+    """Draw a duration, s, as a mark at a height, with a line from its bound and the excess in percent."""
     axes.plot([bound, value], [height] * 2, color=look["color"], linewidth=1, alpha=0.6)
     axes.plot([value], [height], **look)
     axes.annotate(

@@ -1,4 +1,4 @@
-"""A constellation on the globe, coloured by how long its manoeuvres take, and how those times are spread."""
+"""A constellation on the globe, satellites coloured by manoeuvre times, and a histogram of these."""
 
 import numpy as np
 from matplotlib import colormaps
@@ -28,18 +28,18 @@ from jaxplan.runtime.arguments import expect_any
 _SIZE = (11.5, 5.0)  # inches
 _EARTH: Look = {"facecolor": "#EAF1F6", "edgecolor": "0.6", "linewidth": 0.8}
 _SUN = "#E69F00"
-_LINE: Look = {"color": "black", "linewidth": 1.4}  # of the histogram of the shortest times
-# A link out and no plan, among the satellites and in a legend.
+_LINE: Look = {"color": "black", "linewidth": 1.4}  # of the histogram of `minimum`
+# Marks of satellites with a link that is out, and of those without a plan: on the globe and in the legend.
 _OUT: Look = {"facecolors": "none", "edgecolors": "black", "linewidths": 1.0, "zorder": 4}
 _RING: Look = {"marker": "o", "markersize": 6, "color": "black", "fillstyle": "none"}
 _LOST: Look = {"color": KEEP_OUT, "marker": "x", "linewidths": 1.2, "zorder": 5}
 _CROSS: Look = {"marker": "x", "markersize": 5, "color": KEEP_OUT}
 _COLOURS = "viridis"  # of manoeuvre times, on the globe and in the histogram
-_MOST = 0.99  # of the satellites, whose times the colours span
-_FAR = 1.5  # times what most take: longer ones are named instead of drawn
-_FEW_PLANES = 12  # that are drawn as lines
+_MOST = 0.99  # share of the satellites whose times the colours span
+_FAR = 1.5  # multiple of the longest of these times, beyond which times are written instead of drawn
+_FEW_PLANES = 12  # up to so many planes are drawn as lines
 _BINS = 28  # of the histogram
-_BESIDE = np.deg2rad((-65.0, 20.0))  # azimuth from the Sun's and elevation of the eye
+_BESIDE = np.deg2rad((-65.0, 20.0))  # rad: azimuth from the Sun's and elevation of the eye
 
 
 def constellation(
@@ -50,7 +50,7 @@ def constellation(
     view: tuple[float, float] | None = None,
     legend: bool = True,
 ) -> list[Axes]:
-    """The shell around the Earth, each satellite coloured by its manoeuvre's time, and their histogram.
+    """Draw the shell around the Earth, satellites coloured by the times of their manoeuvres, and a histogram.
 
     Satellites behind the Earth are not seen, and those beyond its limb on the far side are paler. The bars of
     the histogram have the colours of the globe.
@@ -88,6 +88,7 @@ def constellation(
 
 
 def _view(result: Constellation, angles: tuple[float, float] | None) -> GlobeView:
+    """View from azimuth and elevation of the eye, deg; for None one that has the Sun to the side."""
     if angles is not None:
         expect_view(angles)
         return GlobeView.from_angles(*np.deg2rad(angles))
@@ -134,6 +135,7 @@ def _draw_globe(axes: Axes, result: Constellation, norm: Normalize, view: GlobeV
 
 
 def _draw_earth(axes: Axes, view: GlobeView, radius: float) -> None:
+    """Draw the Earth with its grid, and scale the axes to a shell's radius, in radii of the Earth."""
     reach = 1.16 * radius
     axes.set_aspect("equal")
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
@@ -150,15 +152,18 @@ def _draw_planes(axes: Axes, result: Constellation, view: GlobeView) -> None:
     """Draw the orbits of all planes, where the Earth is not in front of them."""
     shell = result.switch.shell
     period = np.linspace(0, shell.period, 181)
-    ways = np.stack([shell.positions(time)[:: shell.slots] for time in period], axis=1)
-    for way in ways / (shell.radius - shell.altitude):
-        flat = view.project(way)
-        hidden = (view.depth(way) < 0) & (np.hypot(*flat.T) < 1)
+    orbits = np.stack([shell.positions(time)[:: shell.slots] for time in period], axis=1)
+    for orbit in orbits / (shell.radius - shell.altitude):
+        flat = view.project(orbit)
+        hidden = (view.depth(orbit) < 0) & (np.hypot(*flat.T) < 1)
         axes.plot(*np.where(hidden[:, None], np.nan, flat).T, color="0.75", linewidth=0.7, zorder=1)
 
 
 def _draw_sun(axes: Axes, sun: np.ndarray | None, view: GlobeView, radius: float) -> None:
-    """Draw an arrow towards the Sun at the edge of the picture; none where it is right in front or behind."""
+    """Draw an arrow toward the Sun, a unit vector (3,), at the edge of the picture of a shell of a radius.
+
+    There is none without a Sun, or where the Sun is right in front or behind.
+    """
     if sun is None:
         return
     toward = view.project(sun)
@@ -204,7 +209,7 @@ def _draw_histogram(
 
 
 def _shares(times: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Shares of times in bins, percent."""
+    """Percentage of all times (k,) that falls in each bin between edges (b + 1,), (b,)."""
     return 100 * np.histogram(times, edges)[0] / len(times)
 
 

@@ -1,9 +1,10 @@
 """Where devices stand on the platform in pictures: a spacecraft says how they are mounted, but not where.
 
-A device stands on the side to which it looks: a terminal or a drive to the middle of all that it can reach,
-an instrument along its boresight. What looks to no side rather than another stands where its boresight is at
-zero angles, a drive along its axis, or opposite, where something stands already. The platform is a cube with
-half edges of 1.
+A device stands where its side, a body-frame direction from the cube's middle, meets the surface: at its
+*foot*. The side of a terminal or a drive is the mean of all directions that it can reach, that of an
+instrument its boresight. Where this mean is too short to tell, a terminal's side is its boresight at zero
+angles, a drive's its axis, or the opposite where something stands already. The platform is a cube with half
+edges of 1.
 """
 
 from itertools import product
@@ -14,13 +15,13 @@ from jaxplan.geometry.vectors import pointing
 from jaxplan.model.gimbals import TURN
 from jaxplan.model.spacecraft import Spacecraft
 
-_TO_A_SIDE = 0.2  # length of the mean of all directions that a device reaches, below which it has no side
-_APART = 0.6  # half edges between the feet of two devices, where there is room
-_ASIDE = 0.65  # half edges from a foot to places beside it
+_TO_A_SIDE = 0.2  # length of the mean of all directions that a device reaches, below which it tells no side
+_APART = 0.6  # half edges between the feet of two devices at least, where there is room
+_ASIDE = 0.65  # half edges from a foot to the places beside it that are tried
 
 
 def feet(craft: Spacecraft) -> np.ndarray:
-    """Points (D, 3) of the cube's surface, in half edges and body axes, one a device."""
+    """Points (D, 3) of the platform's surface at which its D devices are drawn, in body axes."""
     taken: list[np.ndarray] = []
     for wanted in _sides(craft):
         places = [_places(side) for side in wanted]
@@ -31,7 +32,7 @@ def feet(craft: Spacecraft) -> np.ndarray:
 
 
 def _sides(craft: Spacecraft) -> list[list[np.ndarray]]:
-    """Directions of the sides on which each device may stand, the best first."""
+    """For each device the body-frame directions (3,) of the sides on which it may stand, the best first."""
     frames, ranges = craft.gimbals.frames, craft.joint_ranges
     n, found = len(craft.terminals), list[list[np.ndarray]]()
     for number in range(n):
@@ -46,7 +47,7 @@ def _sides(craft: Spacecraft) -> list[list[np.ndarray]]:
 
 
 def _middle(yaws: np.ndarray, pitches: np.ndarray) -> np.ndarray:
-    """Mean (3,) of the directions in a range of yaw and one of pitch, each yaw and pitch counting alike."""
+    """Mean (3,) of the boresights on an even grid over ranges (2,) of yaw and pitch, rad, in mount axes."""
     low = yaws[0] if yaws[1] - yaws[0] < TURN else yaws[1] - TURN
     yaw, pitch = np.meshgrid(np.linspace(low, yaws[1], 73), np.linspace(pitches[0], pitches[1], 19))
     mean: np.ndarray = np.mean(pointing(yaw, pitch), axis=(0, 1))
@@ -54,7 +55,7 @@ def _middle(yaws: np.ndarray, pitches: np.ndarray) -> np.ndarray:
 
 
 def _places(side: np.ndarray) -> list[np.ndarray]:
-    """Points of the cube in a direction, and around it on the same face."""
+    """Points of the cube's surface where a device may stand: in the direction `side`, then beside it."""
     foot = side / np.max(np.abs(side))
     across = [axis for axis in np.eye(3) if abs(axis @ foot) < 1]
     beside = []

@@ -42,9 +42,9 @@ from jaxplan.runtime.progress import progress_bar
 SIZE = (6.8, 5.6)  # inches
 
 _PLAY = 8.0  # s that a film lasts, however long the manoeuvre
-_PLAYER = 120  # pictures at most of the player that a notebook shows
-_COLOURS = 64  # of a picture in a player: a quarter of the bytes, and no difference to be seen
-_LARGEST = 200.0  # MB of pictures that are made small after they were drawn
+_PLAYER = 120  # most pictures of the player that a notebook shows
+_COLOURS = 64  # colours of a picture in a player: a quarter of the bytes, and no difference to be seen
+_LARGEST = 200.0  # MB that all pictures of a player may have before their colours are reduced
 _STILLS, _VIDEOS = (".gif", ".png", ".webp"), (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi")
 _BODY = np.array([0.15, 0.15, 0.19])  # half edges of the platform, in radii of the sphere
 _PALEST, _DARKEST = 0.93, 0.62  # greys of its faces, square to the eye and edgewise
@@ -57,7 +57,7 @@ def animate(
     view: tuple[float, float] | None = None,
     frames: int = 80,
 ) -> "Film":
-    """A film of a manoeuvre on the globe.
+    """Make a film of a manoeuvre on the globe.
 
     As the last line of a notebook's cell it shows a player. ``.save("slew.gif")`` writes a file, as ``.mp4``
     where ffmpeg is installed.
@@ -65,7 +65,7 @@ def animate(
     Args:
         plan: with a trajectory.
         ax: axes, a figure to put them in, or None for a new one.
-        view: inertial azimuth and elevation of the eye, deg; None for where most of the ways are in front.
+        view: inertial azimuth and elevation of the eye, deg; None for one that most boresights face.
         frames: pictures, evenly over the manoeuvre.
 
     Returns:
@@ -86,8 +86,10 @@ def animate(
     draw_zones(axes, plan, seen, zones_at(plan.scenario, 0.0, moving=False))
     axes.set_ylim(-1.06, 1.3)  # with room for the clock above
     ends = draw_ends(axes, plan, seen, alpha=0.5)
-    for device, way in enumerate(np.moveaxis(moves.boresights, 1, 0)):
-        draw_line(axes, seen, way, {"linewidth": 0.8, "zorder": 2.5, "color": device_style(device)["color"]})
+    for device, track in enumerate(np.moveaxis(moves.boresights, 1, 0)):
+        draw_line(
+            axes, seen, track, {"linewidth": 0.8, "zorder": 2.5, "color": device_style(device)["color"]}
+        )
     devices = device_entries(plan.scenario.spacecraft.device_names)
     legend_beside(axes, [*devices, *ends, *zone_entries(plan.scenario)])
     picture = _Picture(axes, plan, moves, seen)
@@ -192,7 +194,7 @@ def _check_place(target: Path) -> None:
 
 
 def _smaller(found: re.Match[str]) -> str:
-    """Reduce the colours of a picture that is embedded in a page, so that it takes fewer bytes."""
+    """The PNG ``data:`` address of a match with its colours reduced, so that it takes fewer bytes."""
     picture = Image.open(io.BytesIO(base64.b64decode(found[2].replace("\\\n", ""))))
     file = io.BytesIO()
     picture.convert("RGB").quantize(_COLOURS).save(file, "png")
@@ -200,7 +202,7 @@ def _smaller(found: re.Match[str]) -> str:
 
 
 class _Picture:
-    """Artists of a film that move; a call with the number of an instant moves them to it."""
+    """Artists of a film that move; a call with the index of a time of the motion moves them to it."""
 
     def __init__(self, axes: Axes, plan: Plan, moves: Motion, view: GlobeView) -> None:
         self.axes, self.motion, self.view = axes, moves, view
@@ -223,14 +225,14 @@ class _Picture:
         self.clock = axes.text(-1.06, 1.27, "", fontsize=SMALL + 1, ha="left", va="top")
 
     def __call__(self, number: int) -> list[Artist]:
-        """Show an instant; returns what has changed."""
+        """Move all artists to the motion's time of an index; returns those that have changed."""
         attitude = self.motion.values.attitude[number]
         self._turn_platform(attitude)
         feet, tips = self.feet @ attitude.T, self.motion.boresights[number]
         near, front = self.view.depth(tips) >= 0, self.view.depth(feet) >= 0
         for device, ends in enumerate(self.view.project(np.stack([feet, tips], axis=1))):
-            way = self.motion.boresights[: number + 1, device]
-            for line, (flat, _) in zip(self.trails[device], self.view.parts(way), strict=True):
+            track = self.motion.boresights[: number + 1, device]
+            for line, (flat, _) in zip(self.trails[device], self.view.parts(track), strict=True):
                 line.set_data(*flat.T)
             self.beams[device].set_data(*ends.T)
             self.beams[device].set(alpha=1.0 if near[device] else 0.5, zorder=2.8 if front[device] else 2.6)
@@ -241,7 +243,7 @@ class _Picture:
         return [*self.moving, self.faces, *chain(*self.trails), *self.beams, *self.spots, self.clock]
 
     def _move_zones(self, time: float) -> None:
-        """Draw the zones that move where they are at a time, s."""
+        """Draw the zones that move where they are at a time, s, in place of those drawn before."""
         for artist in self.moving:
             artist.remove()
         zones = zones_at(self.scenario, time, moving=True)
@@ -249,7 +251,7 @@ class _Picture:
         self.moving += name_zones(self.axes, self.view, zones)
 
     def _turn_platform(self, attitude: np.ndarray) -> None:
-        """Draw the faces of the platform that the eye sees."""
+        """Draw the faces of the platform that the eye sees at an attitude (3, 3), body to inertial."""
         corners, shades = [], []
         for axis, side in product(range(3), (-1, 1)):
             middle, first, second = np.roll(np.eye(3), -axis, axis=0) * _BODY
@@ -264,6 +266,7 @@ class _Picture:
         self.faces.set_facecolor(shades)
 
     def _words(self, number: int) -> str:
+        """Time and smallest margin at the motion's time of an index, as text."""
         times = self.motion.times
         words = f"{times[number]:.1f} of {times[-1]:.1f} s"
         found = [values[number] for values in self.margins if not np.isnan(values[number])]

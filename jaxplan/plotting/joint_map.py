@@ -1,7 +1,7 @@
-"""The way of every terminal through its yaw and pitch, among masks and ranges; outlines of fields of view.
+"""Yaw against pitch of every terminal over a manoeuvre, among masks and ranges; outlines of fields of view.
 
 A map shows what no sphere can: a mask is a polygon of joint angles, wherever the platform is turned. Where a
-mask is met again after a turn of the yaw, it is drawn there, too.
+range of yaw spans more than a turn, a mask is drawn at each turn at which it is met.
 """
 
 from collections.abc import Iterator
@@ -36,7 +36,7 @@ from jaxplan.plotting.style import (
     tidy,
 )
 
-_PANEL = (7.5, 2.6)  # inches, of a terminal
+_PANEL = (7.5, 2.6)  # inches: width and height of a terminal's panel
 _MASK: Look = {"facecolor": "#B2182B22", "edgecolor": KEEP_OUT, "linewidth": 1.1, "zorder": 1.6}
 _RANGE: Look = {"fill": False, "edgecolor": GREY, "linewidth": 1.0, "zorder": 1.5}
 _START: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgecolor": "white"}
@@ -48,11 +48,11 @@ _END: Look = {
     "markeredgewidth": 1.8,
 }
 _NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
-_EDGE = np.linspace(0, 1, 33)[:-1, None]  # shares of an edge of a field, at which its outline has points
+_EDGE = np.linspace(0, 1, 33)[:-1, None]  # fractions of a field's edge at which its outline has points
 
 
 def joint_map(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """The way of each terminal in the plane of its yaw and pitch, with its range and its masks.
+    """Draw the yaw of each terminal against its pitch over the manoeuvre, with its range and its masks.
 
     Args:
         plan: of any status; without a trajectory the nodes of its path, or start and goal alone, are drawn.
@@ -81,7 +81,7 @@ def joint_map(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axe
 
 
 def _draw(axes: Axes, plan: Plan, number: int) -> None:
-    """Draw the map of a terminal."""
+    """Draw the map of the terminal of a number."""
     craft, colour = plan.scenario.spacecraft, device_style(number)["color"]
     own = [number, number + len(craft.terminals)]
     tidy(axes)
@@ -109,7 +109,7 @@ def _draw(axes: Axes, plan: Plan, number: int) -> None:
 
 
 def _draw_mask(axes: Axes, mask: Mask, low: np.ndarray, high: np.ndarray) -> None:
-    """Fill a mask at every turn of the yaw, with its name where its middle can be seen."""
+    """Fill a mask at every turn of the yaw, and name it between `low` and `high`, (2,) deg, of the range."""
     for turn in mask.turns:
         corners = np.rad2deg(mask.corners) + np.array([360.0 * turn, 0.0])
         axes.add_patch(Polygon(corners, **_MASK))
@@ -121,6 +121,7 @@ def _draw_mask(axes: Axes, mask: Mask, low: np.ndarray, high: np.ndarray) -> Non
 
 
 def _entries(plan: Plan) -> Entries:
+    """Legend entries of what the maps of a plan show."""
     drawn: Entries = [(Line2D([], [], color=GREY, linewidth=1.8), "trajectory")] if plan.trajectory else []
     drawn += [(Line2D([], [], color=GREY, **_NODE), "node of the path")] if plan.path is not None else []
     drawn.append((Line2D([], [], color=GREY, **_START), "start"))
@@ -131,7 +132,16 @@ def _entries(plan: Plan) -> Entries:
 def field_outlines(
     scenario: Scenario, attitude: np.ndarray, joints: np.ndarray
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Closed outlines (k, 3), inertial, of the fields of view in a state, each with its device's number."""
+    """Yield the number of each device with a field of view, and the field's outline in a state.
+
+    Args:
+        scenario: whose devices are meant.
+        attitude: (3, 3) body to inertial.
+        joints: (J,) rad.
+
+    Yields:
+        The device's number, and (k, 3) inertial unit vectors, the last of which is the first.
+    """
     craft, rows = scenario.spacecraft, scenario.constraints
     sights = rows.sights(craft.gimbals, craft.fixed_boresights)
     for number, device in enumerate(craft.devices):

@@ -51,15 +51,15 @@ _TICKS = [
     0.0,
     *(sign * value for value in _DEGREES if value <= 180 for sign in (-1, 1)),
 ]  # nearest to zero first
-_MINOR = 0.2  # of the room that a number takes: so far apart are ticks without one, lest they run together
+_MINOR = 0.2  # least distance of ticks without a label, in widths of a label, lest they run together
 SIZE = (9.0, 4.2)  # inches
 _PROVED: Look = {"marker": "^", "color": "black", "markersize": 7, "linestyle": "none"}
-# Of a name from its lowest point, in halves of its size: above, below, to the sides, farther off.
+# Offsets of a name's centre from the lowest point of its curve, in halves of the name's size, the best first.
 _OFFSETS = np.array(
     [(0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 2.5), (1, 2.5), (-1, 2.5), (2, 0), (-2, 0)]
 )
 _BROKEN: Look = {"facecolor": to_rgba(KEEP_OUT, 0.12), "edgecolor": "none", "zorder": 0.6}
-_CROWD = 60  # curves, beyond which they are drawn fainter
+_CROWD = 60  # number of curves beyond which they are drawn fainter
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,8 +99,8 @@ class _DegreeLocator(Locator):
     """Locator of ticks at round numbers of degrees, as many as there is room for.
 
     Args:
-        digits: first digits that ticks may have; those of the first ones come first.
-        room: between two ticks, in what a number takes.
+        digits: first digits that ticks may have, in the order in which ticks are tried.
+        room: least distance of two ticks, in widths of a label.
     """
 
     def __init__(self, digits: Iterable[int], room: float) -> None:
@@ -127,11 +127,12 @@ class _DegreeLocator(Locator):
 
 @cache
 def _first_digit(value: float) -> int:
+    """First significant digit of a number, 0 of zero."""
     return int(f"{abs(value):e}"[0])
 
 
 def margins(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
-    """Margin over time of every device, and every other direction, to each zone that binds it.
+    """Draw the margin over time of every device, and every vector that zones bind, to each of its zones.
 
     The bold line of a device is its smallest margin, named after the zone at its lowest point. The vertical
     axis holds every line: it is linear near zero, for a degree or up to the smallest margin, and logarithmic
@@ -160,7 +161,7 @@ def margins(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
 
 
 def draw(axes: Axes, plan: Plan, moves: Motion) -> tuple[Entries, Entries]:
-    """Draw the panel; returns the legend entries of the devices, and of all else."""
+    """Draw margins over time on one panel; returns the legend entries of the devices, and of all else."""
     axes.set_ylabel("margin to zones (deg)", fontsize=TEXT)
     found = margins_over_time(plan.scenario, moves)
     if not found:
@@ -201,6 +202,7 @@ class _Smallest(NamedTuple):
 
 
 def _smallest(own: Sequence[Margin]) -> _Smallest:
+    """The smallest of a device's margins, at each time."""
     table = np.rad2deg([margin.values for margin in own])
     values = np.fmin.reduce(table)
     lowest = int(np.nanargmin(values))
@@ -208,7 +210,7 @@ def _smallest(own: Sequence[Margin]) -> _Smallest:
 
 
 def _span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
-    """Scale the vertical axis to all that is drawn, deg, and mark the limit and what lies below it."""
+    """Scale the vertical axis to all values drawn, deg, and draw the limit at zero and the red area below."""
     before = [] if axes.get_autoscaley_on() else axes.get_ylim()  # of a panel that shares the axis
     values = np.concatenate([np.ravel(one) for one in (*before, *drawn)])
     lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
@@ -224,7 +226,14 @@ def _span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
 def _name_zones(
     axes: Axes, times: np.ndarray, smallest: dict[int, _Smallest], marks: list[tuple[float, float]]
 ) -> None:
-    """Name the zone at the lowest point of each smallest margin, lowest first and as far as there is room."""
+    """Name the zone at the lowest point of each smallest margin, lowest first and as far as there is room.
+
+    Args:
+        axes: the panel, scaled.
+        times: (k,) s.
+        smallest: by number of the device.
+        marks: places (time in s, margin in deg) of marks that no name may cover.
+    """
     panel = axes.get_window_extent()
     size = np.array([panel.width, panel.height]) * 72 / axes.figure.dpi  # points, before the final layout
     height = axes.yaxis.get_transform().transform

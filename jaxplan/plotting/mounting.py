@@ -46,25 +46,25 @@ from jaxplan.runtime.arguments import expect, expect_numbers
 
 SIZE = (9.0, 6.4)  # inches
 _BODY, _DOME, _AXIS, _LOOK, _FIELD = 0.55, 0.38, 0.52, 0.62, 0.54
-"""Lengths in the picture: half edge of the platform; of each device from its foot on the radius of what it
-reaches, its axis, its boresight, and its field of view."""
+"""Lengths in the picture: half edge of the platform; from the foot of a device the radius of what it reaches,
+its axis, its boresight, and its field of view."""
 _FRAME = 1.3  # length of the body axes, from the middle of the platform
 _VIEW = (24.0, -52.0)  # deg, elevation and azimuth of the eye
-_CELL = np.deg2rad(5.0)  # rad, of the net that surfaces are made of
-_STEP = np.deg2rad(2.0)  # rad, between points of lines on them
-_REACH, _MASKED, _SIDE = 0.20, 0.45, 0.10  # opacities
-_NARROW = 0.01  # width of what the legend stands beside, in widths of the picture
-_LINES = 36  # of a column of the legend
-_FILLED = 0.84  # share of the axes that the picture fills
+_CELL = np.deg2rad(5.0)  # rad: width of the cells that surfaces are made of
+_STEP = np.deg2rad(2.0)  # rad between points of lines on them, at most
+_REACH, _MASKED, _SIDE = 0.20, 0.45, 0.10  # opacities: of what is reached, of masks, of the platform's faces
+_NARROW = 0.01  # width of the axes that the legend stands beside, in widths of the picture
+_LINES = 36  # lines of text in a column of the legend
+_FILLED = 0.84  # share of the axes' width or height that the picture fills
 _LETTER = np.array([0.75, 1.8])  # width of a letter and height of a line, in sizes of the font
-_HEAD = 0.07  # length of an arrow's head
+_HEAD = 0.07  # length of an arrow's head, in the picture's units
 _FACES = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # corners of a square
 
 
 def spacecraft(
     spacecraft: Spacecraft, joints: ArrayLike | None = None, ax: Canvas = None, *, legend: bool = True
 ) -> Axes3D:
-    """A spacecraft in its body axes, so that a wrong mounting is seen.
+    """Draw a spacecraft in its body axes, so that a wrong mounting is seen.
 
     Args:
         spacecraft: its devices.
@@ -111,9 +111,9 @@ def spacecraft_figure(craft: Spacecraft, joints: ArrayLike) -> Figure:
 
 
 def _solid(where: Canvas) -> tuple[Axes3D, Axes]:
-    """The 3-D axes to draw on, with nothing around, and those that the legend stands beside.
+    """Make or check the 3-D axes to draw on; returns them, and the axes that the legend stands beside.
 
-    These are narrow ones of their own where that can be: a layout does not know how wide 3-D axes are.
+    In a figure these are narrow ones of their own, since a layout does not know how wide 3-D axes are.
     """
     if where is None:
         where = new_figure(SIZE)
@@ -134,7 +134,14 @@ def _solid(where: Canvas) -> tuple[Axes3D, Axes]:
 
 
 class _Picture:
-    """What is drawn of a spacecraft; surfaces are one collection, so that near ones cover far ones."""
+    """Drawing of a spacecraft; surfaces are one collection, so that near ones cover far ones.
+
+    Args:
+        craft: the spacecraft.
+        axes: 3-D, to draw on.
+        joints: (J,) rad.
+        turned: whether boresights are drawn at these angles, besides zero angles.
+    """
 
     def __init__(self, craft: Spacecraft, axes: Axes3D, joints: np.ndarray, *, turned: bool) -> None:
         self.craft, self.axes, self.turned = craft, axes, turned
@@ -161,6 +168,7 @@ class _Picture:
         self._name_devices()
 
     def _draw_body(self) -> None:
+        """Draw the platform as a cube, with the body axes."""
         for axis, side in np.ndindex(3, 2):
             middle, first, second = np.roll(np.eye(3), -axis, axis=0) * _BODY
             square = np.array([(2 * side - 1) * middle + i * first + j * second for i, j in _FACES])
@@ -171,6 +179,7 @@ class _Picture:
             self._name(1.06 * _FRAME * axis, name, look["color"], TEXT + 2)
 
     def _draw_device(self, number: int, device: Terminal | Drive | Instrument, foot: np.ndarray) -> None:
+        """Draw the device of a number from its foot (3,): reach, boresights and field of view."""
         look = device_style(number)
         colour = look["color"]
         if isinstance(device, Terminal):
@@ -186,7 +195,7 @@ class _Picture:
             self._draw_field(number, device, device.field_of_view, foot)
 
     def _draw_reach(self, number: int, terminal: Terminal, foot: np.ndarray) -> None:
-        """The part of a sphere that a terminal's ranges reach, without its masks, and its yaw axis."""
+        """Draw the part of a sphere that a terminal's ranges reach, without its masks, and its yaw axis."""
         frame, colour = self.craft.gimbals.frames[number], device_style(number)["color"]
         ranges = np.asarray(terminal.ranges, float)
         yaws, pitches = _once_around(ranges[0]), ranges[1]
@@ -218,7 +227,7 @@ class _Picture:
         self._line(_from(foot, _AXIS * frame[:, 2]), {"color": colour, "linewidth": 1, "linestyle": ":"})
 
     def _draw_fan(self, number: int, drive: Drive, foot: np.ndarray) -> None:
-        """The fan in which a drive's boresight turns, and its axis."""
+        """Draw the fan in which a drive's boresight turns, and its axis."""
         frame, colour = self.craft.gimbals.frames[number], device_style(number)["color"]
         angles = _points(_once_around(np.asarray(drive.range, float)))
         own = pointing(angles, np.full_like(angles, float(drive.tilt)))
@@ -231,7 +240,7 @@ class _Picture:
         self._line(foot + axis, {"color": colour, "linewidth": 1, "linestyle": ":"})
 
     def _draw_field(self, number: int, device: Any, full: np.ndarray, foot: np.ndarray) -> None:
-        """A field of view as a pyramid, with the direction of up at its upper edge."""
+        """Draw a field of view of full angles (2,) rad as a pyramid, with an arrow up at its upper edge."""
         colour = device_style(number)["color"]
         if isinstance(device, Terminal):
             up, turn = UP if device.up is None else device.up, self.moved[number]
@@ -284,15 +293,17 @@ class _Picture:
             self._name(places[where], name, device_style(number)["color"], SMALL + 1)
 
     def _seen(self, point: np.ndarray) -> np.ndarray:
-        """Where a point is in the picture, pixels."""
+        """Place (2,) in the picture, pixels, of a point (3,) in body axes."""
         across, up, _ = proj_transform(*point, self.axes.get_proj())
         return np.asarray(self.axes.transData.transform((across, up)))
 
     def _fill(self, polygons: Sequence[np.ndarray] | np.ndarray, colour: str, alpha: float) -> None:
+        """Add polygons, each (k, 3) in body axes, to the surfaces, which `draw` draws together."""
         self.surfaces += list(polygons)
         self.colours += [to_rgba(colour, alpha)] * len(polygons)
 
     def _line(self, points: np.ndarray, look: Look) -> None:
+        """Draw a line through points (k, 3) in body axes."""
         self.drawn.append(points)
         self.axes.plot(*points.T, zorder=3, **look)
 
@@ -309,6 +320,7 @@ class _Picture:
         self._line(np.array([barbs[0], points[-1], barbs[1]]), {**look, "linestyle": "-"})
 
     def _name(self, place: np.ndarray, text: str, colour: str, size: float) -> None:
+        """Write a text at a point (3,) in body axes."""
         named = self.axes.text(*place, text, color=colour, fontsize=size, zorder=5, **HALO)
         plain(named)
 
@@ -316,7 +328,7 @@ class _Picture:
         """Legend entries: devices with their ranges, and what the lines are."""
         devices = self.craft.devices
         found: Entries = [
-            (Line2D([], [], linewidth=2.2, **device_style(number)), _told(device))
+            (Line2D([], [], linewidth=2.2, **device_style(number)), _device_label(device))
             for number, device in enumerate(devices)
         ]
         joints = [device for device in devices if not isinstance(device, Instrument)]
@@ -351,8 +363,8 @@ class _Picture:
         return found + [(handle, text) for there, handle, text in kinds if there]
 
 
-def _told(device: Terminal | Drive | Instrument) -> str:
-    """A device's name with its ranges and its field of view, deg."""
+def _device_label(device: Terminal | Drive | Instrument) -> str:
+    """Legend text of a device: its name, its ranges and its field of view, deg."""
     lines = [device.name]
     if isinstance(device, Terminal):
         yaw, pitch = np.asarray(device.ranges, float)
@@ -365,22 +377,24 @@ def _told(device: Terminal | Drive | Instrument) -> str:
 
 
 def _span(ends: np.ndarray) -> str:
+    """Text of a range (2,) rad, in degrees."""
     return "{} to {} deg".format(*map(_degrees, ends))
 
 
 def _degrees(angle: float) -> str:
+    """Text of an angle, rad, in degrees."""
     return f"{np.rad2deg(angle):.4g}".replace("-", "\N{MINUS SIGN}")
 
 
 def _turn(azimuth: float, elevation: float) -> np.ndarray:
-    """(3, 3) from a moving part's axes (boresight, left, up) to those at zero angles."""
+    """Rotation (3, 3) by angles in rad, from a moving part's axes (boresight, left, up) to its mount's."""
     ahead = pointing(azimuth, elevation)
     left = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     return np.stack([ahead, left, np.cross(ahead, left)], axis=-1)
 
 
 def _once_around(span: np.ndarray) -> np.ndarray:
-    """A range, of which no more than a turn is drawn: the last one, up to half a turn where it has that."""
+    """A range (2,) rad, cut to one turn: the one that ends at pi, or as near to that as the range allows."""
     if span[1] - span[0] < TURN:
         return span
     high = np.clip(np.pi, span[0] + TURN, span[1])
@@ -388,23 +402,27 @@ def _once_around(span: np.ndarray) -> np.ndarray:
 
 
 def _net(span: np.ndarray) -> np.ndarray:
+    """Edges (k,) of equal cells of a range, rad, each about `_CELL` wide."""
     return np.linspace(span[0], span[1], 1 + max(1, round(float(span[1] - span[0]) / _CELL)))
 
 
 def _points(span: np.ndarray) -> np.ndarray:
+    """Equidistant angles (k,) of a range, rad, at most `_STEP` apart."""
     return np.linspace(span[0], span[1], 2 + int(float(span[1] - span[0]) / _STEP))
 
 
 def _middles(edges: np.ndarray) -> np.ndarray:
+    """Middles (k,) of the cells between edges (k + 1,)."""
     return (edges[1:] + edges[:-1]) / 2
 
 
 def _from(foot: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Both ends (2, 3) of a vector from a foot."""
     return np.array([foot, foot + vector])
 
 
 def _within(terminal: Terminal, points: np.ndarray) -> np.ndarray:
-    """Which (yaw, pitch) (..., 2) lie in a mask, whatever the turn."""
+    """Which (yaw, pitch) (..., 2) rad lie in a mask of a terminal, at any turn of the yaw; (...) bool."""
     found = np.zeros(points.shape[:-1], dtype=bool)
     low, high = np.min(points[..., 0]), np.max(points[..., 0])
     for corners in terminal.mask:
@@ -418,7 +436,10 @@ def _within(terminal: Terminal, points: np.ndarray) -> np.ndarray:
 def _outline(
     corners: np.ndarray, turn: int, yaws: np.ndarray, pitches: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Yaws and pitches along a mask's outline, held within the ranges; corners (k, 2)."""
+    """Yaws and pitches along a mask's outline, rad, its corners (k, 2) moved by whole turns of the yaw.
+
+    Points are clipped to the ranges (2,) of yaws and pitches.
+    """
     places, count = np.linspace(0.0, len(corners), 24 * len(corners) + 1), np.arange(len(corners) + 1)
     closed = corners[count % len(corners)] + np.array([TURN * turn, 0.0])
     yaw, pitch = (np.interp(places, count, closed[:, column]) for column in range(2))

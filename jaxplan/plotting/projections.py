@@ -22,16 +22,16 @@ import numpy as np
 
 from jaxplan.geometry.vectors import azimuth_elevation, frame, pointing
 
-PALE = 0.28  # share of the near side's opacity with which the far side of the globe is drawn
+PALE = 0.28  # opacity of the far side of the globe, as a share of the near side's
 
 # rad, angles along a circle from its northernmost point, where it begins. It may pass close to a pole only
-# near there or opposite; there the azimuth turns fast, so points crowd.
+# near there or opposite; there the azimuth changes fast, so points are dense.
 _NEAR = np.geomspace(1e-6, 0.02, 40)
 _ROUND = np.unique(
     [*np.linspace(0, 2 * np.pi, 721), *_NEAR, *(np.pi - _NEAR), *(np.pi + _NEAR), *(2 * np.pi - _NEAR)]
 )
-_ELEVATIONS = np.deg2rad([15, 0, -15, 30, -30, 45, -45])  # rad, that a chosen view may have
-_LIMB = 0.2  # depth below which a direction is seen too much from the side
+_ELEVATIONS = np.deg2rad([15, 0, -15, 30, -30, 45, -45])  # rad, elevations of the eye that are tried
+_LIMB = 0.2  # depth, in radii, below which a direction is too near to the limb to count as in front
 # Lines of the grids on which areas are found: deg on the flat map, radii on the globe.
 _AZIMUTHS, _ELEVATION_LINES = np.linspace(-180, 180, 361), np.linspace(-90, 90, 181)
 _GLOBE_LINES = np.linspace(-1.01, 1.01, 203)
@@ -40,7 +40,7 @@ _ACROSS = np.linspace(-1.1, 1.1, 23)  # half widths of such a cone from its cent
 
 
 def circle(axis: np.ndarray, half_angle: float) -> np.ndarray:
-    """The edge of a cone on the sphere.
+    """Points along the edge of a cone on the sphere.
 
     Args:
         axis: (3,) unit vector.
@@ -78,7 +78,7 @@ def cut(points: np.ndarray) -> np.ndarray:
     """A line on the flat map, taken apart where it crosses the meridian at its edges.
 
     Args:
-        points: (k, 2) deg, successive points of the line; the shorter way between two is meant.
+        points: (k, 2) deg, successive points of the line; two are joined the shorter way round in azimuth.
 
     Returns:
         (k', 2) deg: at every crossing the line runs up to the edge, a row of NaN follows, and it goes on from
@@ -99,10 +99,10 @@ class Sheet(NamedTuple):
     """One layer of a picture, on a grid of its points.
 
     Attributes:
-        across: (n,) of the picture.
-        upward: (m,) likewise.
-        directions: (m, n, 3) inertial.
-        strength: by which the opacity of an area is multiplied.
+        across: (n,) horizontal coordinates in the picture: deg on the flat map, radii on the globe.
+        upward: (m,) vertical ones.
+        directions: (m, n, 3) inertial unit vectors at the grid's points.
+        strength: factor of an area's opacity.
     """
 
     across: np.ndarray
@@ -125,7 +125,7 @@ class FlatMap:
     gap: ClassVar = 2.0
 
     def project(self, directions: np.ndarray) -> np.ndarray:
-        """Points (..., 2) of the picture of directions (..., 3)."""
+        """Points (..., 2) of the picture, deg, of inertial directions (..., 3)."""
         return unfold(directions)
 
     def opacity(self, directions: np.ndarray) -> np.ndarray:
@@ -137,7 +137,7 @@ class FlatMap:
         return [(cut(unfold(line)), 1.0)]
 
     def sheets(self, axis: np.ndarray, half_angle: float) -> Iterator[Sheet]:
-        """The layers of the picture, on a grid that is fine enough for a cone."""
+        """Yield the one layer of the map, on a grid that is fine enough for a cone."""
         if half_angle > _SMALL:
             yield _flat_sheet()
             return
@@ -148,7 +148,7 @@ class FlatMap:
         yield _sheet(across, upward)
 
     def extent(self, axis: np.ndarray, half_angle: float) -> tuple[float, float]:
-        """Half the width and height of a cone in the picture, at most those of a half sphere."""
+        """Half the width and height, deg, of a cone in the picture, at most those of a half sphere."""
         angle = min(float(np.rad2deg(half_angle)), 90.0)
         return angle / np.cos(min(abs(azimuth_elevation(axis)[1]), np.pi / 3)), angle
 
@@ -164,16 +164,18 @@ class FlatMap:
 
 
 def _sheet(across: np.ndarray, upward: np.ndarray) -> Sheet:
+    """The flat map on a grid of azimuths (n,) and elevations (m,), deg."""
     return Sheet(across, upward, np.asarray(pointing(*np.deg2rad(np.meshgrid(across, upward)))), 1.0)
 
 
 @cache
 def _flat_sheet() -> Sheet:
+    """The flat map on its usual grid."""
     return _sheet(_AZIMUTHS, _ELEVATION_LINES)
 
 
 def _finer(lines: np.ndarray, centre: float, reach: float) -> np.ndarray:
-    """The lines of a grid with more lines about a centre, so that what is small does not fall between two."""
+    """Grid coordinates (n,) with more of them within about `reach` of a centre, for what is small there."""
     more = centre + reach * _ACROSS
     return np.union1d(lines, more[(more > lines[0]) & (more < lines[-1])])
 
@@ -219,7 +221,7 @@ class GlobeView:
         return f"seen from azimuth {azimuth:.0f}, elevation {elevation:.0f} deg (inertial)"
 
     def project(self, directions: np.ndarray) -> np.ndarray:
-        """Points (..., 2) of the picture of points (..., 3)."""
+        """Points (..., 2) of the picture, radii, of inertial points (..., 3)."""
         return np.asarray(directions @ self.axes[:2].T)
 
     def depth(self, points: np.ndarray) -> np.ndarray:
@@ -231,7 +233,7 @@ class GlobeView:
         return np.where(self.depth(directions) >= 0, 1.0, PALE)
 
     def parts(self, line: np.ndarray) -> list[tuple[np.ndarray, float]]:
-        """A line (k, 3) on the sphere in front and behind, each (k, 2) with NaN on the other side."""
+        """A line (k, 3) on the sphere in front and behind, each (k, 2) with NaN elsewhere, with opacities."""
         flat, near = self.project(line), self.depth(line) >= 0
         far = ~near
         far[1:] |= near[1:] & ~near[:-1]  # so that the two halves meet
@@ -239,7 +241,7 @@ class GlobeView:
         return [(np.where(side[:, None], flat, np.nan), alpha) for side, alpha in ((near, 1.0), (far, PALE))]
 
     def sheets(self, axis: np.ndarray, half_angle: float) -> Iterator[Sheet]:
-        """The layers of front and back of the sphere, with the limb's directions beyond it."""
+        """Yield the layers of the sphere's front and back; points beyond the limb have its directions."""
         across = upward = _GLOBE_LINES
         points = _whole_disc()
         if half_angle <= _SMALL:
@@ -250,7 +252,7 @@ class GlobeView:
             yield Sheet(across, upward, points * (1, 1, side) @ self.axes, strength)
 
     def extent(self, axis: np.ndarray, half_angle: float) -> tuple[float, float]:
-        """Half the width and height of a cone in the picture, if it is seen from straight above."""
+        """Half the width and height, radii, of a cone in the picture, as if it were seen along its axis."""
         size = float(np.sin(min(half_angle, np.pi / 2)))
         return size, size
 
@@ -278,4 +280,5 @@ def _disc(across: np.ndarray, upward: np.ndarray) -> np.ndarray:
 
 @cache
 def _whole_disc() -> np.ndarray:
+    """Points of the near half sphere at the globe's usual grid."""
     return _disc(_GLOBE_LINES, _GLOBE_LINES)

@@ -3,8 +3,8 @@
 Several trajectories are given by their names; in `compare` the colour and line style of each are those of its
 place among the names. At a break a trajectory is drawn from both sides, so that a jump is a vertical stroke.
 
-A limit far from all curves of its panel is told above it. Inside are radians and seconds, on the axes degrees
-and seconds.
+A limit far from all curves of its panel is written above it. Inside are radians and seconds, on the axes
+degrees and seconds.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,9 +39,9 @@ from jaxplan.plotting.style import (
 from jaxplan.plotting.time_panels import AXIS_ENTRIES, BODY, SPIN, labelled
 from jaxplan.trajectory import Trajectory
 
-_FAR_OF_SEVERAL = 1.5  # times the highest value, beyond which a limit is told and not drawn
-_INSTANTS = 880  # of the grid, besides both sides of some seventy breaks
-_SMOOTH = 3  # continuous derivatives of the attitude, with which the jerk has no jumps
+_FAR_OF_SEVERAL = 1.5  # multiple of the highest value beyond which a limit is written and not drawn
+_INSTANTS = 880  # times of the grid, besides both sides of some seventy breaks
+_SMOOTH = 3  # number of continuous derivatives of the attitude with which the jerk has no jumps
 _GREY: Look = {"color": GREY}
 _JOIN: Look = {"color": "0.7", "linewidth": 0.9, "linestyle": (0, (1, 2))}
 
@@ -53,7 +53,7 @@ def compare(
     *,
     legend: bool = True,
 ) -> list[Axes]:
-    """Rates, accelerations and jerks of several trajectories, with limits.
+    """Draw rates, accelerations and jerks of several trajectories, with limits.
 
     There is a column for each body axis of the platform, and one, with a scale of its own, for the joint that
     comes nearest to a limit of its rate or acceleration in any of the trajectories.
@@ -115,7 +115,7 @@ def segments(
     *,
     legend: bool = True,
 ) -> list[Axes]:
-    """Angular acceleration and jerk of the platform, a trajectory a column, with their joins (Figure 11).
+    """Draw angular acceleration and jerk of the platform, a trajectory a column, with joins (Figure 11).
 
     Dotted lines are joins where the jerk may jump; the largest jump of a body axis is told above the jerks.
 
@@ -180,6 +180,7 @@ class _Sampled:
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> Self:
+        """Sample a trajectory."""
         end = trajectory.duration
         grid = np.linspace(0.0, end, _INSTANTS if end > 0 else 1)
         after = np.unique(np.concatenate([trajectory.breaks, trajectory.joint_breaks]))
@@ -199,6 +200,7 @@ class _Sampled:
 
 
 def _sampled(trajectories: Mapping[str, Trajectory], spacecraft: Spacecraft) -> dict[str, _Sampled]:
+    """Check the arguments of a figure and sample its trajectories, by name; raises as `compare` does."""
     expect_trajectories(trajectories, spacecraft)
     if not trajectories:
         raise ValueError("there are no trajectories to draw")
@@ -206,13 +208,20 @@ def _sampled(trajectories: Mapping[str, Trajectory], spacecraft: Spacecraft) -> 
 
 
 def _spin_limits(craft: Spacecraft) -> np.ndarray:
-    """Limits of rate, acceleration and jerk about each axis, (3, 3); infinite where there is none."""
+    """Limits (3, 3) of rate, acceleration and jerk, rad/s^k, about each body axis; infinite without one."""
     given = [quantity.given(craft) for quantity in SPIN]
     return np.stack([np.full(3, np.inf if limit is None else limit) for limit in given])
 
 
 def _limit(axes: Axes, limits: np.ndarray, styles: Sequence[Look], highest: float) -> Entries:
-    """Draw limits beside a known highest value, all in radians; returns their legend entry, if drawn."""
+    """Draw limits (c,) of the curves of a panel; returns their legend entry, or none.
+
+    Args:
+        axes: the panel.
+        limits: magnitudes, in radians; infinite where there is none.
+        styles: of the curves.
+        highest: largest magnitude of the curves, in radians; limits far above it are written, not drawn.
+    """
     ends = both_sides(np.rad2deg(limits))
     return limit_lines(axes, ends, styles, np.rad2deg(highest), far=_FAR_OF_SEVERAL)
 

@@ -1,7 +1,7 @@
-"""The sphere of directions with zones, boresights and their ends, as a flat map and as a globe.
+"""The sphere of directions with zones and boresights from start to goal, as a flat map and as a globe.
 
 One drawing serves both projections of `jaxplan.plotting.projections` (the paper's Figures 7 and 12 are flat
-maps). Directions are inertial unit vectors.
+maps). Directions are inertial unit vectors. A *track* is the curve of a direction on the sphere over time.
 """
 
 from collections.abc import Sequence
@@ -47,7 +47,7 @@ from jaxplan.plotting.zones import (
     name_zones,
     zone_entries,
     zone_outline,
-    zone_ways,
+    zone_tracks,
     zones_at,
 )
 
@@ -70,17 +70,17 @@ _WISH: Look = {
     "markeredgewidth": 1.1,
 }
 _NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
-_FAINT: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}  # of one that moves, where it is at last
-_FIELD: Look = {"linewidth": 1.0, "zorder": 3.1}  # of view
-_ZONE_WAY: Look = {"linewidth": 1.1, "zorder": 1.7}
+_FAINT: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}  # edge of a moving zone at its last place
+_FIELD: Look = {"linewidth": 1.0, "zorder": 3.1}  # outline of a field of view
+_ZONE_TRACK: Look = {"linewidth": 1.1, "zorder": 1.7}
 
 
 def sphere(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
-    """The zones and the way of every device's boresight on the unfolded sphere.
+    """Draw the zones and the track of every device's boresight on the unfolded sphere.
 
     Keep-out zones are hatched with a solid outline, keep-in zones have a dashed one, or a dotted one if they
     are of a group of which any one holds; the small print under a zone's name says which devices it binds if
-    not all, and its group. One that moves is drawn where it is at first, with the way of its axis and,
+    not all, and its group. One that moves is drawn where it is at first, with the track of its axis and,
     fainter, its edge at last. Targets that devices have by their names are marked, and what devices without
     a target would rather point at as wishes. A plan that failed is drawn as far as it came: the path instead
     of the trajectory, start and goal without a path, and the targets where no goal was found.
@@ -120,7 +120,7 @@ def globe(
     view: tuple[float, float] | None = None,
     legend: bool = True,
 ) -> Axes:
-    """The zones and the way of every device's boresight on the sphere of directions, seen in space.
+    """Draw the zones and the track of every device's boresight on the sphere of directions, seen in space.
 
     The looks are those of the unfolded sphere; what is on the far side is pale. A plan that failed is drawn
     as far as it came.
@@ -128,7 +128,7 @@ def globe(
     Args:
         plan: of any status.
         ax: axes, a figure to put them in, or None for a new one.
-        view: inertial azimuth and elevation of the eye, deg; None for where most of the ways are in front.
+        view: inertial azimuth and elevation of the eye, deg; None for one that most of the tracks face.
         legend: whether to name devices and marks beside the globe.
 
     Returns:
@@ -147,12 +147,12 @@ def globe(
 
 
 def view_of(plan: Plan, angles: tuple[float, float] | None) -> GlobeView:
-    """The view that was asked for, deg, or the one with most of the ways in front."""
+    """View from inertial azimuth and elevation of the eye, deg; for None one that most of the tracks face."""
     if angles is not None:
         expect_view(angles)
         return GlobeView.from_angles(*np.deg2rad(angles))
-    ways = boresight_ways(plan)
-    points = [mark.directions for mark in end_marks(plan)] if ways is None else [ways.reshape(-1, 3)]
+    tracks = boresight_tracks(plan)
+    points = [mark.directions for mark in end_marks(plan)] if tracks is None else [tracks.reshape(-1, 3)]
     return GlobeView.facing(np.concatenate([np.zeros((1, 3)), *points]))  # there may be no devices
 
 
@@ -173,10 +173,10 @@ def _draw_plan(axes: Axes, plan: Plan, projection: Projection, legend: bool) -> 
     scenario, craft = plan.scenario, plan.scenario.spacecraft
     draw_zones(axes, plan, projection, zones_at(scenario, 0.0))
     entries = device_entries(craft.device_names)
-    ways = boresight_ways(plan)
-    if ways is not None:
-        for device, way in enumerate(np.moveaxis(ways, 1, 0)):
-            draw_line(axes, projection, way, {"linewidth": 1.8, "zorder": 3, **device_style(device)})
+    tracks = boresight_tracks(plan)
+    if tracks is not None:
+        for device, track in enumerate(np.moveaxis(tracks, 1, 0)):
+            draw_line(axes, projection, track, {"linewidth": 1.8, "zorder": 3, **device_style(device)})
     if plan.path is not None and craft.device_names:
         nodes = craft.boresights(plan.path.attitudes, plan.path.joints)
         for device, points in enumerate(np.moveaxis(nodes, 1, 0)):
@@ -200,15 +200,15 @@ def _draw_fields(axes: Axes, plan: Plan, projection: Projection) -> Entries:
 
 
 def draw_zones(axes: Axes, plan: Plan, projection: Projection, zones: Sequence[Cone]) -> None:
-    """Draw zones with their names, the ways of those that move, and the plan's title."""
+    """Draw zones with their names, the tracks of those that move, and the plan's title."""
     for zone in zones:
         draw_zone(axes, projection, zone)
-    for last, way in zone_ways(plan):
+    for last, track in zone_tracks(plan):
         look = zone_outline(last)
         draw_line(axes, projection, circle(last.axis_at(), last.half_angle), look | _FAINT)
-        draw_line(axes, projection, way, {"color": look["color"], **_ZONE_WAY})
-    ways, craft = boresight_ways(plan), plan.scenario.spacecraft
-    drawn = [NOTHING] if ways is None else [ways.reshape(-1, 3)]
+        draw_line(axes, projection, track, {"color": look["color"], **_ZONE_TRACK})
+    tracks, craft = boresight_tracks(plan), plan.scenario.spacecraft
+    drawn = [NOTHING] if tracks is None else [tracks.reshape(-1, 3)]
     ends = [NOTHING, *(mark.directions for mark in end_marks(plan))]
     name_zones(axes, projection, zones, craft.device_names, *map(np.concatenate, (drawn, ends)))
     outcome = "" if plan.ok else f": {plan.status.name}"
@@ -223,7 +223,7 @@ def _draw_points(axes: Axes, projection: Projection, directions: np.ndarray, loo
 
 
 def draw_ends(axes: Axes, plan: Plan, projection: Projection, **fading: float) -> Entries:
-    """Mark start and goal of every device, targets and wishes; returns legend entries.
+    """Mark boresights at start and goal, targets and preferred directions (wishes); returns legend entries.
 
     Args:
         axes: where to.
@@ -242,15 +242,15 @@ def draw_ends(axes: Axes, plan: Plan, projection: Projection, **fading: float) -
     return [(Line2D([], [], color=GREY, **mark.look), mark.name) for mark in marks]
 
 
-def boresight_ways(plan: Plan) -> np.ndarray | None:
-    """Boresights (k, D, 3) along the trajectory, or along the path without one; None without a path."""
+def boresight_tracks(plan: Plan) -> np.ndarray | None:
+    """Inertial boresights (k, D, 3) along the trajectory, or else along the path; None without both."""
     if plan.trajectory is not None:
         return motion(plan).boresights
     return None if plan.path is None else path_boresights(plan.path, plan.scenario.spacecraft)
 
 
 def path_boresights(path: Path, craft: Spacecraft, points_an_edge: int = 24) -> np.ndarray:
-    """Boresights (k, D, 3) along a path: geodesics of the platform with linear joints."""
+    """Inertial boresights (k, D, 3) along a path, whose edges are geodesics with linear joints."""
     attitudes, joints, edges = path.attitudes, path.joints, path.edges
     if edges:
         places = np.linspace(0, edges, points_an_edge * edges + 1)
@@ -262,7 +262,7 @@ def path_boresights(path: Path, craft: Spacecraft, points_an_edge: int = 24) -> 
 
 
 class Marks(NamedTuple):
-    """Directions (k, 3) of some devices, by number, that have one mark with one name in the legend."""
+    """Directions (k, 3) of k devices, by their numbers, that have one mark with one name in the legend."""
 
     look: Look
     name: str
@@ -271,7 +271,7 @@ class Marks(NamedTuple):
 
 
 def end_marks(plan: Plan) -> list[Marks]:
-    """Where devices start and end, and where they shall point, as far as the plan knows.
+    """Marks of boresights at start and goal, of targets and of wishes, as far as the plan has them.
 
     Targets are marked where no goal was found, and of a goal that has them by names of devices, since not
     every device has one then. They and wishes are where they are at the goal.
@@ -297,4 +297,5 @@ def end_marks(plan: Plan) -> list[Marks]:
 
 
 def _given(scenario: Scenario, state: GivenState) -> np.ndarray:
+    """Inertial boresights (D, 3) of all devices in a state."""
     return np.asarray(scenario.spacecraft.boresights(state.attitude, state.joints))

@@ -43,12 +43,12 @@ Named: TypeAlias = dict[str, Study]
 
 OK = Status.OK.name
 _SIZE = (8.0, 4.2)  # inches
-_ROW, _AROUND = 0.4, 1.1  # inches: of a study's line, and of what is around the lines
-_BAR = 0.6  # of a line
-# Multiples of a power of ten that have a number, for the ratio from the least to the largest value.
+_ROW, _AROUND = 0.4, 1.1  # inches: height of a study's line, and of what is around the lines
+_BAR = 0.6  # lines: height of a bar
+# Multiples of a power of ten whose ticks have a number, where largest over least value is below the key.
 _SUBS = {4.0: (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), 50.0: (1.0, 2.0, 5.0), np.inf: (1.0,)}
 _FAINT: Look = {"linewidth": 0.9, "linestyle": ":"}
-# Of scenes that nobody could plan in blue, of the planner's failures in red.
+# Colours of statuses: of scenes that nobody could plan in blue, of the planner's failures in red.
 _OUTCOMES = {
     Status.OK.name: "0.87",
     Status.INVALID_START.name: "#92C5DE",
@@ -64,8 +64,8 @@ _OUTCOMES = {
     "crashed": "black",
 }
 _SPREADS = ("total_s", "length_steps", "duration_s", "min_margin_deg")
-_CURVES = 2.6  # inches: of a row of curves
-_LINE, _ABOVE = 0.26, 0.75  # inches: of a study's line, and of what is around the lines
+_CURVES = 2.6  # inches: height of a row of distributions
+_LINE, _ABOVE = 0.26, 0.75  # inches: height of a study's line above them, and of what is around the lines
 
 
 class Quantity(NamedTuple):
@@ -97,10 +97,10 @@ QUANTITIES = {
 
 
 def study(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Success rates, outcomes, and the spreads of planning time, path length, duration and margin.
+    """Draw success rates, outcomes, and the distributions of planning time, path length, duration and margin.
 
     Args:
-        studies: one, several such as of several planners, or several by their names.
+        studies: one study, several such as of several planners, or a dict of them by names for the legend.
         ax: six axes, a figure to put them in, or None for a new one.
         legend: whether to name statuses and studies beside the panels.
 
@@ -142,12 +142,12 @@ def study_figure(studies: Studies) -> Figure:
 
 
 def _size(studies: int) -> tuple[float, float]:
-    """Width and height of the page, inches."""
+    """Width and height of the page for a number of studies, inches."""
     return 11.0, _ABOVE + _LINE * studies + 2 * _CURVES + 0.3
 
 
 def success_rates(studies: Studies, ax: Canvas = None) -> Axes:
-    """Shares of scenes with a certified plan, with their 95 % Wilson intervals, a study a line.
+    """Draw the shares of scenes with a certified plan, with their 95 % Wilson intervals, a study a line.
 
     Args:
         studies: one, several, or several by their names.
@@ -184,7 +184,7 @@ def success_rates(studies: Studies, ax: Canvas = None) -> Axes:
 
 
 def outcomes(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> Axes:
-    """How the scenes ended, as shares of all of them, a study a line.
+    """Draw how the scenes ended, as shares of all of them, a study a line.
 
     Args:
         studies: one, several, or several by their names.
@@ -221,7 +221,7 @@ def outcomes(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> Axe
 def distribution(
     studies: Studies, quantity: str = "duration_s", ax: Canvas = None, *, legend: bool = True
 ) -> Axes:
-    """Share of all scenes that are planned with at most each value (for margins: with at least it).
+    """Draw the share of all scenes that are planned with at most each value (for margins: with at least it).
 
     Args:
         studies: one, several, or several by their names.
@@ -276,7 +276,16 @@ def distribution(
 
 
 def _curve(axes: Axes, values: np.ndarray, scenes: int, look: Look, what: Quantity) -> None:
-    """Draw steps from one value to the next, and a dotted line to the edge if scenes have no plan."""
+    """Draw the cumulative share of a study's scenes by a quantity, `what`, as a step curve.
+
+    Args:
+        axes: the panel, its horizontal limits set.
+        values: (k,) of the scenes that have one, rising.
+        scenes: number of all scenes; if there are more than values, a dotted line goes on to the edge, but
+            not for margins.
+        look: of the curve.
+        what: the quantity.
+    """
     left, right = axes.get_xlim()
     shares = 100 * np.arange(len(values) + 1) / scenes
     top = shares[-1]
@@ -289,7 +298,7 @@ def _curve(axes: Axes, values: np.ndarray, scenes: int, look: Look, what: Quanti
 
 
 def _use_decades(axes: Axes, low: float, high: float) -> None:
-    """A logarithmic axis on which at least two ticks have a number; with zeros it is linear up to one."""
+    """Make the horizontal axis logarithmic, with numbers at two ticks or more; linear up to 1 if low is 0."""
     if low > 0:
         axes.set_xscale("log")
         axes.set_xlim(0.8 * low, 1.4 * high)
@@ -303,7 +312,7 @@ def _use_decades(axes: Axes, low: float, high: float) -> None:
 
 
 def named(studies: Studies) -> Named:
-    """Studies by their names: given ones, or what tells them apart of planner, kind and settings.
+    """Check studies and name them: by the keys of a dict, or by planner and what else of them differs.
 
     Raises:
         TypeError: if something else is given.
@@ -327,6 +336,7 @@ def named(studies: Studies) -> Named:
 
 
 def _names(studies: Sequence[Study]) -> list[str]:
+    """Unique names of studies: the planner, with kind and settings where these differ, or a number."""
     kinds, settings = {study.kind for study in studies}, [dict(study.settings) for study in studies]
     names = []
     for study in studies:

@@ -13,7 +13,7 @@ with ``axes.figure.savefig(...)``.
 
 A name stands at the first of some places where it covers no other name, and the fewest points of curves.
 
-Arguments that cannot be drawn are refused by their names.
+Arguments that cannot be drawn raise an error that names them.
 """
 
 import math
@@ -65,10 +65,10 @@ HALO: Look = {  # of a name at a place
     "va": "center",
     "path_effects": [withStroke(linewidth=2.5, foreground="white")],
 }
-_LEGEND_ROWS = 14  # of a column of a legend, beyond which it gets another column
-INSTANTS = 1024  # of the grid of a motion; the paper's manoeuvres have 14 to 50 nodes
+_LEGEND_ROWS = 14  # entries in a column of a legend, beyond which it gets another column
+INSTANTS = 1024  # times of the grid of a motion; the paper's manoeuvres have 14 to 50 nodes
 _NODE_TICK, _DOWNWARD = 3.0, Path([(0, 0), (0, -1)])  # length of the mark of a node in points, and its shape
-_STILL = 1e-3  # of a limit, up to which nothing is said to move
+_STILL = 1e-3  # share of a limit below which curves count as standing still
 
 
 def device_style(number: int) -> Look:
@@ -81,13 +81,13 @@ def device_style(number: int) -> Look:
 
 
 def plain(text: Text) -> Text:
-    """Show a text letter by letter: names come from files, and a ``$`` in one is no formula."""
+    """Have a text shown letter by letter, as a ``$`` in a name is no formula; returns the text."""
     text.set_parse_math(False)
     return text
 
 
 def note(axes: Axes, text: str) -> None:
-    """Say in an empty panel why it is empty."""
+    """Write in an empty panel why it is empty."""
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)
 
 
@@ -115,7 +115,7 @@ def plain_numbers(axis: Axis) -> None:
 
 
 def barrier(side: int) -> Look:
-    """A solid line with ticks on the side that is out of bounds: above for 1, below for -1.
+    """Look of a solid line with ticks on the side that is out of bounds: above for 1, below for -1.
 
     Curves have no ticks, so whatever its colour a limit is not taken for one of them.
     """
@@ -126,16 +126,16 @@ def barrier(side: int) -> Look:
 def limit_lines(
     axes: Axes, ends: np.ndarray, styles: Sequence[Look], highest: float, *, far: float
 ) -> Entries:
-    """Draw limits at both of their ends, or tell those far from the curves above the panel.
+    """Draw least and largest values as lines, or write those far from the curves above the panel.
 
     Args:
         axes: where to.
         ends: (c, 2) the least and the largest value of each curve of the panel, in its unit; an infinite one
             is none.
         styles: of the curves. A limit of one curve among several has its colour, one of more curves is grey.
-        highest: magnitude of the curves.
-        far: times the highest, beyond which a limit is told, since the curves would shrink to a line. Where
-            nearly nothing moves every limit is drawn, or the panel would show rounding errors.
+        highest: largest magnitude of the curves.
+        far: a limit beyond this multiple of `highest` is written, since the curves would shrink to a line.
+            Where nearly nothing moves every limit is drawn, or the panel would show rounding errors.
 
     Returns:
         Entry for a legend; none where no limit is drawn.
@@ -159,12 +159,12 @@ def limit_lines(
 
 
 def both_sides(limits: np.ndarray) -> np.ndarray:
-    """Ends (c, 2) of limits (c,) of magnitudes."""
+    """Least and largest values (c, 2) that limits (c,) of magnitudes allow."""
     return np.stack([-limits, limits], axis=-1)
 
 
 def legend_beside(axes: Axes, entries: Sequence[Entry], *, columns: int | None = None) -> None:
-    """Put a legend to the right of the axes, so that it covers no data; columns as are needed, or so many."""
+    """Put a legend to the right of the axes, so that it covers no data; `columns` None means as needed."""
     if not entries:
         return
     # a label that begins with an underscore would be left out
@@ -185,12 +185,12 @@ def legend_beside(axes: Axes, entries: Sequence[Entry], *, columns: int | None =
 
 
 def device_entries(names: Sequence[str]) -> Entries:
-    """Legend entries of the devices, or of the first of them."""
+    """Legend entries of devices by their names, the first of which is device 0."""
     return [(Line2D([], [], linewidth=1.8, **device_style(i)), name) for i, name in enumerate(names)]
 
 
 def new_figure(size: tuple[float, float]) -> Figure:
-    """An empty figure that makes room for legends beside its axes.
+    """Make an empty figure that leaves room for legends beside its axes.
 
     Args:
         size: width and height in inches.
@@ -213,7 +213,7 @@ def panels(
     shared: bool = True,
     alone: int = 0,
 ) -> list[Axes]:
-    """The axes to draw on, from top to bottom, and of each row from left to right.
+    """Make the axes of a figure's panels, or check given ones: row by row, each from left to right.
 
     Args:
         where: as many axes as panels, a figure to put them in, or None for a new one.
@@ -285,15 +285,17 @@ class Labels:
         return best
 
     def _covered(self, centre: np.ndarray, size: np.ndarray) -> int:
+        """Number of drawn points that a label of a size (2,) at a centre (2,) would cover."""
         return int(np.sum(np.all(np.abs(self.points - centre) < size / 2, axis=-1)))
 
 
 def _touch(one: Box, other: Box) -> bool:
+    """Whether two boxes overlap."""
     return bool(np.all(np.abs(one[0] - other[0]) < (one[1] + other[1]) / 2))
 
 
 def expect_plan(plan: object) -> Plan:
-    """A plan of any status; a TypeError for anything else."""
+    """Return a plan of any status as it is; raise a TypeError for anything else."""
     return expect("plan", plan, Plan, "jp.plan makes one, jp.load_plan reads one")
 
 
@@ -306,7 +308,7 @@ def expect_trajectories(given: object, spacecraft: object) -> None:
 
 
 def expect_mapping(name: str, value: object) -> Mapping[Any, Any]:
-    """A dict by names; a TypeError for anything else."""
+    """Return a mapping as it is; raise a TypeError that calls it `name` for anything else."""
     if isinstance(value, Mapping):
         return value
     raise TypeError(f"{name} must be a dict by names, not {type(value).__name__}")
@@ -326,8 +328,8 @@ class Motion:
     Attributes:
         times: (k,) s; a single one if the manoeuvre takes no time.
         values: the trajectory there.
-        boresights: (k, D, 3).
-        node_times: (m + 1,) s.
+        boresights: (k, D, 3) inertial unit vectors of the D devices.
+        node_times: (m + 1,) s, at which it passes the nodes of a path of m edges.
     """
 
     times: np.ndarray
@@ -337,7 +339,7 @@ class Motion:
 
 
 def motion(plan: Plan) -> Motion:
-    """A plan's trajectory on the grid.
+    """Sample a plan's trajectory at `INSTANTS` equidistant times.
 
     Raises:
         TypeError: if it is no plan.
@@ -366,12 +368,15 @@ def curve(axes: Axes, times: np.ndarray, values: np.ndarray, **style: Any) -> No
 
 
 def time_axis(grid: Sequence[Axes], moves: Motion) -> None:
-    """Label the time in seconds under the lowest panel and those that do not share its axis."""
+    """Let panels, from top to bottom, show the time of a motion, s, as `time_span` does."""
     time_span(grid, float(moves.times[-1]), moves.node_times)
 
 
 def time_span(grid: Sequence[Axes], end: float, node_times: ArrayLike = ()) -> None:
-    """Let panels show the time from zero to an end, s, with minor ticks at nodes."""
+    """Let panels show the time from zero to an end, s, with minor ticks at nodes.
+
+    The label stands under the lowest panel, and under those that do not share its axis.
+    """
     lowest = grid[-1]
     for axes in grid:
         tidy(axes)
@@ -387,7 +392,7 @@ def time_span(grid: Sequence[Axes], end: float, node_times: ArrayLike = ()) -> N
 
 
 def _mark_nodes(axes: Axes, times: np.ndarray) -> None:
-    """Mark times below a panel, by one artist: a minor tick for each would take half of the panel's time."""
+    """Mark times (k,) s below a panel, by one artist: minor ticks would take half of the time to draw it."""
     marks = PathCollection(
         [_DOWNWARD],
         sizes=[_NODE_TICK**2],
@@ -417,7 +422,7 @@ class _EndLocator(MaxNLocator):
 
 
 def _seconds(end: float, time: float, _: int | None = None) -> str:
-    """Label of a tick: its time; the duration has three digits, or whole seconds."""
+    """Label of a tick at a time, s; that of the duration `end` has three digits, or whole seconds."""
     if time != end:
         return f"{time:.6g}"
     text = f"{end:.{max(0, 2 - math.floor(math.log10(end)))}f}"

@@ -3,8 +3,8 @@
 A figure of a plan is a table of `Panel`, each with curves, limits and labels; what there is, by which name
 and in which unit, is the list of `jaxplan.model.limits`. They are the paper's Figures 8 to 10 and 13 to 15.
 
-A limit far from all curves of its panel is told above it instead of drawn, since the curves would shrink to a
-line. Inside are radians and seconds, on the axes degrees and seconds.
+A limit far from all curves of its panel is written above it instead of drawn, since the curves would shrink
+to a line. Inside are radians and seconds, on the axes degrees and seconds.
 """
 
 from collections.abc import Sequence
@@ -39,18 +39,18 @@ from jaxplan.plotting.style import (
     time_axis,
 )
 
-_LONG = 10  # letters of a word, beside more of which its unit has no place
-_FAR = 4.0  # times the highest value of a plan, beyond which a limit is told and not drawn
+_LONG = 10  # letters of a label's last word, beyond which the unit goes to a line of its own
+_FAR = 4.0  # multiple of the highest value of a plan beyond which a limit is written and not drawn
 BODY = ("body x", "body y", "body z")
 AXIS_ENTRIES: Entries = [
     (Line2D([], [], linewidth=1.6, **look), name) for look, name in zip(AXIS_STYLES, BODY, strict=True)
 ]
 _NODE: Look = {"marker": ".", "linestyle": "none"}
-# Of the platform's rate, acceleration and jerk.
+# Quantities of the platform's rate, acceleration and jerk.
 SPIN = sorted(
     (q for q in QUANTITIES if not (q.of_joints or q.by_inertia or q.of_length)), key=lambda q: q.power
 )
-_LENGTHS = {q.power: q for q in QUANTITIES if q.of_length}  # of those vectors, by their powers
+_LENGTHS = {q.power: q for q in QUANTITIES if q.of_length}  # norms of these vectors, by power of time
 
 
 class Panel(NamedTuple):
@@ -58,7 +58,7 @@ class Panel(NamedTuple):
 
     Attributes:
         quantity: what is drawn.
-        words: the quantity by the name of what it is of.
+        words: label of the vertical axis, without the unit.
         values: (c, k) a row for each curve, in SI units.
         limits: (c, 2) likewise, least and largest; an infinite one is none.
         styles: of the curves.
@@ -73,7 +73,7 @@ class Panel(NamedTuple):
     nodes: np.ndarray | None = None
 
     def draw(self, axes: Axes, moves: Motion) -> Entries:
-        """Draw it; returns legend entries for limits, if there are any."""
+        """Draw the panel; returns legend entries for limits, if there are any."""
         if not self.styles:
             note(axes, "no joints")
         shown = self.quantity.in_unit(self.values)
@@ -92,7 +92,7 @@ class Panel(NamedTuple):
 
 
 class Joints(NamedTuple):
-    """A kind of joints: what their angles are called, which they are, and the first device that has one."""
+    """A kind of joints: what their angles are called, their indices, and the number of the first device."""
 
     name: str
     which: slice
@@ -107,7 +107,7 @@ def joint_kinds(craft: Spacecraft) -> list[Joints]:
 
 
 def _joint_panel(craft: Spacecraft, values: Kinematics, power: int, kind: Joints) -> Panel:
-    """The panel of a kind of joints' angles, or of a derivative of them."""
+    """The panel of a kind of joints: their angles for power 0, or the derivative of that order."""
     (quantity,) = (
         each
         for each in QUANTITIES
@@ -124,7 +124,7 @@ def _joint_panel(craft: Spacecraft, values: Kinematics, power: int, kind: Joints
 
 
 def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -> Panel:
-    """The components of a quantity along the body axes and, where that is limited, their length."""
+    """The panel of a quantity: its components along the body axes and, where that is limited, its norm."""
     given = quantity.given(craft)
     curves, bounds = quantity.values(values), np.full(3, np.inf if given is None else given)
     length = _limited_length(craft, quantity)
@@ -136,7 +136,7 @@ def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -
 
 
 def _limited_length(craft: Spacecraft, quantity: Quantity) -> Quantity | None:
-    """The length of a vector that a spacecraft limits; None where it does not, or the vector has none."""
+    """The quantity that is the norm of a vector, if the spacecraft limits that; else None."""
     length = _LENGTHS.get(quantity.power) if quantity in SPIN else None
     return None if length is None or length.given(craft) is None else length
 
@@ -150,7 +150,10 @@ def _axis_entries(craft: Spacecraft, quantity: Quantity) -> Entries:
 def _figure(
     plan: Plan, ax: Canvas, groups: Sequence[tuple[Entries, Sequence[Panel]]], moves: Motion, legend: bool
 ) -> list[Axes]:
-    """Draw panels from top to bottom, with a legend beside the first of each group."""
+    """Draw groups of panels from top to bottom, each with a legend if wanted; returns the axes.
+
+    A group is the legend entries of its curves, and its panels.
+    """
     count = sum(len(group) for _, group in groups)
     grid = panels(ax, count, size(count))
     left = iter(grid)
@@ -164,7 +167,7 @@ def _figure(
 
 
 def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Joint angles of terminals and drives over time, with both ends of their ranges and the path's nodes.
+    """Draw joint angles of terminals and drives over time, with their ranges and the path's nodes.
 
     Args:
         plan: with a trajectory.
@@ -196,7 +199,7 @@ def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
 
 
 def rates(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Joint rates and the platform's angular velocity over time, with limits.
+    """Draw joint rates and the platform's angular velocity over time, with limits.
 
     Args:
         plan: with a trajectory.
@@ -215,7 +218,7 @@ def rates(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
 
 
 def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Joint accelerations and the platform's angular acceleration over time, with limits.
+    """Draw joint accelerations and the platform's angular acceleration over time, with limits.
 
     Args:
         plan: with a trajectory.
@@ -233,7 +236,7 @@ def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list
 
 
 def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]:
-    """Draw a derivative of pitches, yaws (the paper's order), drives and the platform's attitude."""
+    """Draw the derivative of order `power` of pitches, yaws (the paper's order), drives and attitude."""
     moves, craft = motion(plan), plan.scenario.spacecraft
     values = moves.values.kinematics(craft)
     kinds = sorted(joint_kinds(craft), key=lambda kind: ("pitch", "yaw", "drive").index(kind.name))
@@ -245,7 +248,7 @@ def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]
 
 
 def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Torque, angular momentum and jerk of the platform over time, with limits.
+    """Draw torque, angular momentum and jerk of the platform over time, with limits.
 
     Args:
         plan: with a trajectory.

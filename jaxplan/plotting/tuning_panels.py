@@ -28,7 +28,7 @@ from jaxplan.tuning import SearchTuning, Tuning
 Row = Mapping[str, float]
 
 _WIDTH, _FIRST, _OTHERS = 8.0, 2.6, 1.7  # inches: of the figure, and heights of its panels
-_FAR = 10.0  # ratio of objectives from which on their axis is logarithmic
+_FAR = 10.0  # ratio of largest to least objective from which on their axis is logarithmic
 _COUNTS = ("step", "trial")
 _NO_NUMBERS = (*_COUNTS, "objective", "slope", "success_rate")
 _LINE: Look = {"color": COLOURS[0], "linewidth": 1.8}
@@ -46,7 +46,7 @@ _FAILED: Look = {"color": KEEP_OUT, "linestyle": "", "marker": "x", "markersize"
 
 
 def tuning(result: Tuning | SearchTuning, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """The objective and the numbers of each step; of trials each by itself, and the best so far as a line.
+    """Draw the objective and the tuned numbers by step; or by trial, with the best so far as a line.
 
     A ring marks the step or trial whose numbers are the answer. Trials are drawn as they were measured first:
     of times the last measurement may choose another one. The objective of a step is that of trajectories
@@ -98,7 +98,7 @@ def tuning(result: Tuning | SearchTuning, ax: Canvas = None, *, legend: bool = T
 
 
 def _trials(axes: Axes, rows: Sequence[Row], key: str) -> None:
-    """Draw each trial, a cross for those with more failures than the best, and the best until then."""
+    """Draw a column `key` of all trials: the best until then as a line, a cross for those of `_failed`."""
     best = list(accumulate(rows, _better))
     numbers = np.array([row["trial"] for row in rows])
     values = np.array([row[key] for row in rows], dtype=float)
@@ -109,13 +109,13 @@ def _trials(axes: Axes, rows: Sequence[Row], key: str) -> None:
 
 
 def _failed(rows: Sequence[Row]) -> np.ndarray:
-    """Which trials planned fewer scenes than the best."""
+    """Which trials (k,) planned fewer scenes than the most successful one."""
     rates = np.array([row["success_rate"] for row in rows])
     return rates < np.max(rates)
 
 
 def _better(first: Row, second: Row) -> Row:
-    """The better of two trials: success comes first."""
+    """The better of two trials: of the higher success rate, or else the lower objective."""
     return min(first, second, key=lambda row: (-row["success_rate"], row["objective"]))
 
 
@@ -140,7 +140,7 @@ class _WholeNumbers(ScalarFormatter):
     """Formatter of ticks with all their digits, without an offset or power beside the axis."""
 
     def format_ticks(self, values: Sequence[float]) -> list[str]:
-        """The labels of some ticks."""
+        """The labels of ticks at some values."""
         ticks = np.asarray(values, dtype=float)
         for digits in range(6, 17):
             texts = [f"{tick:.{digits}g}" for tick in ticks]
@@ -152,6 +152,7 @@ class _WholeNumbers(ScalarFormatter):
 
 
 def _entries(rows: Sequence[Row]) -> Entries:
+    """Legend entries of trials and the best of them."""
     entries: Entries = [(Line2D([], [], **_LINE), "best so far"), (Line2D([], [], **_TRIAL), "a trial")]
     return entries + [(Line2D([], [], **_FAILED), "fewer scenes\nplanned")] * bool(np.any(_failed(rows)))
 

@@ -47,13 +47,13 @@ FIGURE_NAMES = (
 )
 """Names of all figures that a plan may have."""
 
-_DPI = 200  # dots an inch of pictures in a page that are no SVG
-_SCREEN_DPI = 150  # likewise in files of their own
-_QUICKLY = 3  # of zlib's nine levels: files are a twentieth larger than by 6, in three quarters of the time
+_DPI = 200  # dots an inch of the PNG pictures in a page
+_SCREEN_DPI = 150  # dots an inch of pictures in files of their own
+_QUICKLY = 3  # level of zlib, of 9: files are a twentieth larger than by 6, in three quarters of the time
 
 
 def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
-    """The unfolded sphere, and below it joint angles, margins and the platform's angular velocity.
+    """Draw the unfolded sphere, and below it joint angles, margins and the platform's angular velocity.
 
     Args:
         plan: with a trajectory.
@@ -89,7 +89,7 @@ def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
 
 
 def figures(plan: Plan) -> Iterator[tuple[str, Figure]]:
-    """Every figure that a plan has, one after the other; none of them belongs to pyplot.
+    """Draw every figure that a plan has, one after the other; none of them belongs to pyplot.
 
     Args:
         plan: of any status. Without a trajectory only spacecraft and sphere are drawn, without devices no
@@ -131,7 +131,7 @@ def _at_start(plan: Plan, ax: Figure) -> None:
 
 
 def inline_figures(plan: Plan) -> Iterator[tuple[str, str]]:
-    """The globe and the figures of a plan but the overview, which repeats the others.
+    """Draw the globe and the figures of a plan but the overview, which repeats the others.
 
     Args:
         plan: of any status; see `figures` for those that it has.
@@ -166,6 +166,7 @@ def write_png(figure: Figure, file: str | os.PathLike[str], software: str) -> No
 
 
 def _address(figure: Figure) -> str:
+    """The picture of a figure as a ``data:`` address, SVG or PNG."""
     kind, content = "svg+xml", _picture(figure, "svg", {"Date": None, "Creator": None})
     # hatches lose their transparency in SVG, so that zones print solid; many small surfaces are an image
     if b"<pattern" in content or b"<image" in content:
@@ -174,6 +175,7 @@ def _address(figure: Figure) -> str:
 
 
 def _picture(figure: Figure, kind: str, metadata: dict[str, None]) -> bytes:
+    """The bytes of a figure's picture in a format of matplotlib, "svg" or "png"."""
     file = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "jaxplan"}):  # else the names inside are random
         figure.savefig(file, format=kind, metadata=metadata, transparent=True, dpi=_DPI)

@@ -1,7 +1,8 @@
-"""Zones on the sphere of directions, on either projection: areas, edges, names, and ways of moving ones.
+"""Zones on the sphere of directions, on either projection: areas, edges, names, and tracks of moving ones.
 
 Keep-out zones are hatched with a solid edge, keep-in zones have a dashed one, or a dotted one if they are of
-a group. Directions are inertial unit vectors.
+a group of which any one holds. Directions are inertial unit vectors; the track of a zone that moves is the
+curve of its axis on the sphere over time.
 """
 
 from collections.abc import Sequence
@@ -34,12 +35,12 @@ from jaxplan.plotting.style import (
 
 Cone = KeepOut | KeepIn
 
-_EDGE: Look = {"linewidth": 1.1, "zorder": 1.6}  # of a zone
-_WAY = 33  # points of the way of a zone's axis
-_CROWD = 20  # zones, beyond which their names get smaller and go without the devices they bind
+_EDGE: Look = {"linewidth": 1.1, "zorder": 1.6}  # of a zone's edge
+_TRACK_POINTS = 33  # of the track of a zone's axis
+_CROWD = 20  # number of zones beyond which their names are smaller and do not say what they bind
 # Where a zone's name may stand, the best first: shares of the zone's half width and half height.
 _SPOTS = np.array([(across, up) for across in (0, 0.6, -0.6, 1.2, -1.2) for up in (0, 0.5, -0.5, 0.8, -0.8)])
-_INSIDE = 0.9  # of a zone's half angle, within which the middle of its name stands
+_INSIDE = 0.9  # share of a zone's half angle within which the middle of its name stands
 NOTHING = np.zeros((0, 3))
 
 
@@ -53,7 +54,7 @@ def draw_line(axes: Axes, projection: Projection, line: np.ndarray, look: Look) 
 
 
 def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
-    """Draw a zone with its edge: hatched for keep-out, hardly filled if it binds no device."""
+    """Draw a zone with its edge, hatched for keep-out and pale if it binds no device; returns the artists."""
     axis, drawn = zone.axis_at(), list[Artist]()
     fill = _zone_fill(zone)
     limb = Circle((0, 0), 1, transform=axes.transData) if isinstance(projection, GlobeView) else None
@@ -80,6 +81,7 @@ def zone_outline(zone: Cone) -> Look:
 
 
 def _zone_fill(zone: Cone) -> Look:
+    """Colours and hatch of a zone's area."""
     colour = KEEP_IN if isinstance(zone, KeepIn) else KEEP_OUT
     if not _binds_devices(zone):
         return {"facecolor": to_rgba(colour, 0.03), "edgecolor": "none"}
@@ -98,22 +100,22 @@ def name_zones(
     projection: Projection,
     zones: Sequence[Cone],
     devices: Sequence[str] = (),
-    ways: np.ndarray = NOTHING,
+    tracks: np.ndarray = NOTHING,
     ends: np.ndarray = NOTHING,
 ) -> list[Artist]:
-    """Write each zone's name in it, or above or below if a boresight must stay in.
+    """Write each zone's name in it, or above or below a keep-in zone; returns the texts.
 
     Args:
         axes: where to.
         projection: of the axes.
         zones: that are named; few ones on the flat map with what they bind, if that is not all devices.
         devices: names of all devices.
-        ways: (k, 3), what is drawn, which names should not cover.
-        ends: (m, 3), starts and goals, which names cover only where there is no other place.
+        tracks: (k, 3) directions of drawn curves, which names should not cover.
+        ends: (m, 3) directions of starts and goals, which names cover only where there is no other place.
     """
     crowded = len(zones) > _CROWD
     marks = [(spot, np.full(2, projection.mark)) for spot in projection.project(ends)]
-    labels, texts = Labels(projection.project(ways), marks), list[Artist]()
+    labels, texts = Labels(projection.project(tracks), marks), list[Artist]()
     # What is in front first, and of that the smallest, as it has the least room; of equals as they come.
     for zone in sorted(zones, key=lambda zone: (-projection.opacity(zone.axis_at()), zone.half_angle)):
         near = projection.opacity(zone.axis_at()) == 1
@@ -140,10 +142,10 @@ def name_zones(
 
 
 def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.ndarray]:
-    """Where in the picture a zone's name may stand; the best comes first, and the last is always there.
+    """Points (2,) of the picture where a zone's name of a size (2,) may stand, the best first; never none.
 
-    That is over and under a keep-in zone, since its inside is where the ways are, and else in the zone. Of
-    one that is more than half the sphere the outside is the smaller part, so its name stays inside, too.
+    These are over and under a keep-in zone, as the tracks are inside of it, and else in the zone. Of one that
+    is more than half the sphere the outside is the smaller part, so its name stays inside, too.
     """
     axis, angle = zone.axis_at(), zone.half_angle
     centre, extent = projection.project(axis), projection.extent(axis, angle)
@@ -209,17 +211,17 @@ def zones_at(scenario: Scenario, time: float, *, moving: bool | None = None) -> 
     return [replace(zone, direction=zone.axis_at(time)) for zone in wanted]
 
 
-def zone_ways(plan: Plan) -> list[tuple[Cone, np.ndarray]]:
-    """Moving zones at their last places, with the ways of their axes (k, 3).
+def zone_tracks(plan: Plan) -> list[tuple[Cone, np.ndarray]]:
+    """Inertial zones that move, at their last places, each with the track of its axis (k, 3).
 
     The last instant is that of the goal; of a plan without one, the last that is known.
     """
-    ways: list[tuple[Cone, np.ndarray]] = []
+    tracks: list[tuple[Cone, np.ndarray]] = []
     zones: tuple[Cone, ...] = (*plan.scenario.keep_out, *plan.scenario.keep_in)
     for zone in zones:
         path = zone.path
         if path is not None and path.moves:
             last = float(path.times[-1]) if plan.goal is None else plan.goal.time
             there = replace(zone, direction=zone.axis_at(last))
-            ways.append((there, path.at(np.linspace(0.0, last, _WAY))))
-    return ways
+            tracks.append((there, path.at(np.linspace(0.0, last, _TRACK_POINTS))))
+    return tracks

@@ -72,7 +72,7 @@ _CAPTIONS = {
 
 
 def page(plan: Plan) -> str:
-    """The page on a plan of any status, see `jaxplan.report.report_html`."""
+    """The HTML of the page on a plan of any status, certified anew; see `jaxplan.report.report_html`."""
     there = plan.trajectory is not None and plan.goal is not None
     certificate = certify(plan) if there else None
     status, message = _verdict(plan, certificate)
@@ -101,10 +101,7 @@ def page(plan: Plan) -> str:
 
 
 def _verdict(plan: Plan, certificate: Certificate | None) -> tuple[Status, str]:
-    """Status by the certificate made anew, and the message if the plan is not certified.
-
-    So a plan that says it is certified but is not is found out.
-    """
+    """Status and message of a plan, by the certificate made anew where the plan says that it is certified."""
     if not plan.ok:
         return plan.status, plan.message
     if certificate is not None and certificate.certified:
@@ -115,6 +112,7 @@ def _verdict(plan: Plan, certificate: Certificate | None) -> tuple[Status, str]:
 
 
 def _word(status: Status) -> str:
+    """A status in words, such as "Node limit"."""
     return "Certified" if status is Status.OK else status.name.replace("_", " ").capitalize()
 
 
@@ -154,6 +152,7 @@ def _parts(plan: Plan, certificate: Certificate | None, pictures: dict[str, Mark
 
 
 def _certificate(plan: Plan, certificate: Certificate) -> list[Markup]:
+    """Tables of the certificate: the verdict, what is not proved, peaks and margins."""
     margins = check_margins(plan)
     verdict = "holds at every instant" if certificate.certified else "does not hold"
     rows = [("Certificate", verdict), ("Instants evaluated", f"{certificate.evaluations:,}")]
@@ -166,7 +165,7 @@ def _certificate(plan: Plan, certificate: Certificate) -> list[Markup]:
 
 
 def _header(plan: Plan, status: Status, message: str, certificate: Certificate | None) -> Markup:
-    """Title, verdict, how far it came, and the numbers that matter most."""
+    """Head of the page: title, verdict, how far the plan came, and the numbers that matter most."""
     certified = status is Status.OK
     text = f"{status.value[:1].upper()}{status.value[1:]}."
     if certified:
@@ -186,7 +185,7 @@ def _header(plan: Plan, status: Status, message: str, certificate: Certificate |
 
 
 def _steps(status: Status) -> Markup:
-    """The steps of planning: done, where it ended, and not reached."""
+    """List of the steps of planning: those done, the one where it failed, and those not reached."""
     ended, items = STEPS.index(status.step), []
     for place, step in enumerate(STEPS):
         look, word = ("done", "done") if place <= ended else ("left", "not reached")
@@ -197,7 +196,7 @@ def _steps(status: Status) -> Markup:
 
 
 def _tiles(plan: Plan, certificate: Certificate | None) -> list[Markup]:
-    """The numbers that matter most, as far as there are any."""
+    """Slew angle, path length, duration, smallest margin and highest peak, as far as the plan has them."""
     found = []
     if plan.goal is not None:
         found.append(("platform turns", degrees(plan.goal.slew_angle, 1), "deg"))
@@ -217,7 +216,7 @@ def _tiles(plan: Plan, certificate: Certificate | None) -> list[Markup]:
 
 
 def _pictures(plan: Plan) -> list[tuple[str, Markup]]:
-    """Every figure of the plan by its name, inside the page."""
+    """Draw every figure of the plan; returns names and HTML with the pictures in it."""
     from jaxplan.plotting import inline_figures  # only here: the rest does without matplotlib
 
     found = []

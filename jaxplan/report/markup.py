@@ -9,7 +9,7 @@ import numpy as np
 
 NONE = "\N{EN DASH}"
 _VOID = ("img", "meta")
-_NARROW = 3  # columns; a table of no more is not spread over the page
+_NARROW = 3  # number of columns up to which a table is not spread over the page
 Row = Sequence[Any]
 
 
@@ -25,8 +25,8 @@ def tag(name: str, *content: Any, **attributes: str | None) -> Markup:
     Args:
         name: of the tag.
         content: what is in it, in order; all but `Markup` is escaped.
-        attributes: by name, escaped; those that are Python's words end in an underscore, and one that is None
-            is left out.
+        attributes: by name, escaped; a name that Python or this function uses itself ends in an underscore,
+            and an attribute that is None is left out.
     """
     given = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escape(value)}"'
@@ -44,7 +44,7 @@ def join(content: Iterable[Any]) -> Markup:
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """A number with so many digits after the point, a dash for None; never a minus before zeros alone."""
+    """Text of a number with `digits` after the point, a dash for None; never a minus before zeros alone."""
     if value is None:
         return NONE
     if not math.isfinite(value):
@@ -54,12 +54,12 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 def share(value: float) -> str:
-    """A share of one in percent."""
+    """Text of a ratio in percent, without the sign."""
     return number(100 * value, 1)
 
 
 def degrees(angle: Any, digits: int = 2) -> str:
-    """An angle, rad, as a number of degrees."""
+    """Text of an angle, rad, in degrees, with `digits` after the point."""
     return number(float(np.rad2deg(angle)), digits)
 
 

@@ -4,8 +4,8 @@ What was asked for are the spacecraft with its limits, the zones, and the two en
 found are path, trajectory, and what the certificate proves of it. Peaks are upper bounds and margins lower
 bounds over all time, from the proof and not from samples.
 
-Degrees and seconds. Directions are azimuth and elevation, as on the unfolded sphere: of zones and targets in
-the inertial frame, of instruments in body axes.
+Texts have degrees and seconds. Directions are azimuth and elevation, as on the unfolded sphere: of zones and
+targets in the inertial frame, of instruments in body axes.
 """
 
 from typing import Any
@@ -31,7 +31,7 @@ _AIM_AT = ("azimuth|deg", "elevation|deg")
 
 
 def spacecraft_tables(craft: Spacecraft) -> Markup:
-    """The platform's limits, and the devices with theirs."""
+    """Tables of the platform's limits, and of the devices with theirs."""
     parts = [facts(_platform(craft), "Platform, limits of each body axis")]
     frames = craft.gimbals.frames
     if craft.terminals:
@@ -72,6 +72,7 @@ def spacecraft_tables(craft: Spacecraft) -> Markup:
 
 
 def _platform(craft: Spacecraft) -> list[tuple[str, str]]:
+    """Labels and values, with units, of the platform's limits and moments of inertia."""
     rows = [
         (limit.quantity.label, f"{_span(limit.quantity.in_unit(limit.bound))} {limit.quantity.printed_unit}")
         for limit in limits(craft)
@@ -83,23 +84,24 @@ def _platform(craft: Spacecraft) -> list[tuple[str, str]]:
 
 
 def _span(values: Any) -> str:
-    """One number where all are the same, else all of them."""
+    """Text of numbers: a single one where all are the same, else all of them."""
     given = np.unique(values)
     return f"{given[0]:.6g}" if len(given) == 1 else ", ".join(f"{value:.6g}" for value in values)
 
 
 def _list(values: Any, digits: int) -> str:
+    """Text of numbers with `digits` after the point, between commas."""
     return ",\N{NO-BREAK SPACE} ".join(number(float(value), digits) for value in values)
 
 
 def _direction(vector: Any) -> tuple[str, str]:
-    """Azimuth and elevation, deg."""
+    """Texts of the azimuth and elevation, deg, of a vector (3,)."""
     azimuth, elevation = azimuth_elevation(np.asarray(vector, float))
     return degrees(azimuth), degrees(elevation)
 
 
 def kind_of(zone: Zone) -> str:
-    """What a zone asks, in words."""
+    """Text of a zone's kind, such as "keep-out, moving"."""
     if isinstance(zone, Mask):
         return "mask"
     words = ["joint bound" if isinstance(zone, JointBound) else "keep-out" if zone.side > 0 else "keep-in"]
@@ -112,7 +114,10 @@ def kind_of(zone: Zone) -> str:
 
 
 def _where(zone: Zone) -> tuple[str, str, str, str]:
-    """What a zone is about, the azimuth and elevation of its axis there, and its half angle, deg."""
+    """Cells of a zone: what its axis is, azimuth, elevation and half angle, deg, dashes where it has none.
+
+    Of a mask the first cell has the corners, of a joint bound the inequality.
+    """
     if isinstance(zone, Mask):
         corners = ", ".join(f"({', '.join(degrees(part) for part in corner)})" for corner in zone.corners)
         return f"yaw and pitch within {corners} deg", NONE, NONE, NONE
@@ -130,7 +135,7 @@ def _where(zone: Zone) -> tuple[str, str, str, str]:
 
 
 def _bound(zone: Zone) -> str:
-    """Devices and vectors that a zone binds, in words."""
+    """Text of the devices and vectors that a zone binds."""
     if isinstance(zone, JointBound | Mask):
         return zone.device
     of = [f"{vector.to or 'body'} {_list(vector.along, 3)}" for vector in zone.vectors]
@@ -165,7 +170,7 @@ def motion_table(plan: Plan) -> Markup:
 
 
 def ends_tables(plan: Plan) -> Markup:
-    """Start and goal: attitudes, joints, and the targets that were asked for."""
+    """Tables of start and goal: attitudes, joints, and the targets that were asked for."""
     scenario, goal = plan.scenario, plan.goal
     attitudes = {"Start": scenario.start.attitude} | ({} if goal is None else {"Goal": goal.attitude})
     rows = [
@@ -194,7 +199,7 @@ def ends_tables(plan: Plan) -> Markup:
 
 
 def _wishes_table(plan: Plan, asked: Targets) -> Markup:
-    """Table of what devices without a target prefer, and how far off they end."""
+    """Table of the directions that devices without a target prefer, and how far off these they end."""
     craft, goal, rows = plan.scenario.spacecraft, plan.goal, []
     for wish in asked.prefer:
         direction, apart = as_path(wish.direction).at(0.0 if goal is None else goal.time), NONE
@@ -207,6 +212,7 @@ def _wishes_table(plan: Plan, asked: Targets) -> Markup:
 
 
 def _joints_table(plan: Plan) -> Markup:
+    """Table of the joint angles at start and goal, with their ranges."""
     craft, start = plan.scenario.spacecraft, plan.scenario.start.joints
     rows = []
     for i, name in enumerate(craft.joint_names):
@@ -260,7 +266,7 @@ def trajectory_table(plan: Plan) -> Markup:
 
 
 def highest_peak(certificate: Certificate, craft: Spacecraft) -> tuple[str, str]:
-    """The quantity that comes closest to its limit, and its share of that in percent."""
+    """Name of the quantity that comes closest to its limit, and its proved peak in percent of that."""
     name = max(certificate.peaks, key=lambda name: certificate.peaks[name])
     return _limited(name, craft)[0].lower(), share(certificate.peaks[name])
 
@@ -284,7 +290,10 @@ def peaks_table(certificate: Certificate, craft: Spacecraft) -> Markup:
 
 
 def _limited(name: str, craft: Spacecraft) -> tuple[str, str, np.ndarray]:
-    """Label and unit of a peak in the certificate, and the limits of its components in that unit."""
+    """Label and unit of a peak by its name in the certificate, and the limits (c,) of its components in it.
+
+    A name without a limit has no unit and no limits.
+    """
     for limit in limits(craft):
         if limit.quantity.name == name:
             return limit.quantity.label, limit.quantity.printed_unit, limit.quantity.in_unit(limit.bound)
@@ -292,7 +301,7 @@ def _limited(name: str, craft: Spacecraft) -> tuple[str, str, np.ndarray]:
 
 
 def _bar(peak: float) -> Markup:
-    """A bar for a share of one; beyond one it is full and has another colour."""
+    """Bar whose length is a ratio to a limit; above 1 it is full and has another colour."""
     beyond = not peak <= 1 + 1e-9
     width = f"width:{100 if beyond else 100 * peak:.1f}%"
     fill = tag("span", class_="fill over" if beyond else "fill", style=width)

@@ -17,18 +17,21 @@ from jaxplan.runtime.arguments import as_floats
 from jaxplan.schema.faults import WRONG, Place, Reading
 from jaxplan.schema.kinds import NUMBER, Kind, Number
 
-UNIT_TOLERANCE = 1e-3  # by which a length may differ from one; beyond it is refused
+UNIT_TOLERANCE = 1e-3  # by which the length of a unit vector may differ from one
 _ROUNDING = 8 * np.finfo(float).eps  # by which a unit vector's length may differ from one and keep its bits
 # By which entries of R^T R may differ from the identity; the certificate is stricter.
 ORTHONORMAL = 1e-6
-# How long an axis of a name may be, where its first array sets that.
+# Least and greatest length of an axis, by its name, where the first array that has it sets the length.
 LENGTHS = {"sample": (2, 10_000)} | dict.fromkeys(
     ("pieces", "terms", "joint pieces", "joint terms"), (1, math.inf)
 )
-_MOST_FAULTS = 20  # faults of one array that are told; a damaged one has thousands
+_MOST_FAULTS = 20  # faults of one array that are noted; a damaged one has thousands
 
 Rule = Callable[[np.ndarray, Any, Place], Any]
-"""Takes an array, what it was read from and its place; answers with the array as it is held, or `WRONG`."""
+"""Function of an array, what it was read from and its place: checks it and returns it as the model has it.
+
+It returns `WRONG` after noting faults.
+"""
 
 
 @dataclass(frozen=True)
@@ -39,11 +42,11 @@ class Array(Kind):
         shape: the length of each axis: a number, a name, or a name and what is added, as "edges + 1". What a
             name stands for is the same for all arrays that are read together.
         of: kind of each number.
-        noun: what they are, in the plural, such as "numbers, one a terminal"; with an article ("a unit vector
-            ...") it stands for the whole.
-        hint: for who gives them in Python.
-        rule: what must hold of them together, and how they are held.
-        zero: whether it is zeros where it is left out.
+        noun: what they are, for messages, in the plural, such as "numbers, one a terminal"; with an article
+            ("a unit vector ...") it stands for the whole.
+        hint: advice in messages on what is given in Python.
+        rule: what must hold of them together.
+        zero: whether an array that is left out stands for zeros.
     """
 
     shape: tuple[int | str, ...]
@@ -103,7 +106,7 @@ class Array(Kind):
         return np.reshape([self.of.write(number) for number in array.ravel().tolist()], array.shape).tolist()
 
     def _length(self, number: int, size: int, reading: Reading) -> int:
-        """How long an axis must be; one that is not known yet is as long as that of the array."""
+        """The length that an axis, by number, must have; a name yet unknown is given the array's, `size`."""
         axis = self.shape[number]
         if isinstance(axis, str) and axis not in reading.sizes:
             name, _, more = axis.partition(" + ")
@@ -113,7 +116,7 @@ class Array(Kind):
         return size if known is None else known
 
     def _counted(self, reading: Reading, depth: int = 0) -> str:
-        """What it must be, or the arrays in it, with the length where that is known."""
+        """What it must be, or the arrays `depth` axes down, for messages, with the length if it is known."""
         count = _known(self.shape[depth], reading)
         text = self.noun if not depth else ""
         if text.startswith("a "):
@@ -127,7 +130,7 @@ class Array(Kind):
         return f"an array of {counted}{text}{self.hint if reading.python else ''}"
 
     def _blamed(self, value: Any, place: Place) -> Any:
-        """`WRONG`, after noting where something else than numbers stands, or lists have the wrong length."""
+        """Note where something else than numbers stands, or lists have the wrong length; returns `WRONG`."""
         faults = place.reading.faults
         before = len(faults)
         self._blame(value, 0, place, before + _MOST_FAULTS)
@@ -136,6 +139,7 @@ class Array(Kind):
         return WRONG
 
     def _blame(self, value: Any, depth: int, place: Place, most: int) -> None:
+        """Note the faults of nested lists `depth` axes down, until there are `most` of them."""
         if depth == len(self.shape):
             self.of.read(value, place)
             return
@@ -152,7 +156,7 @@ class Array(Kind):
 
 @dataclass(frozen=True)
 class PerAxis(Kind):
-    """A number for every body axis, or three of them; it is held, and written, as it was given.
+    """A single number for all body axes, or three of them; model and file have it as it was given.
 
     Attributes:
         of: kind of each number.
@@ -177,6 +181,7 @@ class PerAxis(Kind):
         return self.of.read(value, place)
 
     def _of_three(self, value: Any, place: Place) -> Any:
+        """Read three numbers, to an array (3,)."""
         if len(value) != 3:
             return place.refuse(f"must be {self.of.asked(place)}{_OR_THREE}, not {len(value)}", value)
         read = [self.of.read(number, place[i]) for i, number in enumerate(value)]
@@ -193,10 +198,10 @@ class PerAxis(Kind):
 
 @dataclass(frozen=True)
 class Numbers(Kind):
-    """Some numbers in an array.
+    """A fixed count of numbers in an array.
 
     Attributes:
-        count: how many.
+        count: how many there must be.
         of: kind of each.
     """
 
@@ -254,6 +259,7 @@ class Polygons(Kind):
         return WRONG if any(one is WRONG for one in read) else value if same else read
 
     def _polygon(self, value: Any, place: Place) -> Any:
+        """Read one polygon, to an array (k, 2) of corners."""
         given = as_floats(value) if place.reading.python else None
         listed = value if given is None else given
         if not isinstance(listed, list | tuple | np.ndarray) or not np.ndim(np.asarray(listed, object)):
@@ -264,7 +270,7 @@ class Polygons(Kind):
         array = np.array(corners).reshape(-1, 2)
         complaint = outlines.fault(array)
         if complaint is not None:
-            return place.fault(f"must {complaint}", _told(np.asarray(value, float), value, place))
+            return place.fault(f"must {complaint}", _shown_value(np.asarray(value, float), value, place))
         same = isinstance(value, np.ndarray) and value.dtype == float and np.array_equal(value, array)
         return value if same else array
 
@@ -283,7 +289,7 @@ _OR_THREE = ", or 3, one a body axis"
 
 
 def _known(axis: int | str, reading: Reading) -> int | None:
-    """The length of an axis; None where any will do."""
+    """The length that an axis of an `Array`'s shape must have; None where any will do."""
     if isinstance(axis, int) or axis in reading.sizes:
         return axis if isinstance(axis, int) else reading.sizes[axis]
     name, _, more = axis.partition(" + ")
@@ -299,41 +305,45 @@ def _plain(value: Any) -> bool:
 
 
 def _within(place: Place, index: Any) -> Place:
+    """The place of an array's entry, by its indices."""
     for i in index:
         place = place[int(i)]
     return place
 
 
-def _told(array: np.ndarray, value: Any, place: Place) -> Any:
-    """The value that an array was read from, as messages show it."""
+def _shown_value(array: np.ndarray, value: Any, place: Place) -> Any:
+    """What messages show of an array: its numbers if it was given in Python, else the file's value."""
     return array.tolist() if place.reading.python else value
 
 
 def unit(vector: np.ndarray, value: Any, place: Place, what: str = "a unit vector") -> Any:
-    """The vector at unit length; one that has it to rounding keeps its bits, to be written back as it was."""
+    """Check that a vector (n,) has unit length to `UNIT_TOLERANCE`, and bring it there; a `Rule`.
+
+    One that has it to rounding keeps its bits, to be written back as it was.
+    """
     norm = math.hypot(*vector.tolist())
     if norm == 0:
-        return place.fault(f"must be {what}, not zero", _told(vector, value, place))
+        return place.fault(f"must be {what}, not zero", _shown_value(vector, value, place))
     if abs(norm - 1) > UNIT_TOLERANCE:
-        return place.fault(f"must be {what}, its norm is {norm:.6g}", _told(vector, value, place))
+        return place.fault(f"must be {what}, its norm is {norm:.6g}", _shown_value(vector, value, place))
     return vector if abs(norm - 1) <= _ROUNDING else vector / norm
 
 
 def units(vectors: np.ndarray, value: Any, place: Place) -> Any:
-    """Vectors at unit length."""
-    told = _told(vectors, value, place)
+    """Check vectors (k, n), and bring them to unit length; a `Rule`."""
+    told = _shown_value(vectors, value, place)
     read = [unit(vector, told[i], place[i]) for i, vector in enumerate(vectors)]
     return WRONG if any(vector is WRONG for vector in read) else np.array(read)
 
 
 def rotation_vector(numbers: np.ndarray, value: Any, place: Place) -> Any:
-    """The rotation vector, of at most half a turn, of a quaternion w x y z."""
+    """Check a quaternion w x y z; returns its rotation vector (3,), of at most half a turn; a `Rule`."""
     read = unit(numbers, value, place, "a unit quaternion in the order w x y z")
     return WRONG if read is WRONG else np.asarray(quaternion.log(-read if read[0] < 0 else read))
 
 
 def inertia(matrix: np.ndarray, value: Any, place: Place) -> Any:
-    """A matrix of inertia that a body can have."""
+    """Check that a matrix (3, 3) is a moment of inertia that a body can have; a `Rule`."""
     scaled = matrix / (np.max(np.abs(matrix)) or 1)  # so that the thresholds below are relative
     small, middle, large = np.linalg.eigvalsh((scaled + scaled.T) / 2)
     if np.max(np.abs(scaled - scaled.T)) > 1e-9:
@@ -346,11 +356,11 @@ def inertia(matrix: np.ndarray, value: Any, place: Place) -> Any:
         complaint = "must have no principal moment above the sum of the other two, as no body has"
     else:
         return matrix
-    return place.fault(complaint, _told(matrix, value, place))
+    return place.fault(complaint, _shown_value(matrix, value, place))
 
 
 def rotations(matrices: np.ndarray, value: Any, place: Place) -> Any:
-    """Rotation matrices in the last two axes; a fault names the first that is none."""
+    """Check that the last two axes are rotation matrices, and note the first that is none; a `Rule`."""
     gram = np.swapaxes(matrices, -1, -2) @ matrices
     good = np.all(np.abs(gram - np.eye(3)) <= ORTHONORMAL, axis=(-1, -2)) & (np.linalg.det(matrices) > 0)
     if np.all(good):
@@ -362,7 +372,7 @@ def rotations(matrices: np.ndarray, value: Any, place: Place) -> Any:
 
 
 def not_falling(times: np.ndarray, value: Any, place: Place) -> Any:
-    """Times of which none is before the one in front of it."""
+    """Check that times (k,) never decrease; a `Rule`."""
     falls = np.flatnonzero(np.diff(times) < 0)
     if not len(falls):
         return times
@@ -371,7 +381,7 @@ def not_falling(times: np.ndarray, value: Any, place: Place) -> Any:
 
 
 def rising(times: np.ndarray, value: Any, place: Place) -> Any:
-    """Times that rise, of which the first is no later than the start of the manoeuvre."""
+    """Check that times (k,) s rise, and begin no later than the manoeuvre, at 0; a `Rule`."""
     falls = np.flatnonzero(np.diff(times) <= 0)
     if len(falls):
         at = int(falls[0]) + 1
@@ -382,10 +392,10 @@ def rising(times: np.ndarray, value: Any, place: Place) -> Any:
 
 
 def range_of(ends: np.ndarray, value: Any, place: Place) -> Any:
-    """The two ends of a range, the first below the second."""
+    """Check that the first end of a range (2,) is below the second; a `Rule`."""
     if ends[0] < ends[1]:
         return ends
-    return place.fault("must be two numbers, the first below the second", _told(ends, value, place))
+    return place.fault("must be two numbers, the first below the second", _shown_value(ends, value, place))
 
 
 DIRECTION = Array((3,), noun="a unit vector of 3 numbers", rule=unit)
@@ -394,15 +404,15 @@ QUATERNION = Array((4,), noun="a unit quaternion of 4 numbers, w x y z", rule=ro
 
 
 def each_terminal(of: Number) -> Array:
-    """A number for each terminal."""
+    """Kind of an array with a number for each terminal."""
     return Array(("terminal",), of, noun="numbers, one a terminal")
 
 
 def each_drive(of: Number) -> Array:
-    """A number for each drive."""
+    """Kind of an array with a number for each drive."""
     return Array(("drive",), of, noun="numbers, one a drive")
 
 
 def each_joint(of: Number, *, zero: bool = False) -> Array:
-    """A number for each joint."""
+    """Kind of an array with a number for each joint; with `zero` it may be left out for zeros."""
     return Array(("joint",), of, noun="numbers, one a joint, all yaws, all pitches, all drives", zero=zero)

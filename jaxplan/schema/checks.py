@@ -1,7 +1,7 @@
 """What must go together in a scenario, beyond what each value must be by itself.
 
-The checks look at the scenario as far as it could be read, in which `WRONG` stands for what is given and
-wrong, and has been told. Places go by the keys of a file.
+The checks look at the scenario as far as it could be read, in which `WRONG` stands for a value whose fault
+was noted before. What they find they note as a fault at a `Place`, by the keys of a file.
 """
 
 from collections.abc import Sequence
@@ -16,20 +16,28 @@ from jaxplan.schema.arrays import PerAxis
 from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.kinds import NUMBER, shortest_degrees
 
-MOST_ZONES = 1000  # of a scenario; more are refused before they are read
+MOST_ZONES = 1000  # number of zones of a scenario; more are refused before they are read
 ZONES = {"keep_out": "keep_out", "keep_in": "keep_in", "joint_bound": "joint_bounds"}
 """Keys of a file under which pointing constraints stand, and their attributes."""
 # Keys of rates at start and goal, and their attributes.
 RATES = {"angular_velocity_rad_s": "angular_velocity", "joint_rates_rad_s": "joint_rates"}
 _DEVICES = {"terminal": "terminals", "drive": "drives", "instrument": "instruments"}
-SQUARE = 1e-3  # by which the cosine of a right angle may differ from zero; it is made right
+SQUARE = 1e-3  # by which the cosine of a right angle may differ from zero; the model makes it exact
 APART = np.deg2rad(
     1.0
 )  # rad, least angle between a drive's boresight and its axis, which it would not move on
 
 
 def check_count(zones: Sequence[Any], root: Place) -> bool:
-    """Whether there are no more zones than a scene may have; more are not worth reading."""
+    """Note a fault if there are more zones than a scene may have, so that they are not read.
+
+    Args:
+        zones: the rows of each sort of zone, or whatever was given for them.
+        root: the place of the scenario.
+
+    Returns:
+        True if there are no more.
+    """
     count = sum(len(rows) for rows in zones if isinstance(rows, list | tuple))
     if count > MOST_ZONES:
         root.fault(f"{count} zones, more than the {MOST_ZONES} that are allowed")
@@ -37,7 +45,7 @@ def check_count(zones: Sequence[Any], root: Place) -> bool:
 
 
 def placed(rows: Any, place: Place) -> list[tuple[Place, Any]]:
-    """The entries of a tuple that could be read, with their places; none of what is no tuple."""
+    """The entries of the tuple at a place that could be read, each after its place; none of a non-tuple."""
     entries = rows if isinstance(rows, tuple) else ()
     return [(place[i], row) for i, row in enumerate(entries) if row is not WRONG]
 
@@ -59,7 +67,7 @@ def check_parts(scenario: Scenario, root: Place) -> None:
 
 
 def check_mount(mount: Any, place: Place) -> None:
-    """The boresight of a mount stands at right angles to its yaw axis."""
+    """Note a fault unless the boresight of a mount is at right angles to its yaw axis."""
     axis, boresight = mount.yaw_axis, mount.boresight
     if axis is WRONG or boresight is WRONG:
         return
@@ -72,7 +80,10 @@ def check_mount(mount: Any, place: Place) -> None:
 
 
 def check_terminal(terminal: Any, place: Place) -> None:
-    """Each joint has a limit of its rate and of its acceleration, of its own or for both."""
+    """Note faults of a terminal: missing limits of rate or acceleration, and a range of pitch near 90 deg.
+
+    A limit may be a joint's own or that of both; pitch is kept `NEAREST_TO_POLE`, rad, away from 90 deg.
+    """
     for quantity, unit in (("rate", "deg_s"), ("acceleration", "deg_s2")):
         key = f"{quantity}_limit_{unit}"
         both = getattr(terminal, f"{quantity}_limit")
@@ -90,12 +101,12 @@ def check_terminal(terminal: Any, place: Place) -> None:
 
 
 def shown(angle: Any, place: Place) -> Any:
-    """An angle, or what is made of one, as messages of a file or of Python tell it."""
+    """A value for a message: an angle in rad as degrees where a file is read; all else as it is."""
     return angle if place.reading.python or not isinstance(angle, float) else shortest_degrees(angle)
 
 
 def check_drive(drive: Any, place: Place) -> None:
-    """The boresight of a drive stands off its axis."""
+    """Note a fault unless the boresight of a drive is off its axis by `APART`."""
     axis, boresight = drive.axis, drive.boresight
     if axis is WRONG or boresight is WRONG:
         return
@@ -108,7 +119,10 @@ def check_drive(drive: Any, place: Place) -> None:
 
 
 def check_spacecraft(craft: Any, place: Place) -> None:
-    """Devices need names of their own, by which others refer to them; torque and momentum the inertia."""
+    """Note devices of one name, and limits of torque and momentum without an inertia.
+
+    What start, goal and zones refer to is kept in ``place.reading``: names, numbers and ranges of devices.
+    """
     reading = place.reading
     _check_unique([row for key, name in _DEVICES.items() for row in placed(getattr(craft, name), place[key])])
     names = {key: _names(getattr(craft, name)) for key, name in _DEVICES.items()}
@@ -134,7 +148,7 @@ def check_spacecraft(craft: Any, place: Place) -> None:
 
 
 def _joint_ranges(craft: Any) -> np.ndarray | None:
-    """Ranges of the joints, (J, 2) rad; None where devices have faults."""
+    """Ranges of a spacecraft's joints, (J, 2) rad; None where devices have faults."""
     parts = ("yaw_limit", "yaw_range", "pitch_limit", "pitch_range")
     if any(getattr(one, part) is WRONG for one in craft.terminals for part in parts):
         return None
@@ -148,13 +162,14 @@ def _joint_ranges(craft: Any) -> np.ndarray | None:
 
 
 def _names(devices: Any) -> tuple[str, ...] | None:
-    """The names of devices; None where they cannot all be told."""
+    """The names of devices; None where one of them has a fault."""
     if devices is WRONG or any(one is WRONG or one.name is WRONG for one in devices):
         return None
     return tuple(one.name for one in devices)
 
 
 def _check_unique(rows: Sequence[tuple[Place, Any]]) -> None:
+    """Note rows whose name an earlier one has."""
     first: dict[str, Place] = {}
     for place, row in rows:
         if row.name in first:
@@ -164,7 +179,7 @@ def _check_unique(rows: Sequence[tuple[Place, Any]]) -> None:
 
 
 def _check_zone(key: str, zone: Any, place: Place) -> None:
-    """A zone binds something, other than its own axis, and an entry is one of a group."""
+    """Note a zone, under a key of `ZONES`, that binds nothing or its own axis, and an entry without group."""
     if key != "joint_bound":
         aside = zone.direction is None and not zone.is_inertial  # else it was told that one axis is enough
         if (key == "keep_in" or aside) and zone.devices == () and zone.vectors == ():
@@ -178,7 +193,7 @@ def _check_zone(key: str, zone: Any, place: Place) -> None:
 
 
 def check_targets(goal: Any, place: Place) -> None:
-    """What is held or has a wish has no target; and where targets move, the rates at the goal are theirs."""
+    """Note faults of a goal: devices held or with a wish beside a target, and rates beside moving targets."""
     names = place.reading.names
     aimed = goal.devices or names.get("terminal") or ()
     for i, name in enumerate(goal.hold if goal.hold is not WRONG else ()):
@@ -202,7 +217,7 @@ def check_targets(goal: Any, place: Place) -> None:
 
 
 def _check_goal_limits(scenario: Scenario, root: Place) -> None:
-    """The goal's limits tighten those of every terminal, they do not widen any."""
+    """Note limits of yaw and pitch at the goal that are wider than a terminal's own."""
     for name in ("yaw_limit", "pitch_limit"):
         limit, key = getattr(scenario.goal, name, None), f"{name}_deg"
         if not isinstance(limit, float):
@@ -219,7 +234,7 @@ def _check_goal_limits(scenario: Scenario, root: Place) -> None:
 
 
 def _check_duration(scenario: Scenario, root: Place) -> None:
-    """The paper's method finds no shortest motion, and stretching the time changes rates at both ends."""
+    """Note what the paper's method cannot do: the shortest duration, or stretching with rates at the ends."""
     settings = scenario.trajectory
     if getattr(settings, "method", "") != "paper" or not isinstance(settings.duration, str):
         return
@@ -239,7 +254,10 @@ def _check_duration(scenario: Scenario, root: Place) -> None:
 
 
 def check_paths(scenario: Scenario, root: Place) -> None:
-    """What moves must be known until the end, and the paper's method must know when that is."""
+    """Note directions that move but are not known for the whole duration.
+
+    And, if any moves, a duration that is no number, for the paper's method.
+    """
     settings = scenario.trajectory
     paths = [
         (zone.direction, place["direction"] if root.reading.python else place)
@@ -263,4 +281,5 @@ def check_paths(scenario: Scenario, root: Place) -> None:
 
 
 def _moves(axis: Any) -> bool:
+    """Whether a direction is a path that does not stand still."""
     return isinstance(axis, DirectionPath) and axis.moves

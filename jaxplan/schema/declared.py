@@ -31,6 +31,7 @@ ANGLE_DEG = Number(Interval("[-5e4, 5e4]"), degrees=True)
 
 
 def _of_number(make: Callable[[Number], Kind]) -> Callable[[Key], Kind]:
+    """Function of a `Key` that returns `make` of the number with the key's range and unit."""
     return lambda told: make(Number(Interval(told.range), degrees="_deg" in told.name))
 
 
@@ -75,6 +76,11 @@ KINDS: dict[Any, Any] = {
 
 
 def declared(model: type, **more: Any) -> Table:
-    """The table of a class of the model, which tables of others may have in them."""
+    """Make the table of a class of the model, and add it to `KINDS`, so that tables of others may contain it.
+
+    Args:
+        model: the dataclass.
+        more: see `table`.
+    """
     KINDS[model] = table(model, KINDS, **more)
     return KINDS[model]

@@ -15,7 +15,7 @@ from jaxplan.schema.kinds import Kind, Names
 from jaxplan.schema.sky import Followed
 from jaxplan.schema.tables import Field, Table
 
-_SLOPE_ROUNDING = 1e-3  # rad between two samples, by which slopes held with fewer digits may be off
+_SLOPE_ROUNDING = 1e-3  # rad between two samples, by which slopes of fewer digits may be off
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Axis(Kind):
     """A direction: a unit vector, or a path where it moves.
 
     Attributes:
-        inline: whether a file may have it as a table of samples and times; else these stand beside it.
+        inline: whether a file may have it as a table of samples and times; else these are keys beside it.
         moving: whether it may move; then a file may have a name of ``[sky]``, too.
     """
 
@@ -98,7 +98,7 @@ class TargetList(Kind):
         return _together([Axis(inline=True).read(entry, place[i]) for i, entry in enumerate(value)])
 
     def _by_name(self, value: dict[str, Any], place: Place) -> Any:
-        """The names and directions of a table of a file."""
+        """Read a table of a file from names of devices to directions; returns names and directions."""
         known = place.reading.names.get("device")
         if not value:
             return place.refuse("must name a device at least, and what it points at", value)
@@ -119,7 +119,7 @@ class TargetList(Kind):
 
 
 def _together(each: Sequence[Any]) -> Any:
-    """Directions as targets hold them."""
+    """Directions as `Targets` has them: (k, 3), or a tuple where one moves; `WRONG` where one is."""
     if any(one is WRONG for one in each):
         return WRONG
     moving = any(isinstance(one, Followed | DirectionPath) for one in each)
@@ -127,7 +127,12 @@ def _together(each: Sequence[Any]) -> Any:
 
 
 def path_of(parts: dict[str, Any], place: Place) -> Any:
-    """The path through samples, or `WRONG` where they have faults, or after noting that there is none."""
+    """Make the path through samples at times; returns `WRONG` where they have faults, or no path is found.
+
+    Args:
+        parts: what was read of samples, times and, maybe, the spans in which a target is hidden.
+        place: of the path, where it is noted if there is none.
+    """
     place.reading.sizes.pop("sample", None)  # the next path has its own number of them
     samples, times, hidden = parts["samples"], parts["times"], parts.get("hidden", ())
     if samples is WRONG or times is WRONG or WRONG in hidden:
@@ -139,7 +144,7 @@ def path_of(parts: dict[str, Any], place: Place) -> Any:
 
 
 def _taken_path(path: DirectionPath, place: Place) -> Any:
-    """The path of one made in Python, made anew from its samples as a file's is."""
+    """Check a path made in Python, and make it anew from its samples, as a file's is."""
     parts = {
         entry.attribute: entry.kind.read(getattr(path, entry.attribute), place[entry.key])
         for entry in PATH.attributes
@@ -158,6 +163,7 @@ def _taken_path(path: DirectionPath, place: Place) -> Any:
 
 
 def _check_span(span: Hidden, place: Place) -> None:
+    """Note a span that does not end after its start."""
     if WRONG not in (span.start, span.end) and not span.start < span.end:
         place["to_s"].fault(f"must be later than {place['from_s'].told(span.start)}", span.end)
 

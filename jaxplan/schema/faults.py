@@ -2,7 +2,8 @@
 
 A fault is one line, ``keep_out[2].half_angle_deg = 210: must lie in (0, 180)``: the key path as the file
 spells it with zero-based indices, the value in the file's units, and what it must be. Of a scenario that was
-made in Python it names attributes instead, and the unit.
+made in Python it names attributes instead, and the unit. Faults are *noted*: added to the list of a `Reading`
+by the `Place` of the value, which then counts as `WRONG`, and reading goes on to find the others.
 """
 
 import difflib
@@ -42,7 +43,7 @@ class ScenarioError(ValueError):
 
 _NOTHING = object()  # no value, since None is one that a JSON file may hold
 WRONG: Any = object()
-"""What is read of a value that is wrong and has been told; attributes that are wrong, too, have it."""
+"""Stands for a value that is wrong, its fault being noted: what readers return, and what attributes have."""
 
 
 def quote(text: str) -> str:
@@ -53,6 +54,7 @@ def quote(text: str) -> str:
 
 
 def _cut(text: str) -> str:
+    """A text, cut to `_LONGEST_NAME` characters."""
     return text if len(text) <= _LONGEST_NAME else text[:_LONGEST_NAME] + "..."
 
 
@@ -81,7 +83,7 @@ def show(value: object) -> str:
 
 
 class Spelled(NamedTuple):
-    """How messages name a place: its path, its unit, and the factor from the file's unit to that."""
+    """How messages name a place: its path, its value's unit, and the factor to that from the file's unit."""
 
     path: str
     unit: str = ""
@@ -92,11 +94,13 @@ class Reading:
     """What is known and noted while a file is read.
 
     Attributes:
-        python: whether what is read was made in Python: radians and attributes, not a file's units and keys.
+        python: whether what is read was made in Python: with radians and attributes, not a file's units and
+            keys.
         faults: one line each.
         refused: how many of them are of a wrong type or shape.
         names: that may be referred to, by what they name ("device", "terminal", ...); any where None.
-        sizes: lengths of arrays by their names; any where None, set by the first array where absent.
+        sizes: lengths of the axes of arrays by names such as "joint"; any where None, set by the first array
+            where absent.
         terminals: how many there must be, None where that cannot be told.
         ranges: (J, 2) rad, of the joints; None where that cannot be told.
         folder: to which paths in the file are relative.
@@ -119,7 +123,7 @@ class Reading:
         self.ranges: Any = None
 
     def spelled(self, steps: Sequence[str | int]) -> Spelled:
-        """How messages name the place that keys and indices lead to."""
+        """How messages name the place that keys and indices (`steps`) lead to."""
         return Spelled(spell_path(steps))
 
     def show(self, value: object) -> str:
@@ -163,13 +167,18 @@ class Place:
         return self.spelled.path
 
     def told(self, value: object, *, bare: bool = False) -> str:
-        """The path with a value that stands here, and its unit unless bare."""
+        """Text of the path with a value that stands here, and its unit unless `bare`."""
         path, unit, _ = self.spelled
         measured = isinstance(value, int | float) and not isinstance(value, bool) and not bare
         return f"{path or self.reading.root} = {self.reading.show(value)} {unit * measured}".rstrip()
 
     def fault(self, complaint: str, value: object = _NOTHING, *, bare: bool = False) -> Any:
         """Note that this value, or what stands here, is wrong.
+
+        Args:
+            complaint: what it must be, such as "must be finite".
+            value: to be shown; none if it is missing.
+            bare: whether to leave out the unit.
 
         Returns:
             `WRONG`.
@@ -185,7 +194,7 @@ class Place:
         return WRONG
 
     def refuse(self, complaint: str, value: object) -> Any:
-        """Note that a value is of a wrong type or shape, so that no unit can be told of it."""
+        """Note that a value, shown without a unit, is of a wrong type or shape; returns `WRONG`."""
         self.reading.refused += 1
         return self.fault(complaint, value, bare=True)
 

@@ -1,6 +1,6 @@
-"""What must go together where zones count from fields of view, and of devices that have one.
+"""What must go together in zones that count from fields of view, and in devices that have one.
 
-As in `checks`, `WRONG` stands for what is given and wrong, and places go by the keys of a file.
+As in `checks`, `WRONG` stands for a value whose fault was noted, and faults are noted by the keys of a file.
 """
 
 from collections import defaultdict
@@ -22,7 +22,7 @@ _CONES = ("keep_out", "keep_in")
 
 
 def check_field(device: Any, place: Place, boresight: np.ndarray | None = None) -> None:
-    """A field of view needs the direction of up, at right angles to the boresight.
+    """Note a fault unless a field of view comes with the direction of up, at right angles to the boresight.
 
     Args:
         device: an instrument, or a terminal.
@@ -66,19 +66,26 @@ def check_zones(scenario: Scenario, root: Place) -> None:
 
 
 def _cones(scenario: Scenario, root: Place) -> Iterator[tuple[Place, Any]]:
+    """Yield the keep-out and keep-in zones that could be read, each after its place."""
     for key in _CONES:
         yield from placed(getattr(scenario, key), root[key])
 
 
 def _check_open(zone: Any, place: Place) -> None:
-    """A zone of no field of view has a half angle above zero; that from a body's limb is not known yet."""
+    """Note a half angle of zero of a zone that is of no field; that of a body's limb is not known yet."""
     if zone.half_angle == 0 and not isinstance(zone.direction, Followed):
         python = place.reading.python
         place["half_angle_deg"].fault(f"must lie in (0, {np.pi if python else 180:g})", 0.0 if python else 0)
 
 
 def _check_distance(zone: Any, fields: dict[str, Any], place: Place) -> None:
-    """The distance from a field is less than a right angle, and within one it leaves something of it."""
+    """Note a zone whose distance from a field's edge is a right angle or more, or half of what it stays in.
+
+    Args:
+        zone: of fields of view.
+        fields: full angles (2,) rad of devices with a field of view, by their names.
+        place: of the zone.
+    """
     distance = zone.half_angle
     if not isinstance(distance, float):
         return
@@ -94,7 +101,7 @@ def _check_distance(zone: Any, fields: dict[str, Any], place: Place) -> None:
 
 
 def _check_devices(zone: Any, fields: dict[str, Any], place: Place) -> None:
-    """What is bound by its field has one."""
+    """Note devices and vectors without a field that a zone of fields binds; see `_check_distance`."""
     where = place["outside" if zone.side > 0 else "inside"]
     if zone.vectors not in ((), WRONG):
         where.fault("is of fields of view, which vectors do not have")
@@ -108,7 +115,13 @@ def _check_devices(zone: Any, fields: dict[str, Any], place: Place) -> None:
 
 
 def _check_groups(scenario: Scenario, fields: int, root: Place) -> None:
-    """An entry of a group holds in five ways for each field that it keeps clear; these must be few."""
+    """Note groups with an entry that keeps too many fields clear: it counts 5 to the power of their number.
+
+    Args:
+        scenario: as far as it could be read.
+        fields: number of devices with a field of view.
+        root: the scenario's place.
+    """
     kept: dict[tuple[Any, Any], int] = defaultdict(int)
     places: dict[tuple[Any, Any], Place] = {}
     for place, zone in _cones(scenario, root):

@@ -1,6 +1,6 @@
 """Kinds of single values in a file: what each must be, and how it is read and written.
 
-A kind reads a value to the model's units, noting every fault at its `Place`, and answers `WRONG` where there
+A kind reads a value to the model's units, noting every fault at its `Place`, and returns `WRONG` where there
 was one. It does so of what a file holds, and of what Python gives for the same attribute: there any type that
 numpy takes for real numbers will do, angles are in radians, and what is read has the bits that a file would
 give back. ``wanted`` completes "must be ..." in messages and in the reference of the file.
@@ -22,10 +22,10 @@ from jaxplan.schema.faults import WRONG, Place, Reading, closest, nearest, quote
 
 
 class Kind(ABC):
-    """What a value may be."""
+    """What a value may be, how it is read and how written."""
 
     fields: Sequence[Any] = ()
-    """The keys of what stands below it, of a table."""
+    """The keys of a table; none of other kinds."""
 
     @property
     @abstractmethod
@@ -34,12 +34,12 @@ class Kind(ABC):
 
     @property
     def range(self) -> str | None:
-        """Where its numbers must lie, in the file's units; None where that is no matter."""
+        """Interval in which its numbers must lie, in the file's units; None for any."""
         return None
 
     @abstractmethod
     def read(self, value: Any, place: Place) -> Any:
-        """The model's value, or `WRONG` after noting its faults."""
+        """Read the value at a place; returns the model's value, or `WRONG` after noting its faults."""
 
     def absent(self, reading: Reading) -> Any:
         """What a value that is left out stands for; None leaves it to the model's class."""
@@ -121,7 +121,7 @@ class Text(Kind):
     """A name or title: one line that prints, since it goes into tables and figures.
 
     Attributes:
-        empty: whether it may be.
+        empty: whether it may be empty or blank.
     """
 
     empty: bool = False
@@ -141,8 +141,8 @@ class Choice(Kind):
     """One of a few words or whole numbers.
 
     Attributes:
-        options: there are.
-        meanings: what the model has for them, if not themselves.
+        options: the words and numbers.
+        meanings: what the model has for them; themselves if this is empty.
     """
 
     options: Sequence[str | int]
@@ -198,6 +198,7 @@ class Number(Kind):
         return self._wanted(f"a number in {self.range}" if self.range else "a number")
 
     def _wanted(self, number: str) -> str:
+        """What the value must be: a number, in these words, or one of the words that may stand for it."""
         return either([number, *map(quote, self.words)])
 
     def read(self, value: Any, place: Place) -> Any:
@@ -224,7 +225,7 @@ class Number(Kind):
         return number if python and held == number else held  # the very same, as that tells of no change
 
     def asked(self, place: Place, noun: str = "a number") -> str:
-        """What must stand at a place, as messages there say it: in Python with the unit and not the range."""
+        """What the value must be, for messages: of a file with the range, of Python a noun with the unit."""
         if not place.reading.python:
             return self.wanted
         unit = place.spelled.unit if self.degrees else None
@@ -240,7 +241,7 @@ class Number(Kind):
 
 @dataclass(frozen=True)
 class FromZero(Number):
-    """A number of an open range that may be zero, too, if what it stands beside allows for that."""
+    """A number that may lie in its interval, or be zero, which other keys may then forbid."""
 
     def read(self, value: Any, place: Place) -> Any:
         return 0.0 if _real(value, place.reading.python) == 0 else super().read(value, place)
@@ -256,7 +257,7 @@ def _degrees(angle: float) -> float:
 
 
 def _real(value: Any, python: bool) -> float | None:
-    """A value as a float, None if it is no number: in Python whatever numpy takes for one."""
+    """A value as a float, or None if it is no number; if `python`, it may be whatever numpy takes for one."""
     if python:
         array = as_floats(value)
         return float(array) if array is not None and not array.ndim else None
@@ -314,7 +315,7 @@ _CALLED = {"gimbal": "jointed device"}  # in messages
 
 @dataclass(frozen=True)
 class Name(Kind):
-    """The name of something that there is.
+    """The name of something that the scenario has.
 
     Attributes:
         noun: what it names, "device", "terminal", "gimbal" (a device with joints) or "zone".

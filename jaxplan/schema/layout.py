@@ -29,6 +29,7 @@ SCHEMA_VERSION = 1
 
 
 def _check_terminal(terminal: Terminal, place: Place) -> None:
+    """Note what does not go together in a terminal, its field of view included."""
     check_terminal(terminal, place)
     check_field(terminal, place, FORWARD)
 
@@ -44,7 +45,10 @@ TRAJECTORY = declared(TrajectorySettings)
 
 
 def _make_zone(model: type, parts: dict[str, Any], place: Place) -> Any:
-    """A zone, whose axis a file may have as samples over times, or by a name that ``[sky]`` knows."""
+    """Make a cone of a class from what was read of it, by attribute, noting keys that do not go together.
+
+    Its axis may be samples over times, or a name of ``[sky]``, in whose place a `Followed` stands at first.
+    """
     samples, times = parts.pop("samples", None), parts.pop("times", None)
     if samples is not None:
         if times is None:
@@ -70,7 +74,7 @@ def _make_zone(model: type, parts: dict[str, Any], place: Place) -> Any:
 
 
 def _split_zone(zone: Any) -> dict[str, Any]:
-    """The keys of a zone in a file, which has samples and times of an axis that moves."""
+    """Values of a zone's keys in a file, by attribute: of an axis that moves its samples and times."""
     if not zone.moves:
         return vars(zone)
     return vars(zone) | {"direction": None, "samples": zone.direction.samples, "times": zone.direction.times}
@@ -114,13 +118,14 @@ JOINT_BOUND = declared(JointBound)
 
 
 def _make_scenario(parts: dict[str, Any], place: Place) -> tuple[Scenario, Any]:
-    """The scenario, and its view of the sky, of which only the epoch is kept."""
+    """Make the scenario from what was read, by attribute; returns it and the `View` of ``[sky]``, or None."""
     del parts["schema_version"]
     view = parts.pop("sky", None)
     return Scenario(**parts), view
 
 
 def _split_scenario(scenario: Scenario) -> dict[str, Any]:
+    """Values of a scenario's keys in a file, by attribute."""
     terminals = len(scenario.spacecraft.terminals)
     ends = {
         name: StateOf(end, terminals) if isinstance(end, GivenState) else end

@@ -35,10 +35,10 @@ class NumberPlace:
 
     Attributes:
         name: dotted, in the file's keys.
-        path: attributes and indices from the scenario to the number; ``...`` for all numbers of an array, of
-            which the first is told. One of the three of a limit may also be that of a limit which is a single
-            number, and is three when one is replaced.
-        factor: what takes the file's unit to the model's.
+        path: attributes and indices from the scenario to the number. ``...`` means all numbers of an array
+            at once, of which `get` returns the first. An index may also lead into a limit that is a single
+            number for all axes, which becomes three when one is replaced.
+        factor: from the file's unit to the model's.
         interval: where it must lie, in the file's units; None for anywhere.
     """
 
@@ -58,7 +58,7 @@ class NumberPlace:
 
 
 def find_number(scenario: Scenario, name: str) -> NumberPlace:
-    """Where a number of a scenario stands.
+    """Find where a number of a scenario stands.
 
     Args:
         scenario: that has it.
@@ -100,7 +100,7 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
 
 
 def _how_many(key: str, row: int | None, count: int, what: str) -> str:
-    """What a key has of which none was chosen, or one beyond the last."""
+    """Message on how many entries, `what`, a key has, where `row` is None or beyond the last."""
     if not count:
         return f"{key} has no {what}"
     which = f"write {key}[0] for the first" if row is None else f"the last is {key}[{count - 1}]"
@@ -110,7 +110,18 @@ def _how_many(key: str, row: int | None, count: int, what: str) -> str:
 def _number(
     entry: Field, row: int | None, table: Any, name: str, terminals: int
 ) -> tuple[tuple[Any, ...], Number]:
-    """The steps from a table to a number of it, and the number's kind."""
+    """The steps from a table to a number of it, and the number's kind.
+
+    Args:
+        entry: the key.
+        row: index of the number in an array; None where none was given.
+        table: the model's object that has it.
+        name: of the number, for messages.
+        terminals: number of terminals, for arrays of joints.
+
+    Raises:
+        KeyError: if there is no number that may change by itself.
+    """
     key, kind = entry.key, entry.kind
     attribute = entry.held or entry.attribute
     value: Any = getattr(table, attribute, None)
@@ -151,7 +162,7 @@ def _number(
 
 
 def _each(value: Any) -> Any:
-    """What has several entries: three where there is one number for every body axis."""
+    """A tuple or array as it is; a single number for all body axes as an array (3,)."""
     return value if isinstance(value, tuple) or np.ndim(value) else array_module(value).full(3, value)
 
 
@@ -163,6 +174,7 @@ def with_numbers(scenario: Scenario, numbers: Mapping[NumberPlace, Any]) -> Scen
 
 
 def _replaced(value: Any, path: tuple[Any, ...], number: Any) -> Any:
+    """An object, tuple or array with another number, in the model's unit, at the end of a path."""
     if not path:
         return number
     step, *rest = path
@@ -179,6 +191,7 @@ def _replaced(value: Any, path: tuple[Any, ...], number: Any) -> Any:
 
 
 def _parsed(part: str, name: str) -> tuple[str, int | None]:
+    """Key and index, or None, of a part of a dotted name; raises a KeyError for what is neither."""
     found = _PART.fullmatch(part)
     if found is None:
         raise KeyError(f"{name}: {part!r} is no key; write keys with dots, and rows such as keep_out[0]")
@@ -186,6 +199,7 @@ def _parsed(part: str, name: str) -> tuple[str, int | None]:
 
 
 def _entry(table: Table, key: str, name: str) -> Any:
+    """The field of a table that has a key; raises a KeyError, on the dotted name, where none has it."""
     known = [entry.key for entry in table.fields]
     for entry in table.fields:
         if entry.key == key:

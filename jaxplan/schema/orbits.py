@@ -1,4 +1,4 @@
-"""How a file says an orbit: circular, Keplerian, two-line elements, an ephemeris file, or samples."""
+"""How a file gives an orbit: circular, Keplerian, two-line elements, an ephemeris file, or samples."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,8 +15,8 @@ from jaxplan.sky.orbits import EARTH_RADIUS
 
 _ANGLE_DEG = Number(Interval("[-360, 360]"), degrees=True)
 _INCLINATION = Number(Interval("[-180, 180]"), degrees=True)
-_FAR = Number(Interval("[-1e7, 1e7]"))  # km, and s: beyond anything that circles the Earth
-_FAST = Number(Interval("[-100, 100]"))  # km/s
+_FAR = Number(Interval("[-1e7, 1e7]"))  # km, or s: wider than anything that circles the Earth needs
+_FAST = Number(Interval("[-100, 100]"))  # km/s, likewise
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,12 @@ class Message(Kind):
 
 
 def _make_circular(parts: dict[str, Any], place: Place) -> Any:
+    """Make a circular orbit from what was read, by attribute; `WRONG` if a part of it is."""
     return WRONG if WRONG in parts.values() else sky.CircularOrbit(**parts)
 
 
 def _make_keplerian(parts: dict[str, Any], place: Place) -> Any:
+    """Make a Keplerian orbit likewise, noting a perigee inside the Earth."""
     if WRONG in parts.values():
         return WRONG
     lowest = parts["semi_major_axis"] * (1 - parts["eccentricity"])
@@ -71,7 +73,7 @@ def _make_keplerian(parts: dict[str, Any], place: Place) -> Any:
 
 
 def _make_samples(parts: dict[str, Any], place: Place) -> Any:
-    """The ephemeris through samples, whose times count from the start of the manoeuvre."""
+    """Make the ephemeris through samples, times from the start of the manoeuvre; notes why there is none."""
     place.reading.sizes.pop("sample", None)  # the next has its own number of them
     if any(part is WRONG for part in parts.values()):
         return WRONG
@@ -130,7 +132,7 @@ _SAMPLES = (
 
 
 def _tables() -> dict[str, Table]:
-    """The tables by what they say, each with a word for the keys of others."""
+    """Make the tables, by words for the kind of orbit; each has messages of its own on keys of others."""
     kinds: Mapping[str, tuple[Any, Any, Any]] = {
         "on a circular orbit": (sky.CircularOrbit, _CIRCULAR, _make_circular),
         "on a Keplerian orbit": (sky.KeplerOrbit, _KEPLERIAN, _make_keplerian),
@@ -154,7 +156,7 @@ _TABLES = _tables()
 
 
 class Orbit(Either):
-    """A satellite's way: one of several tables, told apart by their keys."""
+    """A satellite's orbit: one of several tables, told apart by their keys."""
 
     wanted = "a table with tle, ephemeris, position_samples_km, semi_major_axis_km or altitude_km"
 

@@ -2,7 +2,7 @@
 
 All go through one reader, the tables of `layout`, which judge single values; what concerns several of them
 is for `checks`. Whether start and goal keep the constraints is no matter of these: planning answers that
-with a status. What Python gives is taken for the model's own types: lists become tuples or float64 arrays,
+with a status. What Python gives is converted to the model's own types: lists become tuples or float64 arrays,
 numbers of any type floats, and a single number that stands for three becomes three; what a file may not hold
 is a fault, told by its attribute and in its unit.
 
@@ -33,12 +33,12 @@ from jaxplan.schema.layout import SCENARIO, SPACECRAFT
 from jaxplan.schema.sky import View, resolve
 from jaxplan.schema.states import Pointing
 
-_POINTING = "jaxplan.goal.start:pointing_state"  # which is above this floor, so it is found by name
+_POINTING = "jaxplan.goal.start:pointing_state"  # of a package that this one may not import
 SETTINGS_TABLES = ("search", "trajectory")
 
 
 class PythonReading(Reading):
-    """The reading of a scenario made in Python, whose faults are told by attributes, in the model's units."""
+    """Reading of a scenario made in Python, whose faults name attributes, in the model's units."""
 
     python = True
     root = "the scenario"
@@ -138,7 +138,7 @@ def scenario_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
 
 
 def _with_start(scenario: Scenario, root: Place) -> Scenario:
-    """The scenario with a state for its start, where the file says what points where then."""
+    """Find the state of a start that the file gives by targets, noting a fault if there is none."""
     asked: Any = scenario.start
     if not isinstance(asked, Pointing) or root.reading.faults:
         return scenario
@@ -152,7 +152,7 @@ def _with_start(scenario: Scenario, root: Place) -> Scenario:
 
 
 def take_in(given: object) -> Scenario:
-    """The scenario with arrays, tuples and floats of Python's own where something else was given.
+    """Check a scenario made in Python, and give it the model's types: float64 arrays, tuples and floats.
 
     Raises:
         TypeError: if it is no scenario.
@@ -166,14 +166,14 @@ def take_in(given: object) -> Scenario:
 
 
 def refuse_types(given: object) -> None:
-    """Raise what `take_in` raises where an attribute has the wrong type or shape, and not for its value."""
+    """Raise what `take_in` raises, but only where an attribute has the wrong type or shape."""
     _, reading = _taken(given)
     if reading.refused:
         raise ScenarioError(reading.faults)
 
 
 def _taken(given: object) -> tuple[Any, Reading]:
-    """A scenario with the model's own types, as far as it could be read, and the faults noted."""
+    """Read a scenario made in Python; returns it, as far as it could be read, and what was noted."""
     scenario = expect("scenario", given, Scenario)
     root = Place(PythonReading())
     root.reading.terminals = _terminals(scenario)
@@ -187,7 +187,7 @@ def _taken(given: object) -> tuple[Any, Reading]:
 
 
 def checked_spacecraft(given: object) -> Spacecraft:
-    """A spacecraft by itself, taken in as that of a scenario, its numbers within the ranges of a file.
+    """Check a spacecraft by itself, and give it the model's types, as `take_in` does with that of a scenario.
 
     Raises:
         TypeError: if it is none.
@@ -202,7 +202,7 @@ def checked_spacecraft(given: object) -> Spacecraft:
 
 
 def _terminals(scenario: Scenario) -> int | None:
-    """For how many terminals start and goal are; None where they do not agree, or it cannot be told."""
+    """Number of terminals that start and goal are for; None where they do not agree, or it cannot be told."""
     start, goal, craft = scenario.start, scenario.goal, scenario.spacecraft
     if getattr(goal, "devices", ()) or getattr(craft, "drives", ()):
         return None
@@ -217,13 +217,13 @@ def _terminals(scenario: Scenario) -> int | None:
 
 
 def _length(value: object, of: int = 1) -> int | None:
-    """Length of an array over a divisor; None for what is no array of numbers, or leaves a rest."""
+    """Length of an array divided by `of`; None for what is no array of numbers, or leaves a remainder."""
     array = as_floats(value)
     return len(array) // of if array is not None and array.ndim and len(array) % of == 0 else None
 
 
 def scenario_to_dict(scenario: Scenario) -> dict[str, Any]:
-    """The tables of the scenario's file.
+    """Make the tables of the scenario's file.
 
     Args:
         scenario: in radians and seconds.
@@ -238,7 +238,7 @@ def scenario_to_dict(scenario: Scenario) -> dict[str, Any]:
 
 
 def dump_scenario(scenario: Scenario) -> str:
-    """The text of the scenario's file.
+    """Make the text of the scenario's file.
 
     Args:
         scenario: in radians and seconds.

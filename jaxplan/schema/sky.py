@@ -26,11 +26,11 @@ from jaxplan.schema.tables import table
 
 @dataclass(frozen=True)
 class Followed:
-    """What a direction follows, until it is looked up.
+    """Name of what a direction follows, which stands in its place until `resolve` finds the direction.
 
     Attributes:
         name: of a satellite, a point of the ground, a body, or one of `sky.LOCAL`.
-        key: under which it stands; empty where the name itself stands for the direction.
+        key: of the file that has the name; empty where it stands for the direction itself.
         from_limb: whether the half angle of a zone counts from the body's limb.
         moving: whether a zone about a body moves.
     """
@@ -46,7 +46,7 @@ _NAME = key("name", "unique, and no body's nor of nadir, zenith, ram, orbit_norm
 
 @dataclass(frozen=True, kw_only=True)
 class Satellite:
-    """A satellite that is looked at: a zone is about it, or a target."""
+    """A satellite that is looked at, as the axis of a zone or a target."""
 
     name: str = field(metadata=_NAME)
     orbit: sky.Satellite = field(metadata=key("orbit", "of the satellite", kind="orbit"))
@@ -75,7 +75,7 @@ _POINT = ("latitude", "longitude", "altitude", "minimum_elevation")
 
 @dataclass(frozen=True, kw_only=True)
 class Sphere:
-    """What may stand before a target, beside the Earth, which always does."""
+    """A sphere that may hide targets, beside the Earth, which always does."""
 
     name: str = field(metadata=key("name", '"sun", "moon", or a satellite of [sky]'))
     radius: float | None = keyed(None, "radius_km", "of the sphere; the body's own if absent", "(0, 1e6]")
@@ -90,10 +90,10 @@ class View:
         observer: the satellite.
         for_duration: s, how long zones about bodies hold, and motion is known; None for the trajectory's
             duration.
-        atmosphere: km that belong to the Earth's limb, and hide targets.
+        atmosphere: km, height of air that belongs to the Earth's limb, and hides targets.
         satellites: others, that are looked at.
         ground: points of the ground, that are looked at.
-        spheres: what hides targets beside the Earth.
+        spheres: what hides targets, beside the Earth.
     """
 
     epoch: np.datetime64 = field(metadata=key("epoch_utc", "UTC of the start", kind="epoch"))
@@ -117,10 +117,10 @@ class View:
 
 @dataclass(frozen=True)
 class Known:
-    """The view with all that its names stand for.
+    """The view with what its names stand for, by which directions are found.
 
     Attributes:
-        view: with its duration.
+        view: with a number for its duration.
         things: satellites and points of the ground by name.
         occulters: what hides targets beside the Earth.
     """
@@ -136,12 +136,15 @@ SKY = table(View, _KINDS)
 
 
 def resolve(scenario: Scenario, view: View | None, root: Place) -> Scenario:
-    """The scenario with directions in the place of bodies and satellites, noting where there are none.
+    """Put directions in the place of names of bodies and satellites, noting faults where there are none.
 
     Args:
         scenario: as far as it could be read.
         view: the table ``[sky]`` as far as it could be read; None where the file has none.
         root: the place of the file.
+
+    Returns:
+        The scenario, with names left where ``[sky]`` has faults.
     """
     zones = {kind: placed(getattr(scenario, kind), root[kind]) for kind in ("keep_out", "keep_in")}
     looked_up = [(place[axis.key], axis) for rows in zones.values() for place, _, axis in _followed(rows)]
@@ -167,7 +170,7 @@ def resolve(scenario: Scenario, view: View | None, root: Place) -> Scenario:
 
 
 def _aims(end: Any, place: Place) -> Iterator[tuple[Place, Followed]]:
-    """The targets and wishes of a start or goal that are to be looked up, with their places."""
+    """Yield the targets and wishes of a start or goal that are names of ``[sky]``, each after its place."""
     if not isinstance(end, Targets):
         return
     directions = end.directions if isinstance(end.directions, tuple) else ()  # else none is a name
@@ -181,7 +184,7 @@ def _aims(end: Any, place: Place) -> Iterator[tuple[Place, Followed]]:
 
 
 def _aimed(end: Targets, place: Place, seen: Known) -> Targets:
-    """Targets and wishes with directions in the place of names."""
+    """Find directions for the targets and wishes of a start or goal that are names; notes faults."""
     names: Sequence[str | int] = end.devices or range(len(end.directions))
     directions = tuple(
         direction_by_name(target.name, place["targets"][name], seen, target=True)
@@ -200,14 +203,14 @@ def _aimed(end: Targets, place: Place, seen: Known) -> Targets:
 
 
 def _followed(rows: Iterable[tuple[Place, Any]]) -> Iterator[tuple[Place, Any, Followed]]:
-    """The zones whose axis is to be looked up, with their places."""
+    """Yield place, zone and name of each zone whose axis is a name of ``[sky]``."""
     for place, zone in rows:
         if isinstance(zone.direction, Followed):
             yield place, zone, zone.direction
 
 
 def _zone(zone: Any, axis: Followed, place: Place, seen: Known) -> Any:
-    """A zone about a body, or about what a name stands for, with its direction and half angle."""
+    """Put a direction in the place of the name of a zone's axis; of a body's zone find the half angle too."""
     if axis.key == "satellite" and axis.name not in seen.things:
         known = nearest(axis.name, [*seen.things], "satellites and ground points")
         place["satellite"].fault(f"no such satellite or ground point, {known}", axis.name)
@@ -237,12 +240,12 @@ def _zone(zone: Any, axis: Followed, place: Place, seen: Known) -> Any:
 
 
 def direction_by_name(name: str, place: Place, seen: Known, *, target: bool = False) -> Any:
-    """The path of what a name stands for, or `WRONG` after noting why there is none.
+    """Find the path of the direction that a name stands for; returns `WRONG` after noting why there is none.
 
     Args:
         name: of a satellite, a point of the ground, a body, or one of `sky.LOCAL`.
         place: where the name stands.
-        seen: what there is.
+        seen: the view with what its names stand for.
         target: whether it is looked at, so that it matters when it is hidden.
     """
     names = [*seen.things, *sky.BODIES, *sky.LOCAL]
@@ -261,7 +264,7 @@ def direction_by_name(name: str, place: Place, seen: Known, *, target: bool = Fa
 
 
 def _tried(make: Callable[[], Any], place: Place, *value: object) -> Any:
-    """The answer of a call to `jaxplan.sky`, or `WRONG` after noting why there is none."""
+    """Call a function of `jaxplan.sky`; returns its result, or `WRONG` after noting its error at a place."""
     try:
         return make()
     except (ValueError, ImportError) as error:
@@ -269,11 +272,11 @@ def _tried(make: Callable[[], Any], place: Place, *value: object) -> Any:
 
 
 def _known(view: View, settings: Any, place: Place) -> Known | None:
-    """What the view's names stand for, None if a part of it is wrong.
+    """Find what the view's names stand for; None, after noting why, if a part of it is wrong.
 
     Args:
         view: as far as it could be read.
-        settings: of the trajectory, likewise.
+        settings: of the trajectory, likewise, for the duration.
         place: of the view.
     """
     if _is_wrong(view) or any(_is_wrong(row) for rows in _rows(view).values() for row in rows):
@@ -311,12 +314,12 @@ def _rows(view: View) -> dict[str, tuple[Any, ...]]:
 
 
 def _is_wrong(part: Any) -> bool:
-    """Whether a part, or an attribute of it, was wrong."""
+    """Whether a part of a view, or an attribute of it, is `WRONG`."""
     return part is WRONG or any(value is WRONG for value in vars(part).values())
 
 
 def _sphere(row: Sphere, things: Mapping[str, Any], place: Place) -> Any:
-    """What may stand before targets, or `WRONG` after noting why not."""
+    """Make the sphere of a row that may hide targets; returns `WRONG` after noting why there is none."""
     if row.name == "earth":
         return place["name"].fault("the Earth hides targets always, with sky.atmosphere_km", row.name)
     thing = things.get(row.name)

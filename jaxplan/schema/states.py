@@ -23,7 +23,10 @@ _JOINT_PARTS = ("yaws", "pitches", "drives")
 
 
 def _make_state(parts: dict[str, Any], place: Place) -> GivenState:
-    """A state, whose joints a file has as yaws, pitches and angles of drives, or by names of devices."""
+    """Make a state from what was read, by attribute, noting faults.
+
+    Its joints are yaws, pitches and angles of drives, or angles by names of devices.
+    """
     by_name = parts.pop("joints_by_name", None)
     found = {of: parts.pop(f"{of}_deg", parts.pop(of, None)) for of in _JOINT_PARTS}
     given = [own for own in found.values() if own is not None]
@@ -46,11 +49,12 @@ def _make_state(parts: dict[str, Any], place: Place) -> GivenState:
 
 
 def _counted(count: int) -> str:
+    """What an array with a number for each terminal must be, for messages."""
     return f"an array of {count} number{'s' * (count > 1)}, one a terminal"
 
 
 def _joints_by_name(by_name: Any, reading: Reading) -> Any:
-    """Joints (J,) of devices by name; those that are not named at zero, or at what is nearest in range."""
+    """Joint angles (J,) rad from those by names of devices; others are zero, or the nearest in range."""
     gimbals, terminals, ranges = (reading.names.get("gimbal"), reading.names.get("terminal"), reading.ranges)
     if by_name is WRONG or gimbals is None or terminals is None or ranges is None:
         return WRONG
@@ -66,13 +70,14 @@ def _joints_by_name(by_name: Any, reading: Reading) -> Any:
 
 @dataclass(frozen=True)
 class StateOf:
-    """A state that is to be written, and for how many terminals it is."""
+    """A state that is to be written, and the number of its terminals."""
 
     state: GivenState
     terminals: int
 
 
 def _split_state(given: StateOf) -> dict[str, Any]:
+    """Values of a state's keys in a file, by attribute: its joints as yaws, pitches and angles of drives."""
     parts = _without_zero_rates(given.state)
     ends = [given.terminals, 2 * given.terminals]
     own = zip(_JOINT_PARTS, np.split(np.asarray(parts.pop("joints")), ends), strict=True)
@@ -105,7 +110,7 @@ class JointsByName(Kind):
 
 
 def _without_zero_rates(state: GivenState | Targets) -> dict[str, Any]:
-    """The attributes of a state without rates of zero, which an absent key stands for (not minus zero)."""
+    """Attributes of a state or targets, without rates of zero (not minus zero), which an absent key means."""
     parts = dict(vars(state))
     for name in ("angular_velocity", "joint_rates"):
         if parts[name] is None or not (np.any(parts[name]) or np.any(np.signbit(parts[name]))):
@@ -114,7 +119,7 @@ def _without_zero_rates(state: GivenState | Targets) -> dict[str, Any]:
 
 
 def _angles(axis: str, attribute: str) -> tuple[Field, Field]:
-    """The two keys of a joint's angles."""
+    """The keys, in rad and in deg, of the angles of a sort of joints: "yaw", "pitch" or "drive"."""
     meaning = f"angle of each terminal's {axis} joint"
     if axis == "drive":
         meaning = "angle of each drive; if absent zero, or the nearest in range"
@@ -167,6 +172,10 @@ class Pointing(Targets):
 
 
 def _make_pointing(parts: dict[str, Any], place: Place) -> Pointing:
+    """Make a start with targets from what was read, by attribute.
+
+    Devices whose angles are given, without target or wish, are held at these.
+    """
     by_name = parts.pop("joints_by_name", None)
     joints = None if by_name is None else _joints_by_name(by_name, place.reading)
     targets = _make_targets(parts, place)
@@ -179,7 +188,7 @@ def _make_pointing(parts: dict[str, Any], place: Place) -> Pointing:
 
 
 def _make_targets(parts: dict[str, Any], place: Place) -> Targets:
-    """Targets, which a file may have by names of devices."""
+    """Make targets from what was read, by attribute; a file may have them by names of devices."""
     if isinstance(parts.get("directions"), tuple) and len(parts["directions"]) == 2:
         names, directions = parts["directions"]
         if isinstance(names, tuple) and all(isinstance(name, str) for name in names):
@@ -188,6 +197,7 @@ def _make_targets(parts: dict[str, Any], place: Place) -> Targets:
 
 
 def _split_targets(targets: Targets) -> dict[str, Any]:
+    """Values of the keys of targets in a file, by attribute."""
     parts = _without_zero_rates(targets)
     if targets.devices:
         parts["directions"] = dict(zip(targets.devices, targets.directions, strict=True))

@@ -20,7 +20,7 @@ from jaxplan.schema.faults import WRONG, Place, nearest
 from jaxplan.schema.kinds import ANY, Choice, Integer, Interval, Kind, Number, Text, YesNo
 
 _SECOND = "stands in the place of {}, only one of them can be given"
-_CHECKED = "_schema_checked"  # attribute of objects whose numbers and texts were found good
+_CHECKED = "_schema_checked"  # attribute that is set on objects whose numbers and texts were found good
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,12 @@ class Field:
     Attributes:
         key: as the file spells it, with the unit.
         kind: what its value may be.
-        attribute: what the model calls it; also a name for what the table makes something else of.
+        attribute: the model's name for it, or one of its own where `Table.make` makes something else of it.
         meaning: one line for the reference.
         required: whether the key, or one that may stand in its place, must be there.
         always: whether it is written at its default too.
         instead_of: the attribute in whose place it may be given.
-        held: path of attributes that holds it, where that is not `attribute`.
+        held: dotted path of the model's attributes that has it, where that is not `attribute`.
     """
 
     key: str
@@ -49,7 +49,7 @@ class Field:
 
     @property
     def says(self) -> str:
-        """The attribute that keys which are alternatives to each other share."""
+        """The attribute that it sets, the same for keys that are alternatives to each other."""
         return self.instead_of or self.attribute
 
     @property
@@ -65,14 +65,14 @@ class Field:
 
 @dataclass(frozen=True)
 class Table(Kind):
-    """A table with known keys. What cannot be read of it has `WRONG` in the model, so that the rest is there.
+    """A table with known keys. What is wrong in it has `WRONG` in the model, so that the rest is there.
 
     Attributes:
         model: the class it makes.
         fields: its keys, in the order in which they are written.
         attributes: those of the model, by which an object of Python's is read.
         make: makes the model from what was read, by attribute; the class itself unless told.
-        split: gives what is written of a model, by attribute; all that it holds unless told.
+        split: function of a model that returns what is written, by attribute; all attributes unless told.
         check: notes what does not go together in a model that was read.
         refused: keys that are refused with a reason of their own.
     """
@@ -94,6 +94,7 @@ class Table(Kind):
         return read
 
     def _of_file(self, value: Any, place: Place) -> Any:
+        """Read the table of a file; returns the model, noting unknown, missing and doubly given keys."""
         if not isinstance(value, dict):
             return place.refuse(f"must be {self.wanted}", value)
         self._refuse_unknown(value, place)
@@ -116,6 +117,7 @@ class Table(Kind):
         return self.model(**parts) if self.make is None else self.make(parts, place)
 
     def _refuse_unknown(self, value: Mapping[str, object], place: Place) -> None:
+        """Note keys that the table does not have."""
         known = [entry.key for entry in self.fields]
         for key in value:
             if key in self.refused:
@@ -124,7 +126,7 @@ class Table(Kind):
                 place[key].fault(f"unknown key, {nearest(key, known, 'keys')}")
 
     def _absent(self, entry: Field, place: Place) -> Any:
-        """Note that a key is missing."""
+        """Note that a key is missing; returns `WRONG`."""
         known = self.attributes if place.reading.python else self.fields
         others = [place[other.key] for other in known if other.says == entry.says and other is not entry]
         names = [here.path.removeprefix(f"{place.path}.") for here in others]
@@ -132,7 +134,7 @@ class Table(Kind):
         return place[entry.key].fault(f"missing{instead}, must be {entry.kind.wanted}")
 
     def _of_python(self, value: Any, place: Place) -> Any:
-        """The object with the model's own types; itself where it has them already."""
+        """Read an object made in Python; returns it with the model's own types, itself where it has them."""
         if not isinstance(value, self.model):
             return place.refuse(f"must be {a_or_an(self.model.__name__)}", value)
         own = value.__dict__
@@ -168,18 +170,19 @@ class Table(Kind):
 
     @cached_property
     def _sure(self) -> set[str]:
-        """Attributes whose values are immutable and judged by themselves, so that once is enough."""
+        """Attributes whose values are immutable and checked by themselves, so that once is enough."""
         return {
             entry.attribute for entry in self.attributes if isinstance(entry.kind, Number | Integer | Text)
         }
 
     @cached_property
     def _unsure(self) -> list[tuple[str, str, Kind, Callable[[Any, Place], Any], bool]]:
+        """The attributes of `_all` that are read each time."""
         return [entry for entry in self._all if entry[0] not in self._sure]
 
     @cached_property
     def _alternatives(self) -> list[list[Field]]:
-        """Attributes of which one must be given, the first of which is the usual one."""
+        """Groups of attributes of which exactly one must be given, the usual one first."""
         named = [entry.instead_of for entry in self.attributes if entry.instead_of]
         return [[entry for entry in self.attributes if entry.says == usual] for usual in dict.fromkeys(named)]
 
@@ -221,11 +224,11 @@ def table(
     before: Mapping[str, Sequence[Field]] | None = None,
     **more: Any,
 ) -> Table:
-    """The table that the fields of a dataclass tell of.
+    """Make the table that the fields of a dataclass declare.
 
     Args:
         model: the dataclass.
-        kinds: by name, or by type, what makes a kind of a `Key`, or the kind itself.
+        kinds: by name, or by type, a kind, or a function that makes one of a `Key`.
         before: further keys of the file, by the key that they stand in front of; the last ones by "".
         more: other attributes of `Table`.
     """
@@ -240,7 +243,7 @@ def table(
 
 
 def _declared(part: Any, hint: Any, kinds: Mapping[Any, Any]) -> Field:
-    """The key of a dataclass field; of an attribute without one, its name stands for it."""
+    """The `Field` of a dataclass field of a type, `hint`; its name stands in for a missing key."""
     told: Key = part.metadata["key"]
     return Field(
         told.name or part.name,
@@ -254,7 +257,7 @@ def _declared(part: Any, hint: Any, kinds: Mapping[Any, Any]) -> Field:
 
 
 def _kind(told: Key, hint: Any, kinds: Mapping[Any, Any]) -> Kind:
-    """The kind of a field's values: by its name or the field's type."""
+    """The kind of a field's values: of `kinds`, by `Key.kind` or the field's type, or a usual one."""
     types = [each for each in get_args(hint) or (hint,) if each is not NoneType]
     if told.kind or types[0] in kinds:
         found = kinds[told.kind or types[0]]

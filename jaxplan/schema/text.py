@@ -21,8 +21,8 @@ from jaxplan.schema.layout import SCENARIO
 from jaxplan.schema.tables import Either, Field, Rows, Table
 
 LARGEST_FILE = 2**20  # bytes
-_DEEPEST = 16  # brackets, or parts of a dotted key; a scenario needs four
-_LONGEST_WORD = 1000  # characters of a bare key or a number
+_DEEPEST = 16  # most nested brackets, or dots in a key; a scenario needs four
+_LONGEST_WORD = 1000  # most characters of a bare key or a number
 _WIDEST_LINE = 100  # characters; a longer array is written with an item a line
 
 _TOKENS = re.compile(
@@ -33,8 +33,8 @@ _TOKENS = re.compile(
     re.DOTALL | re.VERBOSE,
 )
 
-_COLUMN = 38  # where comments begin; a longer line has its comment above
-_WIDTH = 118  # characters of a line with its comment
+_COLUMN = 38  # column in which comments begin; a longer line has its comment above
+_WIDTH = 118  # most characters of a line with its comment
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 
 _HEADER = re.compile(r"(#?)\[+([\w.]+)\]+")
@@ -42,7 +42,7 @@ _LINE = re.compile(r"#?(\w+) = .*")
 
 
 def parse(text: str) -> dict[str, Any]:
-    """The document as nested dicts and lists.
+    """Parse a TOML document; returns nested dicts and lists.
 
     Raises:
         ScenarioError: where the text is no TOML, or no document of sane size, with line and column.
@@ -62,7 +62,7 @@ def parse(text: str) -> dict[str, Any]:
 
 
 def too_large() -> ScenarioError:
-    """The error for a file that is too large to be a scenario or a plan."""
+    """Make the error for a file that is too large to be a scenario or a plan."""
     return ScenarioError([f"larger than {LARGEST_FILE >> 20} MiB, which no scenario is"])
 
 
@@ -86,28 +86,29 @@ def _refuse_bombs(text: str) -> None:
 
 
 def _position(text: str, index: int) -> str:
-    """Line and column, counted from one."""
+    """Text of line and column, counted from one, of an index into a text."""
     return f"line {text.count(chr(10), 0, index) + 1}, column {index - text.rfind(chr(10), 0, index)}"
 
 
 def _uncapitalised(sentence: str) -> str:
+    """A sentence with its first letter small."""
     return sentence[:1].lower() + sentence[1:]
 
 
 def write(document: Mapping[str, Any]) -> str:
-    """The document as text.
+    """Write a document as TOML.
 
     Args:
         document: values, then tables and arrays of tables, which may hold arrays of tables in turn.
 
     Returns:
-        text that `parse` reads back with the same bits in every number.
+        Text that `parse` reads back with the same bits in every number.
     """
     return "\n\n".join(_blocks(document, "", "")) + "\n"
 
 
 def _blocks(table: Mapping[str, Any], path: str, header: str) -> Iterator[str]:
-    """A table's own lines, then a block for each table in it; a dict below the top is written in line."""
+    """Yield a table's own lines, then a block for each inner table; a dict below the top goes in line."""
     lines = [header] if header else []
     inner: list[tuple[str, Any]] = []
     for key, value in table.items():
@@ -127,7 +128,7 @@ def _blocks(table: Mapping[str, Any], path: str, header: str) -> Iterator[str]:
 
 
 def value_text(value: Any) -> str:
-    """A value as the right side of a line says it."""
+    """A value as TOML, for the right side of a line."""
     if isinstance(value, str):
         return quote(value)
     if isinstance(value, bool):
@@ -155,7 +156,7 @@ def alternatives(table: Table, entry: Field) -> list[str]:
 
 
 def default(table: Table, entry: Field) -> str | None:
-    """What an absent key stands for, as a file would say it; None where that is nothing."""
+    """Default of a key of a table, as TOML; None where it has none, or an empty one."""
     usual = table.defaults().get(entry.attribute)
     if entry.required or usual is None or usual in ((), {}):
         return None
@@ -163,7 +164,7 @@ def default(table: Table, entry: Field) -> str | None:
 
 
 def template() -> str:
-    """The text of a scenario file that can be planned as it is.
+    """Make the text of a scenario file that can be planned as it is.
 
     Lines that begin with ``#`` and no blank are options. Each holds without the ``#``, too; of a block whose
     header is such a line, all together.
@@ -185,7 +186,15 @@ def _block(block: str, told: set[tuple[str, str]]) -> str:
 
 
 def _section(lines: list[str], told: set[tuple[str, str]]) -> Iterator[str]:
-    """A table's lines in the order of the layout, with the settings that the source leaves to it."""
+    """Yield a table's lines in the order of the layout, with the settings that the source leaves to it.
+
+    Args:
+        lines: of the source, with or without the header.
+        told: see `_block`.
+
+    Raises:
+        KeyError: if a key of the source is none of the table.
+    """
     header = next((found for line in lines if (found := _HEADER.fullmatch(line))), None)
     path = header[2] if header else ""
     given = {found[1]: line for line in lines if (found := _LINE.fullmatch(line))}
@@ -211,7 +220,7 @@ def _section(lines: list[str], told: set[tuple[str, str]]) -> Iterator[str]:
 
 
 def _table(path: str) -> tuple[Table, str]:
-    """The table under a header, of several the first, and what it is."""
+    """The table under a dotted header, of alternative ones the first, and its meaning."""
     table, meaning = SCENARIO, ""
     for key in filter(None, path.split(".")):
         entry = next(entry for entry in table.fields if entry.key == key)
@@ -223,7 +232,7 @@ def _table(path: str) -> tuple[Table, str]:
 
 
 def _comment(table: Table, entry: Field) -> str:
-    """What is to be said of a key."""
+    """Comment on a key: meaning, what it must be, unit, range, and the keys that may stand in its place."""
     unit = f", {entry.unit}" if entry.unit else ""
     interval = f" in {entry.kind.range.replace(' ', _NO_BREAK)}" if entry.kind.range else ""
     others = alternatives(table, entry)
@@ -232,7 +241,7 @@ def _comment(table: Table, entry: Field) -> str:
 
 
 def _beside(line: str, comment: str) -> str:
-    """A line with its comment to the right, going on below; above a line that is too long."""
+    """A line with its comment to the right, wrapped below, or above a line that is too long."""
     above = len(line) > _COLUMN - 2
     width = _WIDTH - 2 if above else _WIDTH - _COLUMN - 2
     first, *more = (f"# {part.replace(_NO_BREAK, ' ')}" for part in textwrap.wrap(comment, width))

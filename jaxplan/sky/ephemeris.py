@@ -1,4 +1,4 @@
-"""Satellites whose ways are given as samples over time, by hand or by a CCSDS Orbit Ephemeris Message.
+"""Satellites whose positions are given as samples over time, by hand or by a CCSDS Orbit Ephemeris Message.
 
 **Between samples** a position follows a polynomial of degree 7: through the four nearest samples with their
 velocities (CCSDS: HERMITE, 7), or through the eight nearest where there are none (LAGRANGE, 7); with fewer
@@ -35,12 +35,12 @@ from jaxplan.sky.frames import elapsed, library
 
 FRAMES = ("GCRS", "GCRF", "ICRF", "EME2000", "J2000")
 """Names of the axes that samples may have."""
-_AHEAD_OF_TAI = {"TAI": 0.0, "TT": TT_MINUS_TAI, "TDB": TT_MINUS_TAI, "GPS": -19.0}  # s; TDB to 0.002 s
+_AHEAD_OF_TAI = {"TAI": 0.0, "TT": TT_MINUS_TAI, "TDB": TT_MINUS_TAI, "GPS": -19.0}  # s, TDB to 0.002 s
 _TIME_SYSTEMS = ("UTC", *_AHEAD_OF_TAI)
 _DEGREE = 7  # of the polynomial between samples
-_FARTHEST = np.deg2rad(45.0)  # rad between neighbouring samples, seen from the Earth's centre
-_LEAST_RADIUS = 6356.7  # km, of the Earth at its poles; nothing flies below
-_LARGEST_FILE = 64 * 2**20  # bytes of a message, some 500,000 samples
+_FARTHEST = np.deg2rad(45.0)  # rad, most between neighbouring samples, seen from the Earth's centre
+_LEAST_RADIUS = 6356.7  # km, radius of the Earth at its poles; nothing flies below
+_LARGEST_FILE = 64 * 2**20  # most bytes of a message, some 500,000 samples
 _SECOND = np.timedelta64(1, "s")
 _DATE = re.compile(
     r"(\d{4})-(?:(\d\d)-(\d\d)|(\d{3}))T(\d\d):(\d\d):(\d\d(?:\.\d*)?)Z?", re.ASCII
@@ -60,8 +60,8 @@ class Samples:
         times: (n,) s, rising.
         positions: (n, 3) km.
         velocities: (n, 3) km/s; None where they are not known.
-        first: s from which on they are to be used; samples before it are interpolated with.
-        last: s until which.
+        first: s, begin of the span in which they may be asked for; earlier samples only serve interpolation.
+        last: s, its end.
     """
 
     times: np.ndarray
@@ -71,7 +71,7 @@ class Samples:
     last: float
 
     def state(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (k, 3) km and velocities (k, 3) km/s at times (k,) s within."""
+        """Positions (k, 3) km and velocities (k, 3) km/s at times (k,) s between `first` and `last`."""
         from scipy.interpolate import KroghInterpolator  # slow to import, so not at the top
 
         each = 1 if self.velocities is None else 2  # conditions a sample
@@ -101,7 +101,7 @@ class Ephemeris:
 
     Attributes:
         name: of what moves; empty if it has none.
-        epoch: UTC from which times count; None for the epoch of each question.
+        epoch: UTC from which times count; None for the epoch that each call gives.
         pieces: motions that are smooth each by itself, in the order of their times.
     """
 
@@ -119,13 +119,13 @@ class Ephemeris:
         epoch: str | np.datetime64 | None = None,
         name: str = "",
     ) -> Self:
-        """The ephemeris through samples along the axes of the GCRS, from the Earth's centre.
+        """Make the ephemeris through samples along the axes of the GCRS, from the Earth's centre.
 
         Args:
             times: (n,) s, rising; at least 2 with velocities, and 4 without.
             positions: (n, 3) km.
             velocities: (n, 3) km/s, if known.
-            epoch: UTC from which times count; None for that of each question.
+            epoch: UTC from which times count; None for that which each call gives.
             name: of what moves.
 
         Raises:
@@ -138,7 +138,7 @@ class Ephemeris:
 def ephemeris_state(
     ephemeris: Ephemeris, epoch: np.datetime64, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity by interpolation.
+    """Position and velocity of a satellite of an ephemeris, by interpolation.
 
     Args:
         ephemeris: the satellite's.
@@ -171,7 +171,7 @@ def ephemeris_state(
 
 
 def read_oem(path: str | os.PathLike[str]) -> Ephemeris:
-    """The ephemeris of a CCSDS Orbit Ephemeris Message.
+    """Read the ephemeris of a CCSDS Orbit Ephemeris Message.
 
     Args:
         path: of the file, in the notation of keywords (KVN) or XML.
@@ -201,7 +201,11 @@ def read_oem(path: str | os.PathLike[str]) -> Ephemeris:
 
 
 def _pieces(segments: Sequence[Any]) -> tuple[np.datetime64, tuple[Samples, ...]]:
-    """The segments of a message, and the epoch from which their times count: a midnight of UTC."""
+    """Check the segments of a message; returns a midnight of UTC from which times count, and their samples.
+
+    Raises:
+        EphemerisError: if a segment cannot be used.
+    """
     if not segments:
         raise EphemerisError("has no segment")
     pieces: list[Samples] = []
@@ -229,11 +233,11 @@ def _pieces(segments: Sequence[Any]) -> tuple[np.datetime64, tuple[Samples, ...]
 
 
 def _atomic(dates: Sequence[str], system: str) -> tuple[np.ndarray, np.ndarray]:
-    """International Atomic Time as midnights and seconds from there on: (n,) each.
+    """Dates in International Atomic Time: midnights (n,) and seconds (n,) from there on.
 
     Args:
         dates: as CCSDS writes them, by calendar or by day of the year; second 60 is a leap second.
-        system: in which they count.
+        system: their time system, one of `_TIME_SYSTEMS`.
     """
     midnights, seconds = [], []
     for date in dates:
@@ -255,7 +259,11 @@ def _samples(
     first: float | None = None,
     last: float | None = None,
 ) -> Samples:
-    """Samples, checked, with the times between which they are to be used."""
+    """Check samples; `first` and `last` bound the span in which they may be asked for, None for all of it.
+
+    Raises:
+        EphemerisError: if shapes or numbers are wrong.
+    """
     t = floats("times", times, "an array of numbers of seconds")
     p = floats("positions", positions, "an array of positions, km")
     v = None if velocities is None else floats("velocities", velocities, "an array of velocities, km/s")

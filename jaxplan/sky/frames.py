@@ -1,4 +1,4 @@
-"""Instants, frames and bodies: everything that pyerfa is asked for.
+"""Instants, frames and bodies: everything that pyerfa computes.
 
 **Instants** are an epoch in UTC and seconds after it. pyerfa counts in Julian dates of several scales, given
 in two parts for the sake of their digits.
@@ -19,7 +19,7 @@ Celestial Intermediate Pole by the Earth rotation angle, IAU 2006/2000A. Left ou
 seconds or 20 m at most, and UT1 - UTC: the Earth is turned as if UT1 were UTC, by which a place at the
 equator is off to east or west by 46 m for each 0.1 s between the two, which are at most 0.9 s apart (420 m).
 
-**Bodies.** The Earth's way round the Sun is pyerfa's ``epv00`` (1900 to 2100, 1e-7 of the distance), the
+**Bodies.** The Earth's orbit about the Sun is pyerfa's ``epv00`` (1900 to 2100, 1e-7 of the distance), the
 Moon's ``moon98`` (Meeus, 10 arc seconds). Radii are IAU's: nominal of the Sun (2015 B3), mean of the Moon
 (2015), equatorial of the Earth, so that the flattened Earth lies within the sphere.
 """
@@ -35,7 +35,7 @@ from jaxplan.runtime.arguments import floats
 from jaxplan.sky.orbits import EARTH_RADIUS
 
 BODIES = ("sun", "moon", "earth")
-RADII = {"sun": 695_700.0, "moon": 1737.4, "earth": EARTH_RADIUS}  # km
+RADII = {"sun": 695_700.0, "moon": 1737.4, "earth": EARTH_RADIUS}  # km, see the module
 _UNIX_DAY_ZERO = 2440587.5  # Julian date of 1970-01-01T00:00
 _DAY = 86400.0  # s in a day
 _EARTH_RATE = 2 * np.pi * 1.00273781191135448 / _DAY  # rad/s, of the Earth rotation angle (IERS 2010, 5.15)
@@ -43,7 +43,7 @@ _MOST_SECONDS = 4.1e9  # s, which span all years that an epoch may lie in; times
 
 
 def library(module: str) -> Any:
-    """A module of the extra ``orbit``, ``erfa`` or one of ``sgp4``, or ``ccsds_ndm`` of the extra ``oem``.
+    """Import a module of the extra ``orbit``, ``erfa`` or one of ``sgp4``, or ``ccsds_ndm`` of ``oem``.
 
     Raises:
         ImportError: if it is not installed; the message names the extra.
@@ -57,7 +57,7 @@ def library(module: str) -> Any:
 
 
 def seconds(times: ArrayLike) -> np.ndarray:
-    """Times after an epoch as an array, checked.
+    """Check times after an epoch and return them as an array.
 
     Args:
         times: () or (k,) s.
@@ -90,19 +90,22 @@ def universal(epoch: np.datetime64, times: np.ndarray) -> tuple[float, np.ndarra
 
 
 def terrestrial(epoch: np.datetime64, times: np.ndarray) -> tuple[float, np.ndarray]:
-    """Terrestrial time as a Julian date in two parts; TDB is the same to 0.002 s."""
+    """Terrestrial time as a Julian date in two parts; arguments and parts are those of `universal`.
+
+    TDB is the same to 0.002 s.
+    """
     day, since = universal(epoch, times)
     return day, since + (_leaps(epoch) + TT_MINUS_TAI) / _DAY
 
 
 def elapsed(since: np.datetime64, epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
-    """SI seconds, leap seconds counted, from one epoch to (...) times after another."""
+    """SI seconds (...), leap seconds counted, from `since` to times (...) s after `epoch`, both UTC."""
     apart = float((epoch - since) / np.timedelta64(1, "ns")) * 1e-9
     return apart + (_leaps(epoch) - _leaps(since) if epoch != since else 0.0) + times
 
 
 def _leaps(epoch: np.datetime64) -> float:
-    """Seconds that TAI is ahead of UTC."""
+    """Seconds that TAI is ahead of UTC at an epoch; raises an ImportError without pyerfa."""
     library("erfa")  # for the message where it is missing
     return leaps(epoch)
 

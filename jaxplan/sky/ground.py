@@ -14,7 +14,7 @@ from jaxplan.sky.frames import earth_fixed_state
 from jaxplan.sky.orbits import EARTH_RADIUS
 
 _FLATTENING = 1 / 298.257223563  # of the ellipsoid of WGS 84
-_SQUARE = _FLATTENING * (2 - _FLATTENING)  # of its eccentricity
+_SQUARE = _FLATTENING * (2 - _FLATTENING)  # the square of its eccentricity
 
 
 @shown("latitude deg", "longitude deg", "altitude m", "minimum_elevation deg")
@@ -50,13 +50,13 @@ class GroundPoint:
 
     @property
     def up(self) -> np.ndarray:
-        """(3,) unit vector at right angles to the ellipsoid, along axes that are fixed to the Earth."""
+        """Unit vector (3,) at right angles to the ellipsoid, along axes that are fixed to the Earth."""
         cos = np.cos(self.latitude)
         return np.array([cos * np.cos(self.longitude), cos * np.sin(self.longitude), np.sin(self.latitude)])
 
     @property
     def place(self) -> np.ndarray:
-        """(3,) km, along axes that are fixed to the Earth."""
+        """Position (3,) km from the Earth's centre, along axes that are fixed to the Earth."""
         normal = EARTH_RADIUS / np.sqrt(1 - _SQUARE * np.sin(self.latitude) ** 2)
         height = self.altitude * 1e-3
         return self.up * np.array([normal + height] * 2 + [normal * (1 - _SQUARE) + height])
@@ -81,7 +81,7 @@ def ground_state(
 def elevation(
     point: GroundPoint, position: np.ndarray, epoch: np.datetime64, times: np.ndarray
 ) -> np.ndarray:
-    """How high something stands above the horizon of a point of the ground; air does not bend the line.
+    """Elevation of something above the horizon of a point of the ground; air does not bend the line.
 
     Args:
         point: of the ground.

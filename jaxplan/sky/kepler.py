@@ -15,7 +15,7 @@ from jaxplan.runtime.display import shown
 from jaxplan.sky.frames import elapsed
 from jaxplan.sky.orbits import EARTH_MU, EARTH_RADIUS
 
-_ROUNDS = 60  # of Newton's iteration, more than any takes; three to six, but for e near 1
+_ROUNDS = 60  # most iterations of Newton's method, more than any solution takes: 3 to 6, but for e near 1
 _ANGLES = ("node", "perigee", "anomaly")
 
 
@@ -33,7 +33,7 @@ class KeplerOrbit:
         node: rad, right ascension of the ascending node.
         perigee: rad, argument of the perigee, from the ascending node on.
         anomaly: rad, true anomaly at the orbit's epoch, from the perigee on.
-        epoch: UTC in ISO 8601; None for that of each question, whose times then count from the elements.
+        epoch: UTC in ISO 8601 at which the elements hold; None for the epoch that each call gives.
     """
 
     semi_major_axis: float
@@ -121,7 +121,7 @@ def eccentric_anomaly(mean: np.ndarray, eccentricity: float) -> np.ndarray:
 
 
 def _plane(orbit: KeplerOrbit) -> np.ndarray:
-    """(2, 3): unit vectors to the perigee, and to where the satellite is a quarter of a turn later."""
+    """Unit vectors (2, 3), GCRS, from the Earth's centre: to the perigee, and a quarter of a turn on."""
     ci, si = np.cos(orbit.inclination), np.sin(orbit.inclination)
     co, so = np.cos(orbit.node), np.sin(orbit.node)
     cw, sw = np.cos(orbit.perigee), np.sin(orbit.perigee)

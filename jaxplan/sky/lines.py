@@ -1,6 +1,6 @@
 """Lines of sight: when a target is hidden by the Earth with its air, by its horizon, or by something else.
 
-Three rules. A line is blocked by a sphere that the straight way from observer to target meets; the Earth is
+Three rules. A line is blocked by a sphere that the segment from observer to target meets; the Earth is
 one, of its equatorial radius and a height that counts as air, and others are named (`Occulter`). A point of
 the ground is seen from its least elevation on, above the plane at right angles to the ellipsoid's normal;
 for it that stands in the place of the Earth's sphere. Bodies and directions such as ``nadir`` are never
@@ -27,8 +27,8 @@ from jaxplan.sky.sights import Epoch, Thing, drift_times, positions
 from jaxplan.sky.zone import path
 
 _GUARD = 1e-6  # s, by which spans are longer than found, so that at their ends nothing is hidden any more
-_THIRDS = 40  # rounds in which a least or greatest value is found, to 2e-6 s of the 20 s about it
-_HALVES = 34  # rounds in which an end of a span is found, to 1e-9 s
+_THIRDS = 40  # iterations of ternary search for an extremum, to 2e-6 s of the 20 s about it
+_HALVES = 34  # iterations of bisection for an end of a span, to 1e-9 s
 EARTH, HORIZON = "the Earth", "its horizon"  # what hides, in messages
 
 Height: TypeAlias = Callable[[np.ndarray], np.ndarray]
@@ -38,11 +38,11 @@ Height: TypeAlias = Callable[[np.ndarray], np.ndarray]
 @shown("name", "radius km")
 @dataclass(frozen=True, kw_only=True)
 class Occulter:
-    """A sphere that may stand before targets.
+    """A sphere that may hide targets.
 
     Attributes:
         name: in messages.
-        thing: what it is about: a satellite or a body's name.
+        thing: what is at its centre: a satellite or a body's name.
         radius: km.
     """
 
@@ -52,7 +52,7 @@ class Occulter:
 
 
 def occulter(name: str, thing: Thing | None = None, *, radius_km: float | None = None) -> Occulter:
-    """A sphere that may stand before targets, beside the Earth, which always does.
+    """Make a sphere that may hide targets, beside the Earth, which always does.
 
     Args:
         name: of a body, "sun" or "moon", or what messages are to call it.
@@ -82,7 +82,7 @@ def target(
     atmosphere_km: float = 0.0,
     occulters: Sequence[Occulter] = (),
 ) -> DirectionPath:
-    """The direction to a target over a manoeuvre, and when it is hidden; planning ends where it is seen.
+    """Find the direction to a target over a manoeuvre, and when it is hidden; plans end where it is seen.
 
     Args:
         thing: what is looked at: a satellite, a point of the ground, a body's name, or one of `LOCAL`.
@@ -91,7 +91,7 @@ def target(
         duration_s: s, in (0, 86400].
         name: what messages call it.
         atmosphere_km: height that counts as the Earth, in [0, 1000]; some 100 km matter to optics.
-        occulters: what else may stand before it.
+        occulters: spheres that may hide it, beside the Earth.
 
     Returns:
         The path, as `path` makes it.
@@ -124,7 +124,7 @@ def hidden(
     atmosphere_km: float = 0.0,
     occulters: Sequence[Occulter] = (),
 ) -> tuple[Hidden, ...]:
-    """When a target is hidden; the arguments are those of `target`.
+    """Find the spans of time in which a target is hidden; the arguments are those of `target`.
 
     The clearance of each line is looked at every 10 s or oftener, and its least and greatest values between,
     so that short spans are found too, unless several fall between two looks.
@@ -160,19 +160,19 @@ def hidden(
 def _above_horizon(
     point: GroundPoint, observer: Thing, epoch: np.datetime64, times: np.ndarray
 ) -> np.ndarray:
-    """How much higher than its least elevation an observer stands above a point of the ground, rad."""
+    """Elevation (k,) rad of an observer seen from a point of the ground at times (k,) s, less the least."""
     here = positions(observer, epoch=epoch, times=times)
     return elevation(point, here, epoch, times) - point.minimum_elevation
 
 
 def _beside(sphere: Occulter, thing: Thing, observer: Thing, epoch: Epoch, times: np.ndarray) -> np.ndarray:
-    """How far the line from an observer to something passes beside a sphere, km; negative through it."""
+    """Clearance (k,) km of a sphere from the segment observer to thing at times (k,) s; below 0 inside."""
     places = [positions(one, epoch=epoch, times=times) for one in (sphere.thing, observer, thing)]
     return clearance(*places) - sphere.radius
 
 
 def clearance(centre: np.ndarray, observer: np.ndarray, thing: np.ndarray) -> np.ndarray:
-    """Least distance (...) km of the straight way between two places from a centre; (..., 3) km each."""
+    """Least distance (...) km from a centre to the segment from observer to thing; positions (..., 3) km."""
     start, way = observer - centre, thing - observer
     square = np.sum(way * way, axis=-1)
     along = np.clip(-np.sum(start * way, axis=-1) / np.where(square > 0, square, 1), 0, 1)
@@ -180,11 +180,11 @@ def clearance(centre: np.ndarray, observer: np.ndarray, thing: np.ndarray) -> np
 
 
 def _spans_below(height: Callable[[np.ndarray], np.ndarray], times: np.ndarray) -> list[tuple[float, float]]:
-    """The spans of time in which a smooth function of time is negative, a little longer than found.
+    """Spans (start, end) s in which a smooth function of time is negative, longer by `_GUARD` at both ends.
 
     Args:
-        height: from times (k,) s to (k,).
-        times: (n,) s to look at first, rising.
+        height: the function, from times (k,) s to values (k,).
+        times: (n,) s, rising: where it is evaluated first, to find its extrema.
     """
     values = height(times)
     before, middle, after = values[:-2], values[1:-1], values[2:]

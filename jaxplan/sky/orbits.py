@@ -49,7 +49,7 @@ def period(altitude: ArrayLike) -> Array:
 def _orbit_frame(
     altitude: ArrayLike, inclination: ArrayLike, node: ArrayLike, latitude: ArrayLike, time: ArrayLike
 ) -> tuple[Array, Array]:
-    """Unit vectors (..., 3) up and ahead at a time."""
+    """Inertial unit vectors (..., 3) up and ahead (along the velocity); arguments are those of `position`."""
     i, o = jnp.asarray(inclination), jnp.asarray(node)
     u = jnp.asarray(latitude) + mean_motion(altitude) * jnp.asarray(time)
     u, i, o = jnp.broadcast_arrays(u, i, o)

@@ -20,7 +20,7 @@ from jaxplan.sky.frames import elapsed, library, teme_to_gcrs
 
 COLUMNS = 69  # characters of a line
 STALE_DAYS = 7.0  # days from the elements' epoch: from here on SGP4 is likely tens of km off in low orbit
-LAST_DAYS = 30.0  # days from the elements' epoch: from here on hundreds of km, and it is not asked any more
+LAST_DAYS = 30.0  # days from the elements' epoch: beyond, it is hundreds of km off, and is not used
 _DAY = 86400.0  # s in a day
 
 # What SGP4 answers instead of a position, by its codes.
@@ -38,7 +38,16 @@ _ANGLE = r"(?=.{8}) *\d{1,3}\.\d{4}"
 
 @dataclass(frozen=True)
 class _Column:
-    """A field of a line: columns from one, both ends included, and what stands there."""
+    """A field of a line: its columns, counted from one, both ends included, and what may stand there.
+
+    Attributes:
+        first: its first column.
+        last: its last column.
+        name: in messages.
+        pattern: regular expression that its text must match.
+        example: of it, in messages.
+        range: least and largest number that it may be.
+    """
 
     first: int
     last: int
@@ -48,7 +57,7 @@ class _Column:
     range: tuple[float, float] | None = None
 
     def fault(self, here: str, line: str) -> str | None:
-        """What is wrong with the field in a line, or None."""
+        """Message on what is wrong with the field in a line, after the words `here`; None if nothing is."""
         value = line[self.first - 1 : self.last]
         several = self.last > self.first
         span = f"columns {self.first} to {self.last}" if several else f"column {self.first}"
@@ -126,7 +135,7 @@ class Tle:
 
 
 def parse_tle(text: str) -> Tle:
-    """A satellite from its two-line elements.
+    """Read a satellite from its two-line elements.
 
     Args:
         text: the two lines, perhaps with a line above that has the name. Blank lines and blanks at the end of
@@ -161,7 +170,7 @@ def check_sum(line: str) -> int:
 
 
 def _faults(number: int, line: str) -> list[str]:
-    """What is wrong with a line by itself."""
+    """Messages on what is wrong with a line by itself, which should be that of a number, 1 or 2."""
     here = f"line {number}"
     if not line.isascii():
         place = next(place for place, character in enumerate(line, 1) if not character.isascii())
@@ -186,7 +195,7 @@ def _faults(number: int, line: str) -> list[str]:
 
 
 def _epoch(line: str) -> np.datetime64:
-    """The epoch of line 1, to its last digit: 1e-8 days."""
+    """Epoch, UTC, of line 1, to its last digit: 1e-8 days."""
     year = int(line[18:20])
     year += 1900 if year >= 57 else 2000  # the first satellite flew in 1957
     whole, fraction = line[20:32].split(".")
@@ -207,7 +216,7 @@ class CircularOrbit:
         inclination: rad, in [-pi, pi].
         node: rad, right ascension of the ascending node.
         latitude: rad, argument of latitude at the orbit's epoch.
-        epoch: UTC in ISO 8601; None for that of each question, whose times then count from the elements.
+        epoch: UTC in ISO 8601 at which `latitude` holds; None for the epoch that each call gives.
     """
 
     altitude: float
@@ -304,6 +313,7 @@ def tle_state_teme(tle: Tle, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def _check_age(tle: Tle, since: np.ndarray) -> None:
+    """Raise a TleError or warn where times (...) s are too far from the epoch of the elements."""
     if not since.size:
         return
     days = np.abs(since) / _DAY

@@ -1,4 +1,4 @@
-"""Where things are and in which direction they are seen, how fast that turns, and how large bodies look.
+"""Positions of things, directions in which they are seen, how fast these turn, and how large bodies look.
 
 Who looks, and what is looked at, is a satellite (`CircularOrbit`, `KeplerOrbit`, `Tle` or `Ephemeris`), a
 `GroundPoint`, a body's name or a position in km from the Earth's centre: (3,), or (k, 3) for k times. Times
@@ -51,7 +51,7 @@ _RATE_STEP = (
 
 
 def positions(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarray:
-    """Where something is.
+    """Positions of a thing at times.
 
     With these, `jaxplan.sky.orbits.earth_blocks` tells whether the Earth is in between two satellites.
 
@@ -72,7 +72,7 @@ def positions(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarr
 
 
 def velocities(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarray:
-    """How something moves; the arguments are those of `positions`.
+    """Velocities of a thing at times; the arguments are those of `positions`.
 
     Returns:
         (..., 3) km/s relative to the Earth's centre, GCRS.
@@ -87,7 +87,7 @@ def velocities(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndar
 
 
 def directions(target: Thing, *, epoch: Epoch, observer: Thing, times: ArrayLike = 0.0) -> np.ndarray:
-    """Where a target is seen: the axis of a zone, or the target of a terminal.
+    """Directions in which a target is seen: the axis of a zone, or the target of a terminal.
 
     Args:
         target: what is looked at, or one of `LOCAL`.
@@ -108,7 +108,7 @@ def directions(target: Thing, *, epoch: Epoch, observer: Thing, times: ArrayLike
 
 
 def direction_rates(target: Thing, *, epoch: Epoch, observer: Thing, times: ArrayLike = 0.0) -> np.ndarray:
-    """How fast the direction to a target turns: the derivative of `directions` by time.
+    """Derivative of `directions` by time: how fast the direction to a target turns; of the same arguments.
 
     The angular velocity of a line that follows the target, without spin about itself, is the cross product
     of the direction and this.
@@ -162,7 +162,7 @@ def angular_radius(
 
 
 def drift(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> float:
-    """How far the direction to a target gets from where it was at the epoch.
+    """Largest angle between the direction to a target over a duration and that at the epoch.
 
     Args:
         target: what is looked at.
@@ -182,7 +182,7 @@ def drift(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) ->
 
 
 def drift_times(observer: Thing, duration_s: float) -> np.ndarray:
-    """(k,) s: samples over a duration, the middle and both ends among them; a single one for none.
+    """Equidistant times (k,) s over a duration, the middle and both ends among them; a single one for zero.
 
     Raises:
         ValueError: if the duration is out of range, or not zero for an observer whose motion is not known.
@@ -200,12 +200,19 @@ def drift_times(observer: Thing, duration_s: float) -> np.ndarray:
 
 
 def half_step(seen: np.ndarray) -> float:
-    """Half of the largest angle between neighbours among (k, 3) directions: what lies between is nearer."""
+    """Half of the largest angle, rad, between neighbours among unit vectors (k, 3).
+
+    On the arc between two of them no direction is farther from the nearer one.
+    """
     return float(np.max(separation(seen[1:], seen[:-1]), initial=0.0)) / 2
 
 
 def _state(thing: Thing, epoch: Epoch, times: ArrayLike) -> tuple[np.ndarray, np.ndarray | None]:
-    """Position (..., 3) km and velocity (..., 3) km/s, which of a given position is None."""
+    """Position (..., 3) km and velocity (..., 3) km/s, GCRS, of a thing; None for that of a given position.
+
+    Raises:
+        ValueError: as `positions`.
+    """
     start, after = parse_epoch(epoch), seconds(times)
     if type(thing) in _STATES:
         return _STATES[type(thing)](thing, start, after)
@@ -228,7 +235,7 @@ def check_body(body: object) -> None:
 
 
 def _between(target: Thing, observer: Thing, epoch: Epoch, times: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Vector from observer to target (..., 3) and its length (...), km."""
+    """Vector from observer to target (..., 3), GCRS, and its length (...), km; ValueError if it is zero."""
     between = positions(target, epoch=epoch, times=times) - positions(observer, epoch=epoch, times=times)
     distance = np.linalg.norm(between, axis=-1)
     if not np.all(distance > 0):
@@ -237,7 +244,7 @@ def _between(target: Thing, observer: Thing, epoch: Epoch, times: ArrayLike) -> 
 
 
 def _local(name: str, observer: Thing, epoch: Epoch, times: ArrayLike) -> np.ndarray:
-    """One of the directions (..., 3) that go with the observer's own motion."""
+    """Unit vectors (..., 3), GCRS, of a direction of `LOCAL`, by its name; ValueError where there is none."""
     position = positions(observer, epoch=epoch, times=times)
     if name in ("nadir", "zenith"):
         along = position if name == "zenith" else -position

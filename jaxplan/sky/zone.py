@@ -24,16 +24,16 @@ from jaxplan.sky.sights import (
     half_step,
 )
 
-ACCURACY = 1e-9  # rad: how far a path may be from the direction wherever it is looked at between samples
+ACCURACY = 1e-9  # rad: how far a path may be from the direction in the middle between two samples
 _FEWEST, _MOST = (
     8,
     4096,
-)  # intervals of a path to begin with, and samples; they are halved until it is accurate
+)  # intervals of a path to begin with, and most samples; intervals are halved until it is accurate
 _DIGITS = 1e9  # half angles are rounded up to 1e-9 deg, so that files hold them exactly
 
 
 def path(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> DirectionPath:
-    """The direction to a target over a manoeuvre.
+    """Sample the direction to a target over a manoeuvre, until a spline through the samples is accurate.
 
     Args:
         target: what is looked at: a satellite, a point of the ground, a body's name, one of `LOCAL`, or a
@@ -94,7 +94,7 @@ def keep_out(
     name: str | None = None,
     devices: str | Sequence[str] = (),
 ) -> KeepOut:
-    """A keep-out zone about a body.
+    """Make a keep-out zone about a body.
 
     Args:
         body: ``"sun"``, ``"moon"`` or ``"earth"``.

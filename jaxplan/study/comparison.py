@@ -39,11 +39,11 @@ class Comparison(Printed):
     """Two studies, scene by scene.
 
     Attributes:
-        names: of the first and the second.
-        scenes: that are in both.
-        both: how many of them both plan, with a certificate.
-        only_first: how many the first alone plans.
-        only_second: how many the second alone plans.
+        names: titles of the first study and the second.
+        scenes: number of those that are in both.
+        both: number of those that both plan, with a certificate.
+        only_first: number of those that the first alone plans.
+        only_second: number of those that the second alone plans.
         p_value: of the exact test of McNemar, two-sided: how likely it is that success differs at least as
             much in so many scenes if neither is better.
         differences: of each quantity, on the scenes that both plan, by label: their number, both means, mean,
@@ -65,11 +65,11 @@ class Comparison(Printed):
 
     @property
     def neither(self) -> int:
-        """Scenes that none of them plans."""
+        """Number of scenes that neither of them plans."""
         return self.scenes - self.both - self.only_first - self.only_second
 
     def record(self) -> dict[str, Any]:
-        """The comparison for machines."""
+        """The comparison as a dict for JSON."""
         counts = ("scenes", "both", "only_first", "only_second", "neither", "p_value")
         return {
             **dict(zip(("first", "second"), self.names, strict=True)),
@@ -146,7 +146,7 @@ def compare_studies(first: Study, second: Study) -> Comparison:
 
 
 def _by_scene(study: Study) -> dict[Hashable, Row]:
-    """Rows of a study with their times, by seed, or by number and name of given scenarios."""
+    """Rows of a study's table joined with their times, by seed, or by (number, name) of given scenarios."""
     times = {row["scene"]: row for row in study.timings}
     return {
         row["seed"] if study.kind is not None else (row["scene"], row["name"]): times.get(row["scene"], {})
@@ -156,7 +156,11 @@ def _by_scene(study: Study) -> dict[Hashable, Row]:
 
 
 def _difference(pairs: list[tuple[Row, Row]], column: str) -> dict[str, float]:
-    """Statistics of the difference of a quantity over pairs in which both rows have it; empty if none has."""
+    """Statistics of a column's difference, second less first, over pairs of rows in which both have it.
+
+    Returns:
+        Values by `_COLUMNS`; none without such a pair.
+    """
     values = np.array([[row.get(column) for row in pair] for pair in pairs], dtype=float).reshape(-1, 2)
     values = values[np.all(np.isfinite(values), axis=1)]
     if not len(values):

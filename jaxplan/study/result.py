@@ -45,7 +45,7 @@ class Printed(ABC):
 
 
 def aligned(title: str, lines: Lines, cells: Cells) -> str:
-    """Labels and values, and below them a table whose columns line up.
+    """Text of labels with their values, and below them a table whose columns line up.
 
     Args:
         title: above all.
@@ -95,7 +95,7 @@ def success_interval(successes: int, trials: int) -> tuple[float, float]:
 
 
 def counted(number: int, noun: str) -> str:
-    """A number with its noun, in the plural but for one."""
+    """Text of a number and a noun, in the plural but for one."""
     return f"{number} {noun}{'s' * (number != 1)}"
 
 
@@ -105,11 +105,11 @@ class Summary(Printed):
     """Summary of a study: success rate, statuses, and quantiles of what was found.
 
     Attributes:
-        study: which one.
+        study: its title.
         scenes: how many it has.
-        done: of how many of them something is known.
-        planned: of how many there is a certified plan.
-        statuses: how often each came, most frequent first.
+        done: how many of them have a row.
+        planned: how many of them have a certified plan.
+        statuses: number of scenes with each, most frequent first.
         spreads: of each quantity the number of its values, their mean and their `QUANTILES`, by label.
     """
 
@@ -136,7 +136,7 @@ class Summary(Printed):
         return success_interval(self.planned, self.done)
 
     def record(self) -> dict[str, Any]:
-        """The summary for machines."""
+        """The summary as a dict for JSON."""
         return {
             "title": self.title,
             "scenes": self.scenes,
@@ -201,7 +201,7 @@ class Study:
         return [row for row in self._rows(TIMINGS) if row["scene"] in done]
 
     def _rows(self, name: str) -> list[Row]:
-        """Rows of a file in the order of scenes; of several rows of a scene the last counts."""
+        """Rows of `TABLE` or `TIMINGS`, by name, in the order of scenes; of several of a scene the last."""
         if self.folder is None:
             return sorted(self._held[name], key=lambda row: row["scene"])
         rows = {row["scene"]: row for _, row in scan(self.folder, name, self.scenes)}
@@ -303,13 +303,14 @@ class Study:
 
 
 def _spread(values: np.ndarray) -> dict[str, float]:
+    """Number, mean and `QUANTILES` of values (k,), by label."""
     spread = {"values": float(len(values)), "mean": float(np.mean(values))}
     return spread | {name: float(np.quantile(values, share)) for name, share in QUANTILES.items()}
 
 
 @contextmanager
 def _extra(package: str) -> Iterator[None]:
-    """Name the extra that brings a package, if it is missing."""
+    """Context in which an ImportError names the extra that brings a package."""
     try:
         yield
     except ImportError as error:

@@ -54,7 +54,7 @@ TIMES: Mapping[str, type] = {
 
 
 def filled(columns: Mapping[str, type], known: Mapping[str, Any]) -> Row:
-    """A row of the values known; None for the others, and for numbers that are not finite."""
+    """A row of the columns from the values known; None for the others, and for floats that are not finite."""
     row: Row = {}
     for name, kind in columns.items():
         value = known.get(name)
@@ -67,8 +67,8 @@ def row_of(outcome: Plan | str, head: Row) -> Row:
     """The row of a scene, without the plan's arrays.
 
     Args:
-        outcome: a plan, also one that failed, or what was raised instead.
-        head: the columns from scene to planner.
+        outcome: a plan, also one that failed, or the message of an error that was raised instead.
+        head: values of the columns from scene to planner.
     """
     if isinstance(outcome, str):
         return filled(COLUMNS, {**head, "status": CRASHED, "message": outcome, "certified": False})
@@ -81,7 +81,12 @@ def row_of(outcome: Plan | str, head: Row) -> Row:
 
 
 def times_of(timings: Mapping[str, float] | None, head: Row) -> Row:
-    """The seconds of a plan by step, 0 for those that it did not come to; None where the scene crashed."""
+    """Row of `TIMES`: seconds of a plan by step, 0 for those that it did not come to.
+
+    Args:
+        timings: of the plan; None where the scene crashed, whose times are None.
+        head: values of the columns from scene to planner.
+    """
     if timings is None:
         return filled(TIMES, head)
     seconds = {f"{step}_s": timings.get(step, 0.0) for step in STEPS}
@@ -100,7 +105,7 @@ class Answer:
     Attributes:
         table: a row a scene.
         timings: the seconds of each scene.
-        seconds: the chunk took, without those of compiling.
+        seconds: time that the chunk took, without that of compiling.
     """
 
     table: list[Row]
@@ -128,7 +133,11 @@ def plan_chunk(chunk: Chunk) -> Answer:
 
 
 def _outcomes(block: Chunk) -> list[Plan | str]:
-    """The plans of a block made together; after an unexpected error one by one, to find whose it is."""
+    """Plan the scenes of a block together; after an unexpected error one by one, to find whose it is.
+
+    Returns:
+        A plan for each scene, or the message of its error.
+    """
     places = range(len(block.numbers))
     try:
         return [*plan_batch([block.scenario(place) for place in places], progress=False)]
@@ -137,6 +146,7 @@ def _outcomes(block: Chunk) -> list[Plan | str]:
 
 
 def _plan_or_error(block: Chunk, place: int) -> Plan | str:
+    """Plan the scene at a place of a block; returns the plan, or the message of an error."""
     try:
         return plan(block.scenario(place), throw=False, progress=False)
     except Exception as error:
@@ -144,7 +154,7 @@ def _plan_or_error(block: Chunk, place: int) -> Plan | str:
 
 
 def answer_of(chunk: Chunk, outcomes: Iterable[Plan | str]) -> Answer:
-    """Rows and times of a chunk's scenes by their plans, or errors."""
+    """Rows and times of a chunk's scenes, from a plan or the message of an error for each."""
     table, timings = [], []
     for place, outcome in enumerate(outcomes):
         head = chunk.head(place)

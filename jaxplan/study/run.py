@@ -102,7 +102,19 @@ def run_task(
     progress: bool,
     work: Work,
 ) -> Study:
-    """Run a study whose arguments are checked, by some work for each chunk."""
+    """Run a study whose arguments are checked; those that `run_study` has mean the same here.
+
+    Args:
+        task: what is to be done.
+        workers: see `run_study`.
+        out: likewise.
+        chunk: likewise.
+        progress: likewise.
+        work: function that plans, or searches, the scenes of a chunk; it may run in another process.
+
+    Returns:
+        The study; incomplete after Ctrl-C.
+    """
     with Store(out, task) as store:
         left = (number for number, done in enumerate(store.done) if not done)
         with progress_bar(
@@ -135,6 +147,7 @@ def run_task(
 
 
 def _answers(chunks: "Blocks", workers: Workers | None, work: Work) -> Generator[Answer, None, None]:
+    """Do the work for all chunks, here or by workers, which end then; yield the answers as they come."""
     if workers is None:
         yield from in_this_process(chunks, work)
         return
@@ -153,8 +166,8 @@ LARGEST = 16
 """Blocks in a chunk at most."""
 DEATHS = 2
 """Deaths of workers with nothing else to do, after which a block is cut into scenes, or a scene given up."""
-_UNDER_WAY = 2  # chunks a worker, so that none waits for the next
-_IDLE = 1.5  # a chunk that is done within so many times its own time has hardly waited
+_UNDER_WAY = 2  # chunks under way for each worker at first, so that none waits for the next
+_IDLE = 1.5  # a chunk whose answer comes within this multiple of its own time has hardly waited
 
 
 class Blocks:
@@ -178,12 +191,12 @@ class Blocks:
         self._alone = False  # whether what is under way is a suspect, beside which nothing else may run
 
     def take(self, under_way: int, most: int = 1) -> Chunk | None:
-        """The next chunk; None where there is none, or none that may run beside others.
+        """Take the next chunk off; None where there is none, or none that may run beside others.
 
         Args:
-            under_way: how many chunks are.
-            most: how many may be at once: none takes more than its share of what is left, so that all who
-                plan are done at about the same time.
+            under_way: number of chunks that are.
+            most: number of chunks that may be under way at once: none is larger than its share of what is
+                left, so that all workers are done at about the same time.
         """
         if under_way and (self._suspects or self._alone):
             return None
@@ -195,7 +208,7 @@ class Blocks:
         return self._task.chunk(blocks) if blocks else None
 
     def learn(self, scenes: int, seconds: float) -> None:
-        """Adapt the size of chunks to how long so many scenes took."""
+        """Adapt the size of chunks to the seconds that a number of scenes took."""
         if self._fixed is None:
             wanted = AIM * scenes / max(seconds, 1e-9) / BLOCK
             self._size = int(min(max(wanted, self._size / 2, 1), self._size * 2, LARGEST))
@@ -205,7 +218,11 @@ class Blocks:
         self._suspects.extend(chunks)
 
     def killed(self, chunk: Chunk) -> Iterator[Answer]:
-        """Put back a chunk that killed a worker by itself, cut if need be; yields the row of a lost scene."""
+        """Put back a chunk that killed a worker by itself, cut if need be.
+
+        Yields:
+            The answer for a scene that is given up, if this is one.
+        """
         parts, deaths = chunk.blocks(), chunk.deaths + 1
         if len(parts) == 1:
             if deaths < DEATHS:
@@ -220,7 +237,7 @@ class Blocks:
 
 
 def in_this_process(chunks: Blocks, work: Work) -> Iterator[Answer]:
-    """Work on one chunk after the other in this process."""
+    """Do the work for one chunk after the other in this process, and yield the answers."""
     while (chunk := chunks.take(0)) is not None:
         answer = work(chunk)
         chunks.learn(len(chunk.scenes), answer.seconds)

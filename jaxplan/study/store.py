@@ -25,9 +25,9 @@ from jaxplan.study.rows import COLUMNS, TIMES, Answer, Row
 from jaxplan.study.task import Task
 
 HEADER, TABLE, TIMINGS, LOCK = "study.json", "table.jsonl", "timings.jsonl", ".lock"
-_PART = f".{HEADER}.part"  # what becomes the header once it is whole
+_PART = f".{HEADER}.part"  # the header while it is written
 _LARGEST_HEADER = 64 * 2**20  # bytes; seeds that do not follow one another take up to 43 each
-_LONGEST_LINE = 2**20  # bytes
+_LONGEST_LINE = 2**20  # most bytes of a row
 _FILES = {TABLE: COLUMNS, TIMINGS: TIMES}
 _KEYS: Mapping[str, Any] = {  # of the header, with their types
     "jaxplan": str,
@@ -70,7 +70,7 @@ def read_header(folder: Path) -> dict[str, Any]:
 
 
 def scan(folder: Path, name: str, scenes: int) -> Iterator[tuple[int, Row]]:
-    """The rows of a file up to the first line that is not whole, each with where its line ends, bytes.
+    """Yield the rows of a file up to the first line that is not whole, each after its line's end in bytes.
 
     Args:
         folder: of a study.
@@ -91,7 +91,7 @@ def scan(folder: Path, name: str, scenes: int) -> Iterator[tuple[int, Row]]:
 
 
 def _row(line: bytes, columns: Mapping[str, type], scenes: int) -> Row | None:
-    """A line's row; None where it is torn or damaged."""
+    """The row of a line, with these columns and a number below `scenes`; None where it is torn or damaged."""
     if not line.endswith(b"\n"):
         return None
     try:
@@ -105,15 +105,20 @@ def _row(line: bytes, columns: Mapping[str, type], scenes: int) -> Row | None:
 
 
 def _refuse(word: str) -> float:
+    """Raise a ValueError for NaN or an infinity in JSON."""
     raise ValueError(f"{word} is not allowed")
 
 
 class Store:
-    """Rows of a study that is being made, in a folder or in memory; a context that holds the folder's lock.
+    """Store of a study's rows, in a folder or in memory; a context that holds the folder's lock.
 
     Args:
         folder: a new or empty one, or one that holds the same study; None to keep rows in memory.
         task: the study.
+
+    Attributes:
+        done: (scenes,) whether each scene has a row in the table.
+        rows: without a folder, the rows of each file by its name.
 
     Raises:
         StudyFolderError: if the folder holds anything else, is no folder, or is in use.
@@ -152,7 +157,7 @@ class Store:
         self._open.close()
 
     def add(self, answer: Answer) -> list[Row]:
-        """Keep the rows of a chunk, for good; returns those of the table that were not there before."""
+        """Write the rows of a chunk to disk, or keep them; returns those of scenes that had none before."""
         fresh: list[Row] = []
         for name, rows in ((TIMINGS, answer.timings), (TABLE, answer.table)):
             fresh = [row for row in rows if not self.done[row["scene"]]]
@@ -166,6 +171,7 @@ class Store:
 
 
 def _make(folder: Path) -> None:
+    """Make a folder where it is missing; raise a StudyFolderError if it holds something else than a study."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
@@ -179,7 +185,7 @@ def _make(folder: Path) -> None:
 
 
 def _locked(folder: Path) -> IO[bytes]:
-    """The lock's file, locked as long as it is open."""
+    """Open and lock the folder's lock file, until it is closed; raise StudyFolderError if it is taken."""
     lock = _open(folder / LOCK)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -190,7 +196,7 @@ def _locked(folder: Path) -> IO[bytes]:
 
 
 def _claim(folder: Path, description: Mapping[str, Any]) -> None:
-    """Say in the folder which study it is, or see that it is this one."""
+    """Write a study's description to a folder that has none; raise StudyFolderError if it has another."""
     if not (folder / HEADER).exists():
         text = json.dumps(description, indent=1, allow_nan=False).encode() + b"\n"
         if len(text) > _LARGEST_HEADER:
@@ -216,12 +222,13 @@ def _claim(folder: Path, description: Mapping[str, Any]) -> None:
 
 
 def _short(value: Any) -> str:
+    """A value as JSON, cut to 80 characters."""
     text = json.dumps(value)
     return text if len(text) <= 80 else text[:77] + "..."
 
 
 def _open(path: Path) -> IO[bytes]:
-    """A file of the folder to append to, made where it is missing; no link to another place."""
+    """Open a file to append to, made where it is missing; raise StudyFolderError if it is a link."""
     try:
         return open(os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o666), "ab")
     except OSError as error:
@@ -231,10 +238,12 @@ def _open(path: Path) -> IO[bytes]:
 
 
 def _append(file: IO[bytes], rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write rows as lines of JSON, and force them to disk."""
     file.write(b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in rows))
     _force(file)
 
 
 def _force(file: IO[bytes]) -> None:
+    """Force what was written to a file to disk."""
     file.flush()
     os.fsync(file.fileno())

@@ -39,9 +39,9 @@ from jaxplan.study.task import Chunk, Task
 TOLERANCE = 1e-9
 """rad, by which a margin may be below zero: rounding."""
 PAPER_KINDS = ("keep_out", "keep_in")
-_INTERVALS = 32  # an edge is cut into, for the check
+_INTERVALS = 32  # intervals into which an edge is cut for the check
 _REHEARSALS = 5  # scenes that are searched before the clock runs, so that what they use is compiled
-_KEPT = 256  # problems, so that planners that follow one another need not find the same goals
+_KEPT = 256  # search problems kept in memory, so that the next planner need not find the same goals
 _HEAD = [
     *("planner", "found", "95 %", "clear", "95 %", "MinT", "MaxT", "AT", "MinL", "MaxL", "AL"),
     *("steps: min", "max", "mean"),
@@ -80,14 +80,14 @@ class Row:
         return success_interval(successes, self.scenes)
 
     def spread(self, values: np.ndarray | None) -> tuple[float, ...] | None:
-        """Least, largest and mean of times or lengths, which are what the paper prints; None of nothing."""
+        """Least, largest and mean of the row's times or lengths, as the paper has them; None without any."""
         if values is None or not len(values):
             return None
         printed = self.solved is None
         return tuple(map(float, values if printed else (np.min(values), np.max(values), np.mean(values))))
 
     def summary(self) -> dict[str, Any]:
-        """The row for machines: least, largest and mean of times (s) and lengths."""
+        """The row as a dict for JSON: least, largest and mean of times (s) and lengths."""
         return {
             "kind": self.kind,
             "planner": self.planner,
@@ -114,7 +114,7 @@ class Row:
         ]
 
     def _rate(self, count: int | None) -> list[str]:
-        """A count with its Wilson interval, percent."""
+        """Texts of a count of scenes and its Wilson interval, percent; blanks for None."""
         if count is None:
             return ["", ""]
         low, high = (100 * bound for bound in self.interval(count))
@@ -122,12 +122,14 @@ class Row:
 
 
 def _texts(values: tuple[float, ...] | None, digits: int, of_mean: int) -> list[str]:
+    """Texts of least, largest and mean, with the digits after the point of the former two and of the mean."""
     if values is None:
         return ["-"] * 3
     return [f"{value:.{places}f}" for value, places in zip(values, (digits, digits, of_mean), strict=True)]
 
 
 def _printed(kind: str, planner: str, found: int, seconds: Sequence[float], nodes: Sequence[float]) -> Row:
+    """A row of the paper, its seconds and nodes as (least, largest, mean)."""
     values: dict[str, Any] = {"seconds": np.array(seconds), "nodes": np.array(nodes)}
     return Row(kind=kind, planner=planner, scenes=20, found=found, **values)
 
@@ -199,7 +201,7 @@ def search_study(seeds: range, kind: str, planner: str, *, progress: bool = Fals
 
 
 def row_of_study(study: Study) -> Row:
-    """Make a row of Table 4 of a study of searches."""
+    """Make the row of Table 4 that a study of `search_study` amounts to."""
     known = {row["scene"]: row for row in study.table if row["status"] != Status.NO_PATH.name}
     clear = [row for row in known.values() if row["certified"]]
     return Row(
@@ -240,12 +242,13 @@ def search_chunk(chunk: Chunk) -> Answer:
 
 @lru_cache(maxsize=_KEPT)
 def _problem(seed: int, kind: str) -> tuple[Scenario, Scene]:
+    """A random scenario and its search problem."""
     scenario = random_scenario(seed, kind)
     return scenario, make_problem(scenario)
 
 
 def make_problem(scenario: Scenario) -> Scene:
-    """The search problem of a random scene: from its start to the nearest goal of step 1.
+    """Make the search problem of a random scene: from its start to the nearest goal of step 1.
 
     Args:
         scenario: one of `random_scenario`.
@@ -280,6 +283,16 @@ def least_margins(scene: Scene, path: Path) -> np.ndarray:
 def _edges(
     scene: Scene, first: jax.Array, last: jax.Array, joints: jax.Array, change: jax.Array
 ) -> jax.Array:
+    """Lower bounds (m, Z) rad of the margins along m whole edges, by `edge_margins` of each.
+
+    Args:
+        scene: the problem.
+        first: (m, 3, 3) attitudes at the edges' starts.
+        last: (m, 3, 3) at their ends.
+        joints: (m, J) rad at their starts.
+        change: (m, J) rad, of the joints along each.
+    """
+
     def margins(start: jax.Array, end: jax.Array, q: jax.Array, dq: jax.Array) -> list[jax.Array]:
         turn = so3.log(start.T @ end)
         motion = (scene.sights, start, q, turn, dq, _INTERVALS)

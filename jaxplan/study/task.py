@@ -26,8 +26,8 @@ from jaxplan.version import __version__
 
 BLOCK = 16
 """Scenes that are planned together. More make a study little quicker on a processor, but its end ragged."""
-_LARGEST_SEED = 2**63 - 1  # for which data frames, whose integers have 64 bits, have room
-_MOST_SCENES = 2**31  # of a study, which numbers them with 32 bits
+_LARGEST_SEED = 2**63 - 1  # the largest that fits the 64-bit integers of data frames
+_MOST_SCENES = 2**31  # scenes of a study, which numbers them with 32 bits
 # Settings that a study gives to every scene itself.
 _OWN = {
     "search.method": "given by planner",
@@ -61,7 +61,7 @@ class Task:
         return len(self.scenes) if self.kind is None else 1
 
     def scenario(self, place: int) -> Scenario:
-        """A scene as it is planned: with the study's settings and planner, and no time limit."""
+        """The scene at a place as it is planned: with the study's settings and planner, and no time limit."""
         scene = self.scenes[place]
         if not isinstance(scene, Scenario):
             scene = random_scenario(scene, str(self.kind))
@@ -80,7 +80,7 @@ class Task:
         }
 
     def chunk(self, blocks: Iterable[int]) -> "Chunk":
-        """The scenes of some blocks."""
+        """The scenes of some blocks, by their numbers, as a chunk."""
         every = range(len(self.scenes))
         numbers = tuple(n for block in blocks for n in every[block * BLOCK : (block + 1) * BLOCK])
         scenes: tuple[Any, ...] = tuple(self.scenes[number] for number in numbers)
@@ -102,7 +102,7 @@ class Chunk(Task):
     apart: bool = False
 
     def head(self, place: int) -> dict[str, Any]:
-        """The columns of a row that say which scene it is of."""
+        """The first columns of the row of the scene at a place of the chunk: scene to planner."""
         scene = self.scenes[place]
         given = isinstance(scene, Scenario)
         return {
@@ -124,6 +124,7 @@ class Chunk(Task):
         return [replace(part, apart=True) for part in parts]
 
     def _part(self, places: Iterable[int]) -> "Chunk":
+        """The scenes at some places of the chunk as a chunk."""
         pairs: list[tuple[int, Any]] = [(self.numbers[place], self.scenes[place]) for place in places]
         numbers, scenes = zip(*pairs, strict=True)
         return replace(self, numbers=numbers, scenes=scenes)
@@ -135,7 +136,7 @@ def make_task(
     planner: str,
     settings: Mapping[str, Any] | None,
 ) -> Task:
-    """Check what a study is asked for.
+    """Check the arguments of a study and make its task; they are those of `run_study`.
 
     Raises:
         TypeError: for what is neither a scenario nor a seed.
@@ -170,7 +171,12 @@ def make_task(
 
 
 def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings as JSON has them, sorted by name, so that equal settings are equal texts."""
+    """Check settings; returns them as JSON has them, sorted by name, so that equal settings are equal texts.
+
+    Raises:
+        TypeError: for what is no dict.
+        ScenarioError: for a setting that the study gives itself, or a value that no file may hold.
+    """
     if not isinstance(settings, Mapping):
         raise TypeError(
             f'settings must be a dict such as {{"search.seed": 1}}, not {type(settings).__name__}'
@@ -190,14 +196,19 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _unwrapped(value: object) -> Any:
-    """Convert a number or array of numpy to Python's own."""
+    """Convert a number or array of numpy to Python's own; raise a TypeError for anything else."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     raise TypeError(f"{value!r} is nothing that a scenario file holds")
 
 
 def _seeds(scenes: Sequence[Any]) -> Sequence[int]:
-    """Seeds that are whole numbers in their range, of which none comes twice."""
+    """Check that seeds are integers in their range, none of them twice; returns them as a range or a tuple.
+
+    Raises:
+        TypeError: for what is no integer.
+        ScenarioError: for those out of range, or twice.
+    """
     faults: list[str] = []
     first: dict[int, int] = {}
     whole = isinstance(scenes, range)  # whose two ends tell of all
@@ -218,7 +229,7 @@ def _seeds(scenes: Sequence[Any]) -> Sequence[int]:
 
 
 def _runs(seeds: Sequence[Any]) -> list[list[int]]:
-    """Seeds as [first, last] of those that follow one another."""
+    """Seeds as runs [first, last] of consecutive ones."""
     if isinstance(seeds, range) and seeds.step == 1:
         return [[seeds[0], seeds[-1]]]
     runs: list[list[int]] = []
@@ -231,7 +242,7 @@ def _runs(seeds: Sequence[Any]) -> list[list[int]]:
 
 
 def _digest(scenarios: Sequence[Any]) -> str:
-    """A fingerprint of scenarios."""
+    """SHA-256 of scenarios, as their files would have them, in hexadecimal."""
     digest = hashlib.sha256()
     for scenario in scenarios:
         digest.update(json.dumps(scenario_to_dict(scenario), sort_keys=True).encode() + b"\n")

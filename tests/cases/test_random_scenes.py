@@ -197,8 +197,8 @@ def test_spacecraft_are_of_all_sorts():
 def test_a_random_spacecraft_starts_clear_and_can_end_clear_where_its_goal_is_met():
     for seed in range(40):
         stream = np.random.SeedSequence(0, spawn_key=(1000, seed))
-        drawn = any_spacecraft.begun(np.random.Generator(np.random.PCG64(stream)))
-        scene = any_spacecraft.told(drawn, f"any_spacecraft {seed}")
+        drawn = any_spacecraft.draw_scene(np.random.Generator(np.random.PCG64(stream)))
+        scene = any_spacecraft.draw_scenario(drawn, f"any_spacecraft {seed}")
         assert numbers(scene) == numbers(scenes("any_spacecraft", 120)[seed])
         for attitude, joints in (drawn.start, drawn.end):
             ranges, *_ = joint_limits(scene.spacecraft)

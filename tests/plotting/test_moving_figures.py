@@ -13,7 +13,7 @@ from jaxplan.model.zones import KeepOut
 from jaxplan.plotting import margin_panels, projections, style
 from jaxplan.plotting.projections import circle
 from jaxplan.plotting.sky import view_of
-from jaxplan.plotting.zones import zone_ways, zones_at
+from jaxplan.plotting.zones import zone_tracks, zones_at
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def test_the_map_has_moving_zones_at_first_and_at_last_with_the_way_between(plan
     scenario = plan.scenario
     axes = jp.plot.sphere(plan)
     first = {zone.name: zone.axis_at() for zone in zones_at(scenario, 0.0)}
-    ways = {zone.name: (zone, way) for zone, way in zone_ways(plan)}
+    ways = {zone.name: (zone, way) for zone, way in zone_tracks(plan)}
     assert set(ways) == {"earth", "link ahead"}
     lines = [line.get_xydata() for line in axes.lines]
     for name, (last, way) in ways.items():
@@ -71,7 +71,7 @@ def test_the_map_has_moving_zones_at_first_and_at_last_with_the_way_between(plan
 
 def test_a_fixed_scene_has_nothing_of_it():
     plan = jp.plan(jp.paper_case(4))
-    assert zone_ways(plan) == []
+    assert zone_tracks(plan) == []
     axes = jp.plot.sphere(plan)
     texts = [text.get_text() for text in axes.get_figure().findobj(plt.Text)]
     assert not any("way of a zone" in text for text in texts)
