@@ -30,7 +30,7 @@ from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.zones import Turns, masks
 from jaxplan.planner import Plan
-from jaxplan.planner.attempts import Clock
+from jaxplan.planner.clock import Clock
 from jaxplan.planner.proof import prove
 from jaxplan.planner.record import end_rates
 from jaxplan.planner.runs import as_filed
@@ -80,7 +80,7 @@ class Held:
 
 
 def hold(plan: Plan, *, nodes: int = FEWEST_NODES) -> Held:
-    """What is held fixed of a plan while its scenario changes; refits the trajectory to find what binds.
+    """Return what of a plan stays fixed while its scenario changes; a new fit tells what is active.
 
     Args:
         plan: with a trajectory in a given duration; where nothing moves also the shortest one, or one whose

@@ -128,18 +128,18 @@ def _wrong(arrays: dict[str, np.ndarray], good: Callable[[np.ndarray], bool], *t
 
 
 def _rotations(matrices: np.ndarray) -> bool:
-    """Whether all matrices (..., 3, 3) are rotations, to `_ORTHONORMAL`."""
+    """Whether all matrices (..., 3, 3) are rotations: R^T R is the identity within `_ORTHONORMAL`."""
     off = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3))
     return bool((off <= _ORTHONORMAL).all() and (np.linalg.det(matrices) > 0).all())
 
 
 def _unit(vectors: np.ndarray) -> bool:
-    """Whether all vectors (..., 3) have length one, to `_UNIT`."""
+    """Whether all vectors (..., 3) have lengths that differ from one by at most `_UNIT`."""
     return bool((np.abs(np.linalg.norm(vectors, axis=-1) - 1) <= _UNIT).all())
 
 
 def _across(first: np.ndarray, second: np.ndarray) -> bool:
-    """Whether two vectors (3,) are unit vectors at right angles, to `_UNIT`."""
+    """Whether two vectors (3,) are unit vectors at right angles, with `_UNIT` for rounding."""
     return _unit(first) and _unit(second) and bool(abs(np.dot(first, second)) <= _UNIT)
 
 
@@ -202,7 +202,7 @@ def _cones(cones: Constraints, still: np.ndarray, zones: int, craft: Spacecraft)
 
 
 def _whole(numbers: np.ndarray, count: int) -> bool:
-    """Whether all numbers are whole, at least zero and below a count."""
+    """Whether all numbers are integers in [0, count)."""
     return bool(((numbers == np.floor(numbers)) & (numbers >= 0) & (numbers < count)).all())
 
 

@@ -16,9 +16,7 @@ Where targets or zones move, a goal is one at the end of the manoeuvre, which fi
 trajectories and certificates are made by `jaxplan.planner.rounds`.
 """
 
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,6 +27,7 @@ from jaxplan.model.path import Goal, halve
 from jaxplan.model.scenario import Scenario, SearchSettings, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
+from jaxplan.planner.clock import Clock
 from jaxplan.planner.moving import Meeting, always, duration_guesses, swept
 from jaxplan.planner.proof import ProofQuery
 from jaxplan.planner.record import Plan
@@ -45,7 +44,6 @@ from jaxplan.planner.steps import (
     wanted_fit,
 )
 from jaxplan.planner.validity import start_breaches
-from jaxplan.runtime.jit import working_time
 from jaxplan.search import (
     Scene,
     SearchResult,
@@ -78,61 +76,6 @@ _TELLING = (
 )
 # Outcomes after which no other path to the same goal is tried.
 _FOR_GOOD = (Status.LIMITS_TOO_TIGHT, Status.GOAL_MISSED)
-
-
-class Clock:
-    """Seconds spent by each step of a plan, and what is left of its time limit.
-
-    Attributes:
-        seconds: by the name of a step, without those of compiling. Only what was spent on the plan counts,
-            not what other plans took that are made at the same time.
-        compiling: seconds that all steps spent on compiling.
-        improve_for: s, for which a shorter plan is looked for than the first one.
-        so_far: text for the progress bar on the best plan yet; empty before the first plan.
-    """
-
-    def __init__(
-        self,
-        time_limit: float,
-        show: Callable[[str], object] = lambda name: None,
-        *,
-        improve_for: float = 0.0,
-    ) -> None:
-        self.seconds: dict[str, float] = {}
-        self.compiling = 0.0
-        self.so_far = ""
-        self._left, self._show, self.improve_for = time_limit, show, improve_for
-
-    def left(self) -> float:
-        """Seconds that are left of the limit, which leaves out compiling; at least zero."""
-        return max(self._left, 0.0)
-
-    def show(self, name: str) -> None:
-        """Show on the progress bar that a step, given by name, begins."""
-        self._show(f"{name}{self.so_far}")
-
-    def add(self, name: str, seconds: float, working: float) -> None:
-        """Count `seconds` to the step `name`, of which `working` s were not spent on compiling.
-
-        The latter are the step's and reduce what is left of the limit; the others count as compiling.
-        """
-        worked = min(max(working, 0.0), seconds)  # others may compile at the same time, in threads
-        self.seconds[name] = self.seconds.get(name, 0.0) + worked
-        self.compiling += seconds - worked
-        self._left -= working
-
-    @contextmanager
-    def step(self, name: str) -> Iterator[None]:
-        """Count the time of a `with` block to the step `name`."""
-        begin, began = time.monotonic(), working_time()
-        self.show(name)
-        yield
-        self.add(name, time.monotonic() - begin, working_time() - began)
-
-    def timings(self) -> dict[str, float]:
-        """Seconds by step, of compiling, and in all."""
-        total = sum(self.seconds.values()) + self.compiling
-        return {**self.seconds, "compile": self.compiling, "total": total}
 
 
 class Attempts:
@@ -200,6 +143,7 @@ class Attempts:
             self._next_time()
         else:
             self.plan = None  # that there was no goal at another time no longer matters
+            self._paths.clear()
             # Where no path avoids all that moving zones sweep, one may still avoid them at each instant.
             shares = (1.0, 0.0) if moves(self.scenario) else (1.0,)
             self._goals_left = [(goal, share) for goal in found for share in shares]

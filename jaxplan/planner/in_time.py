@@ -17,7 +17,8 @@ from jaxplan.model.goals import LEAST_TIME, GivenState
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
-from jaxplan.planner.attempts import Attempts, Clock
+from jaxplan.planner.attempts import Attempts
+from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import rounded_up
 

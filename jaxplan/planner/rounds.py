@@ -12,7 +12,8 @@ from typing import Any, TypeVar
 
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner.ahead import usual_tasks
-from jaxplan.planner.attempts import Attempts, Clock
+from jaxplan.planner.attempts import Attempts
+from jaxplan.planner.clock import Clock
 from jaxplan.planner.in_time import InTime
 from jaxplan.planner.proof import ProofQuery, prove_batch
 from jaxplan.planner.record import Plan

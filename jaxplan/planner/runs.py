@@ -9,7 +9,7 @@ from concurrent.futures import BrokenExecutor, Future
 import numpy as np
 
 from jaxplan.model.scenario import Scenario
-from jaxplan.planner.attempts import Clock
+from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.planner.rounds import plan_in_rounds
 from jaxplan.runtime.arguments import expect, number, several

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import jaxplan as jp
-from jaxplan.planner.attempts import BARE_LADDER, LADDER, Attempts, Clock, SearchQuery
+from jaxplan.planner.attempts import BARE_LADDER, LADDER, Attempts, SearchQuery
+from jaxplan.planner.clock import Clock
 from jaxplan.planner.proof import ProofQuery
 from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import GoalQuery, find_goals
@@ -41,8 +42,8 @@ def one_goal() -> jp.Scenario:
     return replace(case, search=replace(case.search, max_goals=1))
 
 
-def test_the_ladder_is_climbed_to_its_end_and_no_path_is_searched_or_fitted_twice():
-    attempts = begun(one_goal())
+def climbed(attempts):
+    """Settings of the searches and numbers of edges of the paths fitted, where no fit succeeds."""
     searched, edges = [], []
     while attempts.need is not None:
         if isinstance(attempts.need, SearchQuery):
@@ -51,11 +52,25 @@ def test_the_ladder_is_climbed_to_its_end_and_no_path_is_searched_or_fitted_twic
         elif isinstance(attempts.need, FitQuery):
             edges.append(attempts.need.path.edges)
             attempts.accept_fit(Fit(trajectory=None, status=jp.Status.INFEASIBLE, message="made up"))
+    return searched, edges
+
+
+def test_the_ladder_is_climbed_to_its_end_and_no_path_is_searched_or_fitted_twice():
+    attempts = begun(one_goal())
+    searched, edges = climbed(attempts)
     clearance = one_goal().search.clearance
     assert [own.clearance / clearance for own in searched] == pytest.approx(sorted({f for f, _ in LADDER}))
     assert len({own.seed for own in searched}) == len(searched)
     # all searches find the same path, so it is fitted once with each number of halvings
     assert edges == [edges[0] * 2**halvings for halvings in sorted({own for _, own in LADDER})]
+    assert attempts.result().status is jp.Status.INFEASIBLE
+
+
+def test_goals_that_are_found_anew_have_their_paths_fitted_anew():
+    attempts = begun(one_goal())
+    before = climbed(attempts)[1]
+    attempts.accept_goals(find_goals(one_goal()))
+    assert climbed(attempts)[1] == before
     assert attempts.result().status is jp.Status.INFEASIBLE
 
 

@@ -18,7 +18,8 @@ from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.scenario import STRETCHED, Scenario
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import messages, rounds
-from jaxplan.planner.attempts import LADDER, Attempts, Clock, SearchQuery
+from jaxplan.planner.attempts import LADDER, Attempts, SearchQuery
+from jaxplan.planner.clock import Clock
 from jaxplan.planner.proof import certify
 from jaxplan.planner.steps import GoalQuery, find_goals
 from jaxplan.planner.validity import breaches
