@@ -32,9 +32,10 @@ from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 import jaxplan as jp
+from jaxplan.model.devices import Instrument
 from jaxplan.model.goals import GivenState
 from jaxplan.model.scenario import Scenario, TrajectorySettings
-from jaxplan.model.spacecraft import Instrument, Spacecraft
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepOut
 
 try:

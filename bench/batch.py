@@ -25,7 +25,7 @@ from tqdm import tqdm
 import jaxplan as jp
 from jaxplan.cases import SKY_KINDS
 from jaxplan.model.scenario import TrajectorySettings
-from jaxplan.model.zones import tabulate
+from jaxplan.model.tabulation import tabulate
 from jaxplan.trajectory import FitQuery, Trajectory, fit_batch
 
 Work = Callable[[], list[Trajectory | None]]

@@ -20,13 +20,14 @@ from _options import positive
 import jaxplan as jp
 from jaxplan.certificate import Certificate
 from jaxplan.model import constraints, zones
-from jaxplan.planner.proof import prove
+from jaxplan.model.tabulation import tabulate
+from jaxplan.planner.proving import prove
 
 
 def on_grid(scenario: jp.Scenario, trajectory: jp.Trajectory) -> tuple[float, float]:
     """Least margin, rad, and largest ratio of a rate, acceleration or joint angle to its limit, on a grid."""
     craft = scenario.spacecraft
-    cones = zones.tabulate(scenario.keep_out, scenario.keep_in, craft)
+    cones = tabulate(scenario.keep_out, scenario.keep_in, craft)
     least, ratio = np.inf, 0.0
     for times in np.array_split(np.linspace(0, trajectory.duration, 100_001), 100):
         s = trajectory.sample(times)

@@ -22,7 +22,7 @@ from pointing import KINDS, Problem, random_problem
 
 from jaxplan import so3
 from jaxplan.goal import Decomposition
-from jaxplan.model.least_time import rest_bounds
+from jaxplan.model.duration_bound import rest_bounds
 
 
 def solved(problem: Problem, criterion: str) -> tuple[Decomposition, float]:

@@ -19,10 +19,10 @@ from _options import positive
 from jaxplan.cases import paper_case
 from jaxplan.planner.steps import find_goals
 from jaxplan.search import PLANNERS, make_scene, mha
+from jaxplan.search.astar import Rules, Search, make_root
 from jaxplan.search.calls import Scenes
 from jaxplan.search.expansion import EDGE_INTERVALS, ONWARD_INTERVALS, expansion_call
 from jaxplan.search.fields import distance_fields
-from jaxplan.search.multi_heuristic import Rules, Search, make_root
 
 
 def median_us(call: Callable[[], object], repeats: int) -> float:

@@ -24,11 +24,12 @@ if TYPE_CHECKING:
     from jaxplan.exporting import export
     from jaxplan.goal.start import point
     from jaxplan.gradients import differentiable
+    from jaxplan.model.devices import Drive, Instrument, Mount, Terminal
     from jaxplan.model.directions import DirectionPath
     from jaxplan.model.goals import GivenState, Targets, Wish
     from jaxplan.model.hidden import Hidden
     from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
-    from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
+    from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.model.status import Status
     from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
@@ -43,15 +44,15 @@ if TYPE_CHECKING:
 _HOMES = {
     "Constellation": "jaxplan.constellation",
     "DirectionPath": "jaxplan.model.directions",
-    "Drive": "jaxplan.model.spacecraft",
+    "Drive": "jaxplan.model.devices",
     "FixedVector": "jaxplan.model.zones",
     "GivenState": "jaxplan.model.goals",
     "Hidden": "jaxplan.model.hidden",
-    "Instrument": "jaxplan.model.spacecraft",
+    "Instrument": "jaxplan.model.devices",
     "JointBound": "jaxplan.model.zones",
     "KeepIn": "jaxplan.model.zones",
     "KeepOut": "jaxplan.model.zones",
-    "Mount": "jaxplan.model.spacecraft",
+    "Mount": "jaxplan.model.devices",
     "Plan": "jaxplan.planner",
     "PlanFileError": "jaxplan.planner",
     "PlanningError": "jaxplan.planner",
@@ -64,7 +65,7 @@ _HOMES = {
     "Study": "jaxplan.study",
     "StudyFolderError": "jaxplan.study",
     "Targets": "jaxplan.model.goals",
-    "Terminal": "jaxplan.model.spacecraft",
+    "Terminal": "jaxplan.model.devices",
     "Trajectory": "jaxplan.trajectory",
     "TrajectorySettings": "jaxplan.model.scenario",
     "Tuning": "jaxplan.tuning",

@@ -31,7 +31,7 @@ from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.zones import Turns, masks
 from jaxplan.planner import Plan
 from jaxplan.planner.clock import Clock
-from jaxplan.planner.proof import prove
+from jaxplan.planner.proving import prove
 from jaxplan.planner.record import end_rates
 from jaxplan.planner.runs import as_filed
 from jaxplan.planner.steps import find_goals, fit, fitted_plan, judged, pursuit, wanted_fit

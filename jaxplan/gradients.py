@@ -25,7 +25,7 @@ from jaxplan.derivatives import Held, hold, own_arrays, replan
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.planner import Plan
-from jaxplan.planner.proof import prove
+from jaxplan.planner.proving import prove
 from jaxplan.planner.steps import judged
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown

@@ -13,12 +13,13 @@ from reference import direction, random_units, unit
 from scipy.spatial.transform import Rotation
 
 from jaxplan.certificate import Certificate
+from jaxplan.model.devices import Drive, Instrument, Mount, Terminal
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.gimbals import Gimbals
 from jaxplan.model.goals import GivenState
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario, SearchSettings
-from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan

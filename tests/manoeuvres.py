@@ -10,8 +10,10 @@ from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from jaxplan.certificate import Claim, EndState, certify
-from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
-from jaxplan.model.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.devices import Instrument, Terminal
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.trajectory.curve import Trajectory
 
 

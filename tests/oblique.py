@@ -10,9 +10,10 @@ from kinds import pair_margins_of
 from reference import direction, random_units
 from scipy.spatial.transform import Rotation
 
+from jaxplan.model.devices import Drive, Instrument, Mount, Terminal
 from jaxplan.model.goals import GivenState
 from jaxplan.model.scenario import Scenario, SearchSettings
-from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut, Zone
 
 MARGIN = np.deg2rad(6.0)  # that each zone has left at start and goal

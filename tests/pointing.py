@@ -13,9 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.goal import Decomposition, decompose
 from jaxplan.model.constraints import Constraints
+from jaxplan.model.devices import Instrument, Terminal
 from jaxplan.model.goals import Targets
-from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
-from jaxplan.model.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn, KeepOut
 
 PAPER_DIRECTIONS = np.array(
     [[-0.5349, 0.8296, 0.1604], [0.4212, -0.9032, -0.0832], [0.4601, -0.7960, -0.3933]]

@@ -16,9 +16,11 @@ from reference import angle, direction, random_units, unit
 from scipy.optimize import minimize, minimize_scalar
 from scipy.spatial.transform import Rotation
 
+from jaxplan.model.devices import Drive, Instrument, Terminal
 from jaxplan.model.goals import Targets
-from jaxplan.model.spacecraft import Drive, Instrument, Spacecraft, Terminal
-from jaxplan.model.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn, KeepOut
 
 KINDS = {  # which devices there are and which of them have targets: terminals, drives, instruments
     "terminals": ((3, 0, 1), (3, 0, 0)),

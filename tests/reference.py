@@ -13,8 +13,8 @@ from numpy.polynomial import legendre
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from jaxplan.model.devices import Drive, Instrument, Terminal
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.spacecraft import Drive, Instrument, Terminal
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut
 
 # Weights of the values at -4 h ... 4 h for the first and the second derivative, of order 8.

@@ -201,7 +201,7 @@ def test_the_names_beside_the_symbols_exist(rows):
     import jaxplan as jp
     from jaxplan import so3, trajectory
     from jaxplan.geometry import vectors
-    from jaxplan.model import spacecraft, zones
+    from jaxplan.model import devices, spacecraft, zones
     from jaxplan.model.goals import Targets
     from jaxplan.model.path import Goal as PathGoal
     from jaxplan.model.path import Path as Way
@@ -212,7 +212,7 @@ def test_the_names_beside_the_symbols_exist(rows):
         "goal": PathGoal, "Path": Way, "vectors": vectors, "so3": so3, "spacecraft": spacecraft,
         "trajectory": trajectory, "Samples": Samples, "SearchSettings": SearchSettings, "Targets": Targets,
         "Trajectory": jp.Trajectory, "TrajectorySettings": TrajectorySettings, "KeepIn": zones.KeepIn,
-        "KeepOut": zones.KeepOut, "Terminal": spacecraft.Terminal, "Spacecraft": spacecraft.Spacecraft,
+        "KeepOut": zones.KeepOut, "Terminal": devices.Terminal, "Spacecraft": spacecraft.Spacecraft,
     }  # fmt: skip
     known = {key for _, key in rows}
     table = (DOCS / "method.md").read_text(encoding="utf-8").split("## Symbols")[1].partition("\n## ")[0]

@@ -14,7 +14,7 @@ from jaxplan.paper import qp
 from jaxplan.planner import steps
 from jaxplan.schema import with_settings
 from jaxplan.search import mha
-from jaxplan.search.multi_heuristic import make_root, trace
+from jaxplan.search.astar import make_root, trace
 from jaxplan.trajectory import program
 from jaxplan.trajectory import qp as box_qp
 

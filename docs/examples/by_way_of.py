@@ -7,9 +7,9 @@ from jaxplan.schema import with_settings
 from jaxplan.search import add_planner
 from jaxplan.search.calls import Scenes
 from jaxplan.search.paths import straight_paths
-from jaxplan.search.rrt_connect import Space
 from jaxplan.search.scene import SearchResult
 from jaxplan.search.smoothing import smooth_results
+from jaxplan.search.trees import Space
 
 TRIES = 16  # random states that are looked at together
 

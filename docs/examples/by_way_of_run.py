@@ -6,8 +6,8 @@ import jaxplan as jp
 from jaxplan.schema import with_settings
 from jaxplan.search import add_planner
 from jaxplan.search.calls import Scenes
-from jaxplan.search.rrt_connect import Space, reached
 from jaxplan.search.smoothing import smooth_results
+from jaxplan.search.trees import Space, reached
 
 TRIES = 8  # random states that are looked at together, two motions each
 

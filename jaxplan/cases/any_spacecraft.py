@@ -22,10 +22,12 @@ from jaxplan.cases.random_kinds import CLEARANCE, DRAWS, random_angle, random_di
 from jaxplan.cases.random_starts import admissible, at_rest
 from jaxplan.geometry.vectors import cross, unit
 from jaxplan.model.constraints import constraint_margins, state_margins
+from jaxplan.model.devices import Drive, Instrument, Mount, Terminal
 from jaxplan.model.goals import Targets, Wish
 from jaxplan.model.scenario import Scenario, SearchSettings
-from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
-from jaxplan.model.zones import FIELD_OF_VIEW, FixedVector, KeepIn, KeepOut, Zone, tabulate
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import FIELD_OF_VIEW, FixedVector, KeepIn, KeepOut, Zone
 
 INSIDE = math.radians(3.0)
 """rad, how far start and end stay inside the ranges of joints."""

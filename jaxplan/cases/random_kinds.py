@@ -30,10 +30,12 @@ from jaxplan.cases.random_starts import (
 )
 from jaxplan.geometry.vectors import pointing
 from jaxplan.model.constraints import constraint_margins, state_margins
+from jaxplan.model.devices import Instrument
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.goals import GivenState
-from jaxplan.model.spacecraft import Instrument, Spacecraft
-from jaxplan.model.zones import FIELD_OF_VIEW, FixedVector, JointBound, KeepIn, KeepOut, Mask, Zone, tabulate
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import FIELD_OF_VIEW, FixedVector, JointBound, KeepIn, KeepOut, Mask, Zone
 
 CLEARANCE = math.radians(2.0)
 """rad, least margin that start and goal have to every zone that is drawn."""

@@ -21,7 +21,7 @@ from jaxplan.model.gimbals import angles_along
 from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.path import Goal, motion
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.zones import tabulate
+from jaxplan.model.tabulation import tabulate
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.sky import orbits
 

@@ -27,10 +27,12 @@ from jaxplan.constellation.links import WHEN, Surroundings, checked_topology, de
 from jaxplan.constellation.shell import Shell, out_of_range
 from jaxplan.goal import decompose
 from jaxplan.goal.multistart import nearest_attitudes
+from jaxplan.model.devices import Terminal
 from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.spacecraft import Spacecraft, Terminal
-from jaxplan.model.zones import KeepOut, tabulate
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepOut
 from jaxplan.runtime.arguments import as_floats, expect, several
 from jaxplan.runtime.display import shown
 from jaxplan.schema import ScenarioError

@@ -1,6 +1,6 @@
 """Find goals of least time: the attitudes that meet a problem and that platform and joints reach soonest.
 
-What is made least is the strict bound of the time from rest to rest, `jaxplan.model.least_time`: what the
+What is made least is the strict bound of the time from rest to rest, `jaxplan.model.duration_bound`: what the
 slowest of platform and joints takes by itself. Least rotation leaves all the way to the joints; where these
 are the slower ones, the platform turns toward them until both take as long. Descents (`minimax`) start from
 the points of the covering at which that time is least, as far as a solution may lie near them, and from the
@@ -23,8 +23,8 @@ from jaxplan.goal.descent import CLEAR
 from jaxplan.goal.minimax import TIMES, Soonest, soonest_ends
 from jaxplan.goal.problem import GoalProblem, Wished
 from jaxplan.goal.ways import Platform, Pointers, legendre
+from jaxplan.model.duration_bound import rest_bounds
 from jaxplan.model.gimbals import angles_along, in_range, stacked
-from jaxplan.model.least_time import rest_bounds
 from jaxplan.model.limits import limits, longest
 from jaxplan.model.path import Goal
 from jaxplan.model.spacecraft import Spacecraft

@@ -16,17 +16,9 @@ from jax.typing import ArrayLike
 
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays
 from jaxplan.goal.aims import Known
-from jaxplan.model.constraints import (
-    BODY,
-    INERTIAL,
-    JOINTS,
-    SIGHT,
-    Constraints,
-    joint_values,
-    pair_margins,
-    room,
-)
+from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints, joint_values, pair_margins
 from jaxplan.model.directions import Sights
+from jaxplan.model.scores import room
 
 _SOMEWHERE = np.array([0.0, 0.0, 1.0])  # stands for a direction that is not known
 

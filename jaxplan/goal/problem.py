@@ -15,7 +15,7 @@ from jaxplan.model.directions import Sights, as_path
 from jaxplan.model.gimbals import in_range
 from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.zones import tabulate
+from jaxplan.model.tabulation import tabulate
 
 
 class Wished(NamedTuple):

@@ -21,6 +21,7 @@ from jaxplan.geometry.vectors import AnyArray, arrays, length
 from jaxplan.model import constraints
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import Sights
+from jaxplan.model.scores import edge_bound, margins_of_scores, score_curvature, scores
 from jaxplan.runtime.display import shown
 
 
@@ -169,9 +170,9 @@ def interval_scores(
     axes = constraints.axes_in_body(rows, turned, seen)
     cosines = jnp.sum(seen[:, :, None] * axes[:, None], axis=-1)  # (intervals + 1, S, Z)
     values = constraints.joint_values(rows, sights.gimbals, angles) if rows.inner else None
-    score = constraints.scores(rows, cosines, values)
-    bend = constraints.score_curvature(rows, length(turn_vector), *sights.bounds(joint_change))
-    bound = constraints.edge_bound(score[:-1], score[1:], bend / (2 * intervals**2))
+    score = scores(rows, cosines, values)
+    bend = score_curvature(rows, length(turn_vector), *sights.bounds(joint_change))
+    bound = edge_bound(score[:-1], score[1:], bend / (2 * intervals**2))
     return jnp.max(jnp.where(rows.bound.T, bound, -jnp.inf), axis=-2, initial=-jnp.inf)
 
 
@@ -191,5 +192,5 @@ def edge_margins(
         1e-8 rad at a cone's very axis, else to rounding.
     """
     worst = interval_scores(rows, sights, attitude, joints, turn, joint_change, intervals)
-    margin = jnp.where(worst == -jnp.inf, jnp.inf, constraints.margins_of_scores(rows, worst))
+    margin = jnp.where(worst == -jnp.inf, jnp.inf, margins_of_scores(rows, worst))
     return jnp.min(constraints.best_entries(rows, margin), axis=0)

@@ -20,7 +20,8 @@ from jaxplan.model.hidden import after_hidden
 from jaxplan.model.keys import key, keyed
 from jaxplan.model.sameness import same
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Turns, Zone, bound_by, masks, tabulate
+from jaxplan.model.tabulation import bound_by, tabulate
+from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Turns, Zone, masks
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
 

@@ -24,8 +24,9 @@ from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.search.calls import Call, Scenes
 from jaxplan.search.paths import ARRIVED, between
-from jaxplan.search.rrt_connect import FEW, LEAST, MANY, Space, Tree, reached, search_by_trees
+from jaxplan.search.rrt_connect import LEAST
 from jaxplan.search.scene import SearchResult
+from jaxplan.search.trees import FEW, MANY, Space, Tree, reached, search_by_trees
 
 RANGE = 10.0  # most steps of an extension, and to a neighbour
 GOAL_BIAS = 0.05  # probability that the tree grows towards the goal

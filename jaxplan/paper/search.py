@@ -20,10 +20,10 @@ from itertools import product
 import numpy as np
 
 from jaxplan.model.scenario import SearchSettings
+from jaxplan.search.astar import Node, Rules, search_by, unrotated
 from jaxplan.search.calls import Scenes
 from jaxplan.search.expansion import Expansion, Moves, chosen
 from jaxplan.search.fields import Fields
-from jaxplan.search.multi_heuristic import Node, Rules, search_by, unrotated
 from jaxplan.search.scene import Scene, SearchResult
 
 # Up to three terminals all 2^(2n) joint moves are tried, beyond that a sample of as many as three have.

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from jaxplan.planner.files import PlanFileError, save_plan
-from jaxplan.planner.proof import certify, check_margins
+from jaxplan.planner.proving import certify, check_margins
 from jaxplan.planner.record import Plan, PlanningError, load_plan
 from jaxplan.runtime.late import late
 

@@ -29,7 +29,7 @@ from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.moving import Meeting, always, duration_guesses, swept
-from jaxplan.planner.proof import ProofQuery
+from jaxplan.planner.proving import ProofQuery
 from jaxplan.planner.record import Plan
 from jaxplan.planner.shorter import Shorter, is_improvable
 from jaxplan.planner.steps import (

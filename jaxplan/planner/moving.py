@@ -22,8 +22,8 @@ from jaxplan import so3
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.constraints import Constraints, pair_margins
 from jaxplan.model.directions import DirectionPath
+from jaxplan.model.duration_bound import duration_bound
 from jaxplan.model.goals import GivenState
-from jaxplan.model.least_time import duration_bound
 from jaxplan.model.limits import longest
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import MINIMUM, Scenario, known_until, moves, seen_from

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from jaxplan.certificate import Certificate
+from jaxplan.model.duration_bound import DurationBound, duration_bound, excess
 from jaxplan.model.goals import GivenState
-from jaxplan.model.least_time import DurationBound, duration_bound, excess
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.status import Status

@@ -15,7 +15,7 @@ from jaxplan.planner.ahead import usual_tasks
 from jaxplan.planner.attempts import Attempts
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.in_time import InTime
-from jaxplan.planner.proof import ProofQuery, prove_batch
+from jaxplan.planner.proving import ProofQuery, prove_batch
 from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import GoalQuery, SearchQuery, find_goals
 from jaxplan.runtime.ahead import ahead

@@ -13,7 +13,7 @@ from jaxplan.certificate import Certificate
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.status import Status
-from jaxplan.planner.proof import ProofQuery
+from jaxplan.planner.proving import ProofQuery
 from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import SearchQuery, fitted_plan, judged, wanted_fit
 from jaxplan.search import Scene, SearchResult, derived_seed

@@ -13,9 +13,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon, Rectangle
 
 from jaxplan.geometry.vectors import unit
+from jaxplan.model.devices import Instrument
 from jaxplan.model.outlines import FORWARD, UP, field_corners
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.spacecraft import Instrument
 from jaxplan.model.zones import Mask, masks
 from jaxplan.planner import Plan
 from jaxplan.plotting.style import (

@@ -19,7 +19,7 @@ from matplotlib.ticker import Locator
 
 from jaxplan.model.constraints import chosen_entries, state_margins
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.zones import bound_by
+from jaxplan.model.tabulation import bound_by
 from jaxplan.planner import Plan
 from jaxplan.plotting.style import (
     GREY,

@@ -22,9 +22,10 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform
 from numpy.typing import ArrayLike
 
 from jaxplan.geometry.vectors import pointing
+from jaxplan.model.devices import Drive, Instrument, Terminal
 from jaxplan.model.gimbals import TURN
 from jaxplan.model.outlines import FORWARD, UP, field_corners, half_planes, turns
-from jaxplan.model.spacecraft import Drive, Instrument, Spacecraft, Terminal
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.plotting.feet import feet
 from jaxplan.plotting.style import (
     AXIS_STYLES,

@@ -14,7 +14,7 @@ from jaxplan.certificate import Certificate
 from jaxplan.exporting import free_place
 from jaxplan.model.status import STEPS, Status
 from jaxplan.planner import Plan
-from jaxplan.planner.proof import certify, check_margins
+from jaxplan.planner.proving import certify, check_margins
 from jaxplan.report import tables
 from jaxplan.report.markup import Markup, degrees, facts, number, section, tag
 from jaxplan.runtime.arguments import expect, file_path

@@ -16,8 +16,8 @@ from jaxplan.certificate import Certificate, ProvedMargin
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import azimuth_elevation, separation
 from jaxplan.model.directions import as_path
+from jaxplan.model.duration_bound import excess
 from jaxplan.model.goals import GivenState, Targets
-from jaxplan.model.least_time import excess
 from jaxplan.model.limits import limits
 from jaxplan.model.scenario import Scenario, paths
 from jaxplan.model.spacecraft import Spacecraft

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan.model.devices import NEAREST_TO_POLE
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.scenario import MINIMUM, STRETCHED, Scenario
-from jaxplan.model.spacecraft import NEAREST_TO_POLE
 from jaxplan.schema.arrays import PerAxis
 from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.kinds import NUMBER, shortest_degrees

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxplan.model.outlines import EDGES
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.zones import MOST_WAYS
+from jaxplan.model.tabulation import MOST_WAYS
 from jaxplan.schema.arrays import UNIT_TOLERANCE
 from jaxplan.schema.checks import placed
 from jaxplan.schema.faults import WRONG, Place

@@ -9,10 +9,11 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from jaxplan.model.devices import Drive, Instrument, Mount, Terminal
 from jaxplan.model.goals import GivenState
 from jaxplan.model.outlines import FORWARD
 from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
-from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
 from jaxplan.schema.checks import check_drive, check_mount, check_spacecraft, check_terminal
 from jaxplan.schema.declared import declared

@@ -10,15 +10,15 @@ import numpy as np
 
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.runtime.ahead import Task
+from jaxplan.search.astar import make_root
 from jaxplan.search.calls import Call, Scenes
 from jaxplan.search.expansion import EDGE_INTERVALS, ONWARD_INTERVALS, Moves, expansion_call
 from jaxplan.search.fields import no_fields
 from jaxplan.search.mha import propose
-from jaxplan.search.multi_heuristic import make_root
 from jaxplan.search.paths import STRAIGHT_INTERVALS, edge_table, make_path, shortcuts, straight_call
-from jaxplan.search.rrt_connect import MANY, Space
 from jaxplan.search.scene import Scene
 from jaxplan.search.smoothing import EDGES, padded, straight_bands
+from jaxplan.search.trees import MANY, Space
 
 
 def usual_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list[Task]:

@@ -38,17 +38,9 @@ from jax.typing import ArrayLike
 
 from jaxplan.geometry import rotations
 from jaxplan.geometry.vectors import cross, dot, unit
-from jaxplan.model.constraints import (
-    INERTIAL,
-    JOINTS,
-    SIGHT,
-    Constraints,
-    axes_in_body,
-    joint_values,
-    scores,
-    thresholds,
-)
+from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT, Constraints, axes_in_body, joint_values
 from jaxplan.model.directions import Sights
+from jaxplan.model.scores import scores, thresholds
 from jaxplan.runtime.jit import materialise
 from jaxplan.search.scene import JOINT_RESERVE, Scene, tapered
 

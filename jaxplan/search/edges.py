@@ -25,19 +25,8 @@ from jax import Array
 
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import cross, dot
-from jaxplan.model.constraints import (
-    INERTIAL,
-    SIGHT,
-    Constraints,
-    edge_bound,
-    joint_values,
-    margins_of_scores,
-    room,
-    score_curvature,
-    scores,
-    thresholds,
-    worst_constraint,
-)
+from jaxplan.model.constraints import INERTIAL, SIGHT, Constraints, joint_values, worst_constraint
+from jaxplan.model.scores import edge_bound, margins_of_scores, room, score_curvature, scores, thresholds
 from jaxplan.runtime.jit import materialise
 from jaxplan.search.scene import Scene
 

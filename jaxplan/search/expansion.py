@@ -22,6 +22,7 @@ from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import dot
 from jaxplan.model import constraints
 from jaxplan.model.constraints import SIGHT
+from jaxplan.model.scores import edge_bound, score_curvature, scores, thresholds
 from jaxplan.runtime.jit import materialise
 from jaxplan.search.calls import Call, Kernel
 from jaxplan.search.edges import LinesOfSight, Tables, axes_at, fold, lines_of_sight
@@ -141,7 +142,7 @@ def _expand(
         left = jnp.asarray(scene.goal_joints) - ends
         onward, _ = lines_of_sight(scene, axes, ends, places[:, 4:], left, ONWARD_INTERVALS)
     joint_costs = _joint_moves(scene, joints, jnp.take_along_axis(options, choice[None], axis=1))
-    wanted = tuple(constraints.thresholds(rows, clearance) for rows in scene.tables)  # (k, z) each
+    wanted = tuple(thresholds(rows, clearance) for rows in scene.tables)  # (k, z) each
     moved, onward, places, attitude_costs, joint_costs, wanted = materialise(
         scene.attitude_step, (moved, onward, places, attitude_costs, joint_costs, wanted)
     )
@@ -248,10 +249,10 @@ def _child_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Tabl
     rows = scene.cones
     dots = dot(lines.axes[0][:, :, None, :, None, :], lines.body[..., None])  # (a, o, k + 1, d, z)
     values = constraints.joint_values(rows, scene.gimbals, lines.joints) if rows.inner else None
-    score = constraints.scores(rows, dots, values)
+    score = scores(rows, dots, values)
     if edges:
         error = lines.chord_error(rows)[:, :, None]
-        score = constraints.edge_bound(score[:, :, :-1], score[:, :, 1:], error)
+        score = edge_bound(score[:, :, :-1], score[:, :, 1:], error)
     else:
         score = score[:, :, -1:]
     slacks = wanted[0][:, None] - jnp.where(rows.bound.T, score, -jnp.inf)
@@ -293,11 +294,11 @@ def _coupled_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Ar
             else None
         )
         along = jnp.take(axes, sample, axis=2)[:, :, None, None]
-        alone = constraints.scores(rows, dot(along, seen[..., None]), values)
+        alone = scores(rows, dot(along, seen[..., None]), values)
         if not rows.inner:
             return alone, None
         both = chosen(seen)  # they depend on the joints of two devices
-        return alone, constraints.scores(rows, dot(both[..., None], both[..., None, rows.partner]), 0.0)
+        return alone, scores(rows, dot(both[..., None], both[..., None, rows.partner]), 0.0)
 
     def slack(alone: Array, between: Array | None, asked: Array) -> Array:
         """Slack (a, m) of each child's worst constraint, from scores as of `at` and those asked (1, 1, z)."""
@@ -312,15 +313,15 @@ def _coupled_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Ar
         return slack(*at(-1), wanted[0])[None]
     own_error, error = lines.chord_error(rows), jnp.zeros(())
     if rows.inner:  # two sights are seen alike from wherever the platform turns
-        error = constraints.score_curvature(rows, error, chosen(lines.rate), chosen(lines.bend)) / 2
+        error = score_curvature(rows, error, chosen(lines.rate), chosen(lines.bend)) / 2
 
     def step(before: tuple[Array, Array | None], each: tuple[Array, Array]) -> tuple[Any, Array]:
         sample, asked = each
         now = at(sample)
-        alone = constraints.edge_bound(before[0], now[0], own_error)
+        alone = edge_bound(before[0], now[0], own_error)
         pairs = None
         if before[1] is not None and now[1] is not None:
-            pairs = constraints.edge_bound(before[1], now[1], error)
+            pairs = edge_bound(before[1], now[1], error)
         return now, slack(alone, pairs, asked)
 
     intervals = axes.shape[2] - 1

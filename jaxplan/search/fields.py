@@ -17,7 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxplan.model.constraints import INERTIAL, scores, thresholds
+from jaxplan.model.constraints import INERTIAL
+from jaxplan.model.scores import scores, thresholds
 from jaxplan.search.scene import Scene
 
 SIZE = 20

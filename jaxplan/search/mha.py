@@ -2,7 +2,7 @@
 
 1. The straight motion to the goal.
 2. An elastic band that descends from it (`smoothing`): near the shortest, and often all that is needed.
-3. Multi-heuristic A* (`multi_heuristic`, with the moves and heuristics below), which tries the
+3. Multi-heuristic A* (`astar`, with the moves and heuristics below), which tries the
    straight motion again from every child (analytic expansion) and, from time to time, expands any node,
    whatever its key. All edges are checked whole.
 4. Where that takes long, RRT-Connect takes turns with it until one of the two has a path. Heuristics lead a
@@ -42,14 +42,15 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.runtime.jit import working_time
+from jaxplan.search.astar import Node, Rules, Search, unrotated
 from jaxplan.search.calls import Scenes, SearchRun, completed, picked
 from jaxplan.search.expansion import Expansion, Moves
 from jaxplan.search.fields import Fields
-from jaxplan.search.multi_heuristic import Node, Rules, Search, unrotated
 from jaxplan.search.paths import straight_paths
-from jaxplan.search.rrt_connect import Connect, Space
+from jaxplan.search.rrt_connect import Connect
 from jaxplan.search.scene import JOINT_RESERVE, Scene, SearchResult, derived_seed
 from jaxplan.search.smoothing import Band, smooth_results, straight_bands
+from jaxplan.search.trees import Space
 
 JOINT_MOVES = 48
 # Lengths of the moves in steps, one after the other (multi-resolution A*).

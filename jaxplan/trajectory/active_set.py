@@ -21,10 +21,10 @@ from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory import program, sqp
-from jaxplan.trajectory.attempts import Attempt, finished
+from jaxplan.trajectory.chart import Chart
 from jaxplan.trajectory.constraints import SIGNS, ConstraintBlock, Index, LoadBlock
-from jaxplan.trajectory.curve import Chart
 from jaxplan.trajectory.derivative import gather_inputs
+from jaxplan.trajectory.ladder import Attempt, finished
 from jaxplan.trajectory.motion import Iterates, Stack
 from jaxplan.trajectory.optimality import (
     ActiveSet,

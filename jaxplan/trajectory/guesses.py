@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.trajectory.attempts import Attempt, first_curve
+from jaxplan.trajectory.ladder import Attempt, first_curve
 from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh, discretise
 from jaxplan.trajectory.schedule import FIRST_GUESS, axis_bounds
 from jaxplan.trajectory.splines import Basis

@@ -1,7 +1,7 @@
 """Jitted kernels of the spline fit: the platform's attitudes, loads, and derivatives of loads along a curve.
 
 A *place* is a share ``s`` of the duration, in [0, 1]. A curve is given there by ``b``, its coordinates in the
-chart of SO(3) that `curve.Chart` describes, and the derivatives of ``b`` in ``s``. The *loads* are the C
+chart of SO(3) that `chart.Chart` describes, and the derivatives of ``b`` in ``s``. The *loads* are the C
 components of the platform's limited quantities, such as rates and torques, as they would be in a motion of
 1 s; the others divide them by powers of the duration.
 """

@@ -24,8 +24,9 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.geometry.vectors import array_module
-from jaxplan.model.constraints import Constraints, axes_in_body, joint_values, margins_of_scores, scores
+from jaxplan.model.constraints import Constraints, axes_in_body, joint_values
 from jaxplan.model.directions import Sights
+from jaxplan.model.scores import margins_of_scores, scores
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory.kernels import loads_at

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxplan.model.least_time import excess
+from jaxplan.model.duration_bound import excess
 from jaxplan.model.status import Status
 from jaxplan.trajectory.active_set import FitRecord
-from jaxplan.trajectory.attempts import Attempt
-from jaxplan.trajectory.curve import CHART_REACH
+from jaxplan.trajectory.chart import CHART_REACH
 from jaxplan.trajectory.fit import Fit, needed_words, too_tight
+from jaxplan.trajectory.ladder import Attempt
 from jaxplan.trajectory.peaks import SAFETY
 
 NOT_OPTIMAL = "it is not the optimum: near the fit none was found that keeps all limits and can be certified"

@@ -13,15 +13,17 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.geometry.vectors import AnyArray, arrays
-from jaxplan.model.constraints import Constraints, axes_in_body, counted, joint_values, pair_margins, room
+from jaxplan.model.constraints import Constraints, axes_in_body, counted, joint_values, pair_margins
 from jaxplan.model.directions import Sights
-from jaxplan.model.least_time import duration_bound, rest_bounds
+from jaxplan.model.duration_bound import duration_bound, rest_bounds
 from jaxplan.model.limits import Limit, components, highest_derivative, timed_limits
 from jaxplan.model.scenario import MINIMUM, TrajectorySettings
+from jaxplan.model.scores import room
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
 from jaxplan.trajectory import schedule
-from jaxplan.trajectory.curve import CHART_REACH, Chart, Trajectory, farthest, fitting
+from jaxplan.trajectory.chart import CHART_REACH, Chart, farthest, fitting
+from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.schedule import TrapezoidalProfile, along
 from jaxplan.trajectory.splines import Basis, CurveSpace
 

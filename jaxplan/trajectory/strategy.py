@@ -19,10 +19,9 @@ import numpy as np
 
 from jaxplan.model.scenario import STRETCHED
 from jaxplan.model.status import Status
-from jaxplan.model.zones import tabulate
+from jaxplan.model.tabulation import tabulate
 from jaxplan.runtime.batching import Seconds
 from jaxplan.trajectory import guesses, schedule
-from jaxplan.trajectory.attempts import Attempt, Ladder, first_curve, make_attempts, rungs
 from jaxplan.trajectory.fit import (
     NEAR_THE_BOUND,
     Fit,
@@ -31,6 +30,7 @@ from jaxplan.trajectory.fit import (
     checked,
     fit_each,
 )
+from jaxplan.trajectory.ladder import Attempt, Ladder, first_curve, make_attempts, rungs
 from jaxplan.trajectory.outcome import better, beyond_charts, limits_too_tight, success
 from jaxplan.trajectory.peaks import SAFETY, peaks
 from jaxplan.trajectory.problem import FitProblem, Timing

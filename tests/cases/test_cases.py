@@ -8,7 +8,8 @@ from reference import assert_each
 
 from jaxplan import so3
 from jaxplan.cases import CASE_NAMES, case_path, paper_case
-from jaxplan.model import constraints, zones
+from jaxplan.model import constraints
+from jaxplan.model.tabulation import tabulate
 from jaxplan.schema import dump_scenario, load_scenario, parse_scenario
 
 # Section 5: the published goals, equations (50) and (53).
@@ -67,7 +68,7 @@ def test_the_published_goal_points_at_the_targets_within_the_goal_limits(number)
 @numbers
 def test_start_and_published_goal_are_clear_of_all_zones(number):
     case = paper_case(number)
-    cones = zones.tabulate(case.keep_out, case.keep_in, case.spacecraft)
+    cones = tabulate(case.keep_out, case.keep_in, case.spacecraft)
     goal_vector, goal_joints = map(np.array, GOALS[number])
     for vector, joints in ((case.start.rotation_vector, case.start.joints), (goal_vector, goal_joints)):
         boresights = case.spacecraft.boresights(so3.exp(vector), joints)

@@ -25,7 +25,8 @@ from jaxplan.cases import (
 from jaxplan.goal import decompose
 from jaxplan.model.goals import Targets
 from jaxplan.model.scenario import SearchSettings, TrajectorySettings
-from jaxplan.model.zones import KeepIn, tabulate
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn
 from jaxplan.schema import dump_scenario, parse_scenario
 
 SEEDS = 40

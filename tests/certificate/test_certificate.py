@@ -9,7 +9,8 @@ from manoeuvres import claimed, closest, craft, ends, grid, judge, manoeuvre, po
 from reference import assert_each, boresights_of, random_units, spin_of, zone_margins
 
 from jaxplan.certificate import certify, prove_margins
-from jaxplan.model.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn, KeepOut
 
 DEGREE = np.deg2rad(1)
 

@@ -9,7 +9,8 @@ from reference import random_units
 
 from jaxplan.certificate import Claim, bounds, certify_batch, proof
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn, KeepOut
 
 LIMITED = {"rate_limit": 0.05, "acceleration_limit": 0.01, "jerk_limit": 0.01}
 HEAVY = {"inertia": np.diag([120.0, 80.0, 150.0]), "torque_limit": 0.5, "wheel_momentum_limit": 4.0}

@@ -10,8 +10,10 @@ from numpy.polynomial import legendre
 from scipy.spatial.transform import Rotation
 
 from jaxplan.certificate import EndState, certify
-from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
-from jaxplan.model.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.devices import Drive, Instrument, Mount, Terminal
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.trajectory.curve import Trajectory
 
 DURATION = 20.0

@@ -17,7 +17,8 @@ from jaxplan.certificate.motion import DEGREE, NODES, Motion, Mountings, Views, 
 from jaxplan.certificate.series import ROUNDING, Pieces
 from jaxplan.model import limits as model
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn, KeepOut
 
 RNG = np.random.default_rng
 LONG = np.longdouble

@@ -11,7 +11,8 @@ from reference import boresights_of, random_units, sampled, seen
 from jaxplan.certificate import EndState, certify, prove_margins
 from jaxplan.certificate.motion import Way
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn, KeepOut
 
 
 def random_zones(rng, duration, devices):

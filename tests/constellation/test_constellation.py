@@ -16,7 +16,7 @@ from jaxplan.constellation.switch import nominal_attitudes
 from jaxplan.goal import decompose
 from jaxplan.goal.multistart import nearest_attitudes
 from jaxplan.model.goals import Targets
-from jaxplan.model.zones import tabulate
+from jaxplan.model.tabulation import tabulate
 from jaxplan.sky import orbits
 
 R, MU = 6378.137, 398600.4418

@@ -16,7 +16,8 @@ from reference import assert_each
 import jaxplan as jp
 from jaxplan.derivatives import follow, hold, replan
 from jaxplan.model.path import Path
-from jaxplan.model.zones import KeepIn, tabulate
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn
 from jaxplan.planner.steps import fit
 
 STEP = 5e-6  # twice that is within what the rows that bind allow

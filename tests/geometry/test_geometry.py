@@ -10,7 +10,8 @@ from jaxplan import so3
 from jaxplan.geometry import quaternion, rotations, vectors
 from jaxplan.geometry.vectors import arrays
 from jaxplan.model import gimbals
-from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model.devices import Instrument, Terminal
+from jaxplan.model.spacecraft import Spacecraft
 
 RNG = np.random.default_rng(31)
 ANGLES = np.concatenate([RNG.uniform(0.01, 3.1, 20), [1e-9, 1 - 1e-9, 1 + 1e-9, np.pi - 1e-6]])

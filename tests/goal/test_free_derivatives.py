@@ -16,7 +16,7 @@ from jaxplan import so3
 from jaxplan.goal.aims import goal_ranges
 from jaxplan.goal.free import SPARE, places, preferred, settled
 from jaxplan.goal.problem import GoalProblem, Wished
-from jaxplan.model.zones import tabulate
+from jaxplan.model.tabulation import tabulate
 
 ATTITUDE = Rotation.from_rotvec([0.4, -0.7, 0.3]).as_matrix()
 JOINTS = np.array([0.1, -0.2, 0.05, 0.07, 0.3])  # yaws, pitches, the drive's angle

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan import so3
 from jaxplan.goal.sensitivity import differentiable_goal
-from jaxplan.model.spacecraft import Mount
+from jaxplan.model.devices import Mount
 
 STEP, TOLERANCE = 1e-4, 1e-6
 EXACTLY = 2e-10  # rad, to which equations are met here, the least that a file may have

@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.goal.sensitivity import differentiable_goal
-from jaxplan.model.constraints import constraint_margins, room
+from jaxplan.model.constraints import constraint_margins
 from jaxplan.model.constraints import state_margins as margins_of
+from jaxplan.model.scores import room
 from jaxplan.planner.steps import find_goals
 
 CLEARANCE = 0.02

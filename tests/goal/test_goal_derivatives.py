@@ -23,7 +23,8 @@ from jaxplan.goal.descent import active_terms
 from jaxplan.goal.sensitivity import differentiable_goal
 from jaxplan.model.constraints import JOINTS
 from jaxplan.model.path import Goal
-from jaxplan.model.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn, KeepOut
 
 STEP = 1e-4
 TOLERANCE = 1e-6

@@ -12,7 +12,7 @@ from jaxplan import so3
 from jaxplan.cases import paper_case
 from jaxplan.goal import Decomposition
 from jaxplan.goal.sensitivity import differentiable_goal
-from jaxplan.model.least_time import rest_bounds
+from jaxplan.model.duration_bound import rest_bounds
 from jaxplan.model.path import Goal
 from jaxplan.planner.steps import find_goals
 from jaxplan.trajectory import evaluate

@@ -8,7 +8,7 @@ from builders import make_observer
 import jaxplan as jp
 from jaxplan.goal import decompose
 from jaxplan.goal.reasons import apart, off
-from jaxplan.model.zones import tabulate
+from jaxplan.model.tabulation import tabulate
 
 deg = np.deg2rad
 

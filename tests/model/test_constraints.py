@@ -22,17 +22,12 @@ from jaxplan.model.constraints import (
     axes_in_body,
     best_entries,
     constraint_margins,
-    edge_bound,
     joint_values,
-    margins_of_scores,
-    room,
-    score_curvature,
-    scores,
     state_margins,
-    thresholds,
     worst_constraint,
 )
 from jaxplan.model.directions import Sights
+from jaxplan.model.scores import edge_bound, margins_of_scores, room, score_curvature, scores, thresholds
 
 RNG = np.random.default_rng(5)
 TERMINALS = 2

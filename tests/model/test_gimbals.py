@@ -12,8 +12,8 @@ from reference import assert_each, direction, random_units, unit
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model import gimbals
+from jaxplan.model.devices import NEAREST_TO_POLE, Mount
 from jaxplan.model.gimbals import angles_along, angles_toward, in_range
-from jaxplan.model.spacecraft import NEAREST_TO_POLE, Mount
 
 COUNTS = [(1, 0), (0, 1), (0, 3), (2, 0), (2, 1), (4, 2)]  # terminals and drives
 counts = pytest.mark.parametrize(("terminals", "drives"), COUNTS)

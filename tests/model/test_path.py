@@ -8,8 +8,9 @@ from quick import quick_jit
 from reference import assert_each, boresights, direction, random_units
 from scipy.spatial.transform import Rotation
 
-from jaxplan.model import path, zones
+from jaxplan.model import path
 from jaxplan.model.path import Path
+from jaxplan.model.tabulation import tabulate
 from jaxplan.model.zones import KeepIn, KeepOut
 
 INTERVALS = 3
@@ -42,7 +43,7 @@ class Scene:
             for i, group in enumerate([None, "g", "h", "g", None, "h", "g"])
             if names
         ]
-        self.cones = zones.tabulate(self.keep_out, self.keep_in, named_craft(*names, terminals=terminals))
+        self.cones = tabulate(self.keep_out, self.keep_in, named_craft(*names, terminals=terminals))
         self.sights = self.cones.sights(self.gimbals, self.fixed_boresights)
 
     def edges(self, count, scale, seed=1):
@@ -124,7 +125,7 @@ def test_edge_margins_get_sharper_with_the_square_of_the_intervals():
 
 def yaw_and_pitch_edge(keep_out, keep_in, joints, joint_change, intervals):
     """Bounds of a resting platform with one terminal, which a single edge moves."""
-    cones = zones.tabulate(keep_out, keep_in, named_craft("t0", terminals=1))
+    cones = tabulate(keep_out, keep_in, named_craft("t0", terminals=1))
     bound = jax.jit(path.edge_margins, static_argnums=6)
     edge = (np.eye(3), np.array(joints), np.zeros(3), np.array(joint_change))
     return np.asarray(bound(cones, cones.sights(gimbals_about_z([0.0]), np.zeros((0, 3))), *edge, intervals))
@@ -173,7 +174,7 @@ def test_edge_margins_have_finite_derivatives_at_rest_and_in_motion(mode):
 def direction_curvature(turn, change, instruments):
     """(..., D) bound of the second derivative of every inertial boresight, from those seen from the body."""
     terminals = change.shape[-1] // 2
-    sights = zones.tabulate([], [], named_craft()).sights(
+    sights = tabulate([], [], named_craft()).sights(
         gimbals_about_z(np.zeros(terminals)), np.zeros((instruments, 3))
     )
     rate, bend = sights.bounds(change)

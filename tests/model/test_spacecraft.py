@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.geometry.vectors import array_module, pointing
 from jaxplan.model import gimbals
-from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model.devices import Instrument, Terminal
+from jaxplan.model.spacecraft import Spacecraft
 
 COUNTS = [0, 1, 2, 4, 12]
 AXIS = np.array([0.6, 0.0, 0.8])

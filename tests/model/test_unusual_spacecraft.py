@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan.cli import main
 from jaxplan.model.path import Goal
-from jaxplan.planner.proof import certify
+from jaxplan.planner.proving import certify
 from jaxplan.search import make_scene
 
 METHODS = ("mha", "rrt_connect")

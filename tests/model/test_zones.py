@@ -9,7 +9,9 @@ from reference import assert_each, random_units, unit
 from scipy.spatial.transform import Rotation
 
 from jaxplan.geometry.vectors import separation
-from jaxplan.model import constraints, zones
+from jaxplan.model import constraints
+from jaxplan.model.scores import edge_bound, margins_of_scores, thresholds
+from jaxplan.model.tabulation import tabulate
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.runtime.batching import padded_count
 
@@ -82,7 +84,7 @@ def test_separation_grows_along_the_great_circle_and_is_flat_at_its_ends(mode, d
 
 @pytest.mark.parametrize("half_angle", [0.2, 1.0, 1.9, 3.0])
 def test_keep_out_is_clear_outside_and_keep_in_inside(half_angle):
-    cones = zones.tabulate([keep_out(half_angle, devices=("a",))], [keep_in(half_angle)], named_craft("a"))
+    cones = tabulate([keep_out(half_angle, devices=("a",))], [keep_in(half_angle)], named_craft("a"))
     angles = half_angle + np.array([-0.15, -1e-9, 1e-9, 0.1])
     boresights = np.array([away_from_z(angle) for angle in angles])[:, None, :]
     outside, inside = margins(cones, boresights)[:, :2].T
@@ -93,7 +95,7 @@ def test_keep_out_is_clear_outside_and_keep_in_inside(half_angle):
 def test_margins_are_the_angles_to_each_axis_less_the_half_angle():
     rng = np.random.default_rng(4)
     axes, halves = random_directions((6,), 5), rng.uniform(0.1, 3.0, 6)
-    cones = zones.tabulate(
+    cones = tabulate(
         [keep_out(h, d) for d, h in zip(axes[:4], halves[:4], strict=True)],
         [keep_in(h, d, DEVICES) for d, h in zip(axes[4:], halves[4:], strict=True)],
         CRAFT,
@@ -113,11 +115,11 @@ def test_margins_are_the_angles_to_each_axis_less_the_half_angle():
 )
 def test_a_zone_of_a_device_that_there_is_not_is_refused_since_it_would_bind_nothing(devices, said):
     with pytest.raises(ValueError, match=said):
-        zones.tabulate([keep_out(0.3, devices=devices)], [], CRAFT)
+        tabulate([keep_out(0.3, devices=devices)], [], CRAFT)
 
 
 def test_a_zone_binds_the_named_devices_and_no_other():
-    cones = zones.tabulate(
+    cones = tabulate(
         [keep_out(0.3, devices=("a", "c")), keep_out(0.4)], [keep_in(0.5, devices=("b",))], CRAFT
     )
     result = np.asarray(constraints.pair_margins(cones, np.tile(Z, (3, 1)), cones.axis))
@@ -127,7 +129,7 @@ def test_a_zone_binds_the_named_devices_and_no_other():
 
 @pytest.mark.parametrize("count", [0, 1, 7, 8, 9, 16, 17, 40])
 def test_padding_fills_up_to_a_power_of_two_and_never_binds(count):
-    cones = zones.tabulate([keep_out(0.3, name=f"{i}") for i in range(count)], [], CRAFT)
+    cones = tabulate([keep_out(0.3, name=f"{i}") for i in range(count)], [], CRAFT)
     rows = len(cones.half_angle)
     assert rows == padded_count(count)
     assert count <= rows < max(2 * count, 9)
@@ -139,13 +141,13 @@ def test_padding_fills_up_to_a_power_of_two_and_never_binds(count):
 
 
 def test_without_devices_every_zone_is_clear():
-    cones = zones.tabulate([keep_out(0.3)], [], named_craft())
+    cones = tabulate([keep_out(0.3)], [], named_craft())
     np.testing.assert_array_equal(margins(cones, np.zeros((5, 0, 3))), np.inf)
 
 
 def test_a_group_is_as_good_as_its_best_zone_with_its_worst_device():
     x, y = np.eye(3)[:2]
-    cones = zones.tabulate(
+    cones = tabulate(
         [keep_out(0.1, -Z, devices=("b",))],
         [
             keep_in(0.5, x, ("a", "b"), any_of="relay"),
@@ -170,7 +172,7 @@ def test_a_group_is_as_good_as_its_best_zone_with_its_worst_device():
 
 
 def test_a_keep_out_zone_is_never_in_a_group():
-    cones = zones.tabulate([keep_out(0.1), keep_out(0.2)], [keep_in(0.3, any_of="g")] * 2, named_craft("a"))
+    cones = tabulate([keep_out(0.1), keep_out(0.2)], [keep_in(0.3, any_of="g")] * 2, named_craft("a"))
     np.testing.assert_array_equal(cones.group[:4], [0, 1, 2, 2])
     np.testing.assert_array_equal(cones.side[:4], [1, 1, -1, -1])
 
@@ -182,7 +184,7 @@ def test_a_boresight_that_is_not_a_number_is_never_clear(kind):
         "keep_in": ([], [keep_in(3.0, devices=DEVICES)]),
         "group": ([], [keep_in(3.0, devices=DEVICES, any_of="g"), keep_in(3.1, devices=DEVICES, any_of="g")]),
     }[kind]
-    cones = zones.tabulate(*zone, CRAFT)
+    cones = tabulate(*zone, CRAFT)
     boresights = np.tile(away_from_z(1.0), (3000, 3, 1))
     clear = margins(cones, boresights)
     assert_each(clear, ">=", 0)
@@ -194,7 +196,7 @@ def test_a_boresight_that_is_not_a_number_is_never_clear(kind):
 
 @MODES
 def test_margins_have_finite_derivatives_everywhere(mode):
-    cones = zones.tabulate([keep_out(0.3)], [keep_in(0.4, devices=DEVICES)], CRAFT)
+    cones = tabulate([keep_out(0.3)], [keep_in(0.4, devices=DEVICES)], CRAFT)
     boresights = np.array([[Z, -Z, away_from_z(1.0)], [away_from_z(0.3), away_from_z(1e-9), Z]])
     gradients = jax.vmap(
         mode(
@@ -212,7 +214,7 @@ def test_edge_bound_is_never_passed_and_reached_by_the_parabola():
     curvature = np.abs(rng.normal(size=2000)) * rng.choice([0.0, 0.1, 3.0], 2000)  # C h^2 / 2
     fraction = np.linspace(0, 1, 4001)[:, None]
     parabola = start + (end - start) * fraction + curvature * fraction * (1 - fraction)
-    bound = np.asarray(constraints.edge_bound(start, end, curvature))
+    bound = np.asarray(edge_bound(start, end, curvature))
     peak = np.max(parabola, axis=0)
     assert_each(bound, ">=", peak - 1e-14)
     np.testing.assert_allclose(bound, peak, rtol=0, atol=1e-6 * (1 + curvature.max()))
@@ -221,7 +223,7 @@ def test_edge_bound_is_never_passed_and_reached_by_the_parabola():
 def test_edge_bound_is_the_larger_end_where_the_curvature_cannot_turn_the_function():
     rng = np.random.default_rng(10)
     start, end = rng.normal(size=(2, 500))
-    bound = constraints.edge_bound(start, end, 0.999 * np.abs(end - start))
+    bound = edge_bound(start, end, 0.999 * np.abs(end - start))
     np.testing.assert_array_equal(bound, np.maximum(start, end))
 
 
@@ -229,7 +231,7 @@ def test_edge_bound_is_the_larger_end_where_the_curvature_cannot_turn_the_functi
 def test_edge_bound_of_what_is_not_a_number_is_infinite(place):
     arguments = [0.1, 0.2, 0.3]
     arguments[place] = np.nan
-    assert constraints.edge_bound(*arguments) == np.inf
+    assert edge_bound(*arguments) == np.inf
 
 
 def signed_cosines(cones, angles):
@@ -238,40 +240,40 @@ def signed_cosines(cones, angles):
 
 
 def test_margins_from_cosines_are_the_margins():
-    cones = zones.tabulate([keep_out(0.7), keep_out(2.2)], [keep_in(0.5), keep_in(2.0)], named_craft("a"))
+    cones = tabulate([keep_out(0.7), keep_out(2.2)], [keep_in(0.5), keep_in(2.0)], named_craft("a"))
     angles = np.linspace(0.01, 3.13, 200)
     expected = cones.side * (angles[:, None] - cones.half_angle)
-    result = constraints.margins_of_scores(cones, signed_cosines(cones, angles))
+    result = margins_of_scores(cones, signed_cosines(cones, angles))
     np.testing.assert_allclose(result, expected, rtol=0, atol=1e-13)
-    past = constraints.margins_of_scores(cones, np.full(8, 1.5))  # beyond the worst: on the axis, or opposite
+    past = margins_of_scores(cones, np.full(8, 1.5))  # beyond the worst: on the axis, or opposite
     np.testing.assert_allclose(past[:4], [-0.7, -2.2, 0.5 - np.pi, 2.0 - np.pi], rtol=0, atol=1e-15)
 
 
 @MODES
 def test_margins_from_cosines_have_finite_derivatives_at_the_axis_and_beyond(mode):
-    cones = zones.tabulate([keep_out(0.7)], [keep_in(0.5)], named_craft("a"))
-    jacobian = jax.vmap(mode(lambda c: constraints.margins_of_scores(cones, c)[:2]))
+    cones = tabulate([keep_out(0.7)], [keep_in(0.5)], named_craft("a"))
+    jacobian = jax.vmap(mode(lambda c: margins_of_scores(cones, c)[:2]))
     np.testing.assert_array_equal(np.isfinite(jacobian(np.linspace(-2, 2, 9)[:, None] * np.ones(8))), True)
 
 
 @pytest.mark.parametrize("clearance", [0.0, 0.01, 0.3])
 def test_the_cosine_threshold_is_where_the_margin_is_the_clearance(clearance):
-    cones = zones.tabulate([keep_out(0.7), keep_out(2.2)], [keep_in(0.7), keep_in(2.0)], named_craft("a"))
+    cones = tabulate([keep_out(0.7), keep_out(2.2)], [keep_in(0.7), keep_in(2.0)], named_craft("a"))
     angles = np.linspace(0, np.pi, 1001)
-    slack = np.asarray(constraints.thresholds(cones, clearance)) - signed_cosines(cones, angles)
+    slack = np.asarray(thresholds(cones, clearance)) - signed_cosines(cones, angles)
     excess = cones.side * (angles[:, None] - cones.half_angle) - clearance
     decided = np.abs(excess) > 1e-9
     np.testing.assert_array_equal((slack >= 0)[decided], (excess >= 0)[decided])
 
 
 def test_a_clearance_is_given_up_to_half_of_the_room_a_zone_leaves():
-    cones = zones.tabulate([keep_out(3.1)], [keep_in(0.02)], named_craft("a"))
+    cones = tabulate([keep_out(3.1)], [keep_in(0.02)], named_craft("a"))
     rooms = np.array([np.pi - 3.1, 0.02])
     angles = cones.half_angle[:2] + cones.side[:2] * rooms / 2  # in the middle of what is left
     for shift, clear in ((1e-6, True), (-1e-6, False)):
         cosines = np.full(8, -np.inf)
         cosines[:2] = cones.side[:2] * np.cos(angles + cones.side[:2] * shift)
-        slack = np.asarray(constraints.thresholds(cones, 1.0)) - cosines
+        slack = np.asarray(thresholds(cones, 1.0)) - cosines
         np.testing.assert_array_equal(slack[:2] >= 0, clear)
         np.testing.assert_array_equal(slack[2:], np.inf)
 
@@ -282,6 +284,6 @@ def test_margins_turn_with_the_scene():
 
     def scene(rotation):
         outs = [keep_out(0.5 + 0.1 * i, rotation @ axis) for i, axis in enumerate(axes)]
-        return margins(zones.tabulate(outs, [], CRAFT), boresights @ rotation.T)
+        return margins(tabulate(outs, [], CRAFT), boresights @ rotation.T)
 
     np.testing.assert_allclose(scene(turn), scene(np.eye(3)), rtol=0, atol=1e-14)

@@ -8,11 +8,11 @@ import pytest
 import jaxplan as jp
 from jaxplan.planner.attempts import BARE_LADDER, LADDER, Attempts, SearchQuery
 from jaxplan.planner.clock import Clock
-from jaxplan.planner.proof import ProofQuery
+from jaxplan.planner.proving import ProofQuery
 from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import GoalQuery, find_goals
 from jaxplan.search import SearchResult
-from jaxplan.search.multi_heuristic import make_root, trace
+from jaxplan.search.astar import make_root, trace
 from jaxplan.trajectory import Fit, FitQuery
 
 NO_PATH = SearchResult(status=jp.Status.NODE_LIMIT, path=None, expansions=1)

@@ -13,7 +13,7 @@ from reference import least_margin, stated_margins
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS, SKY_KINDS
 from jaxplan.model.scenario import MINIMUM
-from jaxplan.planner.proof import check_margins
+from jaxplan.planner.proving import check_margins
 from jaxplan.plotting import margin_panels, style
 
 pytestmark = pytest.mark.slow

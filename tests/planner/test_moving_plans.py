@@ -18,7 +18,7 @@ from jaxplan.model.path import Goal
 from jaxplan.model.scenario import known_until
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.moving import Meeting, always, swept
-from jaxplan.planner.proof import certify, check_margins
+from jaxplan.planner.proving import certify, check_margins
 from jaxplan.planner.steps import GoalQuery, find_goals
 from jaxplan.search import find_barrier, make_scene
 from jaxplan.trajectory import Fit

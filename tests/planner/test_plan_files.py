@@ -7,7 +7,7 @@ from builders import make_scenario
 from tables import ABSENT, put
 
 import jaxplan as jp
-from jaxplan.planner.proof import certify
+from jaxplan.planner.proving import certify
 
 
 @pytest.fixture(scope="module")

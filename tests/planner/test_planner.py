@@ -20,7 +20,7 @@ from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import messages, rounds
 from jaxplan.planner.attempts import LADDER, Attempts, SearchQuery
 from jaxplan.planner.clock import Clock
-from jaxplan.planner.proof import certify
+from jaxplan.planner.proving import certify
 from jaxplan.planner.steps import GoalQuery, find_goals
 from jaxplan.planner.validity import breaches
 from jaxplan.report.tables import trajectory_table
@@ -365,7 +365,7 @@ def test_targets_that_cannot_be_reached_together_say_by_how_much():
 
 
 def test_an_instrument_keeps_the_platform_from_the_nearest_goal():
-    from jaxplan.model.spacecraft import Instrument
+    from jaxplan.model.devices import Instrument
 
     scenario = jp.paper_case(2)
     nearest = jp.plan(scenario).goal

@@ -24,11 +24,12 @@ from jaxplan.constellation import Constellation
 from jaxplan.constellation.shell import Shell
 from jaxplan.goal import Decomposition
 from jaxplan.model.constraints import Constraints
+from jaxplan.model.devices import Instrument
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.goals import Targets, Wish
 from jaxplan.model.hidden import Hidden
 from jaxplan.model.scenario import SearchSettings, TrajectorySettings
-from jaxplan.model.spacecraft import Instrument, Spacecraft
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut, Mask
 from jaxplan.paper import derivative as paper
 from jaxplan.planner.steps import fit

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxplan.schema as sc
-from jaxplan.model.spacecraft import NEAREST_TO_POLE
+from jaxplan.model.devices import NEAREST_TO_POLE
 
 OBSERVER = tomllib.loads("""
 schema_version = 1

@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan.cases import paper_case
 from jaxplan.model.path import Goal
-from jaxplan.model.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.search import Scene
 from jaxplan.search.barriers import TOLERANCE, Barrier, find_barrier, separating_caps, separating_zones
 

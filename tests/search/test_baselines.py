@@ -17,8 +17,8 @@ from jaxplan.planner.steps import find_goals
 from jaxplan.schema import dump_scenario, parse_scenario
 from jaxplan.search import PLANNERS, Scene, SearchResult, make_scene
 from jaxplan.search.paths import between
-from jaxplan.search.rrt_connect import INTERVALS, Space, draw
 from jaxplan.search.scene import steps_between
+from jaxplan.search.trees import INTERVALS, Space, draw
 
 WHOLE_EDGES = ("rrt_star", "rrt_connect")
 BASELINES = ("wastar", *WHOLE_EDGES)

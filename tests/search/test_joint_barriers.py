@@ -7,10 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
+from jaxplan.model.devices import Drive, Instrument, Mount, Terminal
 from jaxplan.model.goals import GivenState
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.spacecraft import Drive, Instrument, Mount, Spacecraft, Terminal
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.search import make_scene
 from jaxplan.search.joint_barriers import JointBarrier, find_joint_barrier, narrowest

@@ -17,9 +17,10 @@ from jaxplan.paper.rrt_star import Star
 from jaxplan.planner.steps import find_goals
 from jaxplan.runtime.batching import Seconds
 from jaxplan.search import PLANNERS, Scene, SearchResult, add_planner, mha, remove_planner, search_batch
+from jaxplan.search.astar import Search
 from jaxplan.search.calls import CPU_CALLS, POOL, Call, Kernel, Scenes, SearchRun
-from jaxplan.search.multi_heuristic import Search
-from jaxplan.search.rrt_connect import Connect, Space
+from jaxplan.search.rrt_connect import Connect
+from jaxplan.search.trees import Space
 
 REACH = Kernel(lambda scene, times: times * scene.goal_joints)
 TURN = Kernel(lambda scene: scene.goal_attitude[0])

@@ -10,9 +10,9 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import Scenario, SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
-from jaxplan.search import PLANNERS, Scene, SearchResult, mha, multi_heuristic, smoothing
+from jaxplan.search import PLANNERS, Scene, SearchResult, astar, mha, smoothing
+from jaxplan.search.astar import make_root
 from jaxplan.search.calls import Call, Scenes
-from jaxplan.search.multi_heuristic import make_root
 from jaxplan.search.paths import edge_table, make_path, subdivide
 from jaxplan.search.scene import JOINT_RESERVE, TAPER_STEPS, steps_between
 from jaxplan.search.smoothing import LENGTHENING
@@ -58,7 +58,7 @@ def blocked(terminals: int, instruments: int, seed: int = 0, share: float = 0.6)
 def found_path(scenario: Scenario, scene: Scene, **changes: object) -> Path:
     """A path that the search has found, and that nobody has cut short."""
     settings = replace(scenario.search, **changes)
-    return multi_heuristic.search_by(mha.rules(scene), Scenes([scene]), [settings])[0].path
+    return astar.search_by(mha.rules(scene), Scenes([scene]), [settings])[0].path
 
 
 def wanted_margins(scene: Scene, path: Path, clearance: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from jaxplan.cases import SKY_KINDS
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.zones import tabulate
+from jaxplan.model.tabulation import tabulate
 from jaxplan.runtime.batching import Seconds
 from jaxplan.trajectory import FitQuery, fit_batch, qp, sqp
 

@@ -16,13 +16,14 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan.cases import SKY_KINDS, paper_case
 from jaxplan.certificate import EndState
-from jaxplan.model.least_time import duration_bound
+from jaxplan.model.duration_bound import duration_bound
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.model.zones import KeepOut, tabulate
-from jaxplan.planner.proof import prove
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepOut
+from jaxplan.planner.proving import prove
 
 CRAFT = make_spacecraft()
 numbers = pytest.mark.parametrize("number", [1, 2, 3, 4])

@@ -22,9 +22,9 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.status import Status
 from jaxplan.trajectory import FitQuery, fit_batch
-from jaxplan.trajectory.attempts import Attempt
 from jaxplan.trajectory.constraints import MarginBlock, margin_reach, margin_slopes
 from jaxplan.trajectory.derivative import refit
+from jaxplan.trajectory.ladder import Attempt
 from jaxplan.trajectory.measures import least_margin
 from jaxplan.trajectory.motion import LIMIT
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded

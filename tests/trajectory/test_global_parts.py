@@ -13,9 +13,10 @@ from scipy.interpolate import BSpline
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
-from jaxplan.model.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn, KeepOut
+from jaxplan.trajectory.chart import farthest, fitting
 from jaxplan.trajectory.constraints import margin_slopes
-from jaxplan.trajectory.curve import farthest, fitting
 from jaxplan.trajectory.motion import load_slopes
 from jaxplan.trajectory.qp import BoxQP, solve_box_qps
 from jaxplan.trajectory.schedule import TrapezoidalProfile, edge_turns

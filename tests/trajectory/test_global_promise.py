@@ -10,7 +10,7 @@ import jaxplan as jp
 from jaxplan.cases import SKY_KINDS
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.planner.steps import wanted_fit
-from jaxplan.trajectory import attempts, fit_batch, sqp
+from jaxplan.trajectory import fit_batch, ladder, sqp
 from jaxplan.trajectory.program import decrease_bound, solve
 
 
@@ -25,7 +25,7 @@ def searches():
             queries.append(wanted_fit(replace(plan.scenario, trajectory=settings), plan.path, plan.goal))
     begins, improve = [], sqp.improve
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(attempts.sqp, "improve", lambda several: begins.extend(several) or improve(several))
+        patch.setattr(ladder.sqp, "improve", lambda several: begins.extend(several) or improve(several))
         fit_batch(queries)
     given = [begin for begin in begins if not begin.discrete.free_time]
     alike = {}

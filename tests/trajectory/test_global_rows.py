@@ -9,7 +9,8 @@ from fits import problem_of, stack_at
 from node_paths import wandering
 from reference import assert_each
 
-from jaxplan.model.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.trajectory.constraints import LinearBlock, LoadBlock, MarginBlock
 from jaxplan.trajectory.splines import Basis
 

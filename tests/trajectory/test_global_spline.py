@@ -15,7 +15,7 @@ from jaxplan.cases import paper_case
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.status import Status
-from jaxplan.model.zones import tabulate
+from jaxplan.model.tabulation import tabulate
 
 CRAFT = make_spacecraft()
 EXACT = TrajectorySettings(duration=80.0, node_tube=0.0)

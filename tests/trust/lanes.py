@@ -16,7 +16,8 @@ from jaxplan.cases import random_scenario
 from jaxplan.model import constraints
 from jaxplan.model.path import edge_margins
 from jaxplan.model.status import Status
-from jaxplan.model.zones import KeepIn, KeepOut, tabulate
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.steps import find_goals
 from jaxplan.search import Scene, search_batch
 

@@ -9,9 +9,10 @@ import numpy as np
 from reference import boresights
 from scipy.spatial.transform import Rotation
 
+from jaxplan.model.devices import Instrument, Terminal
 from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.scenario import MINIMUM, STRETCHED, Scenario, SearchSettings, TrajectorySettings
-from jaxplan.model.spacecraft import Instrument, Spacecraft, Terminal
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepIn, KeepOut
 
 # Terminals and instruments.

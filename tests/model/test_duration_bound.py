@@ -10,7 +10,7 @@ from builders import make_spacecraft
 from reference import assert_each
 from scipy.spatial.transform import Rotation
 
-from jaxplan.model.least_time import duration_bound, rest_bounds, shortest_time
+from jaxplan.model.duration_bound import duration_bound, rest_bounds, shortest_time
 from jaxplan.model.spacecraft import Spacecraft
 
 

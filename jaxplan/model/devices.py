@@ -1,0 +1,266 @@
+"""Devices that point, as users state them: terminals, drives and instruments, and how they are mounted."""
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import jax
+import numpy as np
+
+from jaxplan.geometry.vectors import AnyArray, arrays
+from jaxplan.model.gimbals import frame_about_z, frame_of, stacked
+from jaxplan.model.keys import key, keyed
+from jaxplan.model.outlines import FORWARD, UP, field_edges
+from jaxplan.runtime.display import shown
+
+NEAREST_TO_POLE = np.deg2rad(0.1)
+"""rad; a pitch stays this far from 90 deg, where the yaw loses its meaning, whatever its range says."""
+
+
+_MOST_ANGLE = np.array([np.inf, np.inf, np.pi / 2 - NEAREST_TO_POLE, np.pi / 2 - NEAREST_TO_POLE])
+
+
+@shown("yaw_axis", "boresight")
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mount:
+    """How a terminal is mounted, in body axes.
+
+    Attributes:
+        yaw_axis: (3,) unit vector that the yaw turns about, and to which a rising pitch lifts the boresight.
+        boresight: (3,) unit vector along which it points at zero angles, at right angles to the yaw axis.
+    """
+
+    yaw_axis: np.ndarray = field(
+        metadata=key("yaw_axis", "that the yaw turns about; the pitch lifts towards it", kind="unit vector")
+    )
+    boresight: np.ndarray = field(
+        metadata=key(
+            "boresight", "where it points at zero angles, at right angles to the yaw axis", kind="unit vector"
+        )
+    )
+
+
+@shown(
+    "mount deg",
+    "mounting",
+    "yaw_limit deg",
+    "yaw_range deg",
+    "pitch_limit deg",
+    "pitch_range deg",
+    "rate_limit deg/s",
+    "yaw_rate_limit deg/s",
+    "pitch_rate_limit deg/s",
+    "acceleration_limit deg/s^2",
+    "yaw_acceleration_limit deg/s^2",
+    "pitch_acceleration_limit deg/s^2",
+    "field_of_view deg",
+    "up",
+    "mask deg",
+)
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Terminal:
+    """A pointing device with a yaw and a pitch joint.
+
+    Attributes:
+        name: unique among the devices.
+        mount: angle of the mounting about the body's z axis, rad (0, +120, -120 deg in the paper), of a
+            terminal whose yaw turns about that axis. One of this and `mounting` is given.
+        mounting: any other way that it is mounted.
+        yaw_limit: the yaw stays in [-yaw_limit, yaw_limit], rad. One of this and `yaw_range` is given.
+        yaw_range: (2,) rad, least and largest yaw; it may span more than a turn.
+        pitch_limit: the pitch stays in [-pitch_limit, pitch_limit], rad. One of this and `pitch_range`.
+        pitch_range: (2,) rad, least and largest pitch; `NEAREST_TO_POLE` is kept whatever it says.
+        rate_limit: bound of either joint's rate, rad/s, but for a joint that has its own.
+        yaw_rate_limit: bound of the yaw's rate, rad/s; None for `rate_limit`.
+        pitch_rate_limit: likewise of the pitch's.
+        acceleration_limit: bound of either joint's acceleration, rad/s^2, but for a joint that has its own.
+        yaw_acceleration_limit: bound of the yaw's acceleration, rad/s^2; None for `acceleration_limit`.
+        pitch_acceleration_limit: likewise of the pitch's.
+        field_of_view: (2,) rad, full angles of a rectangular field across up and along it, below pi; None
+            where it has none.
+        up: (3,) unit vector along the boresight, to its left and upward, at right angles to the boresight;
+            None for upward.
+        mask: (k, 2) rad each, corners (yaw, pitch) of a convex polygon that the joints must not enter.
+    """
+
+    name: str = field(metadata=key("name", "unique among the devices", static=True))
+    mount: float | None = keyed(
+        None, "mount_deg", "turn of the mounting about the body's z axis", "[-5e4, 5e4]", required=True
+    )
+    mounting: Mount | None = keyed(None, "mount", "any other way that it is mounted", instead_of="mount")
+    # beyond half a turn to either side an angle would have two values
+    yaw_limit: float | None = keyed(
+        None, "yaw_limit_deg", "range of the yaw to either side", "(0, 180]", required=True
+    )
+    yaw_range: np.ndarray | None = keyed(
+        None,
+        "yaw_range_deg",
+        "least and largest yaw, may span more than a turn",
+        "[-720, 720]",
+        kind="range",
+        instead_of="yaw_limit",
+    )
+    # at a right angle the yaw loses its meaning
+    pitch_limit: float | None = keyed(
+        None, "pitch_limit_deg", "range of the pitch to either side", "(0, 90)", required=True
+    )
+    pitch_range: np.ndarray | None = keyed(
+        None,
+        "pitch_range_deg",
+        "least and largest pitch; 0.1 deg is kept from 90, where the yaw has no meaning",
+        "[-90, 90]",
+        kind="range",
+        instead_of="pitch_limit",
+    )
+    rate_limit: float | None = keyed(None, "rate_limit_deg_s", "of each joint without its own", "[1e-6, 1e6]")
+    yaw_rate_limit: float | None = keyed(None, "yaw_rate_limit_deg_s", "of the yaw", "[1e-6, 1e6]")
+    pitch_rate_limit: float | None = keyed(None, "pitch_rate_limit_deg_s", "of the pitch", "[1e-6, 1e6]")
+    acceleration_limit: float | None = keyed(
+        None, "acceleration_limit_deg_s2", "of each joint without its own", "[1e-9, 1e9]"
+    )
+    yaw_acceleration_limit: float | None = keyed(
+        None, "yaw_acceleration_limit_deg_s2", "of the yaw", "[1e-9, 1e9]"
+    )
+    pitch_acceleration_limit: float | None = keyed(
+        None, "pitch_acceleration_limit_deg_s2", "of the pitch", "[1e-9, 1e9]"
+    )
+
+    field_of_view: np.ndarray | None = keyed(
+        None,
+        "field_of_view_deg",
+        "of a rectangular field, full angles across up and along it",
+        "(0, 180)",
+        kind="two angles",
+    )
+    up: np.ndarray | None = keyed(
+        None,
+        "up",
+        "of its field, in parts along the boresight, to its left and upward; upward if absent",
+        kind="unit vector",
+    )
+    mask: tuple[np.ndarray, ...] = keyed(
+        (),
+        "mask_deg",
+        "convex polygons of (yaw, pitch) that it must not enter, met again every turn",
+        "[-360, 360]",
+        kind="polygons",
+    )
+
+    @property
+    def edges(self) -> AnyArray:
+        """(4, 3) outward normals of its field's edges: along the boresight, to its left and upward."""
+        return field_edges(FORWARD, UP if self.up is None else self.up, self.field_of_view)
+
+    @property
+    def frame(self) -> AnyArray:
+        """Rotation (3, 3) to body axes from the terminal's at zero angles: boresight, left, yaw axis."""
+        if self.mounting is None:
+            return frame_about_z(_given(self.mount))
+        return frame_of(self.mounting.yaw_axis, self.mounting.boresight)
+
+    @property
+    def ranges(self) -> AnyArray:
+        """(2, 2) rad, least and largest yaw, then pitch."""
+        yaw: Any = self.yaw_range
+        pitch: Any = self.pitch_range
+        if yaw is None:
+            yaw = -_given(self.yaw_limit), self.yaw_limit
+        if pitch is None:
+            pitch = -_given(self.pitch_limit), self.pitch_limit
+        return stacked([yaw[0], yaw[1], pitch[0], pitch[1]]).clip(-_MOST_ANGLE, _MOST_ANGLE).reshape(2, 2)
+
+    @property
+    def rate_limits(self) -> tuple[Any, Any]:
+        """Bounds of the rates of yaw and pitch, rad/s."""
+        own = self.yaw_rate_limit, self.pitch_rate_limit
+        return tuple(self.rate_limit if each is None else each for each in own)  # type: ignore[return-value]
+
+    @property
+    def acceleration_limits(self) -> tuple[Any, Any]:
+        """Bounds of the accelerations of yaw and pitch, rad/s^2."""
+        own = self.yaw_acceleration_limit, self.pitch_acceleration_limit
+        return tuple(self.acceleration_limit if each is None else each for each in own)  # type: ignore[return-value]
+
+
+def _given(number: float | None) -> float:
+    """The number, or NaN for None, which no checked spacecraft has where this is called."""
+    return np.nan if number is None else number
+
+
+@shown("axis", "boresight", "range deg", "rate_limit deg/s", "acceleration_limit deg/s^2")
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drive:
+    """A device that turns about one axis, such as a solar array or a one-axis antenna.
+
+    Attributes:
+        name: unique among the devices.
+        axis: (3,) unit vector in body axes that it turns about, counter-clockwise seen from its tip.
+        boresight: (3,) unit vector in body axes along which it points at zero angle; at any angle to the
+            axis, but not along it.
+        range: (2,) rad, least and largest angle; it may span more than a turn.
+        rate_limit: rad/s.
+        acceleration_limit: rad/s^2.
+    """
+
+    field_of_view: ClassVar[None] = None
+
+    name: str = field(metadata=key("name", "unique among the devices", static=True))
+    axis: np.ndarray = field(metadata=key("axis", "that it turns about, body axes", kind="unit vector"))
+    boresight: np.ndarray = field(
+        metadata=key("boresight", "where it points at zero angle, body axes", kind="unit vector")
+    )
+    range: np.ndarray = field(
+        metadata=key(
+            "range_deg", "least and largest angle, may span more than a turn", "[-720, 720]", kind="range"
+        )
+    )
+    rate_limit: float = field(metadata=key("rate_limit_deg_s", "of its angle", "[1e-6, 1e6]"))
+    acceleration_limit: float = field(
+        metadata=key("acceleration_limit_deg_s2", "of its angle", "[1e-9, 1e9]")
+    )
+
+    @property
+    def frame(self) -> AnyArray:
+        """(3, 3) rotation to body axes from its own: the boresight's part across the axis, left, and axis."""
+        return frame_of(self.axis, self.boresight)
+
+    @property
+    def tilt(self) -> AnyArray:
+        """Elevation, rad, of the boresight above the plane across the axis; the same at all angles."""
+        xp, axis, boresight = arrays(self.axis, self.boresight)
+        return xp.arcsin(xp.sum(axis * boresight) / xp.sqrt(xp.sum(axis * axis) * xp.sum(boresight**2)))
+
+
+@shown("boresight", "field_of_view deg", "up")
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Instrument:
+    """A device fixed to the body, such as a star tracker.
+
+    Attributes:
+        name: unique among the devices.
+        boresight: (3,) unit vector in body axes.
+        field_of_view: (2,) rad, full angles of a rectangular field across up and along it, below pi; None
+            where it has none.
+        up: (3,) unit vector in body axes, at right angles to the boresight; needed for a field.
+    """
+
+    name: str = field(metadata=key("name", "unique among the devices", static=True))
+    boresight: np.ndarray = field(metadata=key("boresight", "where it looks, body axes", kind="unit vector"))
+    field_of_view: np.ndarray | None = keyed(
+        None,
+        "field_of_view_deg",
+        "of a rectangular field, full angles across up and along it",
+        "(0, 180)",
+        kind="two angles",
+    )
+    up: np.ndarray | None = keyed(
+        None, "up", "of its field, body axes, at right angles to the boresight", kind="unit vector"
+    )
+
+    @property
+    def edges(self) -> AnyArray:
+        """(4, 3) outward normals of its field's edges in body axes."""
+        return field_edges(self.boresight, self.up, self.field_of_view)

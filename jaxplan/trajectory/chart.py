@@ -1,0 +1,120 @@
+"""A chart of SO(3) for a whole manoeuvre, and which of two a path fits better.
+
+It turns steadily from the first attitude to the last in one unit of time: with ``t_a = 0`` and ``Omega = r``
+of `jaxplan.trajectory.curve`. The rotation vector ``eta`` is how far a motion departs from the steady one. It
+is a logarithm, taken on the branch to which the edge from the node before leads, so nodes may lie more than
+half a turn off; ``D`` is regular up to a whole turn.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxplan import so3
+
+CHART_REACH = 4.0  # rad that nodes may lie off the steady rotation; a chart is singular at a whole turn
+
+
+_NEAR = 1.0  # rad; a chart whose nodes stay within is not compared with the other way round
+
+
+_NO_ANGLE = 1e-300  # rad; a rotation vector of no more has no direction
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Chart:
+    """A chart of SO(3) that turns steadily from the first attitude of a manoeuvre to the last.
+
+    Attributes:
+        attitude: (3, 3) ``R_a``, body to inertial.
+        turn: (3,) rad, ``r``.
+    """
+
+    attitude: np.ndarray
+    turn: np.ndarray
+
+    @property
+    def end_turn(self) -> np.ndarray:
+        """(3, 3) ``U(1)``: there ``b' = U omega`` (equation 36)."""
+        return np.asarray(so3.exp(self.turn / 2))
+
+    def coordinates(self, attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """Coordinates ``b`` of nodes in the chart.
+
+        The logarithm of each is taken on the branch that the edge from the one before leads to, from the
+        first on that is not there already.
+
+        Args:
+            attitudes: (m + 1, 3, 3) in the order of the motion, the first one that of the chart.
+            turns: (m, 3) rad, rotation of each edge in the axes of its first node.
+            places: (m + 1,) of the nodes in [0, 1].
+
+        Returns:
+            (m + 1, 3) rad.
+        """
+        eta, steps = self.departures(attitudes, turns, places)
+        angle = np.linalg.norm(eta[1:], axis=1)
+        elsewhere = _windings(eta[:-1], steps, eta[1:], angle) != 0
+        begin = int(np.argmax(elsewhere)) if np.any(elsewhere) else len(steps)
+        for number in range(begin, len(steps)):
+            own = eta[number + 1]
+            windings = _windings(eta[number], steps[number], own, angle[number])
+            own *= 1 + 2 * np.pi / max(angle[number], _NO_ANGLE) * windings
+        return np.asarray(eta + places[:, None] * self.turn)
+
+    def departures(
+        self, attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Departures ``eta`` (m + 1, 3) of nodes, of at most half a turn each, and their changes.
+
+        Arguments as of `coordinates`. The changes (m, 3) are those along each edge, to first order.
+        """
+        back = so3.exp(-places[:, None] * self.turn / 2)  # U^T
+        eta = so3.log(back @ (self.attitude.T @ attitudes) @ back)
+        turned = np.einsum("mji,mj->mi", back[:-1], turns)
+        return eta, turned - np.diff(places)[:, None] * self.turn
+
+
+def fitting(attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray) -> tuple[Chart, np.ndarray]:
+    """The chart from the first node to the last in which all nodes lie nearest to the steady motion.
+
+    Args:
+        attitudes: (m + 1, 3, 3) body to inertial.
+        turns: (m, 3) rad, rotation of each edge in the axes of its first node.
+        places: (m + 1,) in [0, 1].
+
+    Returns:
+        The chart, and ``b`` (m + 1, 3) at the nodes.
+    """
+
+    def about(turn: np.ndarray) -> tuple[float, Chart, np.ndarray]:
+        chart = Chart(attitude=attitudes[0], turn=turn)
+        b = chart.coordinates(attitudes, turns, places)
+        return farthest(chart, b, places), chart, b
+
+    turn = so3.log(attitudes[0].T @ attitudes[-1])
+    best, angle = about(turn), np.linalg.norm(turn)
+    if best[0] > _NEAR and angle > 0:
+        long_way = about(turn * (1 - 2 * np.pi / angle))
+        best = min(best, long_way, key=lambda one: one[0])
+    return best[1:]
+
+
+def farthest(chart: Chart, b: np.ndarray, places: np.ndarray) -> float:
+    """Largest ``|eta|`` of the nodes, rad; infinite where the last one is not the chart's own end."""
+    eta = b - places[:, None] * chart.turn
+    distances = np.linalg.norm(eta, axis=1)
+    return float(np.max(distances)) if distances[-1] < 1 else np.inf
+
+
+def _windings(before: np.ndarray, step: np.ndarray, own: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Whole turns by which rotation vectors must be longer to lie where steps from others lead, (...).
+
+    Args:
+        before: (..., 3) rad, the others.
+        step: (..., 3) rad, the steps from these.
+        own: (..., 3) rad, the vectors, each up to whole turns.
+        angle: (...) rad, their lengths.
+    """
+    ahead = np.sum((before + step) * own, axis=-1) / np.maximum(angle, _NO_ANGLE)
+    return np.where(angle > _NO_ANGLE, np.round((ahead - angle) / (2 * np.pi)), 0.0)
