@@ -28,10 +28,11 @@ from jaxplan.cli.common import (
     writable_folder,
 )
 from jaxplan.model.goals import GivenState
-from jaxplan.model.scenario import MINIMUM, Scenario, moves
+from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.model.zones import masks
 from jaxplan.planner import Plan
+from jaxplan.planner.clock import expect_shortest
 from jaxplan.planner.record import report_summary
 from jaxplan.planner.validity import hidden_targets, start_breaches
 from jaxplan.runtime.files import replacing_file
@@ -142,12 +143,8 @@ def plan(options: argparse.Namespace) -> int:
     """Plan a scenario, and write plan and figures to a folder."""
     scenario = load_scene(options.scenario)
     folder = None if options.out is None else writable_folder(options.out)
-    duration = scenario.trajectory.duration
-    if options.improve_for and duration != MINIMUM:
-        raise ValueError(
-            f'--improve-for {options.improve_for:g}: needs trajectory.duration_s = "{MINIMUM}", '
-            f"and that of {options.scenario} is {duration}"
-        )
+    asked = f"--improve-for {options.improve_for:g}"
+    expect_shortest(asked, options.improve_for, scenario, options.scenario)
     result = planner.plan(scenario, throw=False, improve_for_s=options.improve_for)
     print_result(result.summary() if options.json else result)
     if folder is not None:

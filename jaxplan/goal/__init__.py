@@ -21,7 +21,7 @@ import numpy as np
 
 from jaxplan.geometry import quaternion
 from jaxplan.goal import least_time, multistart
-from jaxplan.goal.beside import goals_beside
+from jaxplan.goal.beside import beyond, goals_beside
 from jaxplan.goal.caps import Caps, assemble, deepest_row
 from jaxplan.goal.free import settled
 from jaxplan.goal.pairs import cleared
@@ -126,13 +126,20 @@ def decompose(
     if targets.clearance:
         problem = replace(problem, rows=cleared(problem.rows, problem.pairs, targets.clearance))
     with jax.enable_x64(True):
-        problem, met = with_wishes(problem, Wished.all_of(spacecraft, targets, problem.ranges), seed)
+        wishes = Wished.all_of(spacecraft, targets, problem.ranges)
+        problem, met = with_wishes(problem, wishes, seed)
         caps = assemble(problem)
         most = max(max_goals, CANDIDATES) if caps.open else max_goals
         solutions = multistart.minima(caps, most, seed)
         if not len(solutions):
             solutions = met
-        nearest = _goal(problem, solutions[0] if len(solutions) else _least_broken(problem, seed))
+        if not len(solutions):
+            best = _least_broken(problem, seed)
+            missed = multistart.minimum_near(caps, best)  # by the descents from the covering
+            if len(missed):
+                problem, solutions = with_wishes(problem, wishes, seed, missed)
+                caps = assemble(problem)
+        nearest = _goal(problem, solutions[0] if len(solutions) else best)
         soonest = targets.criterion == LEAST_TIME and len(solutions) > 0
         if soonest:
             solutions = least_time.soonest(problem, caps, solutions, most, max_slew, seed)
@@ -142,6 +149,7 @@ def decompose(
         goals.sort(key=lambda goal: goal.slew_angle)
     if soonest:
         goals = least_time.by_time(problem, goals)
+    goals.sort(key=lambda goal: beyond(problem, goal.attitude).tolist())  # those beside may be off the wishes
     excess = problem.aims.excess(nearest.attitude)
     zone_excess, worst_zone, worst_device = deepest_row(caps, problem, nearest.attitude, nearest.joints)
     return Decomposition(
@@ -178,7 +186,7 @@ def _least_broken(problem: GoalProblem, seed: int) -> np.ndarray:
     """Quaternion (4,) of the rotation from the start at which a problem without solution is broken least.
 
     What is widened is the zones, where devices can point at their targets without them; else the ranges of
-    azimuth and elevation, without zones.
+    azimuth and elevation, without zones. One at which nothing is broken needs no widening.
     """
 
     def easier_zones(by: float) -> Caps:
@@ -189,7 +197,11 @@ def _least_broken(problem: GoalProblem, seed: int) -> np.ndarray:
 
     has_zones = np.any(easier_zones(0).row >= 0)
     can_point = has_zones and len(multistart.minima(easier_aims(0), 1, seed)) > 0
-    best, _ = multistart.least_widening(easier_zones if can_point else easier_aims, np.pi, seed)
+    if not can_point:
+        best, _ = multistart.least_widening(easier_aims, np.pi, seed)
+        can_point = has_zones and easier_aims(0).clear(quaternion.to_matrix(best))
+    if can_point:
+        best, _ = multistart.least_widening(easier_zones, np.pi, seed)
     return best
 
 

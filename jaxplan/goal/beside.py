@@ -1,10 +1,11 @@
 """Find goals that keep what step 1 leaves open: oblique bounds of joints, and vectors that joints turn.
 
 At a goal every joint is a function of the attitude, so all that is asked of a state is asked of three
-numbers, the rotation vector ``eta`` of equation (2). Random attitudes around goals that break something show
-where all of it holds, and by which entries. From the nearest of these, sequential quadratic programming
-(SLSQP of scipy) goes to the least ``|eta|`` beside the same entries. It proves nothing: there may be a goal
-that is nearer.
+numbers, the rotation vector ``eta`` of equation (2). Random attitudes around goals that break something, or
+else everywhere, show where all of it holds, and by which entries. From the nearest of these, sequential
+quadratic programming (SLSQP of scipy) goes to the least ``|eta|`` beside the same entries; wishes come before
+that, one after the other. It proves nothing: there may be a goal that is nearer. What concerns a device
+without a target is left aside until the attitude is found, since the device makes way (`jaxplan.goal.free`).
 
 Here ``eta`` is the rotation vector from the start, rad, as in ``R = R0 exp(eta^)``.
 """
@@ -16,14 +17,16 @@ from typing import Any
 import numpy as np
 
 from jaxplan import so3
+from jaxplan.goal.free import settled
 from jaxplan.goal.problem import GoalProblem
-from jaxplan.model.constraints import chosen_entries, constraint_margins
+from jaxplan.model.constraints import SIGHT, chosen_entries, constraint_margins
 from jaxplan.model.path import Goal
 
 TRIES = 4096
 """Random attitudes, shared out among the goals."""
 WIDEST = np.deg2rad(60.0)
-"""rad, the largest turn of a random attitude from the goal around which it is drawn."""
+"""rad, the largest turn of a random attitude from the goal around which it is drawn. It is half a turn where
+none of them keeps everything."""
 STARTS = 8
 """Number of random attitudes from which goals are looked for."""
 STARTS_APART = np.deg2rad(8.0)
@@ -32,6 +35,10 @@ APART = np.deg2rad(2.0)
 """rad; goals closer than this count as one."""
 SPARE = 2e-5
 """rad by which all is kept, but for half of it: a motion that ends there may swing a little on the way."""
+AS_NEAR = 1e-6
+"""rad; goals whose distances to a wish differ by less are as near to it."""
+_COARSE = np.deg2rad(1.0)
+"""rad; starts whose distances to a wish differ by less are as near to it."""
 _STEP = 1e-5  # rad, of central differences
 _ITERATIONS = 60  # of SLSQP at most
 _NEWTON = 6  # steps of Newton's method onto the equations; each squares the residual
@@ -71,24 +78,41 @@ def goals_beside(problem: GoalProblem, around: np.ndarray, max_slew: float, seed
         seed: of the random attitudes.
 
     Returns:
-        As many as were found, perhaps none, 2 deg or more apart.
+        As many as were found, perhaps none, 2 deg or more apart; with wishes the nearest to these first.
     """
-    tried = _met(problem, _around(problem.start, around, seed))
-    left, margins = _spare(problem, tried)
-    least = np.min(constraint_margins(problem.rows, margins), axis=-1)
-    kept = (np.min(left, axis=-1, initial=np.inf) > 0) & (least > 0)
+    for widest in (WIDEST, np.pi):
+        tried = _met(problem, _around(problem.start, around, widest, seed))
+        left, margins = _spare(problem, tried)
+        least = np.min(constraint_margins(problem.rows, margins), axis=-1)
+        tried = tried[(np.min(left, axis=-1, initial=np.inf) > 0) & (least > 0)]
+        if len(tried):
+            break
     found = []
-    for number in _distinct(problem.start, tried[kept], STARTS_APART):
-        eta = _nearest(problem, tried[kept][number])
+    for number in _distinct(problem, tried, STARTS_APART, _COARSE):
+        eta = _nearest(problem, tried[number])
         if eta is not None and np.linalg.norm(eta) <= max_slew:
             found.append(eta)
     etas = np.array(found).reshape(-1, 3)
-    attitudes = problem.start @ np.asarray(so3.exp(etas))
-    slews = np.asarray(so3.distance(problem.start, attitudes)).tolist()
-    return [
-        Goal(attitude=attitudes[number], joints=problem.joints(attitudes[number]), slew_angle=slews[number])
-        for number in _distinct(problem.start, etas, APART)
-    ]
+    return [_goal(problem, etas[number]) for number in _distinct(problem, etas, APART, AS_NEAR)]
+
+
+def _goal(problem: GoalProblem, eta: np.ndarray) -> Goal:
+    """The goal at a rotation vector (3,), its devices without a target where they prefer to be."""
+    attitude = problem.start @ np.asarray(so3.exp(eta))
+    joints, _ = settled(problem, attitude, problem.joints(attitude))
+    slew = float(so3.distance(problem.start, attitude))
+    return Goal(attitude=attitude, joints=joints, slew_angle=slew)
+
+
+def beyond(problem: GoalProblem, attitudes: np.ndarray, as_near: float = AS_NEAR) -> np.ndarray:
+    """How much farther than within its reach each of w wishes is, at attitudes (..., 3, 3), body to inertial.
+
+    Returns:
+        (..., w) whole multiples of `as_near` rad.
+    """
+    wishes = problem.wishes
+    off = [np.round(np.maximum(one.distance(attitudes) - one.reach, 0) / as_near) for one in wishes]
+    return np.stack(off, axis=-1) if wishes else np.zeros((*attitudes.shape[:-2], 0))
 
 
 def _spare(problem: GoalProblem, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -96,20 +120,29 @@ def _spare(problem: GoalProblem, eta: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
     Returns:
         (..., r) rad, distances of azimuths and elevations from the nearer ends of their r ranges, and margins
-        (..., Z, S) rad; below zero where something is broken.
+        (..., Z, S) rad; below zero where something is broken, infinite where a free device can make way.
     """
     attitudes = problem.start @ np.asarray(so3.exp(eta))
     ranged = ~np.array(problem.aims.equations, bool).reshape(-1, 2)
     left = -problem.aims.excess(attitudes)[..., ranged]
-    return left, problem.margins(attitudes, problem.joints(attitudes))
+    margins = problem.margins(attitudes, problem.joints(attitudes))
+    return left, np.where(_aside(problem), np.inf, margins)
 
 
-def _around(start: np.ndarray, around: np.ndarray, seed: int) -> np.ndarray:
-    """Draw `TRIES` random attitudes, each up to `WIDEST` from one of some given ones.
+def _aside(problem: GoalProblem) -> np.ndarray:
+    """(Z, S) bool, the pairs in which a sight, or the one that is the axis, is carried by a free device."""
+    rows, sights = problem.rows, problem.sights
+    free = np.isin(sights.carriers, problem.aims.free(problem.spacecraft.gimbals))
+    return free | ((rows.frame == SIGHT) & free[rows.partner])[:, None]
+
+
+def _around(start: np.ndarray, around: np.ndarray, widest: float, seed: int) -> np.ndarray:
+    """Draw `TRIES` random attitudes, each up to `widest` rad from one of some given ones.
 
     Args:
         start: (3, 3) attitude at the start.
         around: (k, 3, 3) the attitudes that they are drawn around.
+        widest: rad.
         seed: of the draw.
 
     Returns:
@@ -117,18 +150,20 @@ def _around(start: np.ndarray, around: np.ndarray, seed: int) -> np.ndarray:
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     axes = rng.standard_normal((TRIES, 3))
-    turns = rng.uniform(0, WIDEST, (TRIES, 1)) * axes / np.linalg.norm(axes, axis=-1, keepdims=True)
+    turns = rng.uniform(0, widest, (TRIES, 1)) * axes / np.linalg.norm(axes, axis=-1, keepdims=True)
     centres = around[np.arange(TRIES) % len(around)]
     return np.asarray(so3.log(np.swapaxes(start[None], -1, -2) @ centres @ np.asarray(so3.exp(turns))))
 
 
-def _distinct(start: np.ndarray, etas: np.ndarray, apart: float) -> list[int]:
-    """Indices of the shortest of rotation vectors (k, 3) from the start, `STARTS` at most.
+def _distinct(problem: GoalProblem, etas: np.ndarray, apart: float, as_near: float) -> list[int]:
+    """Indices of the best of rotation vectors (k, 3) from the start, `STARTS` at most.
 
-    Their attitudes are more than `apart` rad from each other; `start` is (3, 3).
+    The nearest to the wishes are best, see `beyond`, and of these the shortest. Their attitudes are more than
+    `apart` rad from each other.
     """
-    attitudes, found = start @ np.asarray(so3.exp(etas)), list[int]()
-    left = np.argsort(np.linalg.norm(etas, axis=-1), kind="stable")
+    attitudes, found = problem.start @ np.asarray(so3.exp(etas)), list[int]()
+    off = beyond(problem, attitudes, as_near)
+    left = np.lexsort([np.linalg.norm(etas, axis=-1), *off.T[::-1]])
     while len(left) and len(found) < STARTS:
         found.append(int(left[0]))
         left = left[so3.distance(attitudes[left[0]], attitudes[left]) > apart]
@@ -145,7 +180,7 @@ def _nearest(problem: GoalProblem, eta: np.ndarray) -> np.ndarray | None:
     for _ in range(_CHANGES):
         _, margins = _spare(problem, eta)
         best = chosen_entries(problem.rows, np.min(margins, axis=-1)) == problem.rows.entry
-        which = problem.rows.bound & best[:, None]
+        which = problem.rows.bound & best[:, None] & ~_aside(problem)
         if before is not None and np.all(which == before):
             break
         eta, before = _met(problem, _descended(problem, eta, which)), which
@@ -155,15 +190,22 @@ def _nearest(problem: GoalProblem, eta: np.ndarray) -> np.ndarray | None:
 
 
 def _descended(problem: GoalProblem, eta: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Where SLSQP ends (3,) that minimises ``|eta|`` from ``eta`` (3,).
+    """Where SLSQP ends (3,) that brings wishes near, one after the other, then minimises ``|eta|``.
 
-    It keeps the ranges and equations of the aims and the margins of the pairs in `which`, (Z, S) bool.
+    From ``eta`` (3,) on it keeps the ranges and equations of the aims, and the margins of the pairs in
+    `which`, (Z, S) bool.
     """
     from scipy.optimize import minimize  # slow to import, and seldom needed
 
+    reaches = list[float]()
+
+    def distance(number: int, eta: np.ndarray) -> np.ndarray:
+        return problem.wishes[number].distance(problem.start @ np.asarray(so3.exp(eta)))
+
     def spare(eta: np.ndarray) -> np.ndarray:
         left, margins = _spare(problem, eta)
-        return np.concatenate([left, margins[..., which]], axis=-1) - SPARE
+        near = [reach + AS_NEAR - distance(number, eta)[..., None] for number, reach in enumerate(reaches)]
+        return np.concatenate([*near, np.concatenate([left, margins[..., which]], axis=-1) - SPARE], axis=-1)
 
     constraints: list[dict[str, Any]] = [
         {"type": "ineq", "fun": spare, "jac": lambda eta: _slopes(spare, eta)},
@@ -171,12 +213,25 @@ def _descended(problem: GoalProblem, eta: np.ndarray, which: np.ndarray) -> np.n
     if problem.aims.has_equations:
         equations = partial(_equations, problem)
         constraints.append({"type": "eq", "fun": equations, "jac": lambda eta: _slopes(equations, eta)})
-    found = minimize(
-        lambda eta: eta @ eta / 2,
-        eta,
-        jac=lambda eta: eta,
-        method="SLSQP",
-        constraints=constraints,
-        options={"maxiter": _ITERATIONS, "ftol": 1e-14},
-    )
-    return np.asarray(found.x)
+
+    def ended(
+        cost: Callable[[np.ndarray], Any], slope: Callable[[np.ndarray], Any], eta: np.ndarray
+    ) -> np.ndarray:
+        found = minimize(
+            cost,
+            eta,
+            jac=slope,
+            method="SLSQP",
+            constraints=constraints,
+            options={"maxiter": _ITERATIONS, "ftol": 1e-14},
+        )
+        return np.asarray(found.x)
+
+    for number in range(len(problem.wishes)):
+
+        def square(eta: np.ndarray, number: int = number) -> np.ndarray:
+            return distance(number, eta)[..., None] ** 2 / 2
+
+        eta = ended(lambda eta: square(eta)[0], lambda eta: _slopes(square, eta)[0], eta)
+        reaches.append(float(distance(number, eta)))
+    return ended(lambda eta: eta @ eta / 2, lambda eta: eta, eta)

@@ -48,7 +48,8 @@ HAIR = 1e-12
 EMPTY = 1e-9
 """rad; caps of a smaller half-angle are left out."""
 SHARP = 2e-6
-"""rad; a narrower cone about a wish is replaced by the square in it, since descents fail at its curvature."""
+"""rad; a narrower cone about a wish is replaced by the square in it, since descents fail at its curvature.
+So are the cones about both ends of a drive's range, together with the band between them."""
 ALTERNATIVES = 16
 """Most members that an entry is written as; beyond, its wide bounds of yaws are left open."""
 
@@ -124,6 +125,11 @@ class Caps:
     def excess(self, rotation: np.ndarray) -> np.ndarray:
         """Excess (m,) rad, how deep the directions are inside the caps, after a rotation ``E`` (3, 3)."""
         return np.asarray(self.half_angle - separation(self.axis, self.direction @ rotation))
+
+    def clear(self, rotation: np.ndarray) -> bool:
+        """Whether a rotation ``E`` (3, 3) keeps directions out of all caps, with half of `HAIR` to spare."""
+        excess = group_excess(self.excess(rotation)[:, None], self.member, self.group)
+        return bool(np.all(excess <= HAIR / 2))
 
 
 class _Cap(NamedTuple):
@@ -302,7 +308,11 @@ def _of_wish(wish: Wished) -> _Group:
     elif wish.kind == "instrument":
         group = [near(0.0, 0.0)]
     else:
+        sharp = wish.kind == "drive" and reach < SHARP
         beside = reach if wish.kind == "terminal" else 0.0
+        if sharp:
+            reach /= np.sqrt(2)
+            beside = reach / max(np.cos(least), reach)  # of the azimuth, for as much of the boresight
         upward = frame[:, 2]
         band = [
             cap._replace(axis=upward, half_angle=np.pi / 2 - most - reach),
@@ -310,7 +320,7 @@ def _of_wish(wish: Wished) -> _Group:
         ]
         ways = _of_arc(low - beside, high + beside, cap, frame) or [[]]
         group = [[*way, *band] for way in ways]
-        if wish.kind == "drive" and high - low < 2 * np.pi:
+        if wish.kind == "drive" and not sharp and high - low < 2 * np.pi:
             group += [near(low, least), near(high, least)]
     group = [[cap for cap in member if cap.half_angle > EMPTY] for member in group]
     return group if all(group) else []

@@ -125,19 +125,37 @@ def minima(caps: Caps, count: int, seed: int) -> np.ndarray:
 
     Returns:
         (at most count, 4) unit quaternions of ``E`` with scalar part >= 0, by slew; none without a solution.
+        Where no descent gets to a minimum, as where caps leave hardly any room, the nearest end of one that
+        is clear of all caps.
     """
     points = covering_points(seed)
     possible = np.flatnonzero(depths(caps, seed) <= 0)
     slews = 2 * np.arccos(np.clip(points[possible, 0], -1, 1))
     rest = possible[NEAR:]
     spread = rest[np.linspace(0, len(rest) - 1, min(LANES - NEAR, len(rest))).astype(int)]
-    found = _minima_from(caps, points[np.concatenate([possible[:NEAR], spread])])
+    found, clear = _minima_from(caps, points[np.concatenate([possible[:NEAR], spread])])
     for begin in range(NEAR, len(possible), LANES):
         if len(found) and slews[begin] > np.min(slew(found)) + RADIUS:
             break
-        batch = points[possible[begin : begin + LANES]]
-        found = np.concatenate([found, _minima_from(caps, batch)])
-    return _distinct(found, count)
+        more, also = _minima_from(caps, points[possible[begin : begin + LANES]])
+        found, clear = np.concatenate([found, more]), np.concatenate([clear, also])
+    return _distinct(found, count) if len(found) else _distinct(clear, 1)
+
+
+def minimum_near(caps: Caps, start: np.ndarray) -> np.ndarray:
+    """The local minimum that descents get to from a unit quaternion (4,), or else what is clear on the way.
+
+    Args:
+        caps: what directions must stay out of.
+        start: where to begin; it counts itself where it is clear of all caps.
+
+    Returns:
+        (1, 4) unit quaternion of ``E`` with scalar part >= 0, or none (0, 4).
+    """
+    found, clear = _minima_from(caps, start[None])
+    if not len(found) and caps.clear(quaternion.to_matrix(start)):
+        clear = np.concatenate([clear, start[None]])
+    return _distinct(found if len(found) else clear, 1)
 
 
 def slew(quaternions: np.ndarray) -> np.ndarray:
@@ -145,19 +163,23 @@ def slew(quaternions: np.ndarray) -> np.ndarray:
     return np.asarray(rotations.angle(quaternions.T))
 
 
-def _minima_from(caps: Caps, starts: np.ndarray) -> np.ndarray:
+def _minima_from(caps: Caps, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Ends (at most K, 4) of the descents from at most one batch of starts that are local minima.
 
     Where none is, as in a curved valley near half a turn, the descents go on from where they ended.
+
+    Returns:
+        The minima, and all ends (L, 4) that are clear of all caps.
     """
-    good = np.empty((0, 4))
+    good, clear = np.empty((0, 4)), np.empty((0, 4))
     for round_ in range(ROUNDS if len(starts) else 0):
         ends = descend(caps, starts)
         good = ends.quaternion[ends.good(TOLERANCE if round_ < ROUNDS - 1 else LAST_TOLERANCE)]
+        clear = np.concatenate([clear, ends.quaternion[ends.excess <= CLEAR]])
         if len(good):
             break
         starts = ends.quaternion
-    return good
+    return good, clear
 
 
 def _distinct(quaternions: np.ndarray, count: int) -> np.ndarray:

@@ -13,7 +13,6 @@ import numpy as np
 
 from jaxplan.goal import multistart
 from jaxplan.goal.caps import Caps, assemble
-from jaxplan.goal.descent import CLEAR, descend
 from jaxplan.goal.problem import GoalProblem, Wished
 
 SPARE = 4e-7
@@ -22,28 +21,31 @@ _NEARER = 6e-7  # rad; a wish is not searched for anything nearer by less than t
 _LOOKS = 6  # searches of the whole covering at most, for each wish
 
 
-def with_wishes(problem: GoalProblem, wishes: list[Wished], seed: int) -> tuple[GoalProblem, np.ndarray]:
+def with_wishes(
+    problem: GoalProblem, wishes: list[Wished], seed: int, found: np.ndarray | None = None
+) -> tuple[GoalProblem, np.ndarray]:
     """The problem with its wishes as near as can be, one after the other.
 
     Args:
         problem: what is asked; one without solution is handed back as it is.
         wishes: in the order of their priority.
         seed: of the covering.
+        found: (1, 4) unit quaternion of a rotation from the start that solves the problem; None to look for
+            one where there are wishes.
 
     Returns:
         The problem, and a quaternion (1, 4) of a rotation from the start that solves it, or none (0, 4).
         Where the wishes leave hardly any room that may be all that there is to be found.
     """
-    found = multistart.minima(assemble(problem), 1, seed) if wishes else np.empty((0, 4))
+    if found is None:
+        found = multistart.minima(assemble(problem), 1, seed) if wishes else np.empty((0, 4))
     if not len(found):
         return problem, found
     near = found[0]
     for wish in wishes:
         near, reach = _least(problem, wish, seed, near)
         problem = replace(problem, wishes=(*problem.wishes, wish._replace(reach=reach)))
-    ends = descend(assemble(problem), near[None])
-    met = ends.quaternion[ends.excess <= CLEAR][:1]
-    return problem, np.where(met[:, :1] >= 0, met, -met)
+    return problem, multistart.minimum_near(assemble(problem), near)
 
 
 def _least(problem: GoalProblem, wish: Wished, seed: int, near: np.ndarray) -> tuple[np.ndarray, float]:

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from jaxplan.model.scenario import MINIMUM, Scenario
 from jaxplan.runtime.jit import working_time
 
 
@@ -60,3 +61,21 @@ class Clock:
         """Seconds by step, of compiling, and in all."""
         total = sum(self.seconds.values()) + self.compiling
         return {**self.seconds, "compile": self.compiling, "total": total}
+
+
+def expect_shortest(asked: str, improve_for: float, scenario: Scenario, name: str) -> None:
+    """Refuse to look for a shorter plan where the duration is not the shortest.
+
+    Args:
+        asked: what was asked for, by its key and value, to begin the message.
+        improve_for: s, for which it is to be looked for.
+        scenario: the problem.
+        name: of the scenario.
+
+    Raises:
+        ValueError: if that is any time, and the duration is given or stretched.
+    """
+    duration = scenario.trajectory.duration
+    if improve_for and duration != MINIMUM:
+        needed = f'needs trajectory.duration_s = "{MINIMUM}"'
+        raise ValueError(f"{asked}: {needed}, and that of {name} is {duration}")

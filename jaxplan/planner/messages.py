@@ -38,10 +38,10 @@ def hidden(scenario: Scenario, unseen: Sequence[str], time: float) -> str:
     return f"{'; '.join(unseen)}{when(scenario, time)}: {advice}"
 
 
-def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> str:
+def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition, most: float) -> str:
     """Text why no attitude reaches the targets while it keeps the rows of the scenario's constraints.
 
-    `found` is the decomposition without goals.
+    `found` is the decomposition without goals, within `most` rad from the start.
     """
     craft = scenario.spacecraft
     asked = scenario.goal
@@ -60,6 +60,12 @@ def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition) -> 
         return (
             f"at best {sight} breaks zone {scenario.zones[zone].name} "
             f"by {np.rad2deg(found.zone_excess):.4g} deg at the goal: change goal.targets or the zone{lower}"
+        )
+    if not found.slew_angle > most and isinstance(asked, Targets):  # what is broken is lost in rounding
+        named = " and ".join(asked.names(craft))
+        return (
+            f"no attitude was found at which {named} reach their targets and every zone is kept: "
+            "change goal.targets or the zones, or try another search.seed"
         )
     # Equation (6): no turn is quicker than about the diagonal of the body axes' limits.
     least = found.slew_angle / longest(craft, 1)

@@ -9,7 +9,7 @@ from concurrent.futures import BrokenExecutor, Future
 import numpy as np
 
 from jaxplan.model.scenario import Scenario
-from jaxplan.planner.clock import Clock
+from jaxplan.planner.clock import Clock, expect_shortest
 from jaxplan.planner.record import Plan, PlanningError
 from jaxplan.planner.rounds import plan_in_rounds
 from jaxplan.runtime.arguments import expect, number, several
@@ -46,7 +46,7 @@ def plan(
         TypeError: if it is no scenario.
         ScenarioError: for values that a scenario file may not have, methods that do not exist among them,
             and those of a wrong type or shape; a ValueError, with every fault.
-        ValueError: for less than no time, or one without end.
+        ValueError: for less than no time, or one without end, and for any but with the duration "minimum".
 
     Example:
         >>> import jaxplan as jp
@@ -58,6 +58,7 @@ def plan(
     improve_for = number("improve_for_s", improve_for_s, "a number of seconds")
     if not 0 <= improve_for < np.inf:
         raise ValueError(f"improve_for_s = {improve_for:g}: must lie in [0, inf)")
+    expect_shortest(f"improve_for_s = {improve_for:g}", improve_for, scenario, scenario.name)
     with one_thread(), progress_bar("planning", shown=progress) as bar:
         clock = Clock(scenario.search.time_limit, bar.step, improve_for=improve_for)
         (result,) = plan_in_rounds([scenario], [clock])

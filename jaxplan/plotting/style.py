@@ -2,7 +2,8 @@
 
 A device has one colour and line style in all figures. The colours keep apart for the kinds of colour
 blindness, above all those that share a line style, and the line styles keep apart in print without colour.
-There are 7 colours and 4 styles; as these have no common divisor, 28 devices differ in one or the other.
+There are 11 colours and 4 styles; as these have no common divisor, 44 devices differ in one or the other, and
+11 in the colour alone, which is all that dots and areas have.
 Limits are barriers with ticks on the far side. Legends stand beside the data. Nothing here changes
 matplotlib's global settings.
 
@@ -50,7 +51,10 @@ Entries: TypeAlias = list[Entry]
 Canvas: TypeAlias = Axes | Sequence[Axes] | np.ndarray | Figure | SubFigure | None
 Box: TypeAlias = tuple[np.ndarray, np.ndarray]  # centre and size, (2,) each, in any unit
 
-COLOURS = ("#0072B2", "#E69F00", "#882255", "#56B4E9", "#332288", "#117733", "#CC79A7")
+COLOURS = (
+    *("#0072B2", "#E69F00", "#882255", "#56B4E9", "#332288", "#117733"),
+    *("#CC79A7", "#9F00FF", "#A9A960", "#4C004C", "#9F66FF"),
+)
 LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (1.5, 1.2)))
 AXIS_STYLES: tuple[Look, ...] = (  # of the body axes; no device has these colours
     {"color": "black", "linestyle": LINE_STYLES[0]},

@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxplan.model.devices import NEAREST_TO_POLE
 from jaxplan.model.directions import DirectionPath
+from jaxplan.model.sameness import same
 from jaxplan.model.scenario import MINIMUM, STRETCHED, Scenario
 from jaxplan.schema.arrays import PerAxis
 from jaxplan.schema.faults import WRONG, Place
@@ -58,7 +59,7 @@ def check_parts(scenario: Scenario, root: Place) -> None:
         root: its place.
     """
     zones = {key: placed(getattr(scenario, name), root[key]) for key, name in ZONES.items()}
-    _check_unique([row for rows in zones.values() for row in rows])
+    check_unique([row for rows in zones.values() for row in rows])
     for key, rows in zones.items():
         for place, zone in rows:
             _check_zone(key, zone, place)
@@ -124,7 +125,7 @@ def check_spacecraft(craft: Any, place: Place) -> None:
     What start, goal and zones refer to is kept in ``place.reading``: names, numbers and ranges of devices.
     """
     reading = place.reading
-    _check_unique([row for key, name in _DEVICES.items() for row in placed(getattr(craft, name), place[key])])
+    check_unique([row for key, name in _DEVICES.items() for row in placed(getattr(craft, name), place[key])])
     names = {key: _names(getattr(craft, name)) for key, name in _DEVICES.items()}
     terminals, drives, others = names["terminal"], names["drive"], reading.terminals
     if terminals is not None and others not in (None, len(terminals)):
@@ -168,8 +169,12 @@ def _names(devices: Any) -> tuple[str, ...] | None:
     return tuple(one.name for one in devices)
 
 
-def _check_unique(rows: Sequence[tuple[Place, Any]]) -> None:
-    """Note rows whose name an earlier one has."""
+def check_unique(rows: Sequence[tuple[Place, Any]]) -> None:
+    """Note rows whose name an earlier one has.
+
+    Args:
+        rows: those that could be read, each after its place.
+    """
     first: dict[str, Place] = {}
     for place, row in rows:
         if row.name in first:
@@ -193,7 +198,7 @@ def _check_zone(key: str, zone: Any, place: Place) -> None:
 
 
 def check_targets(goal: Any, place: Place) -> None:
-    """Note faults of a goal: devices held or with a wish beside a target, and rates beside moving targets."""
+    """Note faults of a goal: what is held or wished beside a target, a wish twice, rates beside paths."""
     names = place.reading.names
     aimed = goal.devices or names.get("terminal") or ()
     for i, name in enumerate(goal.hold if goal.hold is not WRONG else ()):
@@ -201,9 +206,16 @@ def check_targets(goal: Any, place: Place) -> None:
             place["hold"][i].fault("has a target, so it cannot keep its joints", name)
         elif name is not WRONG and names.get("gimbal") is not None and name not in names["gimbal"]:  # type: ignore[operator]
             place["hold"][i].fault("has no joints to keep", name)
+    told: list[tuple[Place, Any]] = []
     for here, wish in placed(goal.prefer, place["prefer"]):
         if wish.device is WRONG:
             continue
+        twin = next((there for there, other in told if same(other, wish)), None)
+        if twin is not None:
+            here["device"].fault(f"the same wish, with its direction, as {twin.path}", wish.device)
+            continue
+        if wish.direction is not WRONG:
+            told.append((here, wish))
         if wish.device in aimed:
             here["device"].fault("has a target, which it meets", wish.device)
         elif goal.hold is not WRONG and wish.device in goal.hold:

@@ -17,7 +17,7 @@ from jaxplan.model.directions import DirectionPath
 from jaxplan.model.goals import Targets
 from jaxplan.model.keys import key, keyed
 from jaxplan.model.scenario import Scenario
-from jaxplan.schema.checks import placed
+from jaxplan.schema.checks import check_unique, placed
 from jaxplan.schema.faults import WRONG, Place, nearest
 from jaxplan.schema.kinds import Epoch, shortest_degrees
 from jaxplan.schema.orbits import Orbit
@@ -289,6 +289,7 @@ def _known(view: View, settings: Any, place: Place) -> Known | None:
                 place[place_key][i]["name"].fault(complaint, row.name)
                 return None
             things[row.name] = row.orbit if isinstance(row, Satellite) else row.thing
+    check_unique(placed(view.spheres, place["occulter"]))
     spheres = [_sphere(row, things, place["occulter"][i]) for i, row in enumerate(view.spheres)]
     duration = getattr(settings, "duration", None)
     number = duration if isinstance(duration, float) else None

@@ -155,8 +155,10 @@ def test_bad_files_are_bad_input_without_a_traceback(capsys, case_file, tmp_path
 
 
 def test_the_spacecraft_of_a_scenario_is_drawn_before_it_is_planned(capsys, case_file, tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(case_file.read_text())
     for words, file in {
-        (case_file,): case_file.parent / "spacecraft.png",
+        (scene,): tmp_path / "spacecraft.png",
         ("case-2", "-o", tmp_path / "out"): tmp_path / "out" / "spacecraft.png",
     }.items():
         code, out, err = run(capsys, "plot", *words)

@@ -1,5 +1,6 @@
 """Shorter plans along the paths of other searches, and for as long as is asked."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -85,3 +86,11 @@ def test_a_batch_finds_the_same_plan(scene):
 def test_a_time_to_improve_that_makes_no_sense_is_refused_by_name(scene, seconds):
     with pytest.raises(ValueError, match="improve_for_s"):
         jp.plan(scene, improve_for_s=seconds)
+
+
+@pytest.mark.parametrize("duration", ["stretched", 80.0])
+def test_only_the_shortest_duration_is_improved(scene, duration):
+    given = replace(scene, trajectory=replace(scene.trajectory, duration=duration))
+    needed = re.escape('improve_for_s = 3: needs trajectory.duration_s = "minimum", and that of ')
+    with pytest.raises(ValueError, match=f"{needed}.* is {duration}"):
+        jp.plan(given, improve_for_s=3)

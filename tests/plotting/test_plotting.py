@@ -366,11 +366,14 @@ def test_body_axes_and_devices_are_told_apart_by_the_colour_blind(blindness: str
     axes = [look["color"] for look in style.AXIS_STYLES]
     assert min(apart(one, other) for i, one in enumerate(axes) for other in axes[:i]) > 30
     assert len({str(look["linestyle"]) for look in style.AXIS_STYLES}) == 3
-    for first in range(12):
+    assert len({str(style.device_style(number)) for number in range(44)}) == 44
+    for first in range(16):
         for second in range(first):
             one, other = style.device_style(first), style.device_style(second)
             lines_differ = str(one["linestyle"]) != str(other["linestyle"])
             assert lines_differ or apart(one["color"], other["color"]) > 20
+            if first < 11:  # dots and areas have no line style
+                assert apart(one["color"], other["color"]) > (25 if blindness == "none" else 13)
 
 
 def test_different_limits_have_their_terminals_colours() -> None:

@@ -202,6 +202,11 @@ def test_the_pitch_keeps_off_the_pole_whatever_the_file_says(place):
         ("goal.hold", ["arra"], "perhaps array is meant"),
         ("goal.prefer", [{"device": "antenna", "direction": [1, 0, 0]}], "goal.prefer[0].device"),
         ("goal.prefer", [{"device": "array"}], "goal.prefer[0].direction: missing"),
+        (
+            "goal.prefer",
+            [{"device": "array", "direction": one} for one in ([1, 0, 0], [0, 0, 1], [1.0, 0, 0])],
+            'goal.prefer[2].device = "array": the same wish, with its direction, as goal.prefer[0]',
+        ),
         ("goal.tolerance_deg", 2, "goal.tolerance_deg = 2: must lie in [1e-8, 1]"),
     ],
 )
