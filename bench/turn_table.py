@@ -11,6 +11,7 @@ quarter of an hour on one core.
 """
 
 import argparse
+import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,7 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import minimize
 
-from jaxplan.model.turn_table import FILE, UNIT, Measure
+from jaxplan.model.turn_table import FILE, UNIT, Measure, TurnTable
+
+sys.path.append(str(Path(__file__).parents[1] / "tests"))  # the proof is the tests' own
+from turn_growth import FINEST, excess_between
 
 jax.config.update("jax_enable_x64", True)
 
@@ -186,7 +190,7 @@ def between(known: list[float]) -> np.ndarray:
 
 
 def slopes_between(shares: np.ndarray, measure: Measure) -> np.ndarray:
-    """Largest growth (P, Q) of lengths, with margins, at the ratios of `between`; they are divided by it."""
+    """Largest growth (P, Q) of lengths at the ratios of `between`, with margins; `proved` begins with it."""
     ratios = RATIOS[measure]
     fine = [between(known) for known in ratios]
     by = [
@@ -199,6 +203,22 @@ def slopes_between(shares: np.ndarray, measure: Measure) -> np.ndarray:
         found[place] = largest_slope(mixed, rates_of(fine[0][place[0]], fine[1][place[1]]), measure)
     print(f"{measure}: largest slopes\n{np.round(found, 4)}", flush=True)
     return (1 + MORE * np.maximum(found - 1, 0)) * (1 + MARGIN)
+
+
+def proved(slopes: np.ndarray, shares: np.ndarray, measure: Measure) -> np.ndarray:
+    """What lengths are divided by (P, Q) at the ratios of `between`, raised until the proof is found."""
+    first, second = RATIOS[measure]
+    table = TurnTable(
+        ratios=(np.array(first), np.array(second)),
+        finer=(between(first), between(second)),
+        slopes=slopes.copy(),
+        shares=shares,
+    )
+    for u, v in np.ndindex(len(table.finer[0]) - 1, len(table.finer[1]) - 1):
+        while (lacking := excess_between(table, measure, (u, v))) > 0:
+            table.slopes[u : u + 2, v : v + 2] += max(lacking, FINEST)
+    print(f"{measure}: raised by at most {np.max(table.slopes - slopes):.1e} for the proof", flush=True)
+    return table.slopes
 
 
 def table(measure: Measure) -> np.ndarray:
@@ -229,7 +249,8 @@ def main() -> None:
     kept = {}
     for measure in arguments.measure or RATIOS:
         kept[measure] = np.floor(table(measure) / UNIT).astype(np.uint16)
-        kept[f"{measure}_slopes"] = slopes_between(kept[measure] * UNIT, measure)
+        shares = kept[measure] * UNIT
+        kept[f"{measure}_slopes"] = proved(slopes_between(shares, measure), shares, measure)
         for n, ratios in enumerate(RATIOS[measure], 1):
             kept[f"{measure}_ratios_{n}"] = np.array(ratios)
             kept[f"{measure}_finer_{n}"] = between(ratios)

@@ -23,11 +23,12 @@ by half a turn, the others make the motion backwards. So both ``F`` and F of the
 faster.
 
 Of the rates only the ratios matter, ``c_2 / c_1`` and ``c_3 / c_2`` of rates in falling order. Between
-tabulated ratios shares are linear as well; there lengths may grow a little faster, by what they are divided
+tabulated ratios shares are linear as well; there lengths would grow a little faster, by what they are divided
 by. Ratios below the least one tabulated are taken for that: rates are raised, and what bounds motions with
 higher rates bounds these.
 
-bench/turn_table.py made the table; tests/model/test_turn_table.py verifies it anew, cell by cell.
+bench/turn_table.py made the table. tests/turn_growth.py proves that its lengths grow no faster than they may,
+cell by cell and for all ratios of rates, and tests/model/test_turn_table.py makes this proof anew.
 """
 
 from dataclasses import dataclass
@@ -55,7 +56,8 @@ class TurnTable:
     Attributes:
         ratios: (U,) and (V,) rising to 1, of the second to the first and the third to the second rate.
         finer: (P,) and (Q,) likewise, closer together.
-        slopes: (P, Q) how fast the interpolated lengths grow at most, about 1; they are divided by it.
+        slopes: (P, Q) how fast the interpolated lengths grow at most, linear between finer ratios; they are
+            divided by it.
         shares: (U, V, 3, K, L, L) ``F / q_f``, by both ratios of rates, axis f, |r|, and both ratios of q.
     """
 
