@@ -73,7 +73,7 @@ class Trajectory(Protocol):
 
     @property
     def smoothness(self) -> int:
-        """Number of derivatives that are said to be continuous at every break."""
+        """How many derivatives by time are claimed to be continuous at all breaks, which is to be proved."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

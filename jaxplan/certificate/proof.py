@@ -129,7 +129,7 @@ class Case:
 
 
 def _gathered(cases: Sequence[Case]) -> tuple[Motion, Bindings, Evidence]:
-    """The motion, the pairs of zones and sights, and the evidence of cases of one kind."""
+    """The motion of cases of one kind side by side, the sights held against zones, and bounds of both."""
     craft, several = cases[0].claim.spacecraft, [case.bindings for case in cases]
     bindings = Bindings.joined(several)
     motion = Motion.of(craft, bindings.views, *(case.curve for case in cases))

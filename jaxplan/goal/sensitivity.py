@@ -249,7 +249,15 @@ class _State(NamedTuple):
     def of(
         cls, spacecraft: Spacecraft, targets: Targets, cones: Constraints, rest: Array, dtype: jnp.dtype
     ) -> "_State":
-        """The state of a problem, with vectors brought to unit length and arrays to `dtype`."""
+        """What the derivatives of a goal are taken by, with directions of unit length and arrays of `dtype`.
+
+        Args:
+            spacecraft: with the devices that point.
+            targets: their directions.
+            cones: the constraints.
+            rest: (J,) rad, joints of devices without a target.
+            dtype: of all numbers.
+        """
         aims = aims_of(spacecraft, targets, goal_ranges(spacecraft, targets))
         directions = _unit(jnp.asarray(aims.directions, dtype))
         frames, ranges = (jnp.asarray(part, dtype) for part in (aims.frames, aims.ranges))

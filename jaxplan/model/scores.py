@@ -34,11 +34,11 @@ def scores(rows: Constraints, cosines: ArrayLike, values: ArrayLike | None = Non
 
 
 def thresholds(rows: Constraints, clearance: ArrayLike) -> AnyArray:
-    """The score at which a margin is just the wanted clearance.
+    """The score that a row has where its margin is just the clearance wanted; a larger score is too near.
 
     Args:
         rows: the constraints.
-        clearance: (...) rad wanted; a row gives it up to half of the room that it leaves.
+        clearance: (...) rad wanted; where a row has no such room, the most that it has (`room`).
 
     Returns:
         (..., Z).

@@ -66,7 +66,7 @@ def tabulate(
         keep_in: zones to stay in.
         spacecraft: whose devices they bind.
         joint_bounds: of terminals.
-        turns: whole turns after which each mask is met again; None to have `masks` find them.
+        turns: whole turns of the yaw after which each mask is met again; None to take them from the ranges.
 
     Raises:
         ValueError: if a zone has no axis or several, binds nothing, names a device that there is not or one

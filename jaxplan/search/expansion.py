@@ -278,7 +278,7 @@ def _coupled_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Ar
     axes, body, joints = (jnp.asarray(part) for part in (lines.axes[1], lines.body, lines.joints))
 
     def chosen(values: Array) -> Array:
-        """The values of each child (..., m, d), from those of options (..., o, d)."""
+        """Values of devices in joint moves (..., m, d), from those in options of their joints (..., o, d)."""
         return jnp.stack([values[..., choice[:, device], device] for device in devices], axis=-1)
 
     def at(sample: ArrayLike) -> tuple[Array, Array | None]:

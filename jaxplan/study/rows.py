@@ -64,7 +64,7 @@ def filled(columns: Mapping[str, type], known: Mapping[str, Any]) -> Row:
 
 
 def row_of(outcome: Plan | str, head: Row) -> Row:
-    """The row of a scene, without the plan's arrays.
+    """A scene's row of `COLUMNS`: numbers and words about its plan, no arrays.
 
     Args:
         outcome: a plan, also one that failed, or the message of an error that was raised instead.

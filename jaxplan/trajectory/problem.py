@@ -161,7 +161,7 @@ class FitProblem:
 
     @cached_property
     def end_margins(self) -> np.ndarray:
-        """Margins (2, D, Z) at start and goal, rad, as `Iterates` has them."""
+        """Margins at start and goal, of every sight to every row of the constraints: (2, D, Z) rad."""
         cones, ends = self.cones, [0, -1]
         joints = self.joints[ends]
         seen = self.sights.in_body(joints)

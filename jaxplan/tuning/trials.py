@@ -194,7 +194,7 @@ class SearchTuning(Printed):
 
     @property
     def label(self) -> str:
-        """Label of the objective with its unit, by the name that `Tuning` has for it."""
+        """What is tuned, for the axis of a figure: the objective, whose name tells its unit."""
         return self.objective
 
     def cells(self) -> list[list[str]]:
