@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
     from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.model.status import Status
+    from jaxplan.model.wheels import Wheel
     from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
     from jaxplan.report import report_html
@@ -69,6 +70,7 @@ _HOMES = {
     "Trajectory": "jaxplan.trajectory",
     "TrajectorySettings": "jaxplan.model.scenario",
     "Tuning": "jaxplan.tuning",
+    "Wheel": "jaxplan.model.wheels",
     "Wish": "jaxplan.model.goals",
     "certify": "jaxplan.planner",
     "compare_studies": "jaxplan.study",
@@ -125,6 +127,7 @@ __all__ = [
     "Trajectory",
     "TrajectorySettings",
     "Tuning",
+    "Wheel",
     "Wish",
     "certify",
     "compare_studies",

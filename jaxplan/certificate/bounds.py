@@ -59,11 +59,13 @@ class Errors:
             within the body (`motion.Views.within`).
         spin: (3, n) of the angular velocity and its two derivatives, rad/s, rad/s^2, rad/s^3.
         joints: (3, J, n) of the joints and their two derivatives, rad, rad/s, rad/s^2.
+        attitude: (n,) of unit vectors that the attitude turns; None where that is not asked for.
     """
 
     direction: np.ndarray
     spin: np.ndarray
     joints: np.ndarray
+    attitude: np.ndarray | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,6 +83,11 @@ class Majorants:
     direction: np.ndarray
     spin: np.ndarray
     joints: np.ndarray
+
+    @cached_property
+    def attitude(self) -> np.ndarray:
+        """(orders, n) of the attitude, ``exp(m)``."""
+        return series.exponential(self.turning)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -174,6 +181,7 @@ def rounding(motion: Motion, on: Intervals, bounds: Majorants, ways: Sequence[Wa
         direction=np.concatenate([outward, inward]),
         spin=factorial * (spin + ROUNDING * bounds.spin[:3]) / (unit[:3] * on.half),
         joints=factorial[:, None] * joints,
+        attitude=eta[0],
     )
 
 
@@ -192,7 +200,11 @@ def gather(motion: Motion, wanted: Errors, ways: Sequence[Way] = ()) -> Evidence
         bounds = majorants(motion, on, ways)
         left_out = interpolation(on, bounds)
         # An error shrinks with the interval's power DEGREE + 1 at the least, so this rarely cuts too finely.
-        parts = np.ceil(np.minimum(_excess(left_out, wanted, on) ** (1 / (DEGREE + 1)), _MOST_PARTS))
+        excess = _excess(left_out, wanted, on)
+        if wanted.attitude is not None:
+            turned = 2.0 ** (1 - DEGREE) * bounds.attitude[DEGREE + 1]
+            excess = np.maximum(excess, np.nan_to_num(turned / wanted.attitude[on.trajectory], nan=np.inf))
+        parts = np.ceil(np.minimum(excess ** (1 / (DEGREE + 1)), _MOST_PARTS))
         before, after = np.diff(on.begins), np.add.reduceat(parts, on.begins[:-1])
         unsettled &= (after > before) & (after <= np.maximum(_MOST_INTERVALS, 2 * before))
         if left == 0 or not np.any(unsettled):

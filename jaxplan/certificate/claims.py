@@ -105,8 +105,9 @@ class Certificate:
         worst_zone: name of the zone; None likewise.
         peaks: upper bounds over all time of the largest component over its limit: "angular_velocity",
             "angular_acceleration", "joint_rates", "joint_accelerations", "yaw", "pitch" and, where they are
-            limited, "torque", "wheel_momentum", "jerk", and of lengths of vectors "angular_velocity_norm",
-            "angular_acceleration_norm". Those of joints are absent without terminals.
+            limited, "torque", "wheel_momentum", "jerk", of wheels "wheel_torques", "wheel_momenta", and of
+            lengths of vectors "angular_velocity_norm", "angular_acceleration_norm". Those of joints are
+            absent without terminals.
         peak_times: s, when each is reached.
         jumps: largest jump at any break: "attitude", "angular_velocity", "angular_acceleration",
             "angular_jerk", "joints", "joint_rates", "joint_accelerations", "joint_jerks" (rad, rad/s,

@@ -15,6 +15,7 @@ from jaxplan.certificate.motion import Trajectory
 from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT, Constraints
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.wheels import ALLOCATIONS
 
 _ORTHONORMAL = 1e-9  # largest entry of R^T R - 1 of a rotation matrix
 _UNIT = 1e-6  # by how much the length of a direction may miss one; directions are normalised before use
@@ -228,6 +229,7 @@ def _spacecraft(spacecraft: Spacecraft) -> Iterator[str]:
                 yield f"spacecraft.{name} has the shape {np.shape(limit)} and not {wanted}"
             if name in ("torque_limit", "wheel_momentum_limit") and spacecraft.inertia is None:
                 yield f"spacecraft.{name} cannot be checked without spacecraft.inertia"
+    yield from _wheels(spacecraft)
     for terminal in spacecraft.terminals:
         mounting = terminal.mounting
         if mounting is None:
@@ -261,3 +263,21 @@ def _spacecraft(spacecraft: Spacecraft) -> Iterator[str]:
     for instrument in spacecraft.instruments:
         if not _unit(instrument.boresight):
             yield f"the boresight of {instrument.name} is no unit vector to {_UNIT:g}"
+
+
+def _wheels(spacecraft: Spacecraft) -> Iterator[str]:
+    """Yield the faults of a spacecraft's wheels."""
+    wheels = spacecraft.wheels
+    if spacecraft.allocation not in ALLOCATIONS:
+        yield f"spacecraft.allocation = {spacecraft.allocation!r} is not known"
+    for wheel in wheels:
+        numbers = np.array([wheel.torque, wheel.momentum, wheel.stored], np.float64)
+        if not (np.shape(wheel.axis) == (3,) and _unit(np.asarray(wheel.axis, np.float64))):
+            yield f"the axis of {wheel.name} is no unit vector to {_UNIT:g}"
+            return
+        if not (np.isfinite(numbers).all() and (numbers[:2] > 0).all()):
+            yield f"torque or momentum of {wheel.name} is not positive and finite, or what it stores is not"
+    if wheels and spacecraft.inertia is None:
+        yield "spacecraft.wheels cannot be checked without spacecraft.inertia"
+    if wheels and np.linalg.matrix_rank(np.array([wheel.axis for wheel in wheels], np.float64)) < 3:
+        yield "the axes of spacecraft.wheels do not span space"

@@ -1,8 +1,8 @@
 """Proof of limits at every instant, of continuity at breaks, and of the wanted states at the ends.
 
-**Limits** are on rates, accelerations, jerk, joint angles, torque and momentum. Every limited quantity has
-components ``f`` that must stay within ``-limit`` and ``+limit``; angles of joints count from the middle of
-their range, half of which is their limit. The margin of a component is
+**Limits** are on rates, accelerations, jerk, joint angles, torque and momentum, and on wheels (`wheels`).
+Every limited quantity has components ``f`` that must stay within ``-limit`` and ``+limit``; angles of joints
+count from the middle of their range, half of which is their limit. The margin of a component is
 ``1 - |f| / limit``, so that a peak over its limit is one minus the least margin. Of the length of a vector,
 which is not smooth where it is zero, the square is sampled, and the margin is that of its root.
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxplan.certificate import bounds, series
+from jaxplan.certificate import bounds, series, wheels
 from jaxplan.certificate.bounds import LEBESGUE, Evidence, Layout, Minima, Rows
 from jaxplan.certificate.claims import EndState
 from jaxplan.certificate.motion import DEGREE, Samples
@@ -70,7 +70,10 @@ def quantities(spacecraft: Spacecraft, evidence: Evidence) -> list[Limited]:
     found = []
     for limit in limits(spacecraft):
         values, left_out, rounding = _SAMPLED[limit.quantity.name](evidence, spacecraft)
-        bound = np.full(len(limit.owners), np.asarray(limit.quantity.given(spacecraft), np.float64))
+        if limit.quantity.of_wheels:
+            bound = wheels.bounds(spacecraft, limit.quantity.name)
+        else:
+            bound = np.full(len(limit.owners), np.asarray(limit.quantity.given(spacecraft), np.float64))
         if limit.quantity.centre is not None:
             values = values - np.asarray(limit.quantity.centre(spacecraft), np.float64)[:, None, None]
         found.append(Limited(limit, values, left_out, rounding, bound))
@@ -139,6 +142,8 @@ _SAMPLED: dict[str, Callable[[Evidence, Spacecraft], _Sampled]] = {
     "torque": _torque,
     "wheel_momentum": _momentum,
     "jerk": lambda evidence, _: _spin(evidence, 2),
+    "wheel_torques": wheels.torques,
+    "wheel_momenta": wheels.momenta,
 }
 
 
@@ -207,7 +212,8 @@ def faults(limited: Sequence[Limited], minima: Minima, allowance: float) -> Iter
     for number in np.flatnonzero(~(minima.bound >= -allowance)).tolist():
         quantity, owner, limit = components[number]
         bound, seen, time = minima.bound[number], minima.seen[number], minima.time[number]
-        name = f"{_words(quantity.name)} {'of' if quantity.of_joints else 'about'} {owner}"
+        of_devices = quantity.of_joints or quantity.of_wheels
+        name = f"{_words(quantity.name)} {'of' if of_devices else 'about'} {owner}"
         if quantity.of_length:
             name = f"the length of the {_words(quantity.name.removesuffix('_norm'))}"
         if seen < -allowance:

@@ -11,7 +11,7 @@ from typing import Self
 
 import numpy as np
 
-from jaxplan.certificate import bounds, form, limits, series
+from jaxplan.certificate import bounds, form, limits, series, wheels
 from jaxplan.certificate.bounds import Errors, Evidence, Minima
 from jaxplan.certificate.claims import Certificate, Claim, ProvedMargin
 from jaxplan.certificate.margins import Bindings
@@ -118,9 +118,11 @@ class Case:
         mountings = Mountings.of(craft)
         centres = (quantity.centre(craft) for quantity in QUANTITIES if quantity.centre is not None)
         turning = mountings.axes, mountings.tilts
-        numbers = (*turning, craft.fixed_boresights, craft.inertia, *given, *centres)
+        numbers = (*turning, craft.fixed_boresights, craft.inertia, *given, *centres, wheels.numbers(craft))
         return (
             craft.device_names,
+            craft.allocation,
+            tuple(wheel.name for wheel in craft.wheels),
             self.curve.coefficients.shape[1],
             self.curve.joint_coefficients.shape[1],
             *(None if part is None else np.asarray(part, np.float64).tobytes() for part in numbers),
@@ -253,8 +255,13 @@ def negligible(spacecraft: Spacecraft, several: Sequence[Bindings]) -> Errors:
         several: the bindings of each, which number the last axis.
     """
     heaviest = 1.0 if spacecraft.inertia is None else np.linalg.norm(spacecraft.inertia, 2)
-    spin, joints = np.full(3, np.inf), [[np.zeros(0)] for _ in range(3)]
+    spin, joints, attitude = np.full(3, np.inf), [[np.zeros(0)] for _ in range(3)], None
+    if spacecraft.wheels:
+        needed = wheels.negligible(spacecraft)
+        spin, attitude = needed[:3], bounds.NEGLIGIBLE * needed[3] * np.ones(len(several))
     for limit in every_limit(spacecraft):
+        if limit.quantity.of_wheels:
+            continue
         power, size = limit.quantity.power, heaviest if limit.quantity.by_inertia else 1.0
         if limit.quantity.of_joints:
             joints[power].append(limit.bound)
@@ -268,4 +275,5 @@ def negligible(spacecraft: Spacecraft, several: Sequence[Bindings]) -> Errors:
         direction=bounds.NEGLIGIBLE * np.ones((directions, 1)) * np.sin([own.narrowest for own in several]),
         spin=bounds.NEGLIGIBLE * spin[:, None] * each,
         joints=bounds.NEGLIGIBLE * angles,
+        attitude=attitude,
     )

@@ -23,7 +23,7 @@ from jaxplan.goal.descent import CLEAR
 from jaxplan.goal.minimax import TIMES, Soonest, soonest_ends
 from jaxplan.goal.problem import GoalProblem, Wished
 from jaxplan.goal.ways import Platform, Pointers, legendre
-from jaxplan.model.duration_bound import rest_bounds
+from jaxplan.model.duration_bound import axis_bounds_of_wheels, rest_bounds
 from jaxplan.model.gimbals import angles_along, in_range, stacked
 from jaxplan.model.limits import limits, longest
 from jaxplan.model.path import Goal
@@ -173,7 +173,8 @@ _NOBODY = (-1, np.array([1.0, 0.0, 0.0]), np.eye(3), np.array([[-1.0, 1.0], [-1.
 def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
     """Lengths of turns of the platform and limits of their speeds, with times in units of `unit` s.
 
-    Torque and momentum count as limits of acceleration and rate of each axis, as of a body at rest.
+    Torque and momentum, those of wheels too, count as limits of acceleration and rate of each axis, as of a
+    body at rest and of wheels that hold nothing at the start.
     """
     given = {limit.quantity.name: limit.bound for limit in limits(craft)}
     xp, rate, acceleration = arrays(given["angular_velocity"], given["angular_acceleration"])
@@ -185,6 +186,10 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
                 rate = xp.minimum(rate, light @ given[name])
             elif name in given:
                 acceleration = xp.minimum(acceleration, light @ given[name])
+    if craft.wheels:
+        by_momentum, by_torque = axis_bounds_of_wheels(craft)
+        xp, rate, acceleration, by_momentum, by_torque = arrays(rate, acceleration, by_momentum, by_torque)
+        rate, acceleration = xp.minimum(rate, by_momentum), xp.minimum(acceleration, by_torque)
     boxes = [rate, xp.sqrt(rate * acceleration), acceleration]
     if xp is np and np.ptp(rate / acceleration) <= _ALIKE * np.max(rate / acceleration):
         boxes = boxes[:1]

@@ -16,8 +16,14 @@ speed, or of a triangle. Every way gives a lower bound of the duration, and the 
 speed grows no faster than the largest ``sqrt(torque . J^-1 torque)``, since gyroscopic torques do no work.
 In a box they count: from rest, ``w_i' <= a_i + g_i t^2``, with ``a = |J^-1| torque`` and ``g_i`` the largest
 of ``|J^-1 (w x J w)|_i`` for the energy, or the momentum, that there can be after a second. Limits of
-momentum are taken for limits of the rates. Any ``c`` is allowed; the limits of rates, those of accelerations
-and what lies between are tried.
+momentum are taken for limits of the rates.
+
+Wheels give ``J w' + w x (R^T H)`` and hold ``R^T H - J w``, both within the zonotope of their limits, however
+they share it out (`jaxplan.model.wheels`); ``|H|`` is known from the start. So the rates are within ``J^-1``
+times the zonotope of the momenta and ``|H|`` about it, accelerations within that of the torques and
+``|w| |H|``, and in the energy the torque that turns ``H`` does no work.
+
+Any ``c`` is allowed; the limits of rates, those of accelerations and what lies between are tried.
 
 No zone is in these bounds, nor jerk, nor that accelerations be continuous: they only add to the time.
 Radians, seconds, body axes.
@@ -36,9 +42,11 @@ from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, sep
 from jaxplan.model.limits import limits, longest
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.turn_table import turn_table
+from jaxplan.model.wheels import WheelArray
 
 _TELLING = 0.01  # share of the duration below which a bound says nothing, as of a path that ends at its start
 _SAME = 1e-9  # relative difference below which the axes' ratios of acceleration to rate count as equal
+_AT_ONCE = 8  # wheels whose corners are looked at together, half of two to the power of this
 _ROOTS = 12  # steps of Newton's method, which has then converged to rounding
 
 _CORNERS = np.array([(1.0, *signs) for signs in product((1.0, -1.0), repeat=2)])
@@ -221,10 +229,19 @@ def _ways_of_platform(craft: Spacecraft, turns: AnyArray, spins: np.ndarray | No
     """
     given = {limit.quantity.name: limit.bound for limit in limits(craft)}
     rate, acceleration = given["angular_velocity"], given["angular_acceleration"]
-    norms = longest(craft, 1), longest(craft, 2)
+    norms, name = (longest(craft, 1), longest(craft, 2)), RATES
     if "wheel_momentum" in given:
         xp, inverse, momentum = arrays(_inverse(craft.inertia), given["wheel_momentum"])
         rate = xp.minimum(rate, xp.abs(inverse) @ momentum)
+    if craft.wheel_array is not None:
+        array, inverse = craft.wheel_array, _inverse(craft.inertia)
+        total = _total(craft.inertia, array, spins)
+        by_momentum, by_torque = axis_bounds_of_wheels(craft)
+        xp, rate, acceleration, tilt = arrays(rate, acceleration, length(inverse) * total)
+        rate = xp.minimum(rate, by_momentum + tilt)
+        fastest = xp.minimum(norms[0], length(rate))
+        acceleration, name = xp.minimum(acceleration, by_torque + tilt * fastest), TORQUE
+        yield _energy_way(craft.inertia, given, norms, turns, spins, array)
     if "torque" in given:
         yield _energy_way(craft.inertia, given, norms, turns, spins)
         at_rest, gyroscopic, later = _accelerations_by_torque(craft.inertia, given["torque"])
@@ -240,7 +257,7 @@ def _ways_of_platform(craft: Spacecraft, turns: AnyArray, spins: np.ndarray | No
                 xp.where(slower, later, 0),
             )
         acceleration = xp.minimum(acceleration, at_rest + gyroscopic * norms[0] ** 2)
-    yield from _box_ways(RATES, turns, spins, rate, acceleration)
+    yield from _box_ways(name, turns, spins, rate, acceleration)
     yield _Way(
         name=RATES,
         distance=length(turns),
@@ -248,7 +265,7 @@ def _ways_of_platform(craft: Spacecraft, turns: AnyArray, spins: np.ndarray | No
         growth=norms[1],
         speeds=None if spins is None else length(spins),
     )
-    yield from _axis_ways(turns, spins, rate, acceleration, norms)
+    yield from _axis_ways(name, turns, spins, rate, acceleration, norms)
 
 
 def _box_ways(
@@ -286,6 +303,7 @@ def _box_ways(
 
 
 def _axis_ways(
+    name: str,
     turns: AnyArray,
     spins: np.ndarray | None,
     rate: AnyArray,
@@ -294,15 +312,16 @@ def _axis_ways(
 ) -> Iterator[_Way]:
     """Yield for each body axis the angle between its directions at start and end, which is a way.
 
-    Turns about the axis itself do not change it. Turns (..., 3) rad, spins (2, 3) rad/s at both ends or None,
-    rate (3,) rad/s, acceleration (3,) rad/s^2, and `norms`, limits of the lengths of both.
+    Turns about the axis itself do not change it. The name of the limits, turns (..., 3) rad, spins (2, 3)
+    rad/s at both ends or None, rate (3,) rad/s, acceleration (3,) rad/s^2, and `norms`, limits of the lengths
+    of both.
     """
     turned = _axis_angles(turns)
     xp, rate, acceleration = arrays(rate, acceleration)
     for axis in range(3):
         across = np.arange(3) != axis
         yield _Way(
-            name=RATES,
+            name=name,
             distance=turned[..., axis],
             top=xp.minimum(length(rate[across]), norms[0]),
             growth=xp.minimum(length(acceleration[across]), norms[1]),
@@ -322,6 +341,7 @@ def _energy_way(
     norms: tuple[AnyArray, AnyArray],
     turns: AnyArray,
     spins: np.ndarray | None,
+    array: WheelArray | None = None,
 ) -> _Way:
     """The way along which the speed is ``sqrt(w . J w)``, with the largest of its lower bounds as distance.
 
@@ -331,6 +351,7 @@ def _energy_way(
         norms: limits of the lengths of angular velocity and acceleration, rad/s and rad/s^2.
         turns: (..., 3) rad, rotation vectors.
         spins: (2, 3) rad/s, at both ends; None at rest.
+        array: the wheels, whose limits stand in the place of those of torque and momentum; None without.
     """
     xp, inertia = arrays(inertia)
     moments, axes = _principal(inertia)
@@ -343,11 +364,13 @@ def _energy_way(
     tops = [norms[0] * heaviest, _largest(given["angular_velocity"], inertia)]
     if "wheel_momentum" in given:
         tops.append(_largest(given["wheel_momentum"], _inverse(inertia)))
-    growths = [
-        norms[1] * heaviest,
-        _largest(given["angular_acceleration"], inertia),
-        _largest(given["torque"], _inverse(inertia)),
-    ]
+    growths = [norms[1] * heaviest, _largest(given["angular_acceleration"], inertia)]
+    if array is None:
+        growths.append(_largest(given["torque"], _inverse(inertia)))
+    else:
+        most = _total(inertia, array, spins) / xp.sqrt(xp.min(moments))
+        tops.append(_largest_of_wheels(array.axes, array.each_momentum, _inverse(inertia)) + most)
+        growths.append(_largest_of_wheels(array.axes, array.each_torque, _inverse(inertia)))
     return _Way(
         name=ENERGY,
         distance=_most(rows),
@@ -355,6 +378,37 @@ def _energy_way(
         growth=xp.min(xp.stack(growths)),
         speeds=None if spins is None else _sizes(spins, inertia),
     )
+
+
+def axis_bounds_of_wheels(craft: Spacecraft) -> tuple[AnyArray, AnyArray]:
+    """Bounds of rates (3,) rad/s and accelerations (3,) rad/s^2 that wheels give which hold nothing else."""
+    array = craft.wheel_array
+    if array is None:
+        raise ValueError("there are no wheels")
+    xp, light, momentum, torque = arrays(
+        array.axes @ _inverse(craft.inertia), array.each_momentum, array.each_torque
+    )
+    return momentum @ xp.abs(light), torque @ xp.abs(light)
+
+
+def _total(inertia: AnyArray, array: WheelArray, spins: np.ndarray | None) -> AnyArray:
+    """Length, N m s, of the total momentum of platform and wheels, from the angular velocity at the start."""
+    xp, inertia, stored = arrays(inertia, array.stored)
+    return length(stored if spins is None else stored + inertia @ xp.asarray(spins[0]))
+
+
+def _largest_of_wheels(axes: AnyArray, bound: AnyArray, matrix: AnyArray) -> AnyArray:
+    """The largest ``sqrt(x . matrix x)`` over ``x = sum of axes_k u_k`` with ``|u_k| <= bound_k``, or more.
+
+    It is the largest of all corners; of more wheels than `_AT_ONCE` the sum of that of several groups.
+    """
+    xp, vectors = arrays(axes * array_module(axes, bound).asarray(bound)[:, None])
+    sizes = []
+    for first in range(0, len(vectors), _AT_ONCE):
+        own = vectors[first : first + _AT_ONCE]
+        signs = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=len(own) - 1)])
+        sizes.append(xp.max(_sizes(signs @ own, matrix)))
+    return sum(sizes[1:], sizes[0])
 
 
 def _accelerations_by_torque(inertia: AnyArray, torque: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:

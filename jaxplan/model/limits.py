@@ -6,72 +6,36 @@ a spacecraft; a further limit is a further row of `QUANTITIES`.
 Vectors of the platform are in body axes. A motion that takes ``s`` times as long passes the same attitudes
 and joint angles, and each quantity falls by a power of ``s``. So the shortest time in which a motion keeps a
 limit follows from the largest share of it that is taken, exactly (`time_factor`).
+
+What wheels give and hold has a *lesser* part, which falls by one power less: the torque that turns the total
+momentum with the body falls like the rates, and what a slow motion leaves them to hold does not fall at all
+(`jaxplan.model.wheels`). There a root stands in place of the power, and where the lesser part alone is beyond
+its limit slowing down does not help.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.geometry.vectors import AnyArray, array_module, arrays, cross, norm
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, norm
+from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.wheels import row_names
 from jaxplan.runtime.once import made_once
 
 _AXES = ("x", "y", "z")
 _LENGTH = ("length",)
+_FULL = 1 + 1e-12  # share of a limit up to which its lesser part counts as within
 _RAISED = str.maketrans("23", "\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}", "^")
-
-
-class Kinematics(NamedTuple):
-    """A motion as quantities are computed from it, components first; what none of them needs may be left out.
-
-    Attributes:
-        spin: angular velocity and its derivatives by time, each (3, ...), rad/s, rad/s^2, rad/s^3.
-        joints: angles and their derivatives by time, each (2n + d, ...), rad, rad/s, rad/s^2.
-        drives: number of the joints, d, that are drives' angles.
-        inertia: (3, 3) or (3, 3, ...) kg m^2.
-    """
-
-    spin: Sequence[AnyArray] = ()
-    joints: Sequence[AnyArray] = ()
-    drives: int = 0
-    inertia: AnyArray | None = None
-
-    def angles(self, which: int) -> AnyArray:
-        """Angles (c, ...) rad of the terminals' yaws (`which` = 0) or pitches (1), or of the drives (2)."""
-        joints = self.joints[0]
-        terminals = (len(joints) - self.drives) // 2
-        return joints[which * terminals : (which + 1) * terminals if which < 2 else None]
-
-    @property
-    def momentum(self) -> AnyArray:
-        """``J omega``, (3, ...) N m s."""
-        return _product(self.inertia, self.spin[0])
-
-    @property
-    def torque(self) -> AnyArray:
-        """``J omega' + omega x J omega``, (3, ...) N m."""
-        return _product(self.inertia, self.spin[1]) + _stacked(cross(self.spin[0], self.momentum))
-
-
-def _product(matrix: Any, vector: AnyArray) -> AnyArray:
-    """A matrix (3, 3), or one for each of many vectors (3, ...), times the vectors."""
-    _, m, v = arrays(matrix, vector)
-    m = m.reshape(*m.shape, *[1] * (v.ndim + 1 - m.ndim))
-    return m[:, 0] * v[0] + m[:, 1] * v[1] + m[:, 2] * v[2]
 
 
 def _length(vector: AnyArray) -> AnyArray:
     """The Euclidean length (1, ...) of vectors (3, ...)."""
     return norm(vector)[None]
-
-
-def _stacked(components: Sequence[AnyArray]) -> AnyArray:
-    """Components as one array, of numpy or JAX."""
-    return array_module(*components).stack(components)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,11 +50,14 @@ class Quantity:
         unit: for people: with angles in degrees, and "^" before exponents.
         power: how it scales: in ``s`` times the time it is ``s ** power`` times smaller. That is the number
             of derivatives by time that it is made of; zero of what does not depend on the duration.
-        of_joints: whether its components are those of joints; else they are along the platform's three axes.
+        of_joints: whether its components are those of joints; else they are along the platform's three axes,
+            or of wheels.
+        of_wheels: whether they are those of the rows of an array of wheels.
         of_length: whether it is the length of such a vector, its only component. Where that is zero it has no
             derivative, its square is smooth everywhere.
         by_inertia: whether it depends on the inertia, without which it cannot be limited.
         values: its components (c, ...) in SI units, of a motion.
+        lesser: the part of them that falls by one power less; None where there is none.
         given: its limit in SI units, of a spacecraft: a number, or one a component; None for no limit. Of
             what has a range it is half of that.
         centre: the middle of its range, one a component, of a spacecraft; None for zero.
@@ -103,9 +70,11 @@ class Quantity:
     unit: str
     power: int
     of_joints: bool = False
+    of_wheels: bool = False
     of_length: bool = False
     by_inertia: bool = False
     values: Callable[[Kinematics], AnyArray]
+    lesser: Callable[[Kinematics], AnyArray] | None = None
     given: Callable[[Spacecraft], Any]
     centre: Callable[[Spacecraft], Any] | None = None
 
@@ -245,6 +214,32 @@ QUANTITIES = (
         values=lambda motion: motion.spin[2],
         given=lambda craft: craft.jerk_limit,
     ),
+    Quantity(
+        name="wheel_torques",
+        word="torque",
+        label="Wheel torques",
+        caption="wheel torques",
+        unit="N m",
+        power=2,
+        of_wheels=True,
+        by_inertia=True,
+        values=lambda motion: motion.wheel_torques,
+        lesser=lambda motion: motion.turning_torques,
+        given=lambda craft: craft.wheel_array and craft.wheel_array.torque,
+    ),
+    Quantity(
+        name="wheel_momenta",
+        word="momentum",
+        label="Wheel momenta",
+        caption="wheel momenta",
+        unit="N m s",
+        power=1,
+        of_wheels=True,
+        by_inertia=True,
+        values=lambda motion: motion.wheel_momenta,
+        lesser=lambda motion: motion.resting_momenta,
+        given=lambda craft: craft.wheel_array and craft.wheel_array.momentum,
+    ),
 )
 """All that can be limited, in the order of a report."""
 
@@ -263,8 +258,8 @@ class Limit:
 
     Attributes:
         quantity: what is limited.
-        owners: (c,) of each component the body axis, the joint, or for angles the terminal, by name; of a
-            length "length".
+        owners: (c,) of each component the body axis, the joint, the wheel or pair of wheels, or for angles
+            the terminal, by name; of a length "length".
         bound: (c,) positive, in SI units.
         centre: (c,) in SI units; None for zero.
     """
@@ -282,11 +277,20 @@ class Limit:
             values = values - xp.asarray(self.centre).reshape(shape)
         return xp.abs(values) / bound.reshape(shape)
 
+    def time_factors(self, motion: Kinematics) -> AnyArray:
+        """Factors (c, ...) on the time of a motion from which on each component keeps the limit."""
+        lesser, power = self.quantity.lesser, self.quantity.power
+        if lesser is None:
+            return time_factor(self.shares(motion), power)
+        _, values, slow, bound = arrays(self.quantity.values(motion), lesser(motion), self.bound)
+        bound = bound.reshape(-1, *[1] * (values.ndim - 1))
+        return time_factor((values - slow) / bound, power, slow / bound)
+
     @property
     def names(self) -> tuple[str, ...]:
         """(c,) of the components, such as "platform rate x" or "terminal-1 yaw rate"."""
         word = self.quantity.word
-        if self.quantity.of_joints:
+        if self.quantity.of_joints or self.quantity.of_wheels:
             return tuple(f"{owner} {word}" for owner in self.owners)
         return tuple(f"platform {word} {owner}" for owner in self.owners)
 
@@ -317,6 +321,8 @@ def limits(craft: Spacecraft) -> tuple[Limit, ...]:
 
 def _owners(quantity: Quantity, craft: Spacecraft) -> tuple[str, ...]:
     """Names (c,) of what each component is of, see `Limit`; empty where the spacecraft has no such joint."""
+    if quantity.of_wheels:
+        return row_names(craft.wheels, craft.allocation)
     if not quantity.of_joints:
         return _LENGTH if quantity.of_length else _AXES
     if quantity.power:
@@ -354,32 +360,60 @@ def longest(craft: Spacecraft, power: int) -> AnyArray:
 
 
 def values(names: Iterable[str], motion: Kinematics) -> AnyArray:
-    """Components of quantities by name, one after the other.
+    """Components of quantities by name, one after the other, and then their lesser parts.
 
     Args:
         names: of the platform's.
         motion: with all that they need.
 
     Returns:
-        (C, ...) in SI units.
+        (C + E, ...) in SI units: C components, and the lesser parts of the E among them that have one, which
+        are the last.
     """
-    found = [_BY_NAME[name].values(motion) for name in names]
+    own = [_BY_NAME[name] for name in names]
+    found = [quantity.values(motion) for quantity in own]
+    found += [quantity.lesser(motion) for quantity in own if quantity.lesser is not None]
     return array_module(*found).concatenate(found)
 
 
-def components(names: Iterable[str]) -> list[slice]:
-    """For each of the platform's quantities, the slice of its components among those of `values`."""
+def components(names: Iterable[str], rows: int = 0) -> list[slice]:
+    """For each of the platform's quantities, the slice of its components among those of `values`.
+
+    Args:
+        names: of the quantities.
+        rows: of the array of wheels.
+    """
     found, first = [], 0
     for name in names:
-        last = first + (1 if _BY_NAME[name].of_length else 3)
+        last = first + _size(name, rows)
         found.append(slice(first, last))
         first = last
     return found
 
 
-def are_lengths(names: Iterable[str]) -> np.ndarray:
+def lesser_components(names: Iterable[str], rows: int) -> list[slice | None]:
+    """Likewise the slices of their lesser parts; None for a quantity without."""
+    given = list(names)
+    first = sum(_size(name, rows) for name in given)
+    found: list[slice | None] = []
+    for name in given:
+        has = _BY_NAME[name].lesser is not None
+        found.append(slice(first, first + rows) if has else None)
+        first += rows * has
+    return found
+
+
+def are_lengths(names: Iterable[str], rows: int = 0) -> np.ndarray:
     """(C,) which components of the platform's quantities, as `values` has them, are lengths of vectors."""
-    return np.concatenate([[True] if _BY_NAME[name].of_length else [False] * 3 for name in names])
+    return np.concatenate([[_BY_NAME[name].of_length] * _size(name, rows) for name in names])
+
+
+def _size(name: str, rows: int) -> int:
+    """Number of components of one of the platform's quantities, with so many rows of wheels."""
+    quantity = _BY_NAME[name]
+    if quantity.of_wheels:
+        return rows
+    return 1 if quantity.of_length else 3
 
 
 def highest_derivative(names: Iterable[str]) -> int:
@@ -387,16 +421,41 @@ def highest_derivative(names: Iterable[str]) -> int:
     return max(_BY_NAME[name].power for name in names)
 
 
-def time_factor(share: ArrayLike, power: int | np.ndarray) -> AnyArray:
+def time_factor(share: ArrayLike, power: int | np.ndarray, lesser: ArrayLike | None = None) -> AnyArray:
     """How many times as long a motion has to take for a share of a limit to become one.
 
     Args:
-        share: (...) magnitude over limit, of a quantity whose power is above zero.
-        power: its power, 1 or more.
+        share: (...) magnitude over limit, of a quantity whose power is above zero; beside a lesser part with
+            its sign.
+        power: its power, 1 or more; 1 or 2 beside a lesser part.
+        lesser: (...) likewise, what is to be added and falls by one power less; None for nothing.
 
     Returns:
         ``share ** (1 / power)``; at zero, where a root has no derivative, the derivative is taken as zero.
+        With a lesser part the least factor from which on the sum stays within the limit, whatever it is in
+        less time; infinite where there is none.
     """
+    if lesser is not None:
+        return _time_root(share, power, lesser)
     xp, given = arrays(share)
     zero = given == 0
     return xp.where(zero, 0, xp.where(zero, 1, given) ** (1 / power))
+
+
+def _time_root(share: ArrayLike, power: int | np.ndarray, lesser: ArrayLike) -> AnyArray:
+    """The least ``s`` from which on ``|share / s^p + lesser / s^(p - 1)| <= 1``, with ``p`` the power."""
+    xp, a, b = arrays(share, lesser)
+    if power == 1:
+        room = 1 - xp.where(a < 0, -b, b)
+        open_ = room > 0
+        found = xp.where(open_, xp.abs(a) / xp.where(open_, room, 1), xp.where(a == 0, 0, xp.inf))
+        return xp.where(xp.abs(b) > _FULL, xp.inf, xp.where(xp.isnan(a + b), xp.nan, found))
+    found = xp.where(xp.isnan(a + b), xp.nan, 0 * a)
+    for sign in (1, -1):  # the larger root of s^2 - sign b s - sign a
+        square = b * b + 4 * sign * a
+        real = square > 0
+        size, along = xp.sqrt(xp.where(real, square, 1)), sign * b
+        back = xp.where(along < 0, size - along, 1)  # so that no digits cancel
+        root = xp.where(along < 0, 2 * sign * a / back, (along + size) / 2)
+        found = xp.where(real & (root > found), root, found)
+    return found

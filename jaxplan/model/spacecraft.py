@@ -16,6 +16,7 @@ from jaxplan.geometry.vectors import AnyArray, arrays
 from jaxplan.model.devices import Drive, Instrument, Terminal
 from jaxplan.model.gimbals import Gimbals, angles_toward, stacked
 from jaxplan.model.keys import key, keyed
+from jaxplan.model.wheels import ALLOCATIONS, PSEUDO_INVERSE, Wheel, WheelArray, wheel_array
 from jaxplan.runtime.arguments import expect_numbers
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
@@ -36,6 +37,8 @@ EachAxis: TypeAlias = float | np.ndarray
     "inertia kg m^2",
     "torque_limit N m",
     "wheel_momentum_limit N m s",
+    "wheels",
+    "allocation",
 )
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,8 +54,11 @@ class Spacecraft:
         acceleration_norm_limit: of the length of that, rad/s^2; None for no bound.
         jerk_limit: of its second derivative, rad/s^3; None for no bound.
         inertia: (3, 3) kg m^2 in body axes; None where torque does not matter.
-        torque_limit: of the torque, N m; None for no bound.
+        torque_limit: of the torque ``J omega' + omega x J omega``, which thrusters give, N m; None for no
+            bound.
         wheel_momentum_limit: of the angular momentum ``J omega``, N m s; None for no bound.
+        wheels: three or more reaction wheels, which then give all torque; none where that is not modelled.
+        allocation: how the wheels share out torque and momentum, one of `jaxplan.model.wheels.ALLOCATIONS`.
         terminals: devices with two joints.
         drives: devices with one.
         instruments: devices without.
@@ -84,6 +90,14 @@ class Spacecraft:
     )
     wheel_momentum_limit: EachAxis | None = keyed(
         None, "wheel_momentum_limit_nms", "per body axis; needs the inertia", "[1e-12, 1e12]", kind="per axis"
+    )
+    wheels: tuple[Wheel, ...] = keyed((), "wheel", "reaction wheels, three or more; they need the inertia")
+    allocation: str = keyed(
+        PSEUDO_INVERSE,
+        "allocation",
+        "how wheels share out torque and momentum",
+        options=ALLOCATIONS,
+        static=True,
     )
     terminals: tuple[Terminal, ...] = keyed((), "terminal", "devices with a yaw and a pitch joint")
     drives: tuple[Drive, ...] = keyed((), "drive", "devices that turn about one axis")
@@ -144,6 +158,12 @@ class Spacecraft:
         """
         rows = [own[axis] for axis in range(2) for own in of_terminals]
         return stacked(rows + [getattr(drive, of_drives) for drive in self.drives])
+
+    @property
+    @made_once
+    def wheel_array(self) -> WheelArray | None:
+        """The rows that limit the wheels; None without wheels."""
+        return wheel_array(self.wheels, self.allocation) if self.wheels else None
 
     @property
     @made_once

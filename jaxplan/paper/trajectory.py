@@ -187,7 +187,7 @@ class PaperAttempt:
     @property
     def kept(self) -> bool:
         """Whether all limits are kept."""
-        return self.peaks.stretch <= 1 and self.peaks.in_range
+        return self.peaks.kept and self.peaks.in_range
 
     @property
     def calm(self) -> bool:
@@ -229,10 +229,10 @@ class _Strategy:
     def _timed(self, problems: dict[int, PaperProblem], durations: dict[int, float]) -> dict[int, Fit]:
         """The fits in given durations, s; one that breaks limits says which duration would do."""
         attempts = self._best_at(problems, durations)
-        good = {n: own for n, own in attempts.items() if own is not None and own.peaks.stretch <= 1}
+        good = {n: own for n, own in attempts.items() if own is not None and own.peaks.kept}
         left = {n: problem for n, problem in problems.items() if n not in good}
         first = {
-            n: durations[n] * (2 if (own := attempts[n]) is None else _LONGER * own.peaks.stretch)
+            n: durations[n] * (2 if (own := attempts[n]) is None else _LONGER * _finite(own.peaks.stretch))
             for n in left
         }
         needed = self._needed_durations(left, first)
@@ -263,8 +263,8 @@ class _Strategy:
         durations = {n: durations[n] for n in problems}
         for look in range(_LOOKS):
             for n, own in self._best_at({n: problems[n] for n in durations}, durations).items():
-                stretch = 2.0 if own is None else own.peaks.stretch
-                if stretch <= 1:
+                stretch = 2.0 if own is None else _finite(own.peaks.stretch)
+                if own is not None and own.peaks.kept:
                     found[n] = durations.pop(n)
                 else:  # in ever longer steps, should it not settle
                     durations[n] *= stretch * _LONGER ** (2**look)
@@ -280,10 +280,15 @@ class _Strategy:
         best = self._climb(problems, durations, enough, limited=False)
         message = "with any number of segments a quadratic program has no solution: change trajectory.order"
         none = Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
-        return {
-            n: none if own is None else _success(own.trajectory.scaled(own.peaks.stretch * SAFETY), own)
-            for n, own in best.items()
-        }
+        fits = dict.fromkeys(best, none)
+        for n, own in best.items():
+            if own is None:
+                continue
+            if np.isinf(own.peaks.stretch):  # of wheels, which a slower motion fills as much
+                fits[n] = _failure(problems[n], durations[n], own, None)
+            else:
+                fits[n] = _success(own.trajectory.scaled(own.peaks.stretch * SAFETY), own)
+        return fits
 
     def _climb(
         self,
@@ -337,12 +342,17 @@ class _Strategy:
             peaks = all_peaks([(curve, problems[n].spacecraft) for n, curve in curves.items()])
         found: dict[int, PaperAttempt | None] = dict.fromkeys(counts)
         for (n, curve), own in zip(curves.items(), peaks, strict=True):
-            if np.isfinite(own.stretch):
+            if own.sound:
                 request = requests[n]
                 found[n] = PaperAttempt(
                     trajectory=curve, peaks=own, nodes=request.nodes, limits=request.limits
                 )
         return found
+
+
+def _finite(stretch: float) -> float:
+    """A factor on time to try: 2 where none is known to be enough."""
+    return stretch if np.isfinite(stretch) else 2.0
 
 
 def _success(trajectory: Trajectory, attempt: PaperAttempt) -> Fit:

@@ -77,11 +77,12 @@ def _kind(scenario: Scenario) -> Hashable:
     """A key that is equal for scenarios that need the same kernels, except where sizes are unusual."""
     craft, rows, fit = scenario.spacecraft, scenario.constraints, scenario.trajectory
     single, (loads, _) = int(np.sum(rows.single)), timed_limits(craft)
+    wheels = 0 if craft.wheel_array is None else len(craft.wheel_array.rows)
     return (
         len(craft.terminals), len(craft.drives), len(craft.instruments),
         rows.bound.shape, single, rows.inner, rows.nested,
         scenario.search.method, fit.method, fit.duration if isinstance(fit.duration, str) else "given",
-        tuple(limit.quantity.name for limit in loads), moves(scenario),
+        tuple(limit.quantity.name for limit in loads), len(craft.wheels), wheels, moves(scenario),
     )  # fmt: skip
 
 

@@ -15,8 +15,10 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from jaxplan.model.limits import QUANTITIES, Kinematics, Quantity, timed_limits
+from jaxplan.model.kinematics import Kinematics
+from jaxplan.model.limits import QUANTITIES, Quantity, timed_limits
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.wheels import row_names
 from jaxplan.planner import Plan
 from jaxplan.plotting.style import (
     AXIS_STYLES,
@@ -38,6 +40,7 @@ from jaxplan.plotting.style import (
     panels,
     time_axis,
 )
+from jaxplan.trajectory import total_momentum
 
 _LONG = 10  # letters of a label's last word, beyond which the unit goes to a line of its own
 _FAR = 4.0  # multiple of the highest value of a plan beyond which a limit is written and not drawn
@@ -124,8 +127,15 @@ def _joint_panel(craft: Spacecraft, values: Kinematics, power: int, kind: Joints
 
 
 def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -> Panel:
-    """The panel of a quantity: its components along the body axes and, where that is limited, its norm."""
+    """The panel of a quantity: its components along the body axes and, where that is limited, its norm.
+
+    Of wheels there is a curve for each row of the array.
+    """
     given = quantity.given(craft)
+    if quantity.of_wheels:
+        curves = quantity.values(values)
+        styles = [device_style(number) for number in range(len(curves))]
+        return Panel(quantity, quantity.caption, curves, both_sides(np.asarray(given)), styles)
     curves, bounds = quantity.values(values), np.full(3, np.inf if given is None else given)
     length = _limited_length(craft, quantity)
     if length is None:
@@ -248,12 +258,13 @@ def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]
 
 
 def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Draw torque, angular momentum and jerk of the platform over time, with limits.
+    """Draw torque, angular momentum and jerk of the platform over time, and what wheels give and hold.
 
     Args:
         plan: with a trajectory.
-        ax: an axes for each of torque, momentum and jerk that the spacecraft limits, from top to bottom; a
-            figure to put them in; None for a new one. If it limits none, torque and momentum are shown.
+        ax: an axes for each of torque, momentum and jerk that the spacecraft limits, and for torques and
+            momenta of its wheels, from top to bottom; a figure to put them in; None for a new one. If it
+            limits none, torque and momentum are shown.
         legend: whether to name curves beside the upper panel.
 
     Returns:
@@ -265,15 +276,23 @@ def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
             or another number of axes is given.
     """
     moves, craft = motion(plan), plan.scenario.spacecraft
-    shown = limited_loads(craft) or [q for q in QUANTITIES if q.by_inertia and craft.inertia is not None]
+    shown = limited_loads(craft) or [
+        q for q in QUANTITIES if q.by_inertia and not q.of_wheels and craft.inertia is not None
+    ]
     if not shown:
         raise ValueError(
             f"the spacecraft of {plan.scenario.name!r} has neither an inertia nor a limit of its jerk, "
             "so there is no torque to draw; give it spacecraft.inertia_kg_m2 or spacecraft.jerk_limit_deg_s3"
         )
-    values = moves.values.kinematics(craft)
-    group = [_platform_panel(craft, values, quantity) for quantity in shown]
-    return _figure(plan, ax, [(AXIS_ENTRIES, group)], moves, legend)
+    total = None if plan.trajectory is None else total_momentum(plan.trajectory, craft)
+    values = moves.values.kinematics(craft, total)
+    own, of_wheels = (
+        [_platform_panel(craft, values, quantity) for quantity in shown if quantity.of_wheels == wheels]
+        for wheels in (False, True)
+    )
+    entries = device_entries(row_names(craft.wheels, craft.allocation)) if of_wheels else []
+    groups = [(AXIS_ENTRIES, own), (entries, of_wheels)]
+    return _figure(plan, ax, [(names, group) for names, group in groups if group], moves, legend)
 
 
 def limited_loads(craft: Spacecraft) -> list[Quantity]:

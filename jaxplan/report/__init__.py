@@ -67,7 +67,7 @@ _CAPTIONS = {
     "angles": "Angles of the joints, with their limits.",
     "rates": "Angular velocity of the platform in body axes, and rates of the joints.",
     "accelerations": "Angular acceleration of the platform in body axes, and accelerations of the joints.",
-    "torque": "What the actuators must give, in body axes, with their limits.",
+    "torque": "What the actuators must give, in body axes or wheel by wheel, with their limits.",
 }
 
 

@@ -21,6 +21,7 @@ from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.limits import limits
 from jaxplan.model.scenario import Scenario, paths
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.wheels import PSEUDO_INVERSE
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Mask, Zone
 from jaxplan.planner import Plan
 from jaxplan.report.markup import NONE, Markup, degrees, facts, join, number, share, table, tag
@@ -34,6 +35,15 @@ def spacecraft_tables(craft: Spacecraft) -> Markup:
     """Tables of the platform's limits, and of the devices with theirs."""
     parts = [facts(_platform(craft), "Platform, limits of each body axis")]
     frames = craft.gimbals.frames
+    if craft.wheels:
+        rows = [
+            [one.name, *_direction(one.axis), *(f"{x:.6g}" for x in (one.torque, one.momentum, one.stored))]
+            for one in craft.wheels
+        ]
+        titles = ["Wheel", *(f"Axis {angle}" for angle in _AIM_AT), "Torque|N m", "Momentum|N m s"]
+        allocated = "by the pseudo-inverse" if craft.allocation == PSEUDO_INVERSE else "by their envelope"
+        caption = f"Reaction wheels, axes in body axes; allocation {allocated}"
+        parts.append(table([*titles, "Stored at the start|N m s"], rows, caption))
     if craft.terminals:
         rows = [
             [one.name, *_direction(frame[:, 0]), *_direction(frame[:, 2])]
@@ -76,7 +86,7 @@ def _platform(craft: Spacecraft) -> list[tuple[str, str]]:
     rows = [
         (limit.quantity.label, f"{_span(limit.quantity.in_unit(limit.bound))} {limit.quantity.printed_unit}")
         for limit in limits(craft)
-        if not limit.quantity.of_joints
+        if not (limit.quantity.of_joints or limit.quantity.of_wheels)
     ]
     if craft.inertia is not None:
         rows.append(("Moments of inertia", f"{_list(np.diagonal(craft.inertia), 4)} kg m\N{SUPERSCRIPT TWO}"))

@@ -13,6 +13,7 @@ from jaxplan.model.devices import NEAREST_TO_POLE
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.sameness import same
 from jaxplan.model.scenario import MINIMUM, STRETCHED, Scenario
+from jaxplan.model.wheels import FLAT, PSEUDO_INVERSE
 from jaxplan.schema.arrays import PerAxis
 from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.kinds import NUMBER, shortest_degrees
@@ -119,12 +120,52 @@ def check_drive(drive: Any, place: Place) -> None:
         )
 
 
+def check_wheel(wheel: Any, place: Place) -> None:
+    """Note a fault if a wheel holds more at the start than it can."""
+    stored, most = wheel.stored, wheel.momentum
+    if WRONG not in (stored, most) and abs(stored) > most:
+        place["stored_nms"].fault(f"must be at most {place['momentum_nms'].told(most)} either way", stored)
+
+
+def _check_wheels(craft: Any, place: Place) -> None:
+    """Note wheels that are too few, in one plane, of one name, or beside limits that are not theirs."""
+    wheels, here = craft.wheels, place["wheel"]
+    if wheels is WRONG:
+        return
+    if not wheels:
+        if craft.allocation not in (WRONG, PSEUDO_INVERSE):
+            reason = f"is how wheels share out torque, and there is no {here.path}"
+            place["allocation"].fault(reason, craft.allocation)
+        return
+    check_unique(placed(wheels, here))
+    axes = [wheel.axis for wheel in wheels if wheel is not WRONG]
+    if len(wheels) < 3:
+        here.fault(f"{len(wheels)} of them, must be three or more, so that they turn the body about any axis")
+    elif len(axes) == len(wheels) and not any(axis is WRONG for axis in axes):
+        sizes = np.linalg.svd(np.array(axes), compute_uv=False)
+        if not sizes[-1] >= FLAT:
+            here.fault("their axes must not lie in one plane, across which they give no torque")
+    if craft.inertia is None:
+        here.fault(f"needs {place['inertia_kg_m2'].path}")
+    for key, limit in (
+        ("torque_limit_nm", craft.torque_limit),
+        ("wheel_momentum_limit_nms", craft.wheel_momentum_limit),
+    ):
+        if limit is not None and limit is not WRONG:
+            own = "torque_nm" if key == "torque_limit_nm" else "momentum_nms"
+            place[key].fault(
+                f"cannot stand beside {here.path}, where each wheel has its {own}: it is for thrusters, or "
+                "for wheels along the body axes that hold nothing at the start"
+            )
+
+
 def check_spacecraft(craft: Any, place: Place) -> None:
-    """Note devices of one name, and limits of torque and momentum without an inertia.
+    """Note devices of one name, what is wrong about wheels, and limits of torque without an inertia.
 
     What start, goal and zones refer to is kept in ``place.reading``: names, numbers and ranges of devices.
     """
     reading = place.reading
+    _check_wheels(craft, place)
     check_unique([row for key, name in _DEVICES.items() for row in placed(getattr(craft, name), place[key])])
     names = {key: _names(getattr(craft, name)) for key, name in _DEVICES.items()}
     terminals, drives, others = names["terminal"], names["drive"], reading.terminals

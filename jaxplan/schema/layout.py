@@ -14,8 +14,9 @@ from jaxplan.model.goals import GivenState
 from jaxplan.model.outlines import FORWARD
 from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.wheels import Wheel
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
-from jaxplan.schema.checks import check_drive, check_mount, check_spacecraft, check_terminal
+from jaxplan.schema.checks import check_drive, check_mount, check_spacecraft, check_terminal, check_wheel
 from jaxplan.schema.declared import declared
 from jaxplan.schema.directions import PATH, path_of
 from jaxplan.schema.faults import WRONG, Place
@@ -39,6 +40,7 @@ MOUNT = declared(Mount, check=check_mount)
 TERMINAL = declared(Terminal, check=_check_terminal)
 DRIVE = declared(Drive, check=check_drive)
 INSTRUMENT = declared(Instrument, check=check_field)
+WHEEL = declared(Wheel, check=check_wheel)
 SPACECRAFT = declared(Spacecraft, check=check_spacecraft)
 VECTOR = declared(FixedVector)
 SEARCH = declared(SearchSettings)

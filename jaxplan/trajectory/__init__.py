@@ -6,7 +6,7 @@ from typing import Any
 
 from jaxplan.runtime.batching import Seconds, grouped
 from jaxplan.runtime.workers import one_thread
-from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
+from jaxplan.trajectory.curve import Samples, Trajectory, evaluate, total_momentum
 from jaxplan.trajectory.fit import NEAR_THE_BOUND, Fit, FitQuery
 from jaxplan.trajectory.kernels import kernel_tasks
 
@@ -40,6 +40,7 @@ __all__ = [
     "evaluate",
     "fit_batch",
     "kernel_tasks",
+    "total_momentum",
 ]
 
 

@@ -105,6 +105,14 @@ class LinearBlock:
         """Whether a step may break any of a curve's rows, (G,) bool: always."""
         return np.ones(len(self.coefficients), dtype=bool)
 
+    def time(self, index: Index) -> np.ndarray:
+        """Derivatives (R,) of the rows of these indices in the logarithm of the duration."""
+        return np.full(len(index[0]), -float(self.power))
+
+    def relief(self, which: np.ndarray, stretch: np.ndarray) -> np.ndarray:
+        """By how much relative changes (g,) of the durations of some curves (g,) add to their slack."""
+        return (self.power * stretch).reshape(-1, *[1] * (self.slack.ndim - 1))
+
     def change(self, which: np.ndarray, coefficients: np.ndarray, _: np.ndarray) -> np.ndarray:
         """By how much a step of some curves lessens their slack, (g, ...), the duration staying as it is.
 
@@ -142,6 +150,8 @@ class LoadBlock:
         own: its components among those of all loads, c of them.
         at: the curves.
         scale: (G, c) 1 / (limit * duration^power).
+        lesser: where its lesser parts are among all loads, which fall by one power less, and what their scale
+            (G, c) is beyond `scale`, which is that of the whole; None without.
     """
 
     name: str
@@ -149,6 +159,7 @@ class LoadBlock:
     own: slice
     at: Iterates
     scale: np.ndarray
+    lesser: tuple[slice, np.ndarray] | None = None
     kind = LIMIT
     tolerance = _NEAR_SHARE
     linear = False
@@ -156,7 +167,32 @@ class LoadBlock:
     @cached_property
     def slack(self) -> np.ndarray:
         """(G, S, 2, c) shares of the limit, for a load and its negative."""
-        return 1 - SIGNS[:, None] * (self.at.loads[:, :, self.own] * self.scale[:, None])[:, :, None]
+        shares = self.at.loads[:, :, self.own] * self.scale[:, None]
+        if self.lesser is not None:
+            part, scale = self.lesser
+            shares = shares + self.at.loads[:, :, part] * scale[:, None]
+        return 1 - SIGNS[:, None] * shares[:, :, None]
+
+    @cached_property
+    def _falls(self) -> np.ndarray | None:
+        """(G, S, 2, c) by how much shares fall with the logarithm of the duration; None for their power's."""
+        if self.lesser is None:
+            return None
+        part, scale = self.lesser
+        slow = self.at.loads[:, :, part] * (scale + self.scale)[:, None]
+        return self.power * (1 - self.slack) - SIGNS[:, None] * slow[:, :, None]
+
+    def time(self, index: Index) -> np.ndarray:
+        """Derivatives (R,) of the rows of these indices in the logarithm of the duration."""
+        if self._falls is None:
+            return np.full(len(index[0]), -float(self.power))
+        return np.asarray(-self._falls[index])
+
+    def relief(self, which: np.ndarray, stretch: np.ndarray) -> np.ndarray:
+        """By how much relative changes (g,) of the durations of some curves (g,) add to their slack."""
+        if self._falls is None:
+            return (self.power * stretch).reshape(-1, 1, 1, 1)
+        return np.asarray(taken(self._falls, which) * stretch[:, None, None, None])
 
     @cached_property
     def may_bind(self) -> np.ndarray:
@@ -165,7 +201,12 @@ class LoadBlock:
 
     def _local(self, curve: int) -> np.ndarray:
         """Derivatives (S, c, 4, 3) of the load over its limit in ``b`` and its derivatives, of one curve."""
-        return load_slopes(self.at, curve)[:, self.own] * self.scale[curve, :, None, None]
+        slopes = load_slopes(self.at, curve)
+        found = slopes[:, self.own] * self.scale[curve, :, None, None]
+        if self.lesser is not None:
+            part, scale = self.lesser
+            found = found + slopes[:, part] * scale[curve, :, None, None]
+        return found
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
         """By how much a step lessens the slack of every row, see `LinearBlock.change`."""
@@ -213,6 +254,14 @@ class MarginBlock:
     def may_bind(self) -> np.ndarray:
         """(G,) whether a step may take a curve to a row's bound."""
         return np.any(np.isfinite(self.slack), axis=(1, 2, 3))
+
+    def time(self, index: Index) -> np.ndarray:
+        """Derivatives (R,) of the rows of these indices in the logarithm of the duration: zero."""
+        return np.full(len(index[0]), -float(self.power))
+
+    def relief(self, which: np.ndarray, stretch: np.ndarray) -> np.ndarray:
+        """By how much relative changes (g,) of the durations of some curves (g,) add to their slack: zero."""
+        return np.zeros((len(which), 1, 1, 1))
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
         """By how much a step lessens slacks, zero where they surely stay large; see `LinearBlock.change`."""
@@ -267,10 +316,12 @@ def constraint_blocks(at: Iterates) -> Iterator[ConstraintBlock]:
         scale = 1 / (stack.joint_limits[:, number] * at.duration[:, None] ** power)
         matrix = stacked([own[power] for own in differences])
         yield LinearBlock(name=name, power=power, coefficients=c, matrix=matrix, scale=scale)
-    for own, limit in zip(kind.problem.components, kind.problem.limits if kind.limited else (), strict=False):
+    loads = zip(kind.problem.components, kind.problem.lesser, kind.problem.limits, strict=True)
+    for own, lesser, limit in loads if kind.limited else ():
         name, power = limit.quantity.name, limit.quantity.power
         scale = 1 / (stack.limits[:, own] * at.duration[:, None] ** power)
-        yield LoadBlock(name=name, power=power, own=own, at=at, scale=scale)
+        more = None if lesser is None else (lesser, scale * at.duration[:, None] - scale)
+        yield LoadBlock(name=name, power=power, own=own, at=at, scale=scale, lesser=more)
     if stack.tube_rows.shape[1]:
         rows, centre, scale = stack.tube_rows, stack.tube_values, 1 / stack.tube_radius
         yield LinearBlock(name="tube", kind=TUBE, coefficients=c, matrix=rows, scale=scale, centre=centre)

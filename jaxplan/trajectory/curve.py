@@ -28,7 +28,7 @@ from jax.typing import ArrayLike
 from jaxplan import so3
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, components
-from jaxplan.model.limits import Kinematics
+from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.arguments import floats
 from jaxplan.runtime.display import shown
@@ -185,11 +185,13 @@ class Samples:
         rolled: np.ndarray = scalar_first[..., [1, 2, 3, 0]]
         return rolled
 
-    def kinematics(self, craft: Spacecraft) -> Kinematics:
+    def kinematics(self, craft: Spacecraft, total: AnyArray | None = None) -> Kinematics:
         """The angular velocities, joint rates and so on from which limited quantities are computed.
 
         Args:
-            craft: gives the inertia and the number of drives.
+            craft: gives the inertia, the wheels and the number of drives.
+            total: (3,) N m s, total momentum in inertial axes, see `total_momentum`; None where no quantity
+                of wheels is asked for.
         """
         spin = (self.angular_velocity, self.angular_acceleration, self.angular_jerk)
         joints = (self.joints, self.joint_rates, self.joint_accelerations)
@@ -198,6 +200,8 @@ class Samples:
             joints=[components(vector) for vector in joints],
             drives=len(craft.drives),
             inertia=craft.inertia,
+            total=None if total is None else components(self.attitude.swapaxes(-1, -2) @ total),
+            array=None if total is None else craft.wheel_array,
         )
 
 
@@ -319,6 +323,21 @@ def evaluate(trajectory: Trajectory, t: ArrayLike) -> Samples:
     on = _begun(trajectory.breaks[:-1], times)
     on_joints = _begun(trajectory.joint_breaks[:-1], joint_times)
     return _samples(jax.tree.map(jnp.asarray, trajectory), on, on_joints, times, joint_times)
+
+
+def total_momentum(trajectory: Trajectory, craft: Spacecraft) -> AnyArray | None:
+    """Total momentum ``H`` of platform and wheels on a trajectory, (3,) N m s in inertial axes.
+
+    It stays that of the start: ``R_0 (J omega_0 + h_0)``, with numpy or JAX; None without wheels.
+    """
+    array = craft.wheel_array
+    if array is None:
+        return None
+    pieces = trajectory.platform_pieces
+    first = Piece(**{each.name: getattr(pieces, each.name)[0] for each in fields(Piece)})
+    attitude, velocity, *_ = platform(first, first.start)
+    _, inertia, velocity, stored = arrays(craft.inertia, velocity, array.stored)
+    return attitude @ (inertia @ velocity + stored)
 
 
 def _begun(starts: ArrayLike, t: Array) -> Array:

@@ -23,13 +23,14 @@ from jax.typing import ArrayLike
 from jaxplan import so3
 from jaxplan.geometry.vectors import length
 from jaxplan.model.constraints import Constraints, state_margins
-from jaxplan.model.limits import timed_limits
+from jaxplan.model.limits import lesser_components, timed_limits
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.implicit import Equations, implicit_root
 from jaxplan.trajectory import schedule
 from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.kernels import Body
 from jaxplan.trajectory.measures import to_limits
 from jaxplan.trajectory.optimality import ActiveSet, FitInputs, Traced, curve_of, flat, matrix, residual
 from jaxplan.trajectory.problem import tube_radius, wanted_margins
@@ -80,6 +81,14 @@ def gather_inputs(
     number = jnp.arange(len(held.zones.on))
     axes = jnp.asarray(cones.axes(held.zones.place * duration))[number, held.zones.zone]
     halves = so3.exp(held.zones.place[:, None] * turn / 2)
+    names = tuple(limit.quantity.name for limit in platform)
+    slow = [limit for limit in platform if limit.quantity.lesser is not None]
+    rows = max((len(limit.owners) for limit in slow), default=0)
+    lesser = tuple(
+        -1 if part is None else part.start + number
+        for limit, part in zip(platform, lesser_components(names, rows), strict=True)
+        for number in range(len(limit.owners))
+    )
     inputs = FitInputs(
         attitude=first,
         turn=turn,
@@ -94,12 +103,13 @@ def gather_inputs(
         wanted=wanted_margins(cones, left),
         axes=jnp.einsum("ra,ab,rbc->rc", axes, first, halves),
         halves=halves,
-        inertia=jnp.eye(3) if craft.inertia is None else jnp.asarray(craft.inertia),
+        body=Body.of(craft, jnp.asarray(rates)[0, :3]),
         duration=duration,
         cones=cones,
         sights=sights,
         load_powers=tuple(limit.quantity.power for limit in platform for _ in limit.owners),
-        names=tuple(limit.quantity.name for limit in platform),
+        lesser=lesser,
+        names=names,
     )
     return held, inputs
 

@@ -278,6 +278,12 @@ def too_tight(duration: float, peaks: Peaks, needed: str | None, else_try: str) 
         else_try: the words on what to change where that is None.
     """
     name, ratio = peaks.names[peaks.binding], peaks.ratios[peaks.binding]
+    if np.isinf(peaks.stretch):
+        return (
+            f"turned about slowly, what the wheels hold would take {name} beyond its limit, so that slowing "
+            "down does not help: lower spacecraft.wheel.stored_nms, raise momentum_nms, or change the goal "
+            '(only trajectory.duration_s = "minimum" looks for other ways round)'
+        )
     excess = f"in {duration:g} s {name} would reach {ratio:.4g} times its limit"
     if needed is None:
         return f"{excess}, and no longer trajectory.duration_s was found that keeps all limits: {else_try}"

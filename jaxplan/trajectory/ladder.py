@@ -77,18 +77,27 @@ class Attempt:
 
     @property
     def sound(self) -> bool:
-        """Whether zones, joint ranges and the tube are kept, whatever rates and loads are."""
-        return self.clear and self.peaks.in_range and self.in_tube
+        """Whether zones, joint ranges and the tube are kept, and slowing down mends rates and loads."""
+        return self.clear and self.peaks.in_range and self.in_tube and self.possible
+
+    @property
+    def possible(self) -> bool:
+        """Whether all limits of rates and loads are kept, or would be in some longer time."""
+        return self.peaks.kept or bool(np.isfinite(self.peaks.stretch))
 
     @property
     def kept(self) -> bool:
         """Whether all limits of rates, loads and joint ranges are kept."""
-        return self.peaks.stretch <= 1 and self.peaks.in_range
+        return self.peaks.kept and self.peaks.in_range
 
     @property
     def needed(self) -> float:
-        """Duration at which the same motion, uniformly scaled in time, just keeps all limits, s."""
-        return self.trajectory.duration * self.peaks.stretch
+        """Duration from which on the same motion, uniformly scaled in time, keeps all limits, s.
+
+        Its own where slowing down does not help.
+        """
+        stretch = self.peaks.stretch
+        return self.trajectory.duration * (stretch if np.isfinite(stretch) else 1.0)
 
     @property
     def too_deep(self) -> bool:
@@ -98,7 +107,7 @@ class Attempt:
     @property
     def merit(self) -> tuple[bool, bool, bool, float]:
         """Key by which attempts are compared: the larger, the better."""
-        stretch = self.peaks.stretch
+        stretch = min(self.peaks.stretch, 1.0) if self.peaks.kept else self.peaks.stretch
         inside, nearly = self.clear and self.peaks.in_range, stretch <= _NEARLY
         return inside, nearly, self.in_tube, -stretch
 
@@ -152,7 +161,7 @@ def finished(made: Sequence[tuple[DiscreteProblem, SQPSolution]]) -> list[Attemp
     attempts = {
         number: Attempt(discrete=made[number][0], solution=made[number][1], trajectory=curve, peaks=own)
         for (number, curve), own in zip(curves.items(), peaks, strict=True)
-        if np.isfinite(own.stretch)
+        if own.sound
     }
     return [attempts.get(number) for number in range(len(made))]
 
@@ -275,7 +284,7 @@ class Ladder:
         timed = self.timing == "given"
         if last.sound and (last.kept or not timed):
             self.rungs.clear()
-        stuck = last.peaks.stretch > 1 and last.solution.steps == 0  # its first curve could not be mended
+        stuck = not last.peaks.kept and last.solution.steps == 0  # its first curve could not be mended
         if last.too_deep or (timed and (stuck or last.peaks.stretch > _HOPELESS)):
             while self.rungs and self.rungs[0][0] > 1:
                 del self.rungs[0]

@@ -21,10 +21,10 @@ from jax import Array
 
 from jaxplan.geometry.vectors import arrays
 from jaxplan.model.constraints import Constraints, constraint_margins, state_margins
-from jaxplan.model.limits import time_factor, timed_limits
+from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.jit import is_traced, quick_jit
-from jaxplan.trajectory.curve import Samples, Trajectory, evaluate
+from jaxplan.trajectory.curve import Samples, Trajectory, evaluate, total_momentum
 from jaxplan.trajectory.peaks import SAFETY
 
 Quantity = Callable[[Samples], Array]
@@ -102,29 +102,34 @@ def _along(slopes: Any, ways: Any) -> Array:
     )
 
 
-def time_factors(samples: Samples, craft: Spacecraft) -> Array:
+def time_factors(samples: Samples, craft: Spacecraft, total: Array | None = None) -> Array:
     """Factors on the duration at which the limit that a motion uses most would just be kept.
 
     Args:
         samples: at (k,) times.
         craft: its limits.
+        total: (3,) N m s, total momentum in inertial axes; None without wheels.
 
     Returns:
         (k,): magnitudes over limits, each to one over the power of the time scaling by which it falls; the
-        largest of all components of all limits. NaN where one of them is NaN.
+        largest of all components of all limits. NaN where one of them is NaN, infinite where slowing down
+        does not help.
     """
-    motion = samples.kinematics(craft)
-    factors = [
-        time_factor(limit.shares(motion), limit.quantity.power)
-        for group in timed_limits(craft)
-        for limit in group
-    ]
+    motion = samples.kinematics(craft, total)
+    factors = [limit.time_factors(motion) for group in timed_limits(craft) for limit in group]
     return _largest_of(jnp.moveaxis(jnp.concatenate(factors), 0, -1))
 
 
-def torque(samples: Samples, craft: Spacecraft) -> Array:
-    """``J omega' + omega x J omega``, (k, 3) N m in body axes."""
-    return jnp.moveaxis(jnp.asarray(samples.kinematics(craft).torque), 0, -1)
+def torque(samples: Samples, craft: Spacecraft, total: Array | None = None) -> Array:
+    """What actuators give, (k, 3) N m in body axes: ``J omega' + omega x J omega``, or that of wheels.
+
+    Args:
+        samples: at (k,) times.
+        craft: its inertia.
+        total: (3,) N m s, total momentum ``H`` of a spacecraft with wheels in inertial axes, so that it is
+            ``J omega' + omega x (R^T H)``; None without.
+    """
+    return jnp.moveaxis(jnp.asarray(samples.kinematics(craft, total).torque), 0, -1)
 
 
 def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
@@ -264,13 +269,15 @@ def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Constraints) 
 @_at_once()
 def peak_torque(trajectory: Trajectory, craft: Spacecraft) -> Array:
     """Largest component of the torque on the platform over all time, N m, body axes; it needs the inertia."""
-    return largest(trajectory, lambda samples: _largest_of(jnp.abs(torque(samples, craft))))
+    total = total_momentum(trajectory, craft)
+    return largest(trajectory, lambda samples: _largest_of(jnp.abs(torque(samples, craft, total))))
 
 
 @_at_once()
 def stretch(trajectory: Trajectory, craft: Spacecraft) -> Array:
-    """Factor on time at which the first limit is just met."""
-    return largest(trajectory, lambda samples: time_factors(samples, craft))
+    """Factor on time at which the first limit is just met; infinite where slowing down does not help."""
+    total = total_momentum(trajectory, craft)
+    return largest(trajectory, lambda samples: time_factors(samples, craft, total))
 
 
 def to_limits(trajectory: Trajectory, craft: Spacecraft) -> Trajectory:

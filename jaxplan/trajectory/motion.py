@@ -8,7 +8,7 @@ angles (rad) by which they keep these. Rates are derivatives in the place; in ti
 of the duration.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from typing import Any, TypeVar
@@ -167,10 +167,13 @@ class Stack:
             np.abs(self.tube_rows @ coefficients - self.tube_values) - self.tube_radius[:, None]
         )
         if kind.limited:
+            rooted = self.rooted_durations(at)
             needed = self.needed_durations(at)
             if kind.free_time and not (as_given or kind.problem.at_speed):
-                at = replace(at, duration=needed)
+                at = replace(at, duration=np.maximum(needed, rooted))
             broken[:, LIMIT] = np.maximum(broken[:, LIMIT], needed / at.duration - 1)
+            if kind.problem.wheel_rows:
+                broken[:, LIMIT] = np.maximum(broken[:, LIMIT], self.rooted_shares(at) - 1)
         broken[~at.finite, LIMIT] = np.inf
         return at
 
@@ -203,11 +206,15 @@ class Stack:
         return [found[number] for number in which]
 
     def needed_durations(self, at: "Iterates") -> np.ndarray:
-        """The shortest durations (G,) in which curves keep all limits of rates and loads at the places, s."""
+        """The shortest durations (G,) in which curves keep limits of rates and loads at the places, s.
+
+        Loads with a lesser part are left to `rooted_durations`.
+        """
         problem = self.members[0].problem
         shares = [
             (np.abs(at.loads[:, :, own]) / self.limits[:, None, own], limit.quantity.power)
             for own, limit in zip(problem.components, problem.limits, strict=True)
+            if limit.quantity.lesser is None
         ]
         for number, limit in enumerate(problem.joint_limits):
             power = limit.quantity.power
@@ -215,6 +222,34 @@ class Stack:
             shares.append((own, power))
         factors = [time_factor(np.max(own, axis=(1, 2)), power) for own, power in shares]
         return np.asarray(np.max(factors, axis=0))
+
+    def _rooted(self, at: "Iterates") -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
+        """Yield shares (G, S, c) of limits in 1 s less lesser parts, powers, and these, where there are."""
+        problem = self.members[0].problem
+        for own, lesser, limit in zip(problem.components, problem.lesser, problem.limits, strict=True):
+            if lesser is not None:
+                slow, bound = at.loads[:, :, lesser], self.limits[:, None, own]
+                yield (at.loads[:, :, own] - slow) / bound, limit.quantity.power, slow / bound
+
+    def rooted_durations(self, at: "Iterates") -> np.ndarray:
+        """The shortest durations (G,) from which on they keep those of loads with a lesser part, s.
+
+        Places where slowing down does not help are left out.
+        """
+        found = np.zeros(len(at.duration))
+        for share, power, lesser in self._rooted(at):
+            factors = time_factor(share, power, lesser)
+            factors[np.isinf(factors)] = 0.0
+            found = np.maximum(found, np.max(factors, axis=(1, 2)))
+        return found
+
+    def rooted_shares(self, at: "Iterates") -> np.ndarray:
+        """The largest shares (G,) of limits of loads with a lesser part, in the curves' durations."""
+        found, duration = np.zeros(len(at.duration)), at.duration[:, None, None]
+        for share, power, lesser in self._rooted(at):
+            own = np.abs(share / duration**power + lesser / duration ** (power - 1))
+            found = np.maximum(found, np.max(own, axis=(1, 2)))
+        return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -228,7 +263,7 @@ class Iterates:
         curves: (G, 4, S, A) ``b`` and joints with three derivatives in the place.
         attitude: (G, S, 3, 3) body to inertial.
         tangent: (G, S, 3, 3) ``U^T D``, which takes a change of ``b`` to a rotation vector in body axes.
-        loads: (G, S, C) of the platform, for a duration of 1 s.
+        loads: (G, S, C + E) of the platform, for a duration of 1 s; the last are lesser parts (`kernels`).
         body: (G, S, D, 3) sights in body axes.
         cosines: (G, S, D, Z) of the angles between sights and axes.
         margins: (G, S, D, Z) rad; +inf where a row does not bind a sight, and for all entries of a constraint
@@ -328,13 +363,13 @@ def _most(values: np.ndarray) -> np.ndarray:
 def _motion_kernel(discrete: DiscreteProblem) -> Kernel:
     """The kernel for attitudes, tangents and loads of one problem's curves."""
     problem, chart = discrete.problem, discrete.chart
-    return partial(motion_at, chart.attitude, chart.turn, inertia=problem.inertia, names=problem.names)
+    return partial(motion_at, chart.attitude, chart.turn, body=problem.body, names=problem.names)
 
 
 def _slopes_kernel(discrete: DiscreteProblem) -> Kernel:
     """The kernel for derivatives of the loads of one problem's curves."""
     problem = discrete.problem
-    return partial(load_slopes_at, discrete.chart.turn, inertia=problem.inertia, names=problem.names)
+    return partial(load_slopes_at, discrete.chart.turn, body=problem.body, names=problem.names)
 
 
 def _margins_along(
@@ -358,7 +393,7 @@ def _margins_along(
 
 
 def load_slopes(at: Iterates, curve: int) -> np.ndarray:
-    """(S, C, 4, 3) derivatives of a curve's loads in ``b`` and its derivatives (last axes); kept in `at`.
+    """(S, C + E, 4, 3) derivatives of a curve's loads in ``b`` and its derivatives (last axes); kept in `at`.
 
     Args:
         at: the curves.

@@ -29,7 +29,7 @@ from jaxplan.model.directions import Sights
 from jaxplan.model.scores import margins_of_scores, scores
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
-from jaxplan.trajectory.kernels import loads_at
+from jaxplan.trajectory.kernels import Body, loads_at
 from jaxplan.trajectory.sqp import ENERGY_WEIGHT
 
 _REGULARISATION = 1e-13  # of the matrix, where rows that bind depend on each other
@@ -187,11 +187,12 @@ class FitInputs:
         axes: (R, 3) axes of the rows of margins, inertial ones turned to the chart's middle between ``U``
             and ``U`` at the row's place, ``(R_a U)^T e``.
         halves: (R, 3, 3) ``U`` there.
-        inertia: (3, 3).
+        body: what turns.
         duration: s; for a shortest motion not used, as it is an unknown.
         cones: the pointing constraints.
         sights: the D directions that they bind.
         load_powers: (C,) powers of 1 / duration that the components have.
+        lesser: (C,) number of the lesser part of each, among all loads; -1 for none.
         names: (Q,) of the platform's limited quantities.
     """
 
@@ -208,11 +209,12 @@ class FitInputs:
     wanted: Traced
     axes: Traced
     halves: Traced
-    inertia: Traced
+    body: Body
     duration: Traced
     cones: Constraints
     sights: Sights
     load_powers: tuple[int, ...] = field(metadata={"static": True})
+    lesser: tuple[int, ...] = field(metadata={"static": True})
     names: tuple[str, ...] = field(metadata={"static": True})
 
 
@@ -272,6 +274,9 @@ def residual(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     parts = [pull.ravel(), jnp.where(on, values, y)]
     if held.free_time:
         shares = jnp.where(on, _powers(held, inputs) * (values + 1), 0)
+        lesser = _lesser_terms(held, inputs, c, duration)
+        if lesser is not None:
+            shares = shares.at[lesser[0]].add(-lesser[1])
         parts.append((1 + by_time - jnp.sum(y * shares))[None])
     return jnp.concatenate(parts)
 
@@ -292,6 +297,23 @@ def _powers(held: ActiveSet, inputs: FitInputs) -> Traced:
     linear = inputs.powers[held.linear.scale]
     loads = jnp.array(inputs.load_powers, float)[held.loads.component]
     return jnp.concatenate([linear, loads, jnp.zeros(len(held.zones.on))])
+
+
+def _lesser_terms(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> Any:
+    """Lesser parts of the rows of loads, by which these fall less, and their slopes in the free coefficients.
+
+    Returns:
+        The rows' slice among all, the parts (R,), zero of padding, and the slopes (R, k A); None where no
+        load has a lesser part.
+    """
+    loads, first = held.loads, len(held.linear.on)
+    if not len(loads.on) or max(inputs.lesser) < 0:
+        return None
+    local = jnp.einsum("rdn,na->rda", loads.rows, c[:, :3])
+    value = jnp.where(loads.on, _lesser_values(inputs, duration, loads, local), 0)
+    slope = jnp.einsum("rdk,rda->rka", loads.rows @ held.free, _lesser_slopes(inputs, duration, loads, local))
+    slope = jnp.pad(slope, ((0, 0), (0, 0), (0, c.shape[1] - 3))).reshape(len(value), -1)
+    return slice(first, first + len(value)), value, jnp.where(loads.on[:, None], slope, 0)
 
 
 def _linear_factors(held: ActiveSet, inputs: FitInputs, duration: Traced) -> Traced:
@@ -342,9 +364,20 @@ def _slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
 
 def _load_row(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> Traced:
     """By what share of its limit one load exceeds it, from ``b`` and its derivatives, z (4, 3)."""
-    loads = loads_at(inputs.turn, row.place, z, inputs.inertia, inputs.names)
+    loads = loads_at(inputs.turn, row.place, z, inputs.body, inputs.names)
     limit = inputs.limits * duration ** np.array(inputs.load_powers, float)
-    return row.sign * loads[row.component] / limit[row.component] - 1
+    value = row.sign * loads[row.component] / limit[row.component] - 1
+    if any(number >= 0 for number in inputs.lesser):
+        value = value + (1 - 1 / duration) * _lesser_row(inputs, duration, row, z)
+    return value
+
+
+def _lesser_row(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> Traced:
+    """The part of a load's share of its limit that falls by one power less; arguments as of `_load_row`."""
+    loads = loads_at(inputs.turn, row.place, z, inputs.body, inputs.names)
+    number = jnp.array(inputs.lesser)[row.component]
+    limit = inputs.limits * duration ** np.array([power - 1.0 for power in inputs.load_powers])
+    return jnp.where(number >= 0, row.sign * loads[number] / limit[row.component], 0)
 
 
 def _zone_row(inputs: FitInputs, row: BindingMargins, chart: tuple[Traced, Traced], z: Traced) -> Traced:
@@ -379,6 +412,7 @@ def _with_slopes(row: Callable[..., Traced], axes: Any) -> tuple[Callable[..., T
 
 
 _load_values, _load_slopes, _load_bends = _with_slopes(_load_row, (None, None, 0, 0))
+_lesser_values, _lesser_slopes, _ = _with_slopes(_lesser_row, (None, None, 0, 0))
 _zone_values, _zone_slopes, _zone_bends = _with_slopes(_zone_row, (None, 0, 0, 0))
 
 
@@ -417,5 +451,12 @@ def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     )
     beside = (free.T @ of_c).ravel() - jnp.tensordot(y * falls, jacobian, axes=1)
     corner = corner + jnp.sum(y * falls * shares)
+    lesser = _lesser_terms(held, inputs, c, duration)
+    if lesser is not None:
+        own, slow, bent = lesser
+        beside = beside + jnp.tensordot(y[own], bent, axes=1)
+        # p^2 (whole - slow) + (p - 1)^2 slow
+        corner = corner + jnp.sum(y[own] * (1 - 2 * falls[own]) * slow)
+        shares = shares.at[own].add(-slow)
     by_time = jnp.concatenate([beside, -shares, corner[None]])
     return jnp.block([[at_time, by_time[:-1, None]], [by_time[None]]])  # symmetric, as of a gradient

@@ -2,14 +2,8 @@
 
 Slowing a motion leaves its geometry as it is, and every limited quantity falls by a power of the factor on
 time (`jaxplan.model.limits`). So the shortest uniform scaling within all limits follows from the peaks of one
-curve, exactly.
-
-The peaks are maxima over continuous time. On a piece every quantity is smooth, so its interpolant on
-Chebyshev points (which include both ends, where jerks jump) is the quantity itself but for rounding. As a
-function of ``theta = arccos(x)`` it is a cosine sum without edges: every maximum over the piece is a
-stationary point, and Newton's method finds it from the maximum of a fine grid beside it. One so narrow that
-no grid maximum is beside it would be missed; the certificate, which shares nothing with this, has the last
-word.
+curve, exactly. What wheels give and hold has a lesser part, so its peaks move as the time is scaled, and are
+followed. Peaks are maxima over continuous time (`maxima`).
 
 Rates of the platform at very many points are computed by cross products in numpy: the same formulas as in
 `curve.chart_motion` (equations 25 to 29), but not differentiable. With ``E = exp(eta^)``, and
@@ -19,7 +13,9 @@ Rates of the platform at very many points are computed by cross products in nump
     omega' = U^T (v' - Omega x v / 2),  v' = w' - w x (E^T Omega) / 2.
 
 All is analytic in time, so a step of it along the imaginary axis tells the next derivative to the last digit.
-The length of a vector is not where it is zero; its square is, and of that the maxima are looked for.
+The length of a vector is not where it is zero; its square is, and of that the maxima are looked for. With
+the chart's base ``R_a`` the total momentum ``H`` of wheels and platform is ``U^T E^T U^T R_a^T H`` in body
+axes.
 """
 
 from collections.abc import Sequence
@@ -30,19 +26,22 @@ import numpy as np
 
 from jaxplan.geometry import vectors
 from jaxplan.geometry.vectors import dot
+from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.limits import (
-    Kinematics,
     Limit,
     are_lengths,
     components,
     highest_derivative,
+    lesser_components,
     time_factor,
     timed_limits,
     values,
 )
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.wheels import WheelArray
 from jaxplan.runtime.batching import in_groups
-from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.curve import Trajectory, total_momentum
+from jaxplan.trajectory.maxima import is_resolved, largest, rooted_factors
 from jaxplan.trajectory.splines import derivative_matrix
 
 SAFETY = 1 + 1e-6  # on time, beyond what the peaks ask for, so that an independent proof has room
@@ -51,12 +50,6 @@ _ROUNDING = 1e-9  # beyond a joint's range, at whose very end a node may be
 
 _FEW = 8  # pieces; where a trajectory has more they are short
 _POINTS = 4096  # points computed together, so that intermediate results stay in the processor's cache
-_CURVES = 16  # curves whose maxima are looked for together, for the same reason
-_RESOLVED = 1e-10  # of the largest term of a quantity's cosine sums; smaller last terms are next to nothing
-
-_FINE = 4  # grid intervals in theta for each point
-_NEWTON_STEPS = 12  # at most, from the grid to a maximum
-_STILL = 1e-9  # rad of theta; a maximum is flat, so its value is off by the square of it
 
 _SMALL = 0.05  # rad^2, below which series are used
 _ZERO = 1e-300  # rad^2
@@ -75,17 +68,32 @@ class Peaks:
         ratios: (Q,) largest magnitude over limit.
         powers: (Q,) the ratio falls by this power of the time scaling.
         in_range: whether every joint stays within its angles, on which time has no influence.
+        rooted: (Q,) time factors of quantities with a lesser part, NaN of the others; None without any.
     """
 
     names: tuple[str, ...]
     ratios: np.ndarray
     powers: np.ndarray
     in_range: bool
+    rooted: np.ndarray | None = None
 
     @property
     def stretch(self) -> float:
-        """Factor on time at which the first limit is just met; NaN if a peak is not a number."""
+        """Factor on time at which the first limit is just met; NaN if a peak is not a number.
+
+        With wheels it is infinite where slowing down does not help.
+        """
         return float(np.max(self.time_factors, initial=0.0))
+
+    @property
+    def kept(self) -> bool:
+        """Whether all limits are kept as it is, but for joint angles; a slower motion may break one."""
+        return self.stretch <= 1 or bool(np.all(self.ratios <= 1))
+
+    @property
+    def sound(self) -> bool:
+        """Whether all peaks are finite."""
+        return bool(np.all(np.isfinite(self.ratios)))
 
     @property
     def binding(self) -> int:
@@ -95,7 +103,8 @@ class Peaks:
     @property
     def time_factors(self) -> np.ndarray:
         """(Q,) factors on time at which each limit is just met."""
-        return np.asarray(time_factor(self.ratios, self.powers))
+        found = np.asarray(time_factor(self.ratios, self.powers))
+        return found if self.rooted is None else np.where(np.isnan(self.rooted), found, self.rooted)
 
 
 def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
@@ -116,13 +125,19 @@ def all_peaks(curves: Sequence[tuple[Trajectory, Spacecraft]]) -> list[Peaks]:
     limits = [timed_limits(craft) for _, craft in curves]
     names = [tuple(limit.quantity.name for limit in of_platform) for of_platform, _ in limits]
     loads = _platform_loads([(*curve, own) for curve, own in zip(curves, names, strict=True)])
-    platform = [
-        np.where(are_lengths(own), np.sqrt(found), found)
-        for own, found in zip(names, largest(loads), strict=True)
-    ]
+    platform = []
+    for own, found, (_, craft) in zip(names, largest(loads), curves, strict=True):
+        squared = are_lengths(own, wheel_rows(craft))
+        found = found[: len(squared)]
+        platform.append(np.where(squared, np.sqrt(found), found))
     joints = largest([_joint_values(*curve) for curve in curves])
     crafts = [craft for _, craft in curves]
-    return [_shares(*own) for own in zip(crafts, limits, platform, joints, strict=True)]
+    return [_shares(*own) for own in zip(crafts, limits, platform, joints, loads, strict=True)]
+
+
+def wheel_rows(craft: Spacecraft) -> int:
+    """Number of rows of a spacecraft's array of wheels."""
+    return 0 if craft.wheel_array is None else len(craft.wheel_array.rows)
 
 
 def _shares(
@@ -130,17 +145,30 @@ def _shares(
     limits: tuple[tuple[Limit, ...], tuple[Limit, ...]],
     platform: np.ndarray,
     joints: np.ndarray,
+    loads: np.ndarray,
 ) -> Peaks:
-    """Peaks from the largest magnitudes of the platform's limited quantities (C,) and of joints (3J,)."""
+    """Peaks from the largest magnitudes of the platform's limited quantities (C,) and of joints (3J,).
+
+    `loads` (N, G, C + E) are those of the platform over time.
+    """
     angles, *of_joints = np.split(joints, 3)
-    of_platform = (platform[own] for own in components(limit.quantity.name for limit in limits[0]))
+    rows, names = wheel_rows(craft), [limit.quantity.name for limit in limits[0]]
+    parts = components(names, rows)
+    of_platform = (platform[own] for own in parts)
     largest = [*of_platform, *(of_joints[limit.quantity.power - 1] for limit in limits[1])]
     every = [*limits[0], *limits[1]]
+    rooted = [np.full(len(limit.bound), np.nan) for limit in every]
+    for number, lesser in enumerate(lesser_components(names, rows)):
+        if lesser is not None:
+            limit = limits[0][number]
+            whole, slow = loads[:, :, parts[number]] / limit.bound, loads[:, :, lesser] / limit.bound
+            rooted[number] = rooted_factors(whole - slow, slow, limit.quantity.power)
     return Peaks(
         names=tuple(name for limit in every for name in limit.names),
         ratios=np.concatenate([own / limit.bound for own, limit in zip(largest, every, strict=True)]),
         powers=np.concatenate([np.full(len(limit.bound), limit.quantity.power) for limit in every]),
         in_range=bool(np.all(angles <= (1 + _ROUNDING) * np.diff(craft.joint_ranges)[:, 0] / 2)),
+        rooted=np.concatenate(rooted) if rows else None,
     )
 
 
@@ -151,14 +179,14 @@ def _platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
         asked: each with names of quantities of the platform.
 
     Returns:
-        For each (N, G, C), at G Chebyshev points of each of its N pieces, enough to interpolate between them;
-        of quantities that are a vector's length, its square.
+        For each (N, G, C + E), at G Chebyshev points of each of its N pieces, enough to interpolate between
+        them, with the E lesser parts last; of quantities that are a vector's length, its square.
     """
 
     def at_points(some: Sequence[Asked], points: Sequence[int]) -> list[np.ndarray]:
         return in_groups(
             list(zip(some, points, strict=True)),
-            lambda one: (one[1], one[0][0].coefficients.shape[1], one[0][2]),
+            lambda one: (one[1], one[0][0].coefficients.shape[1], one[0][2], wheel_rows(one[0][1])),
             lambda alike: _loads_at([own for own, _ in alike], alike[0][1]),
         )
 
@@ -196,22 +224,49 @@ def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
     inertia = np.repeat(np.array(given, float), counts, axis=0)
     shares, orders = (_chebyshev(points) + 1) / 2, 1 + max(highest_derivative(names), 2)
     block = max(1, _POINTS // points)
-    squared = are_lengths(names)
-    found = np.empty((len(length), points, len(squared)))
+    wheels = wheel_rows(asked[0][1])
+    squared = are_lengths(names, wheels)
+    lesser = [part for part in lesser_components(names, wheels) if part is not None]
+    count = len(squared) + sum(part.stop - part.start for part in lesser)
+    squared = np.append(squared, np.zeros(count - len(squared), bool))
+    totals = _totals(asked) if wheels else None
+    found = np.empty((len(length), points, count))
     for first in range(0, len(length), block):
         part = slice(first, first + block)
         b = _curves(coefficients[part], length[part], points, orders)
         with np.errstate(invalid="ignore", over="ignore"):  # what is no number is found by who asks
-            spin = rates(
+            chart = (
                 np.repeat(chart_rate[part].T, points, axis=1),
                 (since[part, None] + length[part, None] * shares).reshape(-1),
                 np.ascontiguousarray(np.moveaxis(b, (1, 3), (0, 1))).reshape(orders, 3, -1),
             )
             own = np.repeat(np.moveaxis(inertia[part], 0, 2), points, axis=2)
-            loads = np.asarray(values(names, Kinematics(spin=spin, inertia=own)))
+            motion = Kinematics(spin=rates(*chart), inertia=own)
+            if totals is not None:
+                total, rows, apart = (
+                    np.repeat(np.moveaxis(each[part], 0, -1), points, axis=-1) for each in totals
+                )
+                array = WheelArray(*[np.empty(0)] * len(WheelArray._fields))._replace(rows=rows, apart=apart)
+                motion = motion._replace(total=_in_body(*chart, total), array=array)
+            loads = np.asarray(values(names, motion))
         loads[squared] *= loads[squared]
         found[part] = loads.T.reshape(-1, points, len(loads))
     return np.split(found, np.cumsum(counts)[:-1])
+
+
+def _totals(asked: Sequence[Asked]) -> tuple[np.ndarray, ...]:
+    """What loads of wheels take, for each of N pieces of trajectories of spacecraft with as many rows.
+
+    Returns:
+        Total momenta (N, 3) N m s in the axes of the charts' bases, then `rows` (N, r, 3) and `apart` (N, r)
+        of the arrays.
+    """
+    found = []
+    for trajectory, craft, _ in asked:
+        own = np.swapaxes(trajectory.chart_attitude, 1, 2) @ total_momentum(trajectory, craft)
+        parts = () if craft.wheel_array is None else (craft.wheel_array.rows, craft.wheel_array.apart)
+        found.append((own, *(np.repeat(part[None], len(own), axis=0) for part in parts)))
+    return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
 
 def _curves(coefficients: np.ndarray, lengths: np.ndarray, points: int, orders: int) -> np.ndarray:
@@ -246,100 +301,6 @@ def _rows(size: int, points: int, orders: int) -> np.ndarray:
 def _chebyshev(points: int) -> np.ndarray:
     """Chebyshev points (points,) in [-1, 1], from 1 to -1, both included."""
     return np.cos(np.pi * np.arange(points) / (points - 1))
-
-
-def is_resolved(values: np.ndarray) -> bool:
-    """Whether values (N, G, Q) at the Chebyshev points of pieces suffice to interpolate between the points.
-
-    They do where the last terms of the cosine sums are next to nothing; True also where one is not finite.
-    """
-    series = np.abs(chebyshev(values.shape[1])[0] @ values)
-    last, most = (np.max(part, axis=(0, 1), initial=0.0) for part in (series[:, -2:], series))
-    return not np.any(last > _RESOLVED * most)
-
-
-def largest(values: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Largest magnitudes of quantities of many curves over all pieces, between the points as well.
-
-    Args:
-        values: of each curve (N, G, Q) at the Chebyshev points ``cos(pi j / (G - 1))`` of its pieces.
-
-    Returns:
-        (Q,) of each; all NaN if a value is not finite.
-    """
-    return in_groups(
-        values, lambda own: (own.shape[1:], bool(np.isfinite(own).all())), _largest_of, most=_CURVES
-    )
-
-
-def _largest_of(values: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """`largest` of values (N, G, Q) with the same G and Q, all of them finite or none."""
-    if not np.isfinite(values[0]).all():
-        return [np.full(own.shape[2], np.nan) for own in values]
-    to_series, to_fine = chebyshev(values[0].shape[1])
-    counts = np.array([len(own) for own in values])
-    series = np.swapaxes(np.concatenate(values), 1, 2) @ to_series.T  # (N, Q, G)
-    heights = np.abs(series @ to_fine.T)  # (N, Q, fine)
-    highest = np.maximum.reduceat(heights.max(axis=2), np.cumsum(counts) - counts)
-    owner = np.repeat(np.arange(len(values)), counts)
-    # Half a step off, a maximum is higher by no more than what the largest second derivative makes of it.
-    step = np.pi / (len(to_fine) - 1)
-    bends = np.sum(np.abs(series) * np.arange(series.shape[2]) ** 2, axis=2)
-    peaked = heights >= (highest[owner] - step**2 / 8 * bends)[:, :, None]
-    peaked &= heights > 0
-    peaked[..., 1:] &= heights[..., 1:] > heights[..., :-1]
-    peaked[..., :-1] &= heights[..., :-1] >= heights[..., 1:]
-    piece, quantity, place = np.unravel_index(np.flatnonzero(peaked), peaked.shape)
-    followed = _follow(series[piece, quantity], place * step, step)
-    np.maximum.at(highest, (owner[piece], quantity), followed)
-    return list(highest)
-
-
-def _follow(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
-    """Local maxima of the magnitudes of cosine sums, by Newton's method within a shrinking bracket.
-
-    Args:
-        sums: (c, G) coefficients.
-        theta: (c,) rad, near the maximum of each.
-        reach: half the width of the first bracket, rad.
-
-    Returns:
-        (c,) the largest magnitudes there.
-    """
-    k = np.arange(sums.shape[1])
-    sums = sums * np.sign(np.sum(sums * np.cos(np.outer(theta, k)), axis=1))[:, None]
-    first = sums * k
-    second = first * k
-    theta, lower, upper = theta.copy(), theta - reach, theta + reach
-    moving = np.arange(len(theta))
-    for _ in range(_NEWTON_STEPS):
-        at = theta[moving]
-        angle = np.outer(at, k)
-        slope = -np.einsum("ck,ck->c", first[moving], np.sin(angle))
-        curvature = -np.einsum("ck,ck->c", second[moving], np.cos(angle))
-        lower[moving] = np.where(slope > 0, at, lower[moving])
-        upper[moving] = np.where(slope > 0, upper[moving], at)
-        ahead = at - slope / np.where(curvature < 0, curvature, -1)
-        sound = (curvature < 0) & (lower[moving] <= ahead) & (ahead <= upper[moving])
-        theta[moving] = np.where(sound, ahead, (lower[moving] + upper[moving]) / 2)
-        moving = moving[np.abs(theta[moving] - at) > _STILL]
-        if not len(moving):
-            break
-    return np.abs(np.einsum("ck,ck->c", sums, np.cos(np.outer(theta, k))))
-
-
-@cache
-def chebyshev(points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices from values at so many Chebyshev points to a cosine sum (G, G), and from that to a fine grid.
-
-    The grid is even in theta, `_FINE` * G intervals from 0 to pi.
-    """
-    k = np.arange(points)
-    halved_ends = np.ones(points)
-    halved_ends[[0, -1]] = 0.5
-    cosines = np.cos(np.pi * np.outer(k, k) / (points - 1))
-    to_series = 2 / (points - 1) * halved_ends[:, None] * cosines * halved_ends
-    return to_series, np.cos(np.outer(np.linspace(0, np.pi, _FINE * points + 1), k))
 
 
 def rates(chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
@@ -386,6 +347,14 @@ def _velocity_and_acceleration(
     turn = tau * chart_rate / 2
     of_turn = _sine_and_cosine(dot(turn, turn))
     return _turned_back(turn, *of_turn, velocity), _turned_back(turn, *of_turn, acceleration)
+
+
+def _in_body(chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Vectors (3, n) in the axes of charts' bases, in body axes; other arguments as of `rates`."""
+    turn = tau * chart_rate / 2
+    eta = b[0] - 2 * turn
+    around, between = (_sine_and_cosine(dot(each, each)) for each in (turn, eta))
+    return _turned_back(turn, *around, _turned_back(eta, *between, _turned_back(turn, *around, vector)))
 
 
 def _turned_back(turn: np.ndarray, sine: np.ndarray, cosine: np.ndarray, vector: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from jaxplan.geometry.vectors import AnyArray, arrays
 from jaxplan.model.constraints import Constraints, axes_in_body, counted, joint_values, pair_margins
 from jaxplan.model.directions import Sights
 from jaxplan.model.duration_bound import duration_bound, rest_bounds
-from jaxplan.model.limits import Limit, components, highest_derivative, timed_limits
+from jaxplan.model.limits import Limit, components, highest_derivative, lesser_components, timed_limits
 from jaxplan.model.scenario import MINIMUM, TrajectorySettings
 from jaxplan.model.scores import room
 from jaxplan.model.spacecraft import Spacecraft
@@ -24,6 +24,7 @@ from jaxplan.runtime.batching import padded_count
 from jaxplan.trajectory import schedule
 from jaxplan.trajectory.chart import CHART_REACH, Chart, farthest, fitting
 from jaxplan.trajectory.curve import Trajectory
+from jaxplan.trajectory.kernels import Body
 from jaxplan.trajectory.schedule import TrapezoidalProfile, along
 from jaxplan.trajectory.splines import Basis, CurveSpace
 
@@ -142,13 +143,23 @@ class FitProblem:
     @cached_property
     def components(self) -> list[slice]:
         """Slices of the C components of all loads that belong to each of `names`."""
-        return components(self.names)
+        return components(self.names, self.wheel_rows)
+
+    @cached_property
+    def lesser(self) -> list[slice | None]:
+        """Slices of their lesser parts, which follow the components; None for a load without."""
+        return lesser_components(self.names, self.wheel_rows)
 
     @property
-    def inertia(self) -> np.ndarray:
-        """Inertia (3, 3) kg m^2, body axes; the identity where none is given, as then none is needed."""
-        given = self.spacecraft.inertia
-        return np.eye(3) if given is None else np.asarray(given, float)
+    def wheel_rows(self) -> int:
+        """Number of rows of the array of wheels."""
+        array = self.spacecraft.wheel_array
+        return 0 if array is None else len(array.rows)
+
+    @cached_property
+    def body(self) -> Body:
+        """What turns."""
+        return Body.of(self.spacecraft, self.rates[0, :3])
 
     @cached_property
     def sights(self) -> Sights:
@@ -314,6 +325,7 @@ class DiscreteProblem:
             problem.joints.shape[1],
             len(problem.spacecraft.drives),
             problem.names,
+            problem.wheel_rows,
             bool(problem.cones.paths),
             problem.cones.inner,
             len(problem.cones.carried),

@@ -134,7 +134,7 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
             change = block.change(own, taken(changes, looked), taken(curves, looked))
             slack = taken(block.slack, own) - change
             if block.power:
-                slack += (block.power * stretches[looked]).reshape(-1, *[1] * (slack.ndim - 1))
+                slack += block.relief(own, stretches[looked])
             beyond = (-block.tolerance * quadratic.overlooked[own]).reshape(-1, *[1] * (slack.ndim - 1))
             broken = block.chosen(slack < beyond, slack, own) & ~mask[own]
             if block.linear and round_ < _WORST_ONLY:
@@ -212,7 +212,9 @@ def active_rows(
         of_curve=np.split(order, ends[:-1]),
         of_block=of_block,
         slack=np.concatenate([np.zeros(0), *slack]),
-        time=np.repeat([-float(block.power) for block in blocks], counts),
+        time=np.concatenate(
+            [np.zeros(0), *(block.time(index) for block, index in zip(blocks, of_block, strict=True))]
+        ),
         kind=np.repeat(np.array([block.kind for block in blocks], int), counts),
         axes=_joined(axes),
         basis=_joined(basis),

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.geometry.vectors import AnyArray, array_module, arrays
-from jaxplan.model.limits import Kinematics, limits
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length
+from jaxplan.model.kinematics import Kinematics
+from jaxplan.model.limits import limits
 from jaxplan.model.path import Path
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
@@ -30,6 +31,8 @@ _FLANK_STEP = 0.25  # of the flank, the length of one such interval
 FIRST_GUESS = 1.01  # times the duration of a trapezoid, whose accelerations jump: the first guess
 
 FEWEST_NODES = 32  # smallest number that nodes are padded to
+
+_NO_ROW = 1e-9  # length of a row of wheels that is none
 
 _LEAST_SHARE = 0.1  # of the mean edge's time
 _SAME_NODE = 1e-10  # rad, or matrix element
@@ -101,8 +104,13 @@ def edge_times(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
         moves: (m, 2n) rad, of the joints.
         craft: its limits of rates and momentum.
     """
-    # In a second every edge is gone along at a steady pace, which is to be slowed to the limits.
+    # In a second every edge is gone along at a steady pace, which is to be slowed to the limits. Wheels count
+    # as if they held nothing at the start: what they hold then fills them more on one edge, less on another.
     steady = Kinematics(spin=[turns.T], joints=[0 * moves.T, moves.T], inertia=craft.inertia)
+    if craft.wheel_array is not None:
+        empty = craft.wheel_array
+        empty = empty._replace(apart=0 * empty.apart)
+        steady = steady._replace(total=0 * turns.T, array=empty)
     shares = [limit.shares(steady) for limit in limits(craft) if limit.quantity.power == 1]
     xp = array_module(*shares)
     return xp.max(xp.concatenate(shares), axis=0)
@@ -138,6 +146,8 @@ def axis_bounds(craft: Spacecraft, power: int) -> AnyArray:
         if quantity.of_joints:
             joints = bound
         else:
+            if quantity.of_wheels:  # in every direction they give what a ball within their limits has
+                bound = bound / xp.maximum(length(craft.wheel_array.rows), _NO_ROW)  # type: ignore[union-attr]
             platform = xp.minimum(platform, xp.min(bound) / heaviest if quantity.by_inertia else bound)
     return xp.concatenate([platform, joints])
 

@@ -176,7 +176,7 @@ class Strategy:
         durations = {n: float(one.settings.duration) for n, one in problems.items()}
         possible = {n: one for n, one in problems.items() if durations[n] >= one.bound}
         attempts = dict.fromkeys(problems) | self._in_time(possible, durations)
-        fits = {n: success(own) for n, own in attempts.items() if own is not None and own.peaks.stretch <= 1}
+        fits = {n: success(own) for n, own in attempts.items() if own is not None and own.peaks.kept}
         # The shortest motion says whether there is one at all, and what to ask for. Where the bound says that
         # there is none, the one along the path is enough for that.
         left = {n: one for n, one in problems.items() if n not in fits}
@@ -203,7 +203,10 @@ class Strategy:
                 longer durations are tried.
             durations: s, asked for.
         """
-        found = {n: own.needed * SAFETY if own.sound else None for n, own in quickest.items()}
+        found = {
+            n: own.needed * SAFETY if own.sound and np.isfinite(own.peaks.stretch) else None
+            for n, own in quickest.items()
+        }
         open_ = {n: own.problem for n, own in quickest.items() if own.problem.at_speed}
         found |= dict.fromkeys(open_)
         longer = {
@@ -363,9 +366,9 @@ class Strategy:
         best = {n: own for n, own in attempts.items() if own is not None}
         best |= self._slowed({n: own for n, own in best.items() if own.problem.at_speed})
         for n, own in best.items():
-            if not own.problem.at_speed:
+            if not own.problem.at_speed and np.isfinite(own.peaks.stretch):
                 fits[n] = success(own, stretch=True)
-            elif own.peaks.stretch <= 1:
+            elif own.peaks.kept:
                 fits[n] = success(own)
             else:
                 fits[n] = limits_too_tight(own, own.trajectory.duration, None)
@@ -390,7 +393,7 @@ class Strategy:
             return first_curve(problem, mesh, durations[n], "given", tighter=tighter)
 
         for look in range(_LOOKS):
-            open_ = [n for n in open_ if not (best[n].peaks.stretch <= 1 and best[n].sound)]
+            open_ = [n for n in open_ if not (best[n].peaks.kept and best[n].sound)]
             made = self._attempts(open_, partial(begin, look=look))
             open_ = [n for n, own in made.items() if own is not None]
             best.update({n: own for n, own in made.items() if own is not None})

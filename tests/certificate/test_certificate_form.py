@@ -8,6 +8,7 @@ import pytest
 from manoeuvres import claimed
 from numpy.polynomial import legendre
 from scipy.spatial.transform import Rotation
+from wheels import wheels
 
 from jaxplan.certificate import EndState, certify
 from jaxplan.model.devices import Drive, Instrument, Mount, Terminal
@@ -78,10 +79,12 @@ DRIVES = tuple(
     )
     for name, boresight in (("t", [1.0, 0.0, 0.0]), ("i", [0.0, -0.28, 0.96]))
 )
+WHEELS = wheels(np.array([[1, 0, 0], [0, 0.6, 0.8], [0, -0.6, 0.8], [0.6, 0.8, 0]]), 90.0, 99.0, 1.0)
 SPACECRAFTS = {
     "an angle about z": SPACECRAFT,
     "axes and ranges": replace(SPACECRAFT, terminals=(ODD,)),
     "drives": replace(SPACECRAFT, terminals=(), drives=DRIVES, instruments=()),
+    "wheels": replace(SPACECRAFT, wheels=WHEELS),
 }
 ZONES = (
     KeepOut(name="out", direction=np.array([0.0, 0.0, -1.0]), half_angle=0.5),
@@ -174,7 +177,7 @@ def broken(part, value):
     """A dataclass with one of its numbers changed at a time, those of its parts too, and which it was."""
     for own in fields(part):
         whole = getattr(part, own.name)
-        if own.name == "name" or whole is None:
+        if isinstance(whole, str) or whole is None:
             continue
         if is_dataclass(whole):
             changed = list(broken(whole, value))
@@ -454,6 +457,13 @@ def test_cones_of_a_wrong_form_are_refused(changes, words):
         ({"rate_norm_limit": np.inf}, "rate_norm_limit = inf is not positive"),
         ({"acceleration_norm_limit": 0.0}, "acceleration_norm_limit = 0 is not positive"),
         ({"inertia": np.eye(2)}, "inertia has the shape"),
+        ({"wheels": WHEELS[:2]}, "axes of spacecraft.wheels do not span space"),
+        ({"wheels": (*WHEELS, replace(WHEELS[0], axis=np.ones(3)))}, "axis of wheel-1 is no unit vector"),
+        (
+            {"wheels": (*WHEELS, replace(WHEELS[1], torque=0.0))},
+            "torque or momentum of wheel-2 is not positive",
+        ),
+        ({"wheels": WHEELS, "allocation": "best"}, "allocation = 'best' is not known"),
         ({"instruments": (Instrument(name="i", boresight=np.zeros(3)),)}, "boresight of i is no unit vector"),
     ],
 )

@@ -7,8 +7,9 @@ import jax
 import numpy as np
 import pytest
 from builders import make_spacecraft
-from reference import assert_each
+from reference import assert_each, random_units
 from scipy.spatial.transform import Rotation
+from wheels import random_wheels, wheels
 
 from jaxplan.model.duration_bound import duration_bound, rest_bounds, shortest_time
 from jaxplan.model.spacecraft import Spacecraft
@@ -98,6 +99,27 @@ def limits_of(spin, acceleration, inertia):
     yield {"inertia": inertia, "torque_limit": np.abs(torque).max(axis=0)}
     yield {"inertia": inertia, "torque_limit": np.abs(torque).max()}
     yield {"inertia": inertia, "wheel_momentum_limit": np.abs(momentum).max(axis=0)}
+    yield from limits_of_wheels(spin, acceleration, inertia)
+
+
+def limits_of_wheels(spin, acceleration, inertia):
+    """Wheels that a motion just does not overload, empty ones and such that hold something at the start."""
+    attitude, turned = np.eye(3), [np.eye(3)]
+    step = 2 / (len(spin) - 1)
+    for rate in (spin[1:] + spin[:-1]) / 2:
+        attitude = attitude @ Rotation.from_rotvec(rate * step).as_matrix()
+        turned.append(attitude)
+    for count, stored in ((3, 0.0), (5, 0.7), (10, 3.0)):
+        axes = random_units(np.random.default_rng(count), count)
+        held = stored * np.linspace(-1, 1, count)
+        total = inertia @ spin[0] + held @ axes
+        carried = np.einsum("kji,j->ki", np.array(turned), total)
+        share = np.linalg.pinv(axes.T)
+        torque = (acceleration @ inertia + np.cross(spin, carried)) @ share.T
+        momentum = held + (carried - spin @ inertia - held @ axes) @ share.T
+        array = wheels(axes, np.abs(torque).max(axis=0), np.abs(momentum).max(axis=0), held)
+        for allocation in ("pseudo_inverse", "minimax"):
+            yield {"inertia": inertia, "wheels": array, "allocation": allocation}
 
 
 @pytest.mark.parametrize("at_rest", [True, False])
@@ -123,14 +145,13 @@ def test_published_shortest_slews_lie_above_the_bound_and_near_it(limits):
     assert_each(bounds, ">=", 0.92 * optima)
 
 
-def test_bounds_at_rest_are_the_same_one_by_one_and_in_jax():
+BOX = {"torque_limit": np.array([0.01, 0.02, 0.01]), "wheel_momentum_limit": 0.1}
+
+
+@pytest.mark.parametrize("loads", [BOX, {"wheels": random_wheels(4, seed=2)}], ids=["box", "wheels"])
+def test_bounds_at_rest_are_the_same_one_by_one_and_in_jax(loads):
     rng = np.random.default_rng(11)
-    craft = replace(
-        make_spacecraft(1),
-        inertia=np.diag([1.0, 2.0, 2.5]) + 0.1,
-        torque_limit=np.array([0.01, 0.02, 0.01]),
-        wheel_momentum_limit=0.1,
-    )
+    craft = replace(make_spacecraft(1), inertia=np.diag([1.0, 2.0, 2.5]) + 0.1, **loads)
     turns, moves = Rotation.random(20, rng=rng).as_rotvec(), rng.uniform(-0.5, 0.5, (20, 2))
     known, none = rest_bounds(craft, turns, moves), np.zeros((2, 3))
     for turn, move, bound in zip(turns, moves, known, strict=True):
@@ -154,5 +175,6 @@ def test_the_bound_says_which_limits_set_it():
     for limits, word in (
         ({"rate_limit": 0.1}, "rates"),
         ({"torque_limit": 0.1, "inertia": np.eye(3)}, "torque"),
+        ({"wheels": random_wheels(4, seed=1), "inertia": 9 * np.eye(3)}, "torque"),
     ):
         assert word in duration_bound(free_flyer(**limits), attitudes, none, still, none).name

@@ -302,8 +302,8 @@ def test_the_example_file_uses_every_key():
         return {entry.key for entry in table.fields} - set(left_out)
 
     assert keys(SCENARIO, "sky") == set(used)  # which is resolved when it is read, as a zone's body is
-    # drives, mounts, ranges and goals by name are in the files of test_device_files
-    assert keys(SPACECRAFT, "drive") == set(used["spacecraft"])
+    # drives, mounts, ranges and goals by name are in the files of test_device_files, wheels in their own test
+    assert keys(SPACECRAFT, "drive", "wheel", "allocation") == set(used["spacecraft"])
     mounted = ("mount", "yaw_range_deg", "pitch_range_deg")
     own = [
         f"{axis}_{of}"

@@ -15,7 +15,7 @@ from scipy.optimize import minimize, minimize_scalar
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.paper import qp, segments
 from jaxplan.paper.segments import assemble
-from jaxplan.trajectory import peaks, schedule, splines
+from jaxplan.trajectory import maxima, peaks, schedule, splines
 
 ORDERS = pytest.mark.parametrize("order", [5, 12, 24])
 
@@ -187,7 +187,7 @@ def smooth(x: np.ndarray, k: int) -> np.ndarray:
 
 
 def largest(values: np.ndarray) -> np.ndarray:
-    return peaks.largest([values])[0]
+    return maxima.largest([values])[0]
 
 
 def test_peaks_between_the_points_are_found():
@@ -227,11 +227,11 @@ def test_points_that_do_not_tell_what_is_between_them_are_found():
         x = np.cos(np.pi * np.arange(points) / (points - 1))
         return np.stack([np.stack([np.cos(wave * x), np.zeros_like(x), x], axis=-1)] * 3)
 
-    assert peaks.is_resolved(values(13, 0.5))
-    assert not peaks.is_resolved(values(13, 9.0))
+    assert maxima.is_resolved(values(13, 0.5))
+    assert not maxima.is_resolved(values(13, 9.0))
     odd = np.sin(9 * np.cos(np.pi * np.arange(13) / 12))[None, :, None]  # its last term is zero
-    assert not peaks.is_resolved(odd)
-    assert peaks.is_resolved(values(37, 9.0))
+    assert not maxima.is_resolved(odd)
+    assert maxima.is_resolved(values(37, 9.0))
     few, many = (largest(values(points, 0.5)) for points in (13, 37))
     np.testing.assert_allclose(few, many, rtol=1e-10)
 

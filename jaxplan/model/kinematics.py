@@ -1,0 +1,89 @@
+"""A motion of platform, joints and wheels, as limited quantities are computed from it.
+
+Vectors of the platform are in body axes, with their components first. What wheels give and hold follows from
+the total momentum of platform and wheels (`jaxplan.model.wheels`), which turns with the body.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, cross
+from jaxplan.model.wheels import WheelArray
+
+
+class Kinematics(NamedTuple):
+    """A motion as quantities are computed from it, components first; what none of them needs may be left out.
+
+    Attributes:
+        spin: angular velocity and its derivatives by time, each (3, ...), rad/s, rad/s^2, rad/s^3.
+        joints: angles and their derivatives by time, each (2n + d, ...), rad, rad/s, rad/s^2.
+        drives: number of the joints, d, that are drives' angles.
+        inertia: (3, 3) or (3, 3, ...) kg m^2.
+        total: (3, ...) N m s, the total momentum of platform and wheels in body axes, ``R^T H``.
+        array: of the wheels; None without.
+    """
+
+    spin: Sequence[AnyArray] = ()
+    joints: Sequence[AnyArray] = ()
+    drives: int = 0
+    inertia: AnyArray | None = None
+    total: AnyArray | None = None
+    array: WheelArray | None = None
+
+    def angles(self, which: int) -> AnyArray:
+        """Angles (c, ...) rad of the terminals' yaws (`which` = 0) or pitches (1), or of the drives (2)."""
+        joints = self.joints[0]
+        terminals = (len(joints) - self.drives) // 2
+        return joints[which * terminals : (which + 1) * terminals if which < 2 else None]
+
+    @property
+    def momentum(self) -> AnyArray:
+        """``J omega``, (3, ...) N m s."""
+        return _product(self.inertia, self.spin[0])
+
+    @property
+    def torque(self) -> AnyArray:
+        """Of actuators, (3, ...) N m: ``J omega' + omega x J omega``, with wheels ``R^T H`` in its place."""
+        turned = self.momentum if self.total is None else self.total
+        return _product(self.inertia, self.spin[1]) + _stacked(cross(self.spin[0], turned))
+
+    @property
+    def wheel_torques(self) -> AnyArray:
+        """Products (r, ...) N m of the wheels' rows with their torque ``J omega' + omega x (R^T H)``."""
+        return _product(self._array.rows, _product(self.inertia, self.spin[1])) + self.turning_torques
+
+    @property
+    def turning_torques(self) -> AnyArray:
+        """The part (r, ...) N m of `wheel_torques` that turns the total momentum, ``omega x (R^T H)``."""
+        return _product(self._array.rows, _stacked(cross(self.spin[0], self.total)))
+
+    @property
+    def wheel_momenta(self) -> AnyArray:
+        """What the wheels' rows hold (r, ...) N m s, of ``h = R^T H - J omega`` and what lies apart."""
+        return self.resting_momenta - _product(self._array.rows, self.momentum)
+
+    @property
+    def resting_momenta(self) -> AnyArray:
+        """What they would hold (r, ...) N m s if the body rested at these attitudes."""
+        held = _product(self._array.rows, self.total)
+        apart = self._array.apart
+        return held + apart.reshape(*apart.shape, *[1] * (held.ndim - apart.ndim))
+
+    @property
+    def _array(self) -> WheelArray:
+        """The wheels."""
+        if self.array is None:
+            raise ValueError("without wheels they give and hold nothing")
+        return self.array
+
+
+def _product(matrix: Any, vector: AnyArray) -> AnyArray:
+    """A matrix (k, 3), or one for each of many vectors (3, ...), times the vectors."""
+    _, m, v = arrays(matrix, vector)
+    m = m.reshape(*m.shape, *[1] * (v.ndim + 1 - m.ndim))
+    return m[:, 0] * v[0] + m[:, 1] * v[1] + m[:, 2] * v[2]
+
+
+def _stacked(components: Sequence[AnyArray]) -> AnyArray:
+    """Components as one array, of numpy or JAX."""
+    return array_module(*components).stack(components)

@@ -1,0 +1,182 @@
+"""Maxima of smooth functions over continuous time, and the least time scaling that keeps them within limits.
+
+On a piece of a trajectory every quantity is smooth, so its interpolant on Chebyshev points (which include
+both ends, where jerks jump) is the quantity itself but for rounding. As a function of ``theta = arccos(x)``
+it is a cosine sum without edges: every maximum over the piece is a stationary point, and Newton's method
+finds it from the maximum of a fine grid beside it. One so narrow that no grid maximum is beside it would be
+missed; the certificate, which shares nothing with this, has the last word.
+
+A quantity with a lesser part, ``a / s^p + b / s^(p - 1)`` in ``s`` times the time, has its peaks elsewhere as
+``s`` changes. At the highest ones of a factor each tells the factor that it needs, which is no less; a few
+such steps lead to the least factor from which on all are kept.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+
+from jaxplan.model.limits import time_factor
+from jaxplan.runtime.batching import in_groups
+
+_CURVES = 16  # curves whose maxima are looked for together, so that results stay in the processor's cache
+_RESOLVED = 1e-10  # of the largest term of a quantity's cosine sums; smaller last terms are next to nothing
+
+_FINE = 4  # grid intervals in theta for each point
+_NEWTON_STEPS = 12  # at most, from the grid to a maximum
+_STILL = 1e-9  # rad of theta; a maximum is flat, so its value is off by the square of it
+
+_LOOKS = 12  # at most, at the peaks of quantities with a lesser part
+_SETTLED = 1e-12  # of a time factor; a step that adds less is the last
+
+
+def is_resolved(values: np.ndarray) -> bool:
+    """Whether values (N, G, Q) at the Chebyshev points of pieces suffice to interpolate between the points.
+
+    They do where the last terms of the cosine sums are next to nothing; True also where one is not finite.
+    """
+    series = np.abs(chebyshev(values.shape[1])[0] @ values)
+    last, most = (np.max(part, axis=(0, 1), initial=0.0) for part in (series[:, -2:], series))
+    return not np.any(last > _RESOLVED * most)
+
+
+def largest(values: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Largest magnitudes of quantities of many curves over all pieces, between the points as well.
+
+    Args:
+        values: of each curve (N, G, Q) at the Chebyshev points ``cos(pi j / (G - 1))`` of its pieces.
+
+    Returns:
+        (Q,) of each; all NaN if a value is not finite.
+    """
+    return in_groups(
+        values, lambda own: (own.shape[1:], bool(np.isfinite(own).all())), _largest_of, most=_CURVES
+    )
+
+
+def _largest_of(values: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """`largest` of values (N, G, Q) with the same G and Q, all of them finite or none."""
+    if not np.isfinite(values[0]).all():
+        return [np.full(own.shape[2], np.nan) for own in values]
+    to_series, to_fine = chebyshev(values[0].shape[1])
+    counts = np.array([len(own) for own in values])
+    series = np.swapaxes(np.concatenate(values), 1, 2) @ to_series.T  # (N, Q, G)
+    heights = np.abs(series @ to_fine.T)  # (N, Q, fine)
+    highest = np.maximum.reduceat(heights.max(axis=2), np.cumsum(counts) - counts)
+    owner = np.repeat(np.arange(len(values)), counts)
+    # Half a step off, a maximum is higher by no more than what the largest second derivative makes of it.
+    step = np.pi / (len(to_fine) - 1)
+    bends = np.sum(np.abs(series) * np.arange(series.shape[2]) ** 2, axis=2)
+    piece, quantity, theta = _peaked(series, heights, highest[owner] - step**2 / 8 * bends, step)
+    np.maximum.at(highest, (owner[piece], quantity), np.abs(_at(series[piece, quantity], theta)))
+    return list(highest)
+
+
+def _peaked(
+    series: np.ndarray, heights: np.ndarray, floor: np.ndarray, step: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Local maxima of the magnitudes of cosine sums.
+
+    Args:
+        series: (N, Q, G) coefficients.
+        heights: (N, Q, fine) magnitudes on a fine grid of theta.
+        floor: (N, Q) heights from which on maxima of the grid are followed.
+        step: rad, of the grid.
+
+    Returns:
+        For each its piece, its quantity, and theta (rad).
+    """
+    peaked = heights >= floor[:, :, None]
+    peaked &= heights > 0
+    peaked[..., 1:] &= heights[..., 1:] > heights[..., :-1]
+    peaked[..., :-1] &= heights[..., :-1] >= heights[..., 1:]
+    piece, quantity, place = np.unravel_index(np.flatnonzero(peaked), peaked.shape)
+    return piece, quantity, _follow(series[piece, quantity], place * step, step)
+
+
+def _at(sums: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Values (c,) of cosine sums (c, G) at theta (c,), rad."""
+    cosines = np.cos(np.outer(theta, np.arange(sums.shape[1])))
+    return np.asarray(np.einsum("ck,ck->c", sums, cosines))
+
+
+def _follow(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
+    """Places of local maxima of the magnitudes of cosine sums, by Newton's method within a shrinking bracket.
+
+    Args:
+        sums: (c, G) coefficients.
+        theta: (c,) rad, near the maximum of each.
+        reach: half the width of the first bracket, rad.
+
+    Returns:
+        (c,) rad, where the magnitudes are largest.
+    """
+    k = np.arange(sums.shape[1])
+    sums = sums * np.sign(np.sum(sums * np.cos(np.outer(theta, k)), axis=1))[:, None]
+    first = sums * k
+    second = first * k
+    theta, lower, upper = theta.copy(), theta - reach, theta + reach
+    moving = np.arange(len(theta))
+    for _ in range(_NEWTON_STEPS):
+        at = theta[moving]
+        angle = np.outer(at, k)
+        slope = -np.einsum("ck,ck->c", first[moving], np.sin(angle))
+        curvature = -np.einsum("ck,ck->c", second[moving], np.cos(angle))
+        lower[moving] = np.where(slope > 0, at, lower[moving])
+        upper[moving] = np.where(slope > 0, upper[moving], at)
+        ahead = at - slope / np.where(curvature < 0, curvature, -1)
+        sound = (curvature < 0) & (lower[moving] <= ahead) & (ahead <= upper[moving])
+        theta[moving] = np.where(sound, ahead, (lower[moving] + upper[moving]) / 2)
+        moving = moving[np.abs(theta[moving] - at) > _STILL]
+        if not len(moving):
+            break
+    return theta
+
+
+def rooted_factors(share: np.ndarray, lesser: np.ndarray, power: int) -> np.ndarray:
+    """Factors (c,) on time from which on a quantity with a lesser part keeps its limit at every instant.
+
+    Args:
+        share: (N, G, c) over the limit at the Chebyshev points of a curve's pieces, without the lesser part.
+        lesser: (N, G, c) likewise, the part that falls by one power less.
+        power: by which `share` falls.
+
+    Returns:
+        Infinite where slowing down does not help, NaN where a value is not finite.
+    """
+    factors = np.max(np.asarray(time_factor(share, power, lesser)), axis=(0, 1))
+    to_series, to_fine = chebyshev(share.shape[1])
+    series, slow = (np.swapaxes(part, 1, 2) @ to_series.T for part in (share, lesser))  # (N, c, G)
+    step = np.pi / (len(to_fine) - 1)
+    orders = np.arange(series.shape[2]) ** 2
+    left = np.flatnonzero(np.isfinite(factors) & (factors > 0))
+    for _ in range(_LOOKS):
+        if not len(left):
+            break
+        own = factors[left, None]
+        a, b = series[:, left], slow[:, left]
+        sums = a / own**power + b / own ** (power - 1)
+        heights = np.abs(sums @ to_fine.T)
+        floor = np.max(heights, axis=(0, 2)) - step**2 / 8 * np.sum(np.abs(sums) * orders, axis=2)
+        piece, quantity, theta = _peaked(sums, heights, floor, step)
+        needed = time_factor(_at(a[piece, quantity], theta), power, _at(b[piece, quantity], theta))
+        ahead = factors[left]
+        np.maximum.at(ahead, quantity, needed)
+        rising = np.isfinite(ahead) & (ahead > (1 + _SETTLED) * factors[left])
+        factors[left] = ahead
+        left = left[rising]
+    return factors
+
+
+@cache
+def chebyshev(points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Matrices from values at so many Chebyshev points to a cosine sum (G, G), and from that to a fine grid.
+
+    The grid is even in theta, `_FINE` * G intervals from 0 to pi.
+    """
+    k = np.arange(points)
+    halved_ends = np.ones(points)
+    halved_ends[[0, -1]] = 0.5
+    cosines = np.cos(np.pi * np.outer(k, k) / (points - 1))
+    to_series = 2 / (points - 1) * halved_ends[:, None] * cosines * halved_ends
+    return to_series, np.cos(np.outer(np.linspace(0, np.pi, _FINE * points + 1), k))

@@ -1,0 +1,95 @@
+"""Slopes of plans by the numbers of their wheels beside differences, and of plans that are made anew."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from quick import quick_jit
+from wheels import random_wheels, with_wheels
+
+import jaxplan as jp
+
+STEP = 1e-4  # to either side, relative; of what is stored, of what the wheel can hold
+# Of fewer wheels, so that some of them bind in torque and some in momentum.
+TIGHT = {"torque": 0.4, "momentum": 0.45, "stored": 0.2}
+
+
+def scarce(count, seed):
+    """Wheels of which a motion fills some, and overloads others if it is any quicker."""
+    return tuple(
+        replace(one, **{name: factor * getattr(one, name) for name, factor in TIGHT.items()})
+        for one in random_wheels(count, seed)
+    )
+
+
+SCENES = {
+    "shortest, pseudo-inverse": ("minimum", "pseudo_inverse", jp.measures.duration),
+    "shortest, envelope": ("minimum", "minimax", jp.measures.duration),
+    "stretched": ("stretched", "pseudo_inverse", jp.measures.duration),
+    "in a given time": (None, "pseudo_inverse", jp.measures.effort),
+}
+
+
+def moved(scenario, number, name, way, step):
+    """The scenario with a number of a wheel changed: along a way, for an axis."""
+    wheels = list(scenario.spacecraft.wheels)
+    wheels[number] = replace(wheels[number], **{name: getattr(wheels[number], name) + step * way})
+    return replace(scenario, spacecraft=replace(scenario.spacecraft, wheels=tuple(wheels)))
+
+
+def ways_of(wheel):
+    """Names of a wheel's numbers with ways to change them: of the axis two at right angles to it."""
+    yield from (("axis", way) for way in np.linalg.svd(np.asarray(wheel.axis)[None])[2][1:])
+    yield from (("torque", wheel.torque), ("momentum", wheel.momentum), ("stored", wheel.momentum))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_slopes_by_wheels_are_differences(name):
+    duration, allocation, measure = SCENES[name]
+    scenario = with_wheels(scarce(4, seed=5), allocation, duration=duration or "minimum")
+    plan = jp.plan(scenario, progress=False)
+    if duration is None:  # not much longer than the shortest, so that limits bind
+        longer = replace(scenario.trajectory, duration=1.25 * plan.trajectory.duration)
+        plan = jp.plan(replace(scenario, trajectory=longer), progress=False)
+    held = jp.hold(plan)
+    value = quick_jit(lambda own, held: measure(jp.replan(held, own)))
+    slope = quick_jit(jax.grad(lambda own, held: measure(jp.replan(held, own)), allow_int=True))
+    with jax.enable_x64(True):
+        own = jax.tree.map(np.asarray, plan.scenario)
+        here, slopes = float(value(own, held)), slope(own, held)
+        binding = 0
+        for number in (0, 2):
+            for key, way in ways_of(own.spacecraft.wheels[number]):
+                ends = [float(value(moved(own, number, key, way, side * STEP), held)) for side in (1, -1)]
+                told = float(np.sum(getattr(slopes.spacecraft.wheels[number], key) * way))
+                expected = (ends[0] - ends[1]) / (2 * STEP)
+                assert told == pytest.approx(expected, rel=1e-6, abs=1e-6 * abs(here)), (number, key)
+                binding += abs(expected) > 1e-3 * abs(here)
+    assert binding >= 2  # what is asked about matters
+
+
+@pytest.mark.slow
+def test_the_shortest_duration_follows_a_wheel_as_plans_made_anew():
+    plan = jp.plan(with_wheels(scarce(4, seed=5), duration="minimum"), progress=False)
+    trajectory = jp.differentiable(plan)
+    slopes = jax.grad(lambda own: jp.measures.duration(trajectory(own)), allow_int=True)(plan.scenario)
+    number = int(np.argmax([abs(float(one.torque)) for one in slopes.spacecraft.wheels]))
+    step = 1e-4 * plan.scenario.spacecraft.wheels[number].torque
+    ends = [
+        jp.hold(jp.follow(plan, moved(plan.scenario, number, "torque", 1.0, side * step))) for side in (1, -1)
+    ]
+    with jax.enable_x64(True):
+        value = quick_jit(lambda held, own: jp.measures.duration(jp.replan(held, own)))
+        found = [
+            float(
+                value(
+                    held, jax.tree.map(np.asarray, moved(plan.scenario, number, "torque", 1.0, side * step))
+                )
+            )
+            for held, side in zip(ends, (1, -1), strict=True)
+        ]
+    told = float(slopes.spacecraft.wheels[number].torque)
+    assert told == pytest.approx((found[0] - found[1]) / (2 * step), rel=2e-2)
+    assert told < 0

@@ -1,0 +1,137 @@
+"""Plans of spacecraft with reaction wheels: what each wheel gives and holds, at dense samples by numpy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+from wheels import (
+    by_envelope,
+    by_pseudo_inverse,
+    exchanged,
+    instants,
+    numbers,
+    random_wheels,
+    wheels,
+    with_wheels,
+)
+
+import jaxplan as jp
+
+SAMPLES = 100_000  # in all of the plans of one test
+DURATIONS = ("minimum", "stretched", 120.0)
+COUNTS = (3, 4, 5, 6)
+NAMES = ("wheel_torques", "wheel_momenta")
+
+
+@pytest.fixture(scope="module", params=["pseudo_inverse", "minimax"])
+def plans(request):
+    """Plans of each allocation, with 3 to 6 wheels about random axes that hold something at the start."""
+    scenarios = [
+        with_wheels(random_wheels(count, seed=count + 10 * number), request.param, duration=duration)
+        for count in COUNTS
+        for number, duration in enumerate(DURATIONS)
+    ]
+    found = jp.plan_batch(scenarios, progress=False)
+    assert all(plan.ok for plan in found), [plan.message for plan in found]
+    return found
+
+
+def shares(plan, count):
+    """Largest shares of the limits of torque and momentum at so many samples of a plan."""
+    craft, trajectory = plan.scenario.spacecraft, plan.trajectory
+    stated = by_pseudo_inverse if craft.allocation == "pseudo_inverse" else by_envelope
+    return [np.abs(own).max() for own in stated(trajectory, craft, instants(trajectory, count))]
+
+
+def test_every_wheel_keeps_its_limits_and_what_is_proved_is_near_what_is_met(plans):
+    some = SAMPLES // len(plans)
+    for plan in plans:
+        for name, most in zip(NAMES, shares(plan, some), strict=True):
+            bound = plan.certificate.peaks[name]
+            assert most <= 1 + 1e-9, (plan.scenario.spacecraft.allocation, name)
+            assert most <= bound * (1 + 1e-9)
+            assert bound <= 1.01 * most
+    near = [max(plan.certificate.peaks[name] for name in NAMES) for plan in plans[:: len(DURATIONS)]]
+    assert min(near) > 0.999  # a shortest motion has a wheel at its limit
+
+
+def test_what_is_just_tighter_is_broken_and_refused(plans):
+    for plan in plans:
+        craft = plan.scenario.spacecraft
+        for name, most, limit in zip(NAMES, shares(plan, 4001), ("torque", "momentum"), strict=True):
+            tight = replace(
+                craft,
+                wheels=tuple(
+                    replace(one, **{limit: getattr(one, limit) * most * (1 - 1e-4)}) for one in craft.wheels
+                ),
+            )
+            own = replace(plan, scenario=replace(plan.scenario, spacecraft=tight))
+            assert max(shares(own, 4001)) > 1
+            refused = jp.certify(own)
+            assert not refused.certified
+            assert any(name.replace("_", " ") in fault for fault in refused.faults), refused.faults
+
+
+def test_a_linear_program_finds_wheel_torques_and_momenta_within_limits(plans):
+    if plans[0].scenario.spacecraft.allocation != "minimax":
+        return
+    for plan in plans:
+        craft, time = plan.scenario.spacecraft, instants(plan.trajectory, 400)[::8]
+        axes, torque, momentum, _ = numbers(craft)
+        for vectors, bound in zip(exchanged(plan.trajectory, craft, time), (torque, momentum), strict=True):
+            for vector in vectors:
+                least = linprog(  # the least share of all limits that some sharing out needs
+                    np.append(np.zeros(len(axes)), 1.0),
+                    A_ub=np.block(
+                        [[np.eye(len(axes)), -bound[:, None]], [-np.eye(len(axes)), -bound[:, None]]]
+                    ),
+                    b_ub=np.zeros(2 * len(axes)),
+                    A_eq=np.column_stack([axes.T, np.zeros(3)]),
+                    b_eq=vector,
+                    bounds=[*((None, None) for _ in axes), (0, None)],
+                )
+                assert least.fun <= 1 + 1e-9
+
+
+def test_the_duration_is_above_its_bound_and_shortest_motions_use_the_wheels_more(plans):
+    for shortest, stretched, given in zip(*(plans[k :: len(DURATIONS)] for k in range(3)), strict=True):
+        assert given.trajectory.duration == 120.0
+        for plan in (shortest, stretched, given):
+            assert plan.duration_bound <= plan.trajectory.duration
+        assert shortest.duration_bound > 0.3 * shortest.trajectory.duration
+
+
+def test_empty_wheels_along_the_body_axes_give_no_gyroscopic_torque():
+    box = wheels(np.eye(3), [0.05, 0.06, 0.04], [0.9, 1.0, 1.1])
+    plan = jp.plan(with_wheels(box, duration="minimum"), progress=False)
+    time = instants(plan.trajectory, 2001)
+    samples = plan.trajectory.sample(np.minimum(time, plan.trajectory.duration))
+    inertia = plan.scenario.spacecraft.inertia
+    turned = samples.angular_acceleration @ inertia / [0.05, 0.06, 0.04]
+    held = samples.angular_velocity @ inertia / [0.9, 1.0, 1.1]
+    for name, values in zip(NAMES, (turned, held), strict=True):
+        assert plan.certificate.peaks[name] == pytest.approx(np.abs(values).max(), rel=2e-3)
+    assert plan.certificate.peaks["wheel_torques"] == pytest.approx(1, abs=1e-4)
+
+
+def test_a_turn_that_fills_a_wheel_however_slow_is_refused_with_the_reason():
+    held = wheels(np.eye(3), 1.0, [2.0, 0.2, 0.2], [1.9, 0.0, 0.0])
+    for duration in ("stretched", "minimum", 200.0):
+        plan = jp.plan(with_wheels(held, duration=duration), throw=False, progress=False)
+        assert plan.status is jp.Status.LIMITS_TOO_TIGHT
+        for word in ("slowing down does not help", "stored_nms", "momentum"):
+            assert word in plan.message, plan.message
+
+
+def test_rates_at_the_ends_count_in_the_total_momentum():
+    array = random_wheels(4, seed=21)
+    scenario = with_wheels(array, duration=80.0)
+    start, goal = (
+        replace(end, angular_velocity=side * np.array([0.01, -0.008, 0.006]))
+        for end, side in ((scenario.start, 1.0), (scenario.goal, -0.5))
+    )
+    plan = jp.plan(replace(scenario, start=start, goal=goal), progress=False)
+    for name, most in zip(NAMES, shares(plan, 8001), strict=True):
+        assert most <= plan.certificate.peaks[name] * (1 + 1e-9)
+        assert plan.certificate.peaks[name] <= 1.01 * most
