@@ -278,7 +278,7 @@ def too_tight(duration: float, peaks: Peaks, needed: str | None, else_try: str) 
         else_try: the words on what to change where that is None.
     """
     name, ratio = peaks.names[peaks.binding], peaks.ratios[peaks.binding]
-    if np.isinf(peaks.stretch):
+    if needed is None and np.isinf(peaks.stretch):
         return (
             f"turned about slowly, what the wheels hold would take {name} beyond its limit, so that slowing "
             "down does not help: lower spacecraft.wheel.stored_nms, raise momentum_nms, or change the goal "

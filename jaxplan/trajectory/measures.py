@@ -18,9 +18,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from jaxplan.geometry.vectors import arrays
 from jaxplan.model.constraints import Constraints, constraint_margins, state_margins
+from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.jit import is_traced, quick_jit
@@ -271,6 +273,38 @@ def peak_torque(trajectory: Trajectory, craft: Spacecraft) -> Array:
     """Largest component of the torque on the platform over all time, N m, body axes; it needs the inertia."""
     total = total_momentum(trajectory, craft)
     return largest(trajectory, lambda samples: _largest_of(jnp.abs(torque(samples, craft, total))))
+
+
+def wheel_torques(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np.ndarray:
+    """Torques that wheels give the platform, about their axes.
+
+    Args:
+        trajectory: of numpy arrays.
+        craft: its wheels and inertia.
+        t: () or (k,) s.
+
+    Returns:
+        (r,) or (k, r) N m, one a wheel; with the allocation "minimax" one a face of the envelope.
+
+    Raises:
+        ValueError: if there are no wheels, or a time lies outside.
+    """
+    return np.asarray(np.moveaxis(_of_wheels(trajectory, craft, t).wheel_torques, 0, -1))
+
+
+def wheel_momenta(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np.ndarray:
+    """Momenta that wheels hold, (r,) or (k, r) N m s; arguments and errors as of `wheel_torques`.
+
+    Those at the end are what the wheels store at the start of the next manoeuvre.
+    """
+    return np.asarray(np.moveaxis(_of_wheels(trajectory, craft, t).wheel_momenta, 0, -1))
+
+
+def _of_wheels(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> Kinematics:
+    """The motion at times, with all that quantities of wheels need."""
+    if craft.wheel_array is None:
+        raise ValueError("the spacecraft has no wheels; give it spacecraft.wheels")
+    return trajectory.sample(t).kinematics(craft, total_momentum(trajectory, craft))
 
 
 @_at_once()

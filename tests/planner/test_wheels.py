@@ -21,6 +21,7 @@ import jaxplan as jp
 SAMPLES = 100_000  # in all of the plans of one test
 DURATIONS = ("minimum", "stretched", 120.0)
 COUNTS = (3, 4, 5, 6)
+MEASURES = (jp.measures.wheel_torques, jp.measures.wheel_momenta)
 NAMES = ("wheel_torques", "wheel_momenta")
 
 
@@ -122,6 +123,40 @@ def test_a_turn_that_fills_a_wheel_however_slow_is_refused_with_the_reason():
         assert plan.status is jp.Status.LIMITS_TOO_TIGHT
         for word in ("slowing down does not help", "stored_nms", "momentum"):
             assert word in plan.message, plan.message
+
+
+def test_what_wheels_hold_at_the_end_is_what_they_store_for_the_way_back(plans):
+    """There and back the total momentum is the same, so that the way back ends as the way there began."""
+    plan = plans[0]
+    scenario, craft = plan.scenario, plan.scenario.spacecraft
+    if craft.allocation != "pseudo_inverse":
+        with pytest.raises(ValueError, match="has no wheels"):
+            jp.measures.wheel_torques(plan.trajectory, replace(craft, wheels=()), 0.0)
+        return
+    time = instants(plan.trajectory, 500)
+    limits = numbers(craft)[1:3]
+    found = (measure(plan.trajectory, craft, time) for measure in MEASURES)
+    for own, shares_, limit in zip(
+        found, by_pseudo_inverse(plan.trajectory, craft, time), limits, strict=True
+    ):
+        np.testing.assert_allclose(own, shares_ * limit, atol=1e-7)
+    held = jp.measures.wheel_momenta(plan.trajectory, craft, plan.trajectory.duration)
+    array = tuple(replace(one, stored=float(own)) for one, own in zip(craft.wheels, held, strict=True))
+    back = replace(
+        scenario, spacecraft=replace(craft, wheels=array), start=scenario.goal, goal=scenario.start
+    )
+    back = jp.plan(back, progress=False)
+    end = jp.measures.wheel_momenta(back.trajectory, back.scenario.spacecraft, back.trajectory.duration)
+    np.testing.assert_allclose(end, [wheel.stored for wheel in craft.wheels], atol=1e-7)
+
+
+def test_the_papers_method_stretches_to_the_limits_of_wheels_and_files_keep_them(tmp_path):
+    scenario = with_wheels(random_wheels(4, seed=31), method="paper", duration="stretched")
+    plan = jp.plan(scenario, progress=False)
+    assert max(plan.certificate.peaks[name] for name in NAMES) == pytest.approx(1, abs=1e-3)
+    plan.save(tmp_path / "plan.json")
+    again = jp.load_plan(tmp_path / "plan.json")
+    assert jp.certify(again).peaks == plan.certificate.peaks
 
 
 def test_rates_at_the_ends_count_in_the_total_momentum():

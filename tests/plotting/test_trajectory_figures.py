@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.polynomial import Polynomial
 from numpy.polynomial.legendre import poly2leg
+from wheels import random_wheels
 
 import jaxplan as jp
 from jaxplan.planner import Plan
@@ -225,6 +226,29 @@ def test_every_limited_load_has_a_panel_with_its_limits():
     assert only.get_ylabel() == "torque (N m)"
     (only,) = jp.plot.torque(loaded(jerk_limit=np.deg2rad(0.1)))
     assert levels(only) == {-0.1, 0.1}
+
+
+def test_wheels_have_curves_of_their_own_and_lose_the_momentum_that_their_torque_takes():
+    array = random_wheels(4, seed=2)
+    craft = loaded(inertia=INERTIA / 10, wheels=array, jerk_limit=np.deg2rad(0.3))
+    jerk, torque, momentum = jp.plot.torque(craft)
+    assert jerk.get_ylabel().endswith("(deg/s³)")
+    assert [axes.get_ylabel() for axes in (torque, momentum)] == [
+        "wheel torques (N m)",
+        "wheel momenta (N m s)",
+    ]
+    t = torque.lines[0].get_xdata()
+    given, held = (
+        np.stack([line.get_ydata() for line in axes.lines[:4]], axis=1) for axes in (torque, momentum)
+    )
+    np.testing.assert_allclose(held[0], [wheel.stored for wheel in array], atol=1e-12)
+    np.testing.assert_allclose(np.gradient(held, t, axis=0, edge_order=2), -given, atol=1e-4 * np.ptp(given))
+    names = [text.get_text() for text in torque.get_legend().get_texts()]
+    assert names[:4] == [wheel.name for wheel in array]
+    told = {round(abs(level), 6) for level in levels(momentum)}
+    assert told <= {round(wheel.momentum, 6) for wheel in array}
+    (only,) = {len(axes.lines) for axes in jp.plot.torque(loaded(inertia=INERTIA))}
+    assert only == 3
 
 
 def test_each_axis_has_its_own_limit_and_a_limited_length_a_curve():

@@ -14,6 +14,7 @@ from builders import make_observer, make_plan
 from exports import flown_plan
 from matplotlib import image
 from scipy.spatial.transform import Rotation
+from wheels import wheels
 
 import jaxplan as jp
 from jaxplan.cli import main
@@ -261,6 +262,24 @@ def test_the_page_tells_of_mountings_fields_wishes_and_what_is_held(tmp_path, mo
     }.items():
         (table,) = [table for table in page.texts["table"] if title in table]
         assert words in table
+
+
+def test_the_page_has_every_wheel_with_what_it_may_give_and_hold(tmp_path):
+    plan = flown_plan()
+    array = wheels(np.eye(3), [90.0, 91.0, 92.0], [55.5, 66.0, 77.0], [0.0, 0.125, -2.0])
+    craft = replace(plan.scenario.spacecraft, inertia=np.diag([20.0, 30.0, 40.0]), wheels=array)
+    narrow = tuple(replace(t, yaw_limit=3.1, pitch_limit=1.5) for t in craft.terminals)
+    craft = replace(craft, terminals=narrow)
+    plan = replace(plan, scenario=replace(plan.scenario, spacecraft=craft))
+    plan = replace(plan, certificate=jp.planner.certify(plan))
+    page = Page(jp.report_html(plan, tmp_path / "wheels.html").read_text(encoding="utf-8"))
+    (given,) = [table for table in page.texts["table"] if "Reaction wheels" in table]
+    assert "by the pseudo-inverse" in given
+    for words in ("9055.50", "91660.125", "9277-2"):
+        assert words in given
+    (peaks,) = [table for table in page.texts["table"] if "Peaks over all time" in table]
+    assert "Wheel torques" in peaks
+    assert "55.500 to 77.000N m s" in peaks
 
 
 def test_the_page_has_every_limit_with_its_unit_and_its_peak(tmp_path):
