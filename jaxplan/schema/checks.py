@@ -154,8 +154,8 @@ def _check_wheels(craft: Any, place: Place) -> None:
         if limit is not None and limit is not WRONG:
             own = "torque_nm" if key == "torque_limit_nm" else "momentum_nms"
             place[key].fault(
-                f"cannot stand beside {here.path}, where each wheel has its {own}: it is for thrusters, or "
-                "for wheels along the body axes that hold nothing at the start"
+                f"cannot stand beside {here.path}, where each has its own, such as {here[0][own].path}: it "
+                "is for thrusters, or for wheels along the body axes that hold nothing at the start"
             )
 
 

@@ -175,12 +175,16 @@ class LoadBlock:
 
     @cached_property
     def _falls(self) -> np.ndarray | None:
-        """(G, S, 2, c) by how much shares fall with the logarithm of the duration; None for their power's."""
+        """(G, S, 2, c) by how much shares fall with the logarithm of the duration; None for their power's.
+
+        It is that of rows at their bound, or of ``a + b T <= limit T^p`` with the duration ``T``: so, as of a
+        power alone, what a curve changes of a row does not depend on what the duration does.
+        """
         if self.lesser is None:
             return None
         part, scale = self.lesser
         slow = self.at.loads[:, :, part] * (scale + self.scale)[:, None]
-        return self.power * (1 - self.slack) - SIGNS[:, None] * slow[:, :, None]
+        return self.power - SIGNS[:, None] * slow[:, :, None]
 
     def time(self, index: Index) -> np.ndarray:
         """Derivatives (R,) of the rows of these indices in the logarithm of the duration."""

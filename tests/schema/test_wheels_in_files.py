@@ -60,7 +60,8 @@ REFUSED = {
     "no inertia": (tables(inertia_kg_m2=None), "spacecraft.wheel: needs spacecraft.inertia_kg_m2"),
     "a torque limit": (
         tables(torque_limit_nm=0.5),
-        "spacecraft.torque_limit_nm: cannot stand beside spacecraft.wheel, where each wheel has its torque",
+        "spacecraft.torque_limit_nm: cannot stand beside spacecraft.wheel, where each has its own, such as "
+        "spacecraft.wheel[0].torque_nm: it is for thrusters",
     ),
     "a momentum limit": (
         tables(wheel_momentum_limit_nms=[4.0, 4.0, 4.0]),
