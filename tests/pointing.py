@@ -38,7 +38,7 @@ KINDS = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
     spacecraft: Spacecraft
     start: np.ndarray

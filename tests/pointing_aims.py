@@ -7,6 +7,7 @@ All of it is written anew in numpy, from the axes by which devices are mounted.
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -48,8 +49,13 @@ class Aim(NamedTuple):
     toward: np.ndarray
 
 
-def aims_of(problem: Problem) -> Iterator[Aim]:
+@lru_cache(maxsize=4)
+def aims_of(problem: Problem) -> tuple[Aim, ...]:
     """Where each device with a target may point."""
+    return tuple(_aims_of(problem))
+
+
+def _aims_of(problem: Problem) -> Iterator[Aim]:
     craft, targets = problem.spacecraft, problem.targets
     for name, toward in zip(targets.names(craft), targets.directions, strict=True):
         device = next(
@@ -108,12 +114,28 @@ def slew_of(problem: Problem, attitude: np.ndarray) -> float:
 def slsqp(problem: Problem, starts: int, rng: np.random.Generator) -> float:
     """Least slew that SLSQP finds from starts uniform in the ball of radius pi; inf if it finds none."""
 
-    def at(eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return conditions(problem, problem.start @ Rotation.from_rotvec(eta).as_matrix())
+    steps = 1e-6 * np.eye(3)
 
-    constraints = [{"type": "ineq", "fun": lambda eta: np.append(at(eta)[0], np.pi**2 - eta @ eta)}]
-    if len(at(np.zeros(3))[1]):
-        constraints.append({"type": "eq", "fun": lambda eta: at(eta)[1]})
+    @lru_cache(maxsize=1)
+    def around(place: tuple[float, ...]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """What must be at least zero and what must be zero at a rotation vector, and their slopes."""
+        etas = np.concatenate([[place], place + steps, place - steps])
+        parts = conditions(problem, problem.start @ Rotation.from_rotvec(etas).as_matrix())
+        parts = np.column_stack([parts[0], np.pi**2 - np.sum(etas**2, axis=1)]), parts[1]
+        return [part[0] for part in parts], [(part[1:4] - part[4:]).T / 2e-6 for part in parts]
+
+    def at(eta: np.ndarray) -> list[np.ndarray]:
+        return around(tuple(eta))[0]
+
+    constraints = [
+        {
+            "type": kind,
+            "fun": lambda eta, which=which: at(eta)[which],
+            "jac": lambda eta, which=which: around(tuple(eta))[1][which],
+        }
+        for which, kind in enumerate(("ineq", "eq"))
+        if len(at(np.zeros(3))[which])
+    ]
     best = np.inf
     for start in random_units(rng, starts) * np.pi * rng.random((starts, 1)) ** (1 / 3):
         end = minimize(

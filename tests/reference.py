@@ -230,9 +230,10 @@ def state_margins(scenario, attitudes, joints, time):
         for name, entries in groups.items()
     }
     for terminal in scenario.spacecraft.terminals:
-        yaw_pitch = joints[:, own_joints(scenario.spacecraft, terminal.name)]
+        own = own_joints(scenario.spacecraft, terminal.name)
+        yaws = scenario.spacecraft.joint_ranges[own[0]]
         for number, corners in enumerate(terminal.mask):
-            margins[f"mask {number + 1} of {terminal.name}"] = mask_margin(corners, yaw_pitch)
+            margins[f"mask {number + 1} of {terminal.name}"] = mask_margin(corners, joints[:, own], yaws)
     return margins
 
 
@@ -376,10 +377,16 @@ def field_distance(craft, name, joints, toward):
     return np.where(inward > 0, -nearest, nearest)
 
 
-def mask_margin(corners, yaw_pitch):
-    """(k,) rad by which (yaw, pitch) is beyond the edge of a convex polygon, as met again every turn."""
+def mask_margin(corners, yaw_pitch, yaws=(-np.inf, np.inf)):
+    """(k,) rad by which (yaw, pitch) is beyond the edge of a convex polygon, as met again every turn.
+
+    What is beyond the range of yaws cannot be met.
+    """
     middle, least = np.mean(corners, axis=0), np.full(len(yaw_pitch), np.inf)
     for turn in range(-3, 4):
+        first, last = (end(corners[:, 0]) + 2 * np.pi * turn for end in (np.min, np.max))
+        if first > yaws[1] or last < yaws[0]:
+            continue
         beyond = np.full(len(yaw_pitch), -np.inf)
         for one, other in zip(corners, np.roll(corners, -1, axis=0), strict=True):
             normal = np.array([other[1] - one[1], one[0] - other[0]]) / np.linalg.norm(other - one)

@@ -24,7 +24,7 @@ import numpy as np
 from jaxplan.certificate import MARGIN_ALLOWANCE, Certificate
 from jaxplan.model.goals import GivenState
 from jaxplan.model.path import Goal, halve
-from jaxplan.model.scenario import Scenario, SearchSettings, moves
+from jaxplan.model.scenario import MINIMUM, Scenario, SearchSettings, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.clock import Clock
@@ -185,6 +185,8 @@ class Attempts:
         if not certificate.certified and ladder.spare is not None:
             self._fitted(ladder.spare)
         else:
+            if not certificate.certified and ladder.uncertified is None:
+                ladder.uncertified = ladder.so_far
             self._attempted(ladder, judged(ladder.so_far, certificate))
 
     @property
@@ -300,13 +302,32 @@ class Attempts:
     def _next_rung(self, ladder: "_Ladder") -> None:
         """Begin with the next attempt of a ladder; without one begin with the next goal."""
         if self._over or not ladder.rungs:
-            self._next_goal()
+            if self._over or not self._unbent(ladder):
+                self._next_goal()
             return
         ladder.factor, ladder.halvings = ladder.rungs.pop(0)
         if ladder.factor in ladder.found:
             self._fit_along(ladder, ladder.found[ladder.factor])
         else:
             self.need = SearchQuery(ladder.scene, self._settings(ladder.factor, len(ladder.found)))
+
+    def _unbent(self, ladder: "_Ladder") -> bool:
+        """Set `need` to the shortest motion along a path alone, where none from bent curves was certified.
+
+        Bent curves lead to shorter motions, which may leave the path to swing over the edge of a zone. False
+        where that was tried, or no curve was bent.
+        """
+        failed, settings = ladder.uncertified, self.scenario.trajectory
+        bends = settings.duration == MINIMUM and settings.node_tube is None and settings.first_guesses > 0
+        if ladder.unbent or failed is None or failed.path is None or failed.goal is None:
+            return False
+        ladder.unbent = True
+        if not bends or moves(self.scenario):
+            return False
+        ladder.so_far = replace(failed, certificate=None)
+        query = wanted_fit(self.scenario, failed.path, failed.goal)
+        self.need = replace(query, settings=replace(query.settings, first_guesses=0))
+        return True
 
     def _settings(self, factor: float, earlier: int) -> SearchSettings:
         """Settings of a search with a factor on the clearance, after a number of `earlier` searches."""
@@ -397,6 +418,8 @@ class _Ladder:
         halvings: of the attempt under way.
         so_far: the plan of that attempt.
         spare: the fit to go back to if that plan's trajectory is not certified.
+        uncertified: the first plan whose trajectory was not.
+        unbent: whether the motion along its path alone has been asked for.
     """
 
     def __init__(self, goal: Goal, scene: Scene, rungs: Sequence[tuple[float, int]]) -> None:
@@ -405,3 +428,5 @@ class _Ladder:
         self.factor, self.halvings = LADDER[0]
         self.so_far: Plan
         self.spare: Fit | None = None
+        self.uncertified: Plan | None = None
+        self.unbent = False

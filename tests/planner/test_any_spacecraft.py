@@ -83,6 +83,14 @@ def test_margins_are_those_of_what_is_stated_and_never_above_the_distance_from_a
             assert_each(least[near] + half_angle, ">=", (margin[near] + half_angle) / 1.6)
 
 
+@pytest.mark.slow
+def test_where_bent_curves_swing_over_the_edge_of_a_zone_the_motion_along_the_path_is_taken():
+    scenario = jp.random_scenario(967, "any_spacecraft")
+    shortest = replace(scenario.trajectory, duration="minimum")
+    plan = jp.plan(replace(scenario, trajectory=shortest))
+    assert breaches(plan) == []
+
+
 def test_the_check_sees_whatever_is_broken(plans):
     plan = plans[-1]  # of a terminal with a target and a mask, and a drive
     scenario, craft = plan.scenario, plan.scenario.spacecraft

@@ -110,6 +110,24 @@ def test_what_is_refused_leads_on_and_what_is_certified_ends_it(case_plan):
     assert attempts.result().ok
 
 
+def test_where_no_motion_from_bent_curves_is_certified_the_one_along_the_path_is_tried_last(case_plan):
+    case = one_goal()
+    attempts = begun(replace(case, trajectory=replace(case.trajectory, duration="minimum")))
+    refused, guesses = replace(case_plan.certificate, certified=False), []
+    while attempts.need is not None and len(guesses) < 20:
+        if isinstance(attempts.need, SearchQuery):
+            attempts.accept_path(path_of(attempts.need))
+        elif isinstance(attempts.need, ProofQuery):
+            attempts.accept_certificate(refused)
+        else:
+            guesses.append(attempts.need.settings.first_guesses)
+            attempts.accept_fit(Fit(trajectory=case_plan.trajectory, status=jp.Status.OK, message=""))
+    assert guesses[0] > 0
+    assert set(guesses[:-1]) == {guesses[0]}
+    assert guesses[-1] == 0
+    assert attempts.result().status is jp.Status.UNCERTIFIED
+
+
 def test_without_goals_the_plan_says_why():
     attempts = Attempts(one_goal(), Clock(np.inf))
     attempts.accept_goals(Plan(scenario=one_goal(), status=jp.Status.GOAL_UNREACHABLE, message="too far"))
