@@ -222,6 +222,7 @@ def results(plan, failed, scenario):
             Targets(directions=(np.eye(3)[0], turning)),
             *(observer.terminals[0].mounting, observer.drives[0], observer.gimbals),
             Wish(device="array", direction=np.eye(3)[0]),
+            jp.Wheel(name="wheel-1", axis=np.eye(3)[0], torque=0.2, momentum=8.0, stored=0.5),
         ),
         *(
             plan,
