@@ -29,10 +29,11 @@ from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.implicit import Equations, implicit_root
 from jaxplan.trajectory import schedule
+from jaxplan.trajectory.binding import ActiveSet, FitInputs, Traced
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.kernels import Body
 from jaxplan.trajectory.measures import to_limits
-from jaxplan.trajectory.optimality import ActiveSet, FitInputs, Traced, curve_of, flat, matrix, residual
+from jaxplan.trajectory.optimality import curve_of, flat, matrix, residual
 from jaxplan.trajectory.problem import tube_radius, wanted_margins
 from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS

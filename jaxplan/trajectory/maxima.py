@@ -16,7 +16,7 @@ from functools import cache
 
 import numpy as np
 
-from jaxplan.model.limits import time_factor
+from jaxplan.model.scaling import time_factor
 from jaxplan.runtime.batching import in_groups
 
 _CURVES = 16  # curves whose maxima are looked for together, so that results stay in the processor's cache

@@ -33,10 +33,10 @@ from jaxplan.model.limits import (
     components,
     highest_derivative,
     lesser_components,
-    time_factor,
     timed_limits,
     values,
 )
+from jaxplan.model.scaling import time_factor
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import WheelArray
 from jaxplan.runtime.batching import in_groups

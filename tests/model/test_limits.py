@@ -19,9 +19,9 @@ from jaxplan.model.limits import (
     highest_derivative,
     limits,
     longest,
-    time_factor,
     values,
 )
+from jaxplan.model.scaling import time_factor
 from jaxplan.trajectory import measures
 from jaxplan.trajectory.peaks import peaks as peaks_of
 

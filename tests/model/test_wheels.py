@@ -13,7 +13,8 @@ from reference import random_units
 from scipy.optimize import linprog
 from wheels import INERTIA, by_envelope, by_pseudo_inverse, exchanged, random_wheels, wheels
 
-from jaxplan.model.limits import limits, time_factor, timed_limits
+from jaxplan.model.limits import limits, timed_limits
+from jaxplan.model.scaling import time_factor
 from jaxplan.model.wheels import MINIMAX, PSEUDO_INVERSE, wheel_array
 from jaxplan.trajectory import measures, total_momentum
 from jaxplan.trajectory.peaks import peaks
