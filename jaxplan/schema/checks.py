@@ -144,7 +144,10 @@ def _check_wheels(craft: Any, place: Place) -> None:
     elif len(axes) == len(wheels) and not any(axis is WRONG for axis in axes):
         sizes = np.linalg.svd(np.array(axes), compute_uv=False)
         if not sizes[-1] >= FLAT:
-            here.fault("their axes must not lie in one plane, across which they give no torque")
+            here.fault(
+                "their axes must not lie in one plane, or nearly so, across which they give no torque (least "
+                f"singular value {sizes[-1]:.2g}, must be at least {FLAT:g})"
+            )
     if craft.inertia is None:
         here.fault(f"needs {place['inertia_kg_m2'].path}")
     for key, limit in (

@@ -281,8 +281,7 @@ def too_tight(duration: float, peaks: Peaks, needed: str | None, else_try: str) 
     if needed is None and np.isinf(peaks.stretch):
         return (
             f"turned about slowly, what the wheels hold would take {name} beyond its limit, so that slowing "
-            "down does not help: lower spacecraft.wheel.stored_nms, raise momentum_nms, or change the goal "
-            '(only trajectory.duration_s = "minimum" looks for other ways round)'
+            "down does not help: lower spacecraft.wheel.stored_nms, raise momentum_nms, or change the goal"
         )
     excess = f"in {duration:g} s {name} would reach {ratio:.4g} times its limit"
     if needed is None:

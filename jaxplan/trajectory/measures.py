@@ -284,7 +284,8 @@ def wheel_torques(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np
         t: () or (k,) s.
 
     Returns:
-        (r,) or (k, r) N m, one a wheel; with the allocation "minimax" one a face of the envelope.
+        (r,) or (k, r) N m, one a wheel; with the allocation "minimax" one for each pair of wheels, along the
+            face of the envelope that is theirs, even where there are three.
 
     Raises:
         ValueError: if there are no wheels, or a time lies outside.
@@ -295,7 +296,9 @@ def wheel_torques(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np
 def wheel_momenta(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np.ndarray:
     """Momenta that wheels hold, (r,) or (k, r) N m s; arguments and errors as of `wheel_torques`.
 
-    Those at the end are what the wheels store at the start of the next manoeuvre.
+    Those at the end are what the wheels store at the start of the next manoeuvre, with the allocation
+    "pseudo_inverse". With "minimax" they are along the faces of the envelope and no wheel's: which wheel
+    holds what depends on the controller.
     """
     return np.asarray(np.moveaxis(_of_wheels(trajectory, craft, t).wheel_momenta, 0, -1))
 
