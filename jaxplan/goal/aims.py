@@ -155,13 +155,13 @@ def pointed(gimbals: Gimbals, aims: Aims, attitude: ArrayLike, rest: ArrayLike) 
     if not own:
         return joints
     places, numbers = (np.array(part) for part in zip(*own, strict=True))
-    some = places[numbers < gimbals.terminals]
+    of_terminals = numbers < gimbals.terminals  # in any order among the targets
     _, directions, frames, ranges = arrays(aims.directions, aims.frames, aims.ranges)
     azimuth, elevation = angles_toward(frames[places], turn, directions[places])
     yaws = gimbals.yaws[numbers]
     yaw = in_range(azimuth, ranges[places, AZIMUTH], others[yaws])
-    pitches = gimbals.pitches[numbers[: len(some)]]
-    found = xp.concatenate([yaw, elevation[..., : len(some)]], axis=-1)
+    pitches = gimbals.pitches[numbers[of_terminals]]
+    found = xp.concatenate([yaw, elevation[..., of_terminals]], axis=-1)
     which = np.concatenate([yaws, pitches])
     if xp is np:
         joints = np.array(joints)

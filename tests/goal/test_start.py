@@ -1,6 +1,7 @@
 """States in which devices point along their targets at the start, at the rates at which these move."""
 
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -97,3 +98,11 @@ def test_a_device_has_the_angles_that_are_told_at_the_start_whatever_is_in_the_w
     state = jp.point(craft, toward, prefer=[jp.Wish(device="antenna", direction=[0.0, 0, 1])], joints=within)
     assert abs(state.joints[2] - within[2]) <= 1e-12
     assert not np.allclose(state.joints[:2], within[:2])
+
+
+def test_joints_are_the_same_whatever_the_order_of_targets():
+    craft, targets = make_observer(), {"array": [-0.8, 0.0, -0.6], "antenna": [-0.48, 0.6, 0.64]}
+    known = [jp.point(craft, dict(order)) for order in permutations(targets.items())]
+    for other in known:
+        np.testing.assert_allclose(other.joints, known[0].joints, atol=1e-9)
+        np.testing.assert_allclose(other.rotation_vector, known[0].rotation_vector, atol=1e-9)
