@@ -62,7 +62,7 @@ def torques(evidence: Evidence, craft: Spacecraft) -> Sequence[np.ndarray]:
 
 
 def momenta(evidence: Evidence, craft: Spacecraft) -> Sequence[np.ndarray]:
-    """What the rows hold (r, n, m) N m s, what is left out, and rounding."""
+    """Momenta (r, n, m) N m s that the rows limit, what is left out of them, and their rounding."""
     rows, inertia, size = _rows(craft), *_inertia(craft)
     total, carried = _total(evidence, craft)
     values = carried - np.einsum("ij,jnm->inm", inertia, evidence.samples.spin[0])

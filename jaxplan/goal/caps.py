@@ -127,7 +127,7 @@ class Caps:
         return np.asarray(self.half_angle - separation(self.axis, self.direction @ rotation))
 
     def clear(self, rotation: np.ndarray) -> bool:
-        """Whether a rotation ``E`` (3, 3) keeps directions out of all caps, with half of `HAIR` to spare."""
+        """True if a rotation ``E`` (3, 3) keeps all directions out of the caps, by half of `HAIR` or more."""
         excess = group_excess(self.excess(rotation)[:, None], self.member, self.group)
         return bool(np.all(excess <= HAIR / 2))
 

@@ -249,7 +249,7 @@ class _State(NamedTuple):
     def of(
         cls, spacecraft: Spacecraft, targets: Targets, cones: Constraints, rest: Array, dtype: jnp.dtype
     ) -> "_State":
-        """What the derivatives of a goal are taken by, with directions of unit length and arrays of `dtype`.
+        """Make the arrays that a goal is differentiated by, with directions of unit length.
 
         Args:
             spacecraft: with the devices that point.

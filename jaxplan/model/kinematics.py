@@ -43,7 +43,7 @@ class Kinematics(NamedTuple):
 
     @property
     def torque(self) -> AnyArray:
-        """Of actuators, (3, ...) N m: ``J omega' + omega x J omega``, with wheels ``R^T H`` in its place."""
+        """Torque of actuators (3, ...) N m: ``J omega' + omega x J omega``; wheels have ``R^T H`` there."""
         turned = self.momentum if self.total is None else self.total
         return _product(self.inertia, self.spin[1]) + _stacked(cross(self.spin[0], turned))
 
@@ -59,12 +59,12 @@ class Kinematics(NamedTuple):
 
     @property
     def wheel_momenta(self) -> AnyArray:
-        """What the wheels' rows hold (r, ...) N m s, of ``h = R^T H - J omega`` and what lies apart."""
+        """Momenta (r, ...) N m s that the wheels' rows limit: of ``R^T H - J omega``, and what lies apart."""
         return self.resting_momenta - _product(self._array.rows, self.momentum)
 
     @property
     def resting_momenta(self) -> AnyArray:
-        """What they would hold (r, ...) N m s if the body rested at these attitudes."""
+        """The `wheel_momenta` (r, ...) N m s that there would be if the body rested at these attitudes."""
         held = _product(self._array.rows, self.total)
         apart = self._array.apart
         return held + apart.reshape(*apart.shape, *[1] * (held.ndim - apart.ndim))

@@ -392,7 +392,7 @@ def components(names: Iterable[str], rows: int = 0) -> list[slice]:
 
 
 def lesser_components(names: Iterable[str], rows: int) -> list[slice | None]:
-    """Likewise the slices of their lesser parts; None for a quantity without."""
+    """For each of the platform's quantities the slice of its lesser part in `values`; None without one."""
     given = list(names)
     first = sum(_size(name, rows) for name in given)
     found: list[slice | None] = []
