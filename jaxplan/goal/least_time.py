@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.geometry import quaternion
-from jaxplan.geometry.vectors import AnyArray, array_module, arrays
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length
 from jaxplan.goal import multistart
 from jaxplan.goal.aims import Aims
 from jaxplan.goal.caps import Caps
@@ -200,12 +200,17 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
         axes.append(xp.eye(3)[order].T)
         rates.append(own)
         shares.append(_smooth(share))
+    norms = longest(craft, 1), longest(craft, 2)
+    tops, growths = (
+        [*(xp.minimum(length(limit[np.arange(3) != axis]), norm) for axis in range(3)), norm]
+        for limit, norm in zip((rate, acceleration), norms, strict=True)
+    )
     return Platform(
         axes=stacked(axes),
         rates=stacked(rates),
         shares=stacked(shares),
-        top=stacked([longest(craft, 1), *(xp.max(rate / box) for box in boxes)]) * unit,
-        growth=stacked([longest(craft, 2), *(xp.max(acceleration / box) for box in boxes)]) * unit**2,
+        top=stacked([*tops, *(xp.max(rate / box) for box in boxes)]) * unit,
+        growth=stacked([*growths, *(xp.max(acceleration / box) for box in boxes)]) * unit**2,
     )
 
 

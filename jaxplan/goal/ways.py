@@ -1,13 +1,14 @@
 """Distances that platform and joints go from the start, with two derivatives, for goals of least time.
 
 A *way* is such a distance: of a joint its change of angle, rad, taken with either sign; of the platform the
-angle of its turn, rad, or a length of it by `jaxplan.model.turn_table`. Along ``E exp(d^)`` a way ``w``
+angle of its turn, rad, the angle between a body axis before and after it, or a length of the turn by
+`jaxplan.model.turn_table`. Along ``E exp(d^)`` a way ``w``
 has the first derivatives, or *slopes*, ``dw / dd`` and the second ones, *bends*, ``d^2 w / dd^2``, both at
 ``d = 0``. They are written out here: with those of nested derivatives of JAX the descents took five times as
 long to compile. An angle with target ``b`` in body axes has the slopes ``g x b``, with ``g`` its gradient by
 ``b``. The turn's ways follow from its rotation vector ``eta``, whose slopes are ``J = k I + (1 - k) u u^T +
 eta^ / 2`` with ``k = (theta / 2) cot(theta / 2)``. Shapes: p pointers (devices whose joints follow a
-direction), b tables of turns, w = 1 + 3 b + 4 p ways, K lanes (problems side by side), the last axis.
+direction), b tables of turns, w = 4 + 3 b + 4 p ways, K lanes (problems side by side), the last axis.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,6 +25,7 @@ from jaxplan.model.gimbals import in_range
 
 _ABOVE = 1e-9  # least square of the cosine of an elevation; at zero the azimuth has no derivative
 _NO_TURN = 1e-16  # rad^2, square of the turn's angle below which its derivatives are taken as zero
+_IN_PLACE = 1e-9  # sine of an axis's angle below which its derivatives are taken as zero
 _NOWHERE = -1.0  # rad, way of a joint that there is not: no constraint, since it is below any reach
 _FACES = (np.arange(3)[:, None] + np.arange(3)) % 3  # row f: the axes, that of the largest ``q_f`` first
 _SINGLE = np.eye(3, dtype=int)
@@ -59,7 +61,7 @@ class Pointers(NamedTuple):
 
 
 class Platform(NamedTuple):
-    """Lengths of a turn of the platform, its angle and those by tables, with limits of their speeds.
+    """Lengths of a turn of the platform, its angles and those by tables, with limits of their speeds.
 
     There are b tables of lengths, i, j and k coefficients along each of their places.
 
@@ -71,8 +73,9 @@ class Platform(NamedTuple):
         axes: (b, 3, 3) body from the axes of each table, in the order of its rates.
         rates: (b, 3) of the table, rad/s.
         shares: (b, 3, i, j, k) coefficients of Legendre polynomials of |r| and of the two others' ``q``.
-        top: (1 + b,) largest speed along each length, per unit of time, the angle's first.
-        growth: (1 + b,) largest acceleration along each, per unit of time squared.
+        top: (4 + b,) largest speed along each way, per unit of time: the angles of body axes x, y and z, the
+            turn's angle, and the lengths by tables.
+        growth: (4 + b,) largest acceleration along each, per unit of time squared.
     """
 
     axes: np.ndarray
@@ -165,8 +168,24 @@ def joint_angles(quaternion: Array, pointers: Pointers) -> Course:
     return _joined(found)
 
 
+def axis_angles(quaternion: Array) -> Course:
+    """Angles (3, K) rad between each body axis before and after turns (4, K)."""
+    axes = jnp.eye(3, dtype=quaternion.dtype)
+    seen = jnp.stack(
+        rotations.turned_back(quaternion, axes[:, :, None])
+    )  # (3, axis, K): before, in body axes
+    normal, cosine = jnp.stack(cross(axes[:, :, None], seen)), jnp.einsum("iik->ik", seen)
+    size = jnp.sqrt(dot(normal, normal))
+    there = size > _IN_PLACE
+    sine = jnp.where(there, size, 1)
+    slopes = jnp.where(there, -normal / sine, 0)
+    about = _symmetric(axes[:, :, None], seen) - _identity(seen) * cosine
+    bends = jnp.where(there, -(about + _symmetric(slopes, slopes) * cosine) / sine, 0)
+    return Course(jnp.arctan2(size, cosine), slopes, bends)
+
+
 def _of_attitude(quaternion: Array, platform: Platform) -> Course:
-    """The ways of `turn_ways` at quaternions (4, K), with derivatives by ``d`` by the chain rule."""
+    """The ways of the platform at quaternions (4, K), those of `axis_angles` first."""
     angle, eta, hessian = angle_terms(quaternion)
     by_turn = turn_ways(eta, platform)
     nearness = jnp.trace(hessian) / 2 - 0.5  # k
@@ -188,7 +207,7 @@ def _of_attitude(quaternion: Array, platform: Platform) -> Course:
     side = 2 * uneven * beside - (1 - nearness) * jnp.stack(cross(across, slopes))
     plane = (_identity(across) - _symmetric(across, across)) * jnp.where(there, uneven - angle / 4, 0)
     bends = back(jnp.swapaxes(back(by_turn.bends), 0, 1)) + _symmetric(across, side) + along * plane
-    return Course(by_turn.values, back(slopes), bends)
+    return _joined([axis_angles(quaternion), Course(by_turn.values, back(slopes), bends)])
 
 
 def turn_ways(eta: Array, platform: Platform) -> Course:
@@ -279,9 +298,9 @@ def legendre(place: AnyArray, count: int) -> list[AnyArray]:
 
 
 def speed_limits(pointers: Pointers, platform: Platform) -> tuple[Array, Array]:
-    """Largest speeds and accelerations (w,) along the ways, w = 1 + 3 b + 4 p, in the order of `ways`."""
+    """Largest speeds and accelerations (w,) along the ways, w = 4 + 3 b + 4 p, in the order of `ways`."""
     found = []
     for of_turn, of_joint in ((platform.top, pointers.rate), (platform.growth, pointers.acceleration)):
         own = jnp.where(pointers.moves, of_joint, 1).T.reshape(-1)
-        found.append(jnp.concatenate([of_turn[:1], jnp.tile(of_turn[1:], 3), own, own]))
+        found.append(jnp.concatenate([of_turn[:4], jnp.tile(of_turn[4:], 3), own, own]))
     return found[0], found[1]
