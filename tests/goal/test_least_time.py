@@ -160,7 +160,7 @@ def test_derivatives_of_goals_of_least_time_are_those_of_differences(seed):
 
 @pytest.mark.slow
 def test_a_goal_of_least_rotation_that_is_the_soonest_is_followed_as_such():
-    scenario = jp.random_scenario(4, "keep_out")
+    scenario = jp.random_scenario(56, "keep_out")
     scenario = replace(scenario, goal=replace(scenario.goal, criterion="least_time"))
     plan = jp.plan(scenario)
     nearest = find_goals(replace(scenario, goal=replace(scenario.goal, criterion="least_rotation")))[0]
