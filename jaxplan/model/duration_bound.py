@@ -169,6 +169,29 @@ def rest_bounds(spacecraft: Spacecraft, turns: ArrayLike, moves: ArrayLike) -> A
     return _most(times)
 
 
+def time_along(spacecraft: Spacecraft, attitudes: np.ndarray, joints: np.ndarray) -> float:
+    """About how long a motion along a path takes, to compare paths: the slowest on each edge at top speed.
+
+    A top speed that cannot be reached by accelerating along half of the path is lowered to what can.
+
+    Args:
+        spacecraft: its limits.
+        attitudes: (m + 1, 3, 3) nodes, body to inertial.
+        joints: (m + 1, 2n + d) rad.
+
+    Returns:
+        s, no bound.
+    """
+    turns = so3.log(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])
+    ways = [*_ways_of_platform(spacecraft, turns), *_ways_of_joints(spacecraft, np.diff(joints, axis=0))]
+    slowest = np.zeros(len(turns))
+    for way in ways:
+        far = np.abs(way.distance)
+        speed = np.minimum(way.top, np.sqrt(way.growth * max(np.sum(far), np.finfo(float).tiny)))
+        slowest = np.maximum(slowest, far / speed)
+    return float(np.sum(slowest))
+
+
 def duration_bound(
     spacecraft: Spacecraft,
     attitudes: np.ndarray,

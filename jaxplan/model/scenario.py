@@ -121,8 +121,9 @@ class TrajectorySettings:
         node_tube: of "global", rad, how far nodes may be passed; 0 for exactly, infinite to take them as a
             first guess. None for 1 deg, and in the shortest motion for infinite.
         end_acceleration: of "global", whether accelerations at start and goal are "zero" or "free".
-        first_guesses: of the shortest motion, how many curves that are bent away from the path, and paths of
-            other searches, it is looked for from where the bound leaves something to gain; 0 for none.
+        first_guesses: of the shortest motion, how many curves that are bent away from the path, and half as
+            many paths of other searches (the quickest looking of six times as many), it is looked for from
+            where the bound leaves something to gain; 0 for none.
         optimal: of "global", whether a fit goes on to the optimum, whose derivatives `jp.differentiable` has;
             else it may end some thousandths of its energy above.
     """

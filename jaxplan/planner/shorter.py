@@ -1,15 +1,20 @@
 """Look for shorter plans than one that was found: along paths of other searches, and from more bent curves.
 
 Zones can be passed on several sides, and a search finds one way. Where the shortest motion along it is far
-above the bound, other searches look for other ways, unless the straight one is open, which all would find. A
-motion along another way that is quicker, once it is certified, is the plan. There is always a certified plan
-at hand.
+above the bound, other searches look for other ways, unless the straight one is open, which is the quickest. A
+search is quick and a fit is not, so of a round of searches the paths that look quickest are fitted. A motion
+along one of them that is quicker, once it is certified, is the plan. There is always a certified plan at
+hand.
 """
 
+import math
 import time
 from dataclasses import replace
 
+import numpy as np
+
 from jaxplan.certificate import Certificate
+from jaxplan.model.duration_bound import time_along
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.status import Status
@@ -23,7 +28,10 @@ METHODS = ("rrt_connect", "mha")  # of the other searches, in turn: the first on
 _FIRST_SEED = 100  # number of the first other search among those whose seeds are derived
 _SHORTER = 1 - 1e-4  # share of the duration below which a motion's has to be for its plan to be taken
 _MOST_BENT = 1000  # curves; with more nothing is found that fewer would not find
-_BEND_EVERY = 4  # in longer improvements, after so many searches more curves are bent
+_FITS, _SEARCHES = 0.5, 3  # in a round, of paths, for each of the curves that are asked for
+_NEAR = 0.25  # rad, of attitude and joints; a path that stays so near to one that was fitted is the same way
+_BENT = 1.001  # times what the straight path looks to take; a path that takes no more is straight
+_SLOWER = 1.25  # times what the plan's own path looks to take; paths that look slower are not fitted
 
 
 def is_improvable(plan: Plan, improve_for: float, enough: float = 0.0) -> bool:
@@ -38,11 +46,33 @@ def is_improvable(plan: Plan, improve_for: float, enough: float = 0.0) -> bool:
     if plan.status is not Status.OK or plan.trajectory is None or plan.path is None:
         return False
     asked = settings.duration == MINIMUM and settings.method == "global" and settings.node_tube is None
-    others = settings.first_guesses > 0 and plan.search is not None and plan.search.expansions > 0
+    others = settings.first_guesses > 0 and _is_bent(plan)
     worthwhile = improve_for > 0 or others
     bound = plan.duration_bound
     far = bound is not None and plan.trajectory.duration > max(NEAR_THE_BOUND * bound, enough)
     return asked and worthwhile and far and not moves(scenario)
+
+
+def _time_along(plan: Plan, path: Path) -> float:
+    """About what a motion of a plan's spacecraft along a path takes, s."""
+    return time_along(plan.scenario.spacecraft, path.attitudes, path.joints)
+
+
+def _is_near(path: Path, other: Path) -> bool:
+    """Whether every node of a path is within `_NEAR` of some node of another."""
+    cosine = (np.einsum("aij,bij->ab", path.attitudes, other.attitudes) - 1) / 2
+    joints = np.abs(path.joints[:, None] - other.joints)
+    apart = np.maximum(np.arccos(np.clip(cosine, -1, 1)), np.max(joints, axis=-1, initial=0))
+    return bool(np.max(np.min(apart, axis=1)) <= _NEAR)
+
+
+def _is_bent(plan: Plan) -> bool:
+    """Whether a motion along the path of a plan takes longer than one along the straight path."""
+    path = plan.path
+    if path is None:
+        return False
+    ends = Path(attitudes=path.attitudes[[0, -1]], joints=path.joints[[0, -1]], edge_costs=np.ones(1))
+    return _time_along(plan, path) > _BENT * _time_along(plan, ends)
 
 
 class Shorter:
@@ -65,6 +95,8 @@ class Shorter:
         self._limit, self._until = now + max(left, improve_for), now + improve_for
         self._searches, self._bent = 0, plan.scenario.trajectory.first_guesses
         self._so_far = plan
+        self._fitted = [] if plan.path is None else [plan.path]
+        self._begin_round(bends=0)
         self._rough = False  # whether the fit under way only tells whether a better one is worth it
         self.need: SearchQuery | FitQuery | ProofQuery | None = None
         self._next()
@@ -76,11 +108,9 @@ class Shorter:
 
     def accept_path(self, result: SearchResult) -> None:
         """Take the result of another search, and set `need`."""
-        if result.path is None:
-            self._next()
-            return
-        self._so_far = replace(self.plan, search=result, path=result.path)
-        self._fit(result.path, first_guesses=0)
+        if result.path is not None:
+            self._found.append((_time_along(self.plan, result.path), result))
+        self._next()
 
     def accept_fit(self, fitted: Fit) -> None:
         """Take the fit along another path, or from more curves, and set `need`."""
@@ -101,28 +131,58 @@ class Shorter:
             self.plan = found
         self._next()
 
+    def _begin_round(self, bends: int) -> None:
+        """Begin a round of searches and fits, with `bends` fits from more bent curves at its end."""
+        self._found: list[tuple[float, SearchResult]] = []  # each with what its path looks to take, s
+        asked = max(self._scenario.trajectory.first_guesses, 1) if self._scenario.zones else 0
+        self._searches_left, self._fits_left = _SEARCHES * asked, math.ceil(_FITS * asked)
+        self._bends_left = bends
+
     def _next(self) -> None:
-        """Set `need` to another search, or to a fit from more bent curves; to None at the end."""
-        scenario, self.need = self._scenario, None
-        now, planned = time.monotonic(), scenario.trajectory.first_guesses
-        if now >= self._limit or (self._searches >= planned and now >= self._until):
+        """Set `need` to what the round needs next; to None at the end of the last round."""
+        self.need, now = None, time.monotonic()
+        if now >= self._limit:
             return
-        by_search = bool(scenario.zones) and (
-            self._searches < planned or self._searches % _BEND_EVERY or self._bent >= _MOST_BENT
-        )
-        self._searches += 1
-        if by_search:
-            settings = replace(
-                scenario.search,
-                method=METHODS[self._searches % len(METHODS)],
-                seed=derived_seed(scenario.search.seed, _FIRST_SEED + self._searches),
-                time_limit=self._limit - now,
-            )
-            self.need = SearchQuery(self._scene, settings)
-        elif self._bent < _MOST_BENT and self.plan.path is not None:
+        if self._searches_left:
+            self._searches_left -= 1
+            self._search(self._limit - now)
+        elif self._fits_left and self._take_quickest():
+            self._fits_left -= 1
+        elif self._bends_left and self._bent < _MOST_BENT and self.plan.path is not None:
+            self._bends_left -= 1
             self._bent = min(2 * max(self._bent, 1), _MOST_BENT)
             self._so_far = self.plan
             self._fit(self.plan.path, first_guesses=self._bent)
+        elif now < self._until and (self._scenario.zones or self._bent < _MOST_BENT):
+            self._begin_round(bends=1)
+            self._next()
+
+    def _search(self, time_limit: float) -> None:
+        """Set `need` to another search, of at most `time_limit` s."""
+        self._searches += 1
+        search = self._scenario.search
+        settings = replace(
+            search,
+            method=METHODS[self._searches % len(METHODS)],
+            seed=derived_seed(search.seed, _FIRST_SEED + self._searches),
+            time_limit=time_limit,
+        )
+        self.need = SearchQuery(self._scene, settings)
+
+    def _take_quickest(self) -> bool:
+        """Set `need` to a fit along the other way that looks quickest; False where there is none."""
+        if self.plan.path is None:
+            return False
+        longest = _SLOWER * _time_along(self.plan, self.plan.path)
+        self._found.sort(key=lambda found: found[0])
+        while self._found and self._found[0][0] <= longest:
+            _, result = self._found.pop(0)
+            if result.path is not None and not any(_is_near(result.path, other) for other in self._fitted):
+                self._fitted.append(result.path)
+                self._so_far = replace(self.plan, search=result, path=result.path)
+                self._fit(result.path, first_guesses=0)
+                return True
+        return False
 
     def _fit(self, path: Path, first_guesses: int) -> None:
         """Set `need` to a fit along a path, from a number of bent curves, `first_guesses`."""

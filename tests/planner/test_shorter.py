@@ -9,6 +9,13 @@ from dense import assert_kept
 
 import jaxplan as jp
 from jaxplan import so3
+from jaxplan.model.duration_bound import time_along
+from jaxplan.model.path import Path, halve
+from jaxplan.model.status import Status
+from jaxplan.planner.shorter import Shorter
+from jaxplan.planner.steps import SearchQuery
+from jaxplan.search import SearchResult, make_scene
+from jaxplan.trajectory import Fit
 
 SHORT = 40.3  # s; the first search passes the cones on the side that takes 47.8
 
@@ -68,6 +75,39 @@ def test_the_path_of_a_shorter_plan_is_the_one_that_it_follows(scene):
     samples = plan.trajectory.sample(plan.trajectory.node_times)
     offs = so3.distance(samples.attitude, plan.path.attitudes)
     assert np.max(offs) < 0.6  # rad; the other way round is farther off
+
+
+def test_of_the_paths_of_a_round_only_those_that_lead_another_quick_way_are_fitted(scene):
+    near, other = jp.plan(with_guesses(scene, 0)), jp.plan(scene).path
+    far = Path(
+        attitudes=np.concatenate([other.attitudes, other.attitudes[::-1], other.attitudes]),
+        joints=np.zeros((3 * len(other.attitudes), 0)),
+        edge_costs=np.ones(3 * len(other.attitudes) - 1),
+    )
+    shorter = Shorter(replace(near, scenario=scene), make_scene(scene, near.goal), 1e3, 0.0)
+    paths = [far, near.path, other, None, *[near.path] * 4, *[other] * 4]
+    seeds = set()
+    for path in paths:
+        assert isinstance(shorter.need, SearchQuery)
+        seeds.add((shorter.need.settings.method, shorter.need.settings.seed))
+        status = Status.NO_PATH if path is None else Status.OK
+        shorter.accept_path(SearchResult(status=status, path=path, expansions=1))
+    assert len(seeds) == len(paths)
+    assert shorter.need.path is other
+    shorter.accept_fit(Fit(status=Status.LIMITS_TOO_TIGHT, trajectory=None, message=""))
+    assert shorter.need is None
+    assert shorter.plan.path is near.path
+
+
+def test_what_a_path_looks_to_take_hardly_depends_on_the_number_of_its_nodes(scene):
+    path = jp.plan(scene).path
+    craft = scene.spacecraft
+    takes = time_along(craft, path.attitudes, path.joints)
+    for _ in range(2):
+        path = halve(path)
+        assert time_along(craft, path.attitudes, path.joints) == pytest.approx(takes, rel=0.02)
+    slow = replace(craft, rate_limit=craft.rate_limit / 4)
+    assert time_along(slow, path.attitudes, path.joints) == pytest.approx(4 * takes, rel=0.05)
 
 
 def test_improving_never_ends_with_a_longer_plan_and_stops_in_time(scene):
