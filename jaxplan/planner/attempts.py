@@ -22,7 +22,7 @@ from dataclasses import replace
 import numpy as np
 
 from jaxplan.certificate import MARGIN_ALLOWANCE, Certificate
-from jaxplan.model.goals import GivenState
+from jaxplan.model.goals import LEAST_TIME, GivenState
 from jaxplan.model.path import Goal, halve
 from jaxplan.model.scenario import MINIMUM, Scenario, SearchSettings, moves
 from jaxplan.model.status import Status
@@ -388,10 +388,21 @@ class Attempts:
             ladder.rungs = []
         if self._off_the_edges() is not None:  # which no other path to goals on them changes
             self._over = True
-        if is_improvable(attempt, self.clock.improve_for, self._enough):
-            self._shorten(Shorter(attempt, ladder.scene, self.clock.left(), self.clock.improve_for))
+        others, longer = self._other_goals(), self.clock.improve_for
+        if is_improvable(attempt, longer, others, self._enough):
+            self._shorten(Shorter(attempt, ladder.scene, self.clock.left(), longer, others))
         else:
             self._next_rung(ladder)
+
+    def _other_goals(self) -> list[Goal]:
+        """Goals left that are as good as the one reached; none where the time does not choose among goals.
+
+        They may be farther off what devices prefer, so where these do there are none either.
+        """
+        asked = self.scenario.asked
+        if isinstance(asked, GivenState) or asked.criterion != LEAST_TIME or asked.prefer:
+            return []
+        return [goal for goal, _ in self._goals_left]
 
     def _shorten(self, shorter: Shorter) -> None:
         """Set plan and `need` to those of the search for a shorter plan; at its end the plan is settled."""

@@ -13,7 +13,7 @@ from jaxplan.model.duration_bound import time_along
 from jaxplan.model.path import Path, halve
 from jaxplan.model.status import Status
 from jaxplan.planner.shorter import Shorter
-from jaxplan.planner.steps import SearchQuery
+from jaxplan.planner.steps import SearchQuery, find_goals
 from jaxplan.search import SearchResult, make_scene
 from jaxplan.trajectory import Fit
 
@@ -134,3 +134,21 @@ def test_only_the_shortest_duration_is_improved(scene, duration):
     needed = re.escape('improve_for_s = 3: needs trajectory.duration_s = "minimum", and that of ')
     with pytest.raises(ValueError, match=f"{needed}.* is {duration}"):
         jp.plan(given, improve_for_s=3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "seed"), [("keep_out", 152), ("hard_keep_out", 31), ("keep_in", 1)])
+def test_the_goal_of_least_time_is_never_later_than_that_of_least_rotation(kind, seed):
+    scenario = jp.random_scenario(
+        seed, kind
+    )  # in the first two zones are in the way to the one of least bound
+    scenario = replace(scenario, trajectory=replace(scenario.trajectory, duration="minimum"))
+    soonest, nearest = (
+        jp.plan(replace(scenario, goal=replace(scenario.goal, criterion=word)))
+        for word in ("least_time", "least_rotation")
+    )
+    assert soonest.trajectory.duration <= nearest.trajectory.duration * (1 + 1e-4)
+    assert nearest.goal.slew_angle <= soonest.goal.slew_angle + 1e-9
+    first = find_goals(scenario)[0]
+    if kind != "keep_in":
+        assert so3.distance(soonest.goal.attitude, first.attitude) > 0.03
