@@ -110,7 +110,7 @@ def momentum(evidence: Evidence, craft: Spacecraft) -> Sampled:
     spin, joints = evidence.samples.spin, evidence.samples.joints
     values = np.einsum("ij,jnm->inm", inertia, spin[0])
     for stage in stages(craft):
-        values = values + _carried(stage, spin, joints)[0]
+        values = values + _carried(stage, spin, joints)
     left_out = size * evidence.left_out.spin[0]
     rounding = size * evidence.rounding.spin[0]
     half = evidence.on.half
@@ -126,7 +126,7 @@ def change(evidence: Evidence, craft: Spacecraft) -> Sampled:
     spin, joints = evidence.samples.spin, evidence.samples.joints
     values = np.einsum("ij,jnm->inm", inertia, spin[1])
     for stage in stages(craft):
-        values = values + _carried(stage, spin, joints)[1]
+        values = values + _carried_change(stage, spin, joints)
     left_out = size * evidence.left_out.spin[1]
     rounding = size * evidence.rounding.spin[1]
     half = evidence.on.half
@@ -142,7 +142,7 @@ def at_starts(samples: Samples, first: np.ndarray, craft: Spacecraft) -> np.ndar
     found = np.sum(fixed(craft)[0][:, :, None] * samples.spin[0][:, first, 0], axis=1)
     spin, joints = samples.spin[:, :, first, :1], samples.joints[:, :, first, :1]
     for stage in stages(craft):
-        found = found + _carried(stage, spin, joints)[0][..., 0]
+        found = found + _carried(stage, spin, joints)[..., 0]
     return found
 
 
@@ -174,36 +174,45 @@ def excess(craft: Spacecraft, least: tuple[float, float], on: Intervals, majoran
     return np.nan_to_num(found, nan=np.inf)
 
 
-def _carried(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What a stage adds to ``L`` and ``L'``, (3, n, m) each, by `spin` and `joints` as `Samples` has them."""
-    velocity, acceleration = spin[:2]
-    yaw, yaw_rate, yaw_acceleration = joints[:3, stage.yaw]
+def _turned(stage: Stage, joints: np.ndarray) -> np.ndarray:
+    """A stage's axes (3, axis, n, m) in body axes, at joints (J, n, m) rad."""
     ahead, left, up = (axis[:, None, None] for axis in stage.axes)
-    turned = [
-        np.cos(yaw) * ahead + np.sin(yaw) * left,
-        np.cos(yaw) * left - np.sin(yaw) * ahead,
-        np.broadcast_to(up, velocity.shape),
-    ]
-    rate, rate_change = yaw_rate * up, yaw_acceleration * up
-    if stage.pitch is not None:
-        pitch, pitch_rate, pitch_acceleration = joints[:3, stage.pitch]
-        about = -turned[1]
-        rate = rate + pitch_rate * about
-        rate_change = rate_change + pitch_acceleration * about
-        rate_change = rate_change + pitch_rate * yaw_rate * np.cross(up, about, axis=0)
-        level = turned[0]
-        turned[0] = np.cos(pitch) * level + np.sin(pitch) * up
-        turned[2] = np.cos(pitch) * up - np.sin(pitch) * level
-    at = np.stack(turned, axis=1)  # (3, axis, n, m): columns in body axes
+    cosine, sine = np.cos(joints[stage.yaw]), np.sin(joints[stage.yaw])
+    level, aside = cosine * ahead + sine * left, cosine * left - sine * ahead
+    if stage.pitch is None:
+        return np.stack([level, aside, np.broadcast_to(up, level.shape)], axis=1)
+    cosine, sine = np.cos(joints[stage.pitch]), np.sin(joints[stage.pitch])
+    return np.stack([cosine * level + sine * up, aside, cosine * up - sine * level], axis=1)
 
-    def carried(vector: np.ndarray) -> np.ndarray:
-        """``I_k`` times vectors (3, n, m)."""
-        own = np.einsum("ianm,inm->anm", at, vector)
-        return np.einsum("ianm,anm->inm", at, np.einsum("ab,bnm->anm", stage.inertia, own))
 
-    momentum = carried(velocity + rate)
-    driven = acceleration + rate_change + np.cross(velocity, rate, axis=0)
-    return momentum, np.cross(rate, momentum, axis=0) + carried(driven)
+def _rate(stage: Stage, at: np.ndarray, joints: np.ndarray, order: int) -> np.ndarray:
+    """Joint rates (`order` 1) or accelerations (2) about a stage's axes of rotation, summed, (3, n, m)."""
+    found = joints[order, stage.yaw] * stage.axes[2][:, None, None]
+    return found if stage.pitch is None else found - joints[order, stage.pitch] * at[:, 1]
+
+
+def _times_inertia(stage: Stage, at: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """``I_k`` times vectors (3, n, m)."""
+    own = np.einsum("ianm,inm->anm", at, vector)
+    return np.einsum("ianm,anm->inm", at, np.einsum("ab,bnm->anm", stage.inertia, own))
+
+
+def _carried(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """What a stage adds to ``L``, (3, n, m), by `spin` and `joints` as `Samples` has them."""
+    at = _turned(stage, joints[0])
+    return _times_inertia(stage, at, spin[0] + _rate(stage, at, joints, 1))
+
+
+def _carried_change(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """What a stage adds to ``L'``, (3, n, m); arguments as of `_carried`."""
+    at = _turned(stage, joints[0])
+    rate, driven = _rate(stage, at, joints, 1), spin[1] + _rate(stage, at, joints, 2)
+    if stage.pitch is not None:  # the pitch axis is opposite to the left, which yaws
+        across = np.cross(at[:, 1], stage.axes[2][:, None, None], axis=0)
+        driven = driven + joints[1, stage.yaw] * joints[1, stage.pitch] * across
+    driven = driven + np.cross(spin[0], rate, axis=0)
+    momentum = _times_inertia(stage, at, spin[0] + rate)
+    return np.cross(rate, momentum, axis=0) + _times_inertia(stage, at, driven)
 
 
 def _angles(majorants: Majorants, stage: Stage) -> tuple[np.ndarray, np.ndarray]:
