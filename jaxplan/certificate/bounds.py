@@ -185,7 +185,12 @@ def rounding(motion: Motion, on: Intervals, bounds: Majorants, ways: Sequence[Wa
     )
 
 
-def gather(motion: Motion, wanted: Errors, ways: Sequence[Way] = ()) -> Evidence:
+def gather(
+    motion: Motion,
+    wanted: Errors,
+    ways: Sequence[Way] = (),
+    further: Callable[[Intervals, Majorants], np.ndarray] | None = None,
+) -> Evidence:
     """Sample trajectories on intervals so short that the polynomials' errors are at most as large as wanted.
 
     Args:
@@ -193,6 +198,8 @@ def gather(motion: Motion, wanted: Errors, ways: Sequence[Way] = ()) -> Evidence
         wanted: the errors that may remain, with the last axis for the trajectories. Where one would take too
             many intervals, larger errors remain.
         ways: the axes that move, where there is a single trajectory; they must be known all the time.
+        further: of intervals and the majorants there, how many times as large as wanted other errors are,
+            (n,); None where there are none.
     """
     on = motion.pieces(ways)
     unsettled = np.ones(len(on.begins) - 1, dtype=bool)
@@ -204,6 +211,8 @@ def gather(motion: Motion, wanted: Errors, ways: Sequence[Way] = ()) -> Evidence
         if wanted.attitude is not None:
             turned = 2.0 ** (1 - DEGREE) * bounds.attitude[DEGREE + 1]
             excess = np.maximum(excess, np.nan_to_num(turned / wanted.attitude[on.trajectory], nan=np.inf))
+        if further is not None:
+            excess = np.maximum(excess, further(on, bounds))
         parts = np.ceil(np.minimum(excess ** (1 / (DEGREE + 1)), _MOST_PARTS))
         before, after = np.diff(on.begins), np.add.reduceat(parts, on.begins[:-1])
         unsettled &= (after > before) & (after <= np.maximum(_MOST_INTERVALS, 2 * before))

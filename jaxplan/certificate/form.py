@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from jaxplan.certificate import inertia
 from jaxplan.certificate.claims import Claim
 from jaxplan.certificate.motion import Trajectory
 from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT, Constraints
@@ -230,6 +231,7 @@ def _spacecraft(spacecraft: Spacecraft) -> Iterator[str]:
             if name in ("torque_limit", "wheel_momentum_limit") and spacecraft.inertia is None:
                 yield f"spacecraft.{name} cannot be checked without spacecraft.inertia"
     yield from _wheels(spacecraft)
+    yield from _stages(spacecraft)
     for terminal in spacecraft.terminals:
         mounting = terminal.mounting
         if mounting is None:
@@ -263,6 +265,35 @@ def _spacecraft(spacecraft: Spacecraft) -> Iterator[str]:
     for instrument in spacecraft.instruments:
         if not _unit(instrument.boresight):
             yield f"the boresight of {instrument.name} is no unit vector to {_UNIT:g}"
+
+
+def _stages(spacecraft: Spacecraft) -> Iterator[str]:
+    """Yield the faults of inertias of what joints turn."""
+    named = [
+        (f"{name} of {device.name}", getattr(device, name))
+        for devices, names in (
+            (spacecraft.terminals, ("yaw_inertia", "pitch_inertia")),
+            (spacecraft.drives, ("inertia",)),
+        )
+        for device in devices
+        for name in names
+    ]
+    given = [(name, np.asarray(own, np.float64)) for name, own in named if own is not None]
+    faults = [f"{name} is no inertia" for name, own in given if not _is_inertia(own)]
+    yield from faults
+    if given and not faults and spacecraft.inertia is not None:
+        left = inertia.left(spacecraft)  # it is told, too, where a mount is not finite
+        if not np.isfinite(left).all() or not np.linalg.eigvalsh((left + left.T) / 2)[0] > 0:
+            yield "spacecraft.inertia is not more than the inertias of what its joints turn"
+
+
+def _is_inertia(given: np.ndarray) -> bool:
+    """Whether an array is a positive definite matrix (3, 3), symmetric to `_UNIT`, or three such moments."""
+    if given.shape not in ((3,), (3, 3)) or not np.isfinite(given).all():
+        return False
+    own = inertia.matrix(given)
+    symmetric = np.abs(own - own.T).max() <= _UNIT * np.abs(own).max()
+    return bool(symmetric and np.linalg.eigvalsh((own + own.T) / 2)[0] > 0)
 
 
 def _wheels(spacecraft: Spacecraft) -> Iterator[str]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxplan.certificate import bounds, series, wheels
+from jaxplan.certificate import bounds, inertia, series, wheels
 from jaxplan.certificate.bounds import LEBESGUE, Evidence, Layout, Minima, Rows
 from jaxplan.certificate.claims import EndState
 from jaxplan.certificate.motion import DEGREE, Samples
@@ -105,25 +105,16 @@ def _joints(evidence: Evidence, derivative: int, some: slice = slice(None)) -> _
     return [part.joints[derivative, some] for part in parts]
 
 
-def _momentum(evidence: Evidence, spacecraft: Spacecraft) -> _Sampled:
-    """The angular momentum ``J w``, N m s, body axes."""
-    velocity, left_out, rounding = _spin(evidence, 0)
-    inertia = np.asarray(spacecraft.inertia, np.float64)
-    size = np.linalg.norm(inertia, 2)  # the most by which it makes a vector longer
-    return np.einsum("ij,jnm->inm", inertia, velocity), size * left_out, size * rounding
-
-
 def _torque(evidence: Evidence, spacecraft: Spacecraft) -> _Sampled:
-    """The torque ``J w' + w x J w``, N m, body axes."""
-    velocity, (momentum, _, of_momentum) = evidence.samples.spin[0], _momentum(evidence, spacecraft)
-    acceleration, left_out, rounding = _spin(evidence, 1)
-    inertia = np.asarray(spacecraft.inertia, np.float64)
-    size = np.linalg.norm(inertia, 2)
-    torque = np.einsum("ij,jnm->inm", inertia, acceleration) + np.cross(velocity, momentum, axis=0)
+    """The torque ``L' + w x L``, N m, body axes."""
+    momentum, _, of_momentum = inertia.momentum(evidence, spacecraft)
+    change, left_out, rounding = inertia.change(evidence, spacecraft)
+    torque = change + np.cross(evidence.samples.spin[0], momentum, axis=0)
     speed, half = evidence.majorants.spin, evidence.on.half
-    square = series.product("n,n->n", speed, speed)[DEGREE + 1] / half**2
-    left_out = size * left_out + size * 2.0 ** (1 - DEGREE) * square
-    return torque, left_out, size * rounding + 2 * speed[0] / half * of_momentum
+    carried = inertia.majorant(evidence.majorants, spacecraft)
+    crossed = series.product("n,n->n", speed, carried)[DEGREE + 1] / half**2
+    rounding = rounding + speed[0] / half * of_momentum + carried[0] / half * evidence.rounding.spin[0]
+    return torque, left_out + 2.0 ** (1 - DEGREE) * crossed, rounding
 
 
 # The certificate's own formula for every quantity; a limit on another one cannot be proved.
@@ -140,7 +131,7 @@ _SAMPLED: dict[str, Callable[[Evidence, Spacecraft], _Sampled]] = {
     ),
     "drive": lambda evidence, craft: _joints(evidence, 0, slice(2 * len(craft.terminals), None)),
     "torque": _torque,
-    "wheel_momentum": _momentum,
+    "wheel_momentum": inertia.momentum,
     "jerk": lambda evidence, _: _spin(evidence, 2),
     "wheel_torques": wheels.torques,
     "wheel_momenta": wheels.momenta,

@@ -4,18 +4,19 @@ Claims are put in groups of one shape, whose trajectories lie one after the othe
 `motion` and `bounds`. What is said of each is, to the last bit, the same whichever others there are.
 """
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from typing import Self
 
 import numpy as np
 
-from jaxplan.certificate import bounds, form, limits, series, wheels
-from jaxplan.certificate.bounds import Errors, Evidence, Minima
+from jaxplan.certificate import bounds, form, inertia, limits, series, wheels
+from jaxplan.certificate.bounds import Errors, Evidence, Majorants, Minima
 from jaxplan.certificate.claims import Certificate, Claim, ProvedMargin
 from jaxplan.certificate.margins import Bindings
-from jaxplan.certificate.motion import Motion, Mountings, Trajectory
+from jaxplan.certificate.motion import Intervals, Motion, Mountings, Trajectory
 from jaxplan.model.limits import QUANTITIES
 from jaxplan.model.limits import limits as every_limit
 from jaxplan.model.spacecraft import Spacecraft
@@ -117,8 +118,9 @@ class Case:
         given = (quantity.given(craft) for quantity in QUANTITIES)
         mountings = Mountings.of(craft)
         centres = (quantity.centre(craft) for quantity in QUANTITIES if quantity.centre is not None)
+        moving = wheels.numbers(craft), inertia.numbers(craft)
         turning = mountings.axes, mountings.tilts
-        numbers = (*turning, craft.fixed_boresights, craft.inertia, *given, *centres, wheels.numbers(craft))
+        numbers = (*turning, craft.fixed_boresights, craft.inertia, *given, *centres, *moving)
         return (
             craft.device_names,
             craft.allocation,
@@ -135,7 +137,8 @@ def _gathered(cases: Sequence[Case]) -> tuple[Motion, Bindings, Evidence]:
     craft, several = cases[0].claim.spacecraft, [case.bindings for case in cases]
     bindings = Bindings.joined(several)
     motion = Motion.of(craft, bindings.views, *(case.curve for case in cases))
-    return motion, bindings, bounds.gather(motion, negligible(craft, several), list(bindings.ways.values()))
+    ways, further = list(bindings.ways.values()), carried_excess(craft)
+    return motion, bindings, bounds.gather(motion, negligible(craft, several), ways, further)
 
 
 def _legible(evidence: Evidence) -> bool:
@@ -245,6 +248,21 @@ def _proved_margin(case: Case, clause: int, found: Minima, pair: int) -> ProvedM
         zone=names[bindings.row[pair]],
         device=case.claim.sights[bindings.sight[pair]],
     )
+
+
+def carried_excess(craft: Spacecraft) -> Callable[[Intervals, Majorants], np.ndarray] | None:
+    """How far errors of what stages carry exceed what is wanted, for `bounds.gather`; None without stages."""
+    if not len(inertia.numbers(craft)):
+        return None
+    least = dict.fromkeys((1, 2), np.inf)
+    for limit in every_limit(craft):
+        if limit.quantity.by_inertia:
+            bound, power = np.asarray(limit.bound, np.float64), limit.quantity.power
+            if limit.quantity.of_wheels:
+                size = np.linalg.norm(wheels.rows_of(craft), axis=1)
+                bound = bound[size > 0] / size[size > 0]
+            least[power] = min(least[power], float(bound.min()))
+    return partial(inertia.excess, craft, (least[1], least[2]))
 
 
 def negligible(spacecraft: Spacecraft, several: Sequence[Bindings]) -> Errors:

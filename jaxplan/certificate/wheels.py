@@ -1,10 +1,10 @@
 """What reaction wheels give and hold on a trajectory, computed anew for the certificate.
 
-With the inertia ``J``, the attitude ``R`` and the angular velocity ``w`` (body axes) the total momentum of
-platform and wheels, ``H = R_0 (J w_0 + h_0)``, stays as it is in inertial axes; the wheels hold ``h`` and
-give the platform the torque ``tau``:
+With the attitude ``R``, the angular velocity ``w`` (body axes) and the momentum ``L`` of all but the wheels,
+which is ``J w`` without stages that move (`inertia`), the total ``H = R_0 (L_0 + h_0)`` stays as it is in
+inertial axes; the wheels hold ``h`` and give the platform the torque ``tau``:
 
-    h = R^T H - J w,    tau = J w' + w x (R^T H),    h_0 the sum of what each wheel stores at the start.
+    h = R^T H - L,    tau = L' + w x (R^T H),    h_0 the sum of what each wheel stores at the start.
 
 Of an array that shares out by the pseudo-inverse ``P`` of its axes, wheel by wheel ``P tau`` and
 ``stored + P (h - h_0)`` are limited. Of one whose envelope is asked for it is, for each pair of wheels, the
@@ -21,7 +21,7 @@ from itertools import combinations
 
 import numpy as np
 
-from jaxplan.certificate import series
+from jaxplan.certificate import inertia, series
 from jaxplan.certificate.bounds import Evidence
 from jaxplan.certificate.motion import DEGREE
 from jaxplan.model.spacecraft import Spacecraft
@@ -42,33 +42,31 @@ def bounds(craft: Spacecraft, name: str) -> np.ndarray:
     given = np.array([getattr(wheel, _LIMITS[name]) for wheel in craft.wheels], np.float64)
     if craft.allocation != _ENVELOPE:
         return given
-    rows = _rows(craft)
+    rows = rows_of(craft)
     reach = np.abs(rows @ _axes(craft).T) @ given
     return np.where(rows.any(axis=1), reach, 1.0)
 
 
 def torques(evidence: Evidence, craft: Spacecraft) -> Sequence[np.ndarray]:
     """Products (r, n, m) N m of the rows with the wheels' torque, what is left out, and rounding."""
-    rows, inertia, size = _rows(craft), *_inertia(craft)
-    velocity, acceleration = evidence.samples.spin[:2]
+    change, of_change, rounding = inertia.change(evidence, craft)
     total, carried = _total(evidence, craft)
-    values = np.einsum("ij,jnm->inm", inertia, acceleration) + np.cross(velocity, carried, axis=0)
+    values = change + np.cross(evidence.samples.spin[0], carried, axis=0)
     half, speed, turned = evidence.on.half, evidence.majorants.spin, evidence.majorants.attitude
     crossed = series.product("n,n->n", speed, turned[: len(speed)])[DEGREE + 1] / half
-    left_out = size * evidence.left_out.spin[1] + 2.0 ** (1 - DEGREE) * total * crossed
-    rounding = size * evidence.rounding.spin[1]
-    rounding += total * (evidence.rounding.spin[0] + speed[0] / half * _rounding(evidence))
-    return _along(rows, values, left_out, rounding)
+    left_out = of_change + 2.0 ** (1 - DEGREE) * total * crossed
+    rounding = rounding + total * (evidence.rounding.spin[0] + speed[0] / half * _rounding(evidence))
+    return _along(rows_of(craft), values, left_out, rounding)
 
 
 def momenta(evidence: Evidence, craft: Spacecraft) -> Sequence[np.ndarray]:
     """Momenta (r, n, m) N m s that the rows limit, what is left out of them, and their rounding."""
-    rows, inertia, size = _rows(craft), *_inertia(craft)
+    rows, (own, of_own, rounding) = rows_of(craft), inertia.momentum(evidence, craft)
     total, carried = _total(evidence, craft)
-    values = carried - np.einsum("ij,jnm->inm", inertia, evidence.samples.spin[0])
+    values = carried - own
     turned = evidence.majorants.attitude[DEGREE + 1]
-    left_out = size * evidence.left_out.spin[0] + 2.0 ** (1 - DEGREE) * total * turned
-    rounding = size * evidence.rounding.spin[0] + total * _rounding(evidence)
+    left_out = of_own + 2.0 ** (1 - DEGREE) * total * turned
+    rounding = rounding + total * _rounding(evidence)
     found, *errors = _along(rows, values, left_out, rounding)
     if craft.allocation != _ENVELOPE:
         stored = numbers(craft)[:, 5]
@@ -78,10 +76,10 @@ def momenta(evidence: Evidence, craft: Spacecraft) -> Sequence[np.ndarray]:
 
 def negligible(craft: Spacecraft) -> np.ndarray:
     """(4,) errors as large as a limit: of angular velocity and its two derivatives, and of the attitude."""
-    sizes = np.linalg.norm(_rows(craft), axis=1)
+    sizes = np.linalg.norm(rows_of(craft), axis=1)
     sizes[sizes == 0] = np.nan
     torque, momentum = (float(np.nanmin(bounds(craft, name) / sizes)) for name in _LIMITS)
-    heaviest, stored = _inertia(craft)[1], float(np.linalg.norm(_axes(craft).T @ numbers(craft)[:, 5]))
+    heaviest, stored = inertia.fixed(craft)[1], float(np.linalg.norm(_axes(craft).T @ numbers(craft)[:, 5]))
     of_turning = momentum / stored if stored > 0 else np.inf
     by_rate = torque / stored if stored > 0 else np.inf
     return np.array([min(momentum / heaviest, by_rate), torque / heaviest, np.inf, of_turning])
@@ -97,8 +95,8 @@ def _total(evidence: Evidence, craft: Spacecraft) -> tuple[np.ndarray, np.ndarra
     """Sizes (n,) N m s of the total momenta, and the momenta in body axes (3, n, m)."""
     samples, on = evidence.samples, evidence.on
     first = on.begins[:-1]
-    inertia, stored = _inertia(craft)[0], _axes(craft).T @ numbers(craft)[:, 5]
-    own = np.sum(inertia[:, :, None] * samples.spin[0][:, first, 0], axis=1) + stored[:, None]
+    stored = _axes(craft).T @ numbers(craft)[:, 5]
+    own = inertia.at_starts(samples, first, craft) + stored[:, None]
     total = np.sum(samples.attitude[:, :, first, 0] * own, axis=1)[:, on.trajectory]
     return np.linalg.norm(total, axis=0), np.einsum("jinm,jn->inm", samples.attitude, total)
 
@@ -111,19 +109,13 @@ def _rounding(evidence: Evidence) -> np.ndarray:
     return own + own[on.begins[:-1]][on.trajectory]
 
 
-def _inertia(craft: Spacecraft) -> tuple[np.ndarray, float]:
-    """The inertia (3, 3) kg m^2, and the most by which it makes a vector longer."""
-    inertia = np.asarray(craft.inertia, np.float64)
-    return inertia, float(np.linalg.norm(inertia, 2))
-
-
 def _axes(craft: Spacecraft) -> np.ndarray:
     """Axes (n, 3) of the wheels, unit vectors."""
     axes = numbers(craft)[:, :3]
     return axes / np.linalg.norm(axes, axis=1, keepdims=True)
 
 
-def _rows(craft: Spacecraft) -> np.ndarray:
+def rows_of(craft: Spacecraft) -> np.ndarray:
     """Rows (r, 3) of the array of wheels."""
     axes = _axes(craft)
     if craft.allocation != _ENVELOPE:

@@ -174,7 +174,7 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
     """Lengths of turns of the platform and limits of their speeds, with times in units of `unit` s.
 
     Torque and momentum, those of wheels too, count as limits of acceleration and rate of each axis, as of a
-    body at rest and of wheels that hold nothing at the start.
+    body at rest with its joints at zero, and of wheels that hold nothing at the start.
     """
     given = {limit.quantity.name: limit.bound for limit in limits(craft)}
     xp, rate, acceleration = arrays(given["angular_velocity"], given["angular_acceleration"])
@@ -186,8 +186,8 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
                 rate = xp.minimum(rate, light @ given[name])
             elif name in given:
                 acceleration = xp.minimum(acceleration, light @ given[name])
-    if craft.wheels:
-        by_momentum, by_torque = axis_bounds_of_wheels(craft)
+    if craft.wheel_array is not None:
+        by_momentum, by_torque = axis_bounds_of_wheels(craft.wheel_array, craft.inertia)
         xp, rate, acceleration, by_momentum, by_torque = arrays(rate, acceleration, by_momentum, by_torque)
         rate, acceleration = xp.minimum(rate, by_momentum), xp.minimum(acceleration, by_torque)
     boxes = [rate, xp.sqrt(rate * acceleration), acceleration]

@@ -53,6 +53,8 @@ class Mount:
     "acceleration_limit deg/s^2",
     "yaw_acceleration_limit deg/s^2",
     "pitch_acceleration_limit deg/s^2",
+    "yaw_inertia kg m^2",
+    "pitch_inertia kg m^2",
     "field_of_view deg",
     "up",
     "mask deg",
@@ -77,6 +79,10 @@ class Terminal:
         acceleration_limit: bound of either joint's acceleration, rad/s^2, but for a joint that has its own.
         yaw_acceleration_limit: bound of the yaw's acceleration, rad/s^2; None for `acceleration_limit`.
         pitch_acceleration_limit: likewise of the pitch's.
+        yaw_inertia: (3, 3) kg m^2, or the moments (3,), of what yaws and does not pitch, about its own centre
+            of mass, which lies on the yaw axis; in the terminal's axes (boresight, left, yaw axis) at zero
+            angles. None where it does not matter.
+        pitch_inertia: likewise of what yaws and pitches, whose centre of mass lies on both axes.
         field_of_view: (2,) rad, full angles of a rectangular field across up and along it, below pi; None
             where it has none.
         up: (3,) unit vector along the boresight, to its left and upward, at right angles to the boresight;
@@ -124,6 +130,20 @@ class Terminal:
     )
     pitch_acceleration_limit: float | None = keyed(
         None, "pitch_acceleration_limit_deg_s2", "of the pitch", "[1e-9, 1e9]"
+    )
+    yaw_inertia: np.ndarray | None = keyed(
+        None,
+        "yaw_inertia_kg_m2",
+        "of what yaws and does not pitch, in its axes boresight, left, yaw axis at zero angles",
+        "[-1e12, 1e12]",
+        kind="stage inertia",
+    )
+    pitch_inertia: np.ndarray | None = keyed(
+        None,
+        "pitch_inertia_kg_m2",
+        "of what yaws and pitches, in the same axes",
+        "[-1e12, 1e12]",
+        kind="stage inertia",
     )
 
     field_of_view: np.ndarray | None = keyed(
@@ -188,7 +208,7 @@ def _given(number: float | None) -> float:
     return np.nan if number is None else number
 
 
-@shown("axis", "boresight", "range deg", "rate_limit deg/s", "acceleration_limit deg/s^2")
+@shown("axis", "boresight", "range deg", "rate_limit deg/s", "acceleration_limit deg/s^2", "inertia kg m^2")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drive:
@@ -202,6 +222,9 @@ class Drive:
         range: (2,) rad, least and largest angle; it may span more than a turn.
         rate_limit: rad/s.
         acceleration_limit: rad/s^2.
+        inertia: (3, 3) kg m^2, or the moments (3,), of what turns, about its own centre of mass, which lies
+            on the axis; in the drive's axes at zero angle: the boresight's part across the axis, left, axis.
+            None where it does not matter.
     """
 
     field_of_view: ClassVar[None] = None
@@ -219,6 +242,13 @@ class Drive:
     rate_limit: float = field(metadata=key("rate_limit_deg_s", "of its angle", "[1e-6, 1e6]"))
     acceleration_limit: float = field(
         metadata=key("acceleration_limit_deg_s2", "of its angle", "[1e-9, 1e9]")
+    )
+    inertia: np.ndarray | None = keyed(
+        None,
+        "inertia_kg_m2",
+        "of what turns, in its axes boresight (its part across the axis), left, axis at zero angle",
+        "[-1e12, 1e12]",
+        kind="stage inertia",
     )
 
     @property

@@ -23,6 +23,18 @@ they share it out (`jaxplan.model.wheels`); ``|H|`` is known from the start. So 
 times the zonotope of the momenta and ``|H|`` about it, accelerations within that of the torques and
 ``|w| |H|``, and in the energy the torque that turns ``H`` does no work.
 
+Where stages of gimbals have an inertia, ``J`` depends on the joints, and joints that move carry momentum and
+push back. What these are at most has `jaxplan.model.inertia_bounds`: with ``d = J - J_c`` the momentum is
+``J_c w + (d w + p)``, so limits of momentum and torque let ``J_c w`` and ``J_c w'`` be larger by the most
+that ``d w + p`` and ``d w' + J' w + p'`` can be, and gyroscopic torque adds the former times ``|w|``. In the
+energy the speed is ``sqrt(w . J(q) w)``: it is no less than that by the least inertia, whose length of the
+turn it has to cover, its top is by the greatest, and as
+
+    d/dt (w . J w) / 2 = w . (torque - J' w / 2 - p')
+
+it grows by no more than the torque lets it by the least inertia, and ``(|p'| + |J'| |w| / 2) / sqrt(a)``,
+with ``a`` the least moment of that.
+
 Any ``c`` is allowed; the limits of rates, those of accelerations and what lies between are tried.
 
 No zone is in these bounds, nor jerk, nor that accelerations be continuous: they only add to the time.
@@ -31,26 +43,31 @@ Radians, seconds, body axes.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
+from typing import NamedTuple
 
-import jax
 import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, separation
+from jaxplan.model.inertia_bounds import InertiaBounds, inertia_bounds, most_by
+from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.limits import limits, longest
+from jaxplan.model.quadratic import (
+    greatest_of,
+    inverse_of,
+    largest_in_box,
+    largest_of_sum,
+    principal,
+    sizes_by,
+)
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.turn_table import turn_table
+from jaxplan.model.ways import Way
 from jaxplan.model.wheels import WheelArray
 
 _TELLING = 0.01  # share of the duration below which a bound says nothing, as of a path that ends at its start
 _SAME = 1e-9  # relative difference below which the axes' ratios of acceleration to rate count as equal
-_AT_ONCE = 8  # wheels whose corners are looked at together, half of two to the power of this
-_ROOTS = 12  # steps of Newton's method, which has then converged to rounding
-
-_CORNERS = np.array([(1.0, *signs) for signs in product((1.0, -1.0), repeat=2)])
-"""(4, 3) corners of the box of half widths one about zero, without their opposites."""
 
 RATES = "rates and accelerations of the platform"
 TORQUE = "rates, accelerations and torque of the platform"
@@ -70,85 +87,32 @@ class DurationBound:
     name: str
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Way:
-    """A distance that a motion has to cover, and the limits of the speed along it.
-
-    Its unit U is rad for angles, rad over that of the box for lengths in boxes, and rad (kg m^2)^1/2 for the
-    length by the energy.
+class _Ends(NamedTuple):
+    """The motion at start and end, where it need not rest.
 
     Attributes:
-        name: of the limits.
-        distance: (...) U, with a sign where it has one.
-        top: U/s, largest speed, or inf.
-        growth: U/s^2, largest acceleration along the way.
-        more_growth: U/s^4, by which that grows with the square of the time since rest; zero for a motion with
-            rates at an end.
-        speeds: (2,) U/s, at start and end; None from rest to rest.
-        signed: whether the speed may be negative, as that of a joint.
+        spins: (2, 3) rad/s, angular velocities in body axes; None from rest to rest.
+        joints: (2, 2n + d) rad; None where these rest, too.
+        rates: (2, 2n + d) rad/s, likewise.
     """
 
-    name: str
-    distance: AnyArray
-    top: AnyArray
-    growth: AnyArray
-    more_growth: AnyArray = 0.0
-    speeds: AnyArray | None = None
-    signed: bool = False
+    spins: np.ndarray | None = None
+    joints: np.ndarray | None = None
+    rates: np.ndarray | None = None
 
-    @property
-    def rest_time(self) -> AnyArray:
-        """Least time (...) s from rest to rest, with numpy or JAX."""
-        xp, far, top, growth, more = arrays(self.distance, self.top, self.growth, self.more_growth)
-        far = xp.abs(far)
-        full = top / growth  # s, until the top is reached; from above, where Newton's method stays
-        for _ in range(_ROOTS):
-            full = full - (full * (growth + more * full**2 / 3) - top) / (growth + more * full**2)
-        flanks = full**2 * (growth + more * full**2 / 6)  # covered by both of them
-        moving = far > 0
-        some = xp.where(moving, far, 1)
-        square = 2 * some / (growth + xp.sqrt(growth**2 + 2 * more * some / 3))
-        time = xp.where(far < flanks, 2 * xp.sqrt(square), 2 * full + (far - flanks) / top)
-        return xp.where(moving, time, 0)
-
-    @property
-    def time(self) -> np.ndarray:
-        """Least time between the speeds at both ends, (...) s; in numpy."""
-        if self.speeds is None:
-            return np.asarray(self.rest_time)
-        first, last = self.speeds
-        found = shortest_time(self.distance, first, last, self.top, self.growth)
-        # speeds along a length are at least zero: on too short a one they cannot change within the growth
-        short = 2 * self.growth * np.abs(self.distance) < np.abs(first**2 - last**2)
-        return np.where(short & (not self.signed), np.abs(first - last) / self.growth, found)
-
-
-def shortest_time(
-    distance: np.ndarray, first: np.ndarray, last: np.ndarray, rate: np.ndarray, acceleration: np.ndarray
-) -> np.ndarray:
-    """Least time of a motion on a line with bounded rate and acceleration.
-
-    Args:
-        distance: (...) rad, with its sign.
-        first: (...) rad/s, rate at the start, within the limit.
-        last: (...) rad/s, rate at the end, likewise.
-        rate: (...) rad/s, the limit.
-        acceleration: (...) rad/s^2, likewise.
-
-    Returns:
-        (...) s.
-    """
-    best = np.full(np.broadcast(distance, first, last, rate).shape, np.inf)
-    for sign in (1, -1):  # which way it goes first
-        d, v, w = sign * distance, sign * first, sign * last
-        square = acceleration * d + (v**2 + w**2) / 2  # of the rate at the top of a triangle
-        top = np.sqrt(np.maximum(square, 0))
-        triangle = (2 * top - v - w) / acceleration
-        coasting = (2 * rate - v - w) / acceleration + (square - rate**2) / (rate * acceleration)
-        time = np.where(top <= rate, triangle, coasting)
-        possible = (square >= 0) & (top >= np.maximum(v, w) * (1 - 1e-12) - 1e-15)
-        best = np.minimum(best, np.where(possible, np.maximum(time, 0), np.inf))
-    return best
+    def momenta(self, craft: Spacecraft, *, still: bool = False) -> np.ndarray:
+        """Momenta (2, 3) N m s of all but the wheels, body axes; with `still` as if joints did not move."""
+        spins = np.zeros((2, 3)) if self.spins is None else self.spins
+        if self.joints is None or self.rates is None:
+            raise ValueError("joints are not known")
+        rates = 0 * self.rates if still else self.rates
+        motion = Kinematics(
+            spin=[spins.T],
+            joints=[self.joints.T, rates.T],
+            inertia=craft.fixed_inertia,
+            stages=craft.stages,
+        )
+        return np.asarray(motion.momentum).T
 
 
 def rest_bounds(spacecraft: Spacecraft, turns: ArrayLike, moves: ArrayLike) -> AnyArray:
@@ -164,9 +128,9 @@ def rest_bounds(spacecraft: Spacecraft, turns: ArrayLike, moves: ArrayLike) -> A
         taken to stay.
     """
     _, turned, moved = arrays(turns, moves)
-    times = [way.rest_time for way in _ways_of_platform(spacecraft, turned)]
+    times = [way.rest_time for way in _ways_of_platform(spacecraft, turned, _Ends())]
     times += [way.rest_time for way in _ways_of_joints(spacecraft, moved)]
-    return _most(times)
+    return greatest_of(times)
 
 
 def time_along(spacecraft: Spacecraft, attitudes: np.ndarray, joints: np.ndarray) -> float:
@@ -183,7 +147,7 @@ def time_along(spacecraft: Spacecraft, attitudes: np.ndarray, joints: np.ndarray
         s, no bound.
     """
     turns = so3.log(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])
-    ways = [*_ways_of_platform(spacecraft, turns), *_ways_of_joints(spacecraft, np.diff(joints, axis=0))]
+    ways = [*_ways_of_platform(spacecraft, turns, _Ends()), *_ways_of_joints(spacecraft, np.diff(joints, axis=0))]
     slowest = np.zeros(len(turns))
     for way in ways:
         far = np.abs(way.distance)
@@ -213,7 +177,8 @@ def duration_bound(
     """
     turn = so3.log(attitudes[0].T @ attitudes[1])
     spins = np.asarray(angular_velocities, float) if np.any(angular_velocities) else None
-    ways = list(_ways_of_platform(spacecraft, turn, spins))
+    ends = _Ends(spins, np.asarray(joints, float), np.asarray(joint_rates, float))
+    ways = list(_ways_of_platform(spacecraft, turn, ends))
     ways += _ways_of_joints(spacecraft, np.subtract(joints[1], joints[0]), np.asarray(joint_rates, float))
     times = [float(way.time) for way in ways]
     slowest = int(np.argmax(times))
@@ -225,14 +190,14 @@ def excess(duration: float, bound: float) -> float | None:
     return duration / bound - 1 if bound > _TELLING * duration else None
 
 
-def _ways_of_joints(craft: Spacecraft, moves: AnyArray, rates: np.ndarray | None = None) -> Iterator[_Way]:
+def _ways_of_joints(craft: Spacecraft, moves: AnyArray, rates: np.ndarray | None = None) -> Iterator[Way]:
     """Yield the way of each joint, of changes (..., 2n + d) rad and rates (2, 2n + d) rad/s at both ends.
 
     Rates of None are zero.
     """
     tops, growths = craft.joint_rate_limits, craft.joint_acceleration_limits
     for number, name in enumerate(craft.joint_names):
-        yield _Way(
+        yield Way(
             name=name,
             distance=moves[..., number],
             top=tops[number],
@@ -242,34 +207,55 @@ def _ways_of_joints(craft: Spacecraft, moves: AnyArray, rates: np.ndarray | None
         )
 
 
-def _ways_of_platform(craft: Spacecraft, turns: AnyArray, spins: np.ndarray | None = None) -> Iterator[_Way]:
+def _ways_of_platform(craft: Spacecraft, turns: AnyArray, ends: _Ends) -> Iterator[Way]:
     """Yield the ways of the platform: those of the module's table but the first, each with its limits.
 
     Args:
         craft: its limits and inertia.
         turns: (..., 3) rad, rotation vectors from start to end, in the body axes of the start.
-        spins: (2, 3) rad/s, angular velocities at start and end, body axes; None from rest to rest.
+        ends: the motion at both ends.
     """
     given = {limit.quantity.name: limit.bound for limit in limits(craft)}
     rate, acceleration = given["angular_velocity"], given["angular_acceleration"]
-    norms, name = (longest(craft, 1), longest(craft, 2)), RATES
+    norms, name, spins = (longest(craft, 1), longest(craft, 2)), RATES, ends.spins
     if "wheel_momentum" in given:
-        xp, inverse, momentum = arrays(_inverse(craft.inertia), given["wheel_momentum"])
-        rate = xp.minimum(rate, xp.abs(inverse) @ momentum)
+        body = inertia_bounds(craft)
+        xp, inverse, momentum = arrays(inverse_of(body.middle), given["wheel_momentum"])
+        by_momentum = xp.abs(inverse) @ momentum
+        if craft.stages is not None:
+            fastest = most_by(norms[0], body, length(momentum) + body.carried)
+            by_momentum = by_momentum + length(inverse) * (body.off * fastest + body.carried)
+        rate = xp.minimum(rate, by_momentum)
     if craft.wheel_array is not None:
-        array, inverse = craft.wheel_array, _inverse(craft.inertia)
-        total = _total(craft.inertia, array, spins)
-        by_momentum, by_torque = axis_bounds_of_wheels(craft)
+        array, body = craft.wheel_array, inertia_bounds(craft)
+        inverse, total = inverse_of(body.middle), _total(craft, ends)
+        by_momentum, by_torque = axis_bounds_of_wheels(array, body.middle)
         xp, rate, acceleration, tilt = arrays(rate, acceleration, length(inverse) * total)
+        if craft.stages is not None:
+            most = xp.sum(array.each_momentum) + total + body.carried
+            by_momentum = by_momentum + length(inverse) * (
+                body.off * most_by(norms[0], body, most) + body.carried
+            )
         rate = xp.minimum(rate, by_momentum + tilt)
         fastest = xp.minimum(norms[0], length(rate))
+        if craft.stages is not None:
+            push = body.pushed + body.swept * fastest
+            most = most_by(norms[1], body, xp.sum(array.each_torque) + total * fastest + push)
+            by_torque = by_torque + length(inverse) * (push + body.off * most)
         acceleration, name = xp.minimum(acceleration, by_torque + tilt * fastest), TORQUE
-        yield _energy_way(craft.inertia, given, norms, turns, spins, array)
+        yield _energy_way(craft, body, given, norms, turns, ends)
     if "torque" in given:
-        yield _energy_way(craft.inertia, given, norms, turns, spins)
-        at_rest, gyroscopic, later = _accelerations_by_torque(craft.inertia, given["torque"])
+        body = inertia_bounds(craft)
+        yield _energy_way(craft, body, given, norms, turns, ends)
+        at_rest, gyroscopic, later = _accelerations_by_torque(body.middle, given["torque"])
         xp, acceleration, at_rest, later = arrays(acceleration, at_rest, later)
-        if spins is None:
+        if craft.stages is not None:
+            fastest = norms[0]
+            push = body.pushed + body.swept * fastest + fastest * (body.off * fastest + body.carried)
+            heaviest = xp.max(principal(body.middle)[0])
+            most = most_by(norms[1], body, length(given["torque"]) + push + heaviest * fastest**2)
+            at_rest = at_rest + length(inverse_of(body.middle)) * (push + body.off * most)
+        elif spins is None:
             slower = at_rest < acceleration
             yield from _box_ways(
                 TORQUE,
@@ -281,7 +267,7 @@ def _ways_of_platform(craft: Spacecraft, turns: AnyArray, spins: np.ndarray | No
             )
         acceleration = xp.minimum(acceleration, at_rest + gyroscopic * norms[0] ** 2)
     yield from _box_ways(name, turns, spins, rate, acceleration)
-    yield _Way(
+    yield Way(
         name=RATES,
         distance=length(turns),
         top=norms[0],
@@ -298,7 +284,7 @@ def _box_ways(
     rate: AnyArray,
     acceleration: AnyArray,
     more: AnyArray = 0.0,
-) -> Iterator[_Way]:
+) -> Iterator[Way]:
     """Yield the lengths of turns in the boxes of the rates, of the accelerations, and of what lies between.
 
     Args:
@@ -315,7 +301,7 @@ def _box_ways(
     if xp is not np or np.ptp(ratio) > _SAME * np.max(ratio):
         boxes += [acceleration, xp.sqrt(rate * acceleration)]
     for box in boxes:
-        yield _Way(
+        yield Way(
             name=name,
             distance=turn_table("box").length(turns, box),
             top=xp.max(rate / box),
@@ -332,7 +318,7 @@ def _axis_ways(
     rate: AnyArray,
     acceleration: AnyArray,
     norms: tuple[AnyArray, AnyArray],
-) -> Iterator[_Way]:
+) -> Iterator[Way]:
     """Yield for each body axis the angle between its directions at start and end, which is a way.
 
     Turns about the axis itself do not change it. The name of the limits, turns (..., 3) rad, spins (2, 3)
@@ -343,7 +329,7 @@ def _axis_ways(
     xp, rate, acceleration = arrays(rate, acceleration)
     for axis in range(3):
         across = np.arange(3) != axis
-        yield _Way(
+        yield Way(
             name=name,
             distance=turned[..., axis],
             top=xp.minimum(length(rate[across]), norms[0]),
@@ -359,79 +345,86 @@ def _axis_angles(turns: AnyArray) -> AnyArray:
 
 
 def _energy_way(
-    inertia: AnyArray,
+    craft: Spacecraft,
+    body: InertiaBounds,
     given: dict[str, AnyArray],
     norms: tuple[AnyArray, AnyArray],
     turns: AnyArray,
-    spins: np.ndarray | None,
-    array: WheelArray | None = None,
-) -> _Way:
+    ends: _Ends,
+) -> Way:
     """The way along which the speed is ``sqrt(w . J w)``, with the largest of its lower bounds as distance.
 
     Args:
-        inertia: (3, 3) kg m^2, ``J``.
+        craft: its wheels' limits stand in the place of those of torque and momentum.
+        body: between what ``J`` lies.
         given: bounds (3,) of the limits, by the names of their quantities.
         norms: limits of the lengths of angular velocity and acceleration, rad/s and rad/s^2.
         turns: (..., 3) rad, rotation vectors.
-        spins: (2, 3) rad/s, at both ends; None at rest.
-        array: the wheels, whose limits stand in the place of those of torque and momentum; None without.
+        ends: the motion at both ends.
     """
-    xp, inertia = arrays(inertia)
-    moments, axes = _principal(inertia)
-    roots, heaviest = xp.sqrt(moments), xp.sqrt(xp.max(moments))
+    array, spins = craft.wheel_array, ends.spins
+    xp, least, greatest = arrays(body.least, body.greatest)
+    moments, axes = principal(least)
+    roots, heaviest = xp.sqrt(moments), xp.sqrt(xp.max(principal(greatest)[0]))
     own = turns @ axes
     rows = [turn_table("ellipsoid").length(own, 1 / roots)]
     angles = _axis_angles(own)
     for axis in range(3):
         rows.append(xp.min(roots[np.arange(3) != axis]) * angles[..., axis])
-    tops = [norms[0] * heaviest, _largest(given["angular_velocity"], inertia)]
+    lightest, inverse, speeds = xp.sqrt(xp.min(moments)), inverse_of(least), None
+    carried, pushed, swept = (
+        (0.0, 0.0, 0.0)
+        if craft.stages is None
+        else (body.carried / lightest, body.pushed / lightest, body.swept * norms[0] / 2 / lightest)
+    )
+    tops = [norms[0] * heaviest, largest_in_box(given["angular_velocity"], greatest)]
     if "wheel_momentum" in given:
-        tops.append(_largest(given["wheel_momentum"], _inverse(inertia)))
-    growths = [norms[1] * heaviest, _largest(given["angular_acceleration"], inertia)]
+        tops.append(largest_in_box(given["wheel_momentum"], inverse) + carried)
+    growths = [norms[1] * heaviest, largest_in_box(given["angular_acceleration"], greatest)]
+    growths = [growth + swept for growth in growths]
     if array is None:
-        growths.append(_largest(given["torque"], _inverse(inertia)))
+        growths.append(largest_in_box(given["torque"], inverse) + pushed + swept)
     else:
-        most = _total(inertia, array, spins) / xp.sqrt(xp.min(moments))
-        tops.append(_largest_of_wheels(array.axes, array.each_momentum, _inverse(inertia)) + most)
-        growths.append(_largest_of_wheels(array.axes, array.each_torque, _inverse(inertia)))
-    return _Way(
+        most = _total(craft, ends) / lightest
+        tops.append(largest_of_sum(array.axes, array.each_momentum, inverse) + most + carried)
+        growths.append(largest_of_sum(array.axes, array.each_torque, inverse) + pushed + swept)
+    if spins is not None and craft.stages is None:
+        speeds = sizes_by(spins, least)
+    elif spins is not None:
+        speeds = np.sqrt(np.sum(spins * ends.momenta(craft, still=True), axis=1))
+    return Way(
         name=ENERGY,
-        distance=_most(rows),
+        distance=greatest_of(rows),
         top=xp.min(xp.stack(tops)),
         growth=xp.min(xp.stack(growths)),
-        speeds=None if spins is None else _sizes(spins, inertia),
+        speeds=speeds,
     )
 
 
-def axis_bounds_of_wheels(craft: Spacecraft) -> tuple[AnyArray, AnyArray]:
-    """Bounds of rates (3,) rad/s and accelerations (3,) rad/s^2 that wheels give which hold nothing else."""
-    array = craft.wheel_array
-    if array is None:
-        raise ValueError("there are no wheels")
+def axis_bounds_of_wheels(array: WheelArray, inertia: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Bounds of rates (3,) rad/s and accelerations (3,) rad/s^2 that wheels give which hold nothing else.
+
+    Args:
+        array: the wheels.
+        inertia: (3, 3) kg m^2 of what they turn.
+    """
     xp, light, momentum, torque = arrays(
-        array.axes @ _inverse(craft.inertia), array.each_momentum, array.each_torque
+        array.axes @ inverse_of(inertia), array.each_momentum, array.each_torque
     )
     return momentum @ xp.abs(light), torque @ xp.abs(light)
 
 
-def _total(inertia: AnyArray, array: WheelArray, spins: np.ndarray | None) -> AnyArray:
-    """Length, N m s, of the total momentum of platform and wheels, from the angular velocity at the start."""
-    xp, inertia, stored = arrays(inertia, array.stored)
-    return length(stored if spins is None else stored + inertia @ xp.asarray(spins[0]))
-
-
-def _largest_of_wheels(axes: AnyArray, bound: AnyArray, matrix: AnyArray) -> AnyArray:
-    """The largest ``sqrt(x . matrix x)`` over ``x = sum of axes_k u_k`` with ``|u_k| <= bound_k``, or more.
-
-    It is the largest of all corners; of more wheels than `_AT_ONCE` the sum of that of several groups.
-    """
-    xp, vectors = arrays(axes * array_module(axes, bound).asarray(bound)[:, None])
-    sizes = []
-    for first in range(0, len(vectors), _AT_ONCE):
-        own = vectors[first : first + _AT_ONCE]
-        signs = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=len(own) - 1)])
-        sizes.append(xp.max(_sizes(signs @ own, matrix)))
-    return sum(sizes[1:], sizes[0])
+def _total(craft: Spacecraft, ends: _Ends) -> AnyArray:
+    """Length, N m s, of the total momentum of platform and wheels, from the motion at the start."""
+    if craft.wheel_array is None:
+        raise ValueError("there are no wheels")
+    if craft.stages is not None:
+        resting = ends.joints is None
+        return length(
+            craft.wheel_array.stored if resting else craft.wheel_array.stored + ends.momenta(craft)[0]
+        )
+    xp, inertia, stored = arrays(craft.inertia, craft.wheel_array.stored)
+    return length(stored if ends.spins is None else stored + inertia @ xp.asarray(ends.spins[0]))
 
 
 def _accelerations_by_torque(inertia: AnyArray, torque: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
@@ -442,49 +435,13 @@ def _accelerations_by_torque(inertia: AnyArray, torque: AnyArray) -> tuple[AnyAr
         velocity; and (3,) rad/s^4, of what it adds by the square of the time since it was at rest.
     """
     xp, inertia, torque = arrays(inertia, torque)
-    inverse = _inverse(inertia)
-    moments, axes = _principal(inertia)
+    inverse = inverse_of(inertia)
+    moments, axes = principal(inertia)
     half = (axes / xp.sqrt(moments)) @ axes.T
     crossed = so3.hat(inverse) @ inertia
     forms = (crossed + xp.swapaxes(crossed, -1, -2)) / 2  # w . forms[i] w is component i of J^-1 (w x J w)
     sizes = [
         xp.max(xp.abs(xp.linalg.eigvalsh(by @ forms @ by)), axis=-1) for by in (np.eye(3), half, inverse)
     ]
-    later = xp.minimum(sizes[1] * _largest(torque, inverse) ** 2, sizes[2] * xp.sum(torque**2))
+    later = xp.minimum(sizes[1] * largest_in_box(torque, inverse) ** 2, sizes[2] * xp.sum(torque**2))
     return xp.abs(inverse) @ torque, sizes[0], later
-
-
-def _most(values: list[AnyArray]) -> AnyArray:
-    """The elementwise maximum of arrays, taken by index, so that it has the derivative of one of them.
-
-    Compiled, a maximum may be equal to none of the values, and then its derivative is zero.
-    """
-    xp = array_module(*values)
-    rows = xp.stack(values)
-    return xp.take_along_axis(rows, xp.argmax(rows, axis=0)[None], axis=0)[0]
-
-
-def _inverse(matrix: AnyArray) -> AnyArray:
-    """The inverse of a matrix, by numpy or JAX."""
-    return array_module(matrix).linalg.inv(matrix)
-
-
-def _principal(inertia: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Principal moments (3,) of an inertia, and principal axes (3, 3) as columns, without derivatives."""
-    if array_module(inertia) is np:
-        _, axes = np.linalg.eigh(inertia)
-    else:
-        _, axes = jax.numpy.linalg.eigh(jax.lax.stop_gradient(inertia))
-    return array_module(axes).diagonal(axes.T @ inertia @ axes), axes
-
-
-def _largest(bound: AnyArray, matrix: AnyArray) -> AnyArray:
-    """The largest ``sqrt(x . matrix x)`` over the box ``|x_i| <= bound_i``."""
-    xp, bound, matrix = arrays(bound, matrix)
-    return xp.max(_sizes(_CORNERS * bound, matrix))
-
-
-def _sizes(vectors: AnyArray, matrix: AnyArray) -> AnyArray:
-    """``sqrt(x . matrix x)`` (k,) of vectors (k, 3)."""
-    xp, x, matrix = arrays(vectors, matrix)
-    return xp.sqrt(xp.sum((x @ matrix) * x, axis=-1))

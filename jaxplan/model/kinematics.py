@@ -1,13 +1,15 @@
 """A motion of platform, joints and wheels, as limited quantities are computed from it.
 
 Vectors of the platform are in body axes, with their components first. What wheels give and hold follows from
-the total momentum of platform and wheels (`jaxplan.model.wheels`), which turns with the body.
+the total momentum of platform and wheels (`jaxplan.model.wheels`), which turns with the body. Stages of
+gimbals that have an inertia carry momentum of their own (`jaxplan.model.stages`).
 """
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, cross
+from jaxplan.model.stages import Stages
 from jaxplan.model.wheels import WheelArray
 
 
@@ -18,9 +20,10 @@ class Kinematics(NamedTuple):
         spin: angular velocity and its derivatives by time, each (3, ...), rad/s, rad/s^2, rad/s^3.
         joints: angles and their derivatives by time, each (2n + d, ...), rad, rad/s, rad/s^2.
         drives: number of the joints, d, that are drives' angles.
-        inertia: (3, 3) or (3, 3, ...) kg m^2.
+        inertia: (3, 3) or (3, 3, ...) kg m^2, without that of the stages.
         total: (3, ...) N m s, the total momentum of platform and wheels in body axes, ``R^T H``.
         array: of the wheels; None without.
+        stages: of gimbals that have an inertia; None without.
     """
 
     spin: Sequence[AnyArray] = ()
@@ -29,6 +32,7 @@ class Kinematics(NamedTuple):
     inertia: AnyArray | None = None
     total: AnyArray | None = None
     array: WheelArray | None = None
+    stages: Stages | None = None
 
     def angles(self, which: int) -> AnyArray:
         """Angles (c, ...) rad of the terminals' yaws (`which` = 0) or pitches (1), or of the drives (2)."""
@@ -38,19 +42,26 @@ class Kinematics(NamedTuple):
 
     @property
     def momentum(self) -> AnyArray:
-        """``J omega``, (3, ...) N m s."""
-        return _product(self.inertia, self.spin[0])
+        """``L``, (3, ...) N m s: that of all but the wheels, ``J omega``, to which stages add."""
+        own = _product(self.inertia, self.spin[0])
+        return own if self.stages is None else own + self.stages.momentum(self.spin, self.joints)
+
+    @property
+    def momentum_change(self) -> AnyArray:
+        """``L'``, (3, ...) N m: the derivative of `momentum` in body axes."""
+        own = _product(self.inertia, self.spin[1])
+        return own if self.stages is None else own + self.stages.change(self.spin, self.joints)
 
     @property
     def torque(self) -> AnyArray:
-        """Torque of actuators (3, ...) N m: ``J omega' + omega x J omega``; wheels have ``R^T H`` there."""
+        """Torque of actuators (3, ...) N m: ``L' + omega x L``; wheels have ``R^T H`` there."""
         turned = self.momentum if self.total is None else self.total
-        return _product(self.inertia, self.spin[1]) + _stacked(cross(self.spin[0], turned))
+        return self.momentum_change + _stacked(cross(self.spin[0], turned))
 
     @property
     def wheel_torques(self) -> AnyArray:
-        """Products (r, ...) N m of the wheels' rows with their torque ``J omega' + omega x (R^T H)``."""
-        return _product(self._array.rows, _product(self.inertia, self.spin[1])) + self.turning_torques
+        """Products (r, ...) N m of the wheels' rows with their torque ``L' + omega x (R^T H)``."""
+        return _product(self._array.rows, self.momentum_change) + self.turning_torques
 
     @property
     def turning_torques(self) -> AnyArray:
@@ -59,7 +70,7 @@ class Kinematics(NamedTuple):
 
     @property
     def wheel_momenta(self) -> AnyArray:
-        """Momenta (r, ...) N m s that the wheels' rows limit: of ``R^T H - J omega``, and what lies apart."""
+        """Momenta (r, ...) N m s that the wheels' rows limit: of ``R^T H - L``, and what lies apart."""
         return self.resting_momenta - _product(self._array.rows, self.momentum)
 
     @property

@@ -16,6 +16,7 @@ from jaxplan.geometry.vectors import AnyArray, arrays
 from jaxplan.model.devices import Drive, Instrument, Terminal
 from jaxplan.model.gimbals import Gimbals, angles_toward, stacked
 from jaxplan.model.keys import key, keyed
+from jaxplan.model.stages import Stages, stages_of
 from jaxplan.model.wheels import ALLOCATIONS, PSEUDO_INVERSE, Wheel, WheelArray, wheel_array
 from jaxplan.runtime.arguments import expect_numbers
 from jaxplan.runtime.display import shown
@@ -53,10 +54,12 @@ class Spacecraft:
         acceleration_limit: of its angular acceleration, rad/s^2.
         acceleration_norm_limit: of the length of that, rad/s^2; None for no bound.
         jerk_limit: of its second derivative, rad/s^3; None for no bound.
-        inertia: (3, 3) kg m^2 in body axes; None where torque does not matter.
+        inertia: (3, 3) kg m^2 in body axes, of the whole with wheels locked and joints at zero; None where
+            torque does not matter.
         torque_limit: of the torque ``J omega' + omega x J omega``, which thrusters give, N m; None for no
+            bound. Stages of terminals and drives that have an inertia add to it.
+        wheel_momentum_limit: of the angular momentum ``J omega``, to which they add, too, N m s; None for no
             bound.
-        wheel_momentum_limit: of the angular momentum ``J omega``, N m s; None for no bound.
         wheels: three or more reaction wheels, which then give all torque; none where that is not modelled.
         allocation: how the wheels share out torque and momentum, one of `jaxplan.model.wheels.ALLOCATIONS`.
         terminals: devices with two joints.
@@ -164,6 +167,21 @@ class Spacecraft:
     def wheel_array(self) -> WheelArray | None:
         """The rows that limit the wheels; None without wheels."""
         return wheel_array(self.wheels, self.allocation) if self.wheels else None
+
+    @property
+    @made_once
+    def stages(self) -> Stages | None:
+        """What joints turn, as far as it has an inertia; None without any."""
+        return stages_of((*self.terminals, *self.drives), len(self.terminals), self.joint_count)
+
+    @property
+    @made_once
+    def fixed_inertia(self) -> np.ndarray | None:
+        """(3, 3) kg m^2 in body axes, of what joints do not turn; None where no inertia is given."""
+        if self.stages is None or self.inertia is None:
+            return self.inertia
+        _, whole, moving = arrays(self.inertia, self.stages.at_zero)
+        return whole - moving
 
     @property
     @made_once

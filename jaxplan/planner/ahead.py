@@ -78,11 +78,12 @@ def _kind(scenario: Scenario) -> Hashable:
     craft, rows, fit = scenario.spacecraft, scenario.constraints, scenario.trajectory
     single, (loads, _) = int(np.sum(rows.single)), timed_limits(craft)
     wheels = 0 if craft.wheel_array is None else len(craft.wheel_array.rows)
+    stages = None if craft.stages is None else craft.stages.turned
     return (
         len(craft.terminals), len(craft.drives), len(craft.instruments),
         rows.bound.shape, single, rows.inner, rows.nested,
         scenario.search.method, fit.method, fit.duration if isinstance(fit.duration, str) else "given",
-        tuple(limit.quantity.name for limit in loads), len(craft.wheels), wheels, moves(scenario),
+        tuple(limit.quantity.name for limit in loads), len(craft.wheels), wheels, stages, moves(scenario),
     )  # fmt: skip
 
 

@@ -21,6 +21,7 @@ from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.limits import limits
 from jaxplan.model.scenario import Scenario, paths
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.stages import matrix_of
 from jaxplan.model.wheels import PSEUDO_INVERSE
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Mask, Zone
 from jaxplan.planner import Plan
@@ -29,6 +30,9 @@ from jaxplan.report.markup import NONE, Markup, degrees, facts, join, number, sh
 _STEP_NAMES = {"decompose": "goal", "search": "path", "compile": "compiling", "total": "in all"}
 _AIM = ("Azimuth|deg", "Elevation|deg")
 _AIM_AT = ("azimuth|deg", "elevation|deg")
+
+
+_TERMINAL_STAGES = {"yaw": "yaw_inertia", "pitch": "pitch_inertia"}
 
 
 def spacecraft_tables(craft: Spacecraft) -> Markup:
@@ -69,6 +73,23 @@ def spacecraft_tables(craft: Spacecraft) -> Markup:
         ]
         titles = ["Joint", "Least|deg", "Largest|deg", "Rate|deg/s", "Acceleration|deg/s\N{SUPERSCRIPT TWO}"]
         parts.append(table(titles, rows, "Limits of the joints"))
+    stages = [
+        (f"{device.name} {part}".rstrip(), getattr(device, name))
+        for devices, names in ((craft.terminals, _TERMINAL_STAGES), (craft.drives, {"": "inertia"}))
+        for device in devices
+        for part, name in names.items()
+    ]
+    rows = [
+        [name, *(f"{moment:.6g}" for moment in np.diagonal(matrix_of(inertia)))]
+        for name, inertia in stages
+        if inertia is not None
+    ]
+    if rows:
+        unit = "kg m\N{SUPERSCRIPT TWO}"
+        titles = ["What turns", *(f"About {axis}|{unit}" for axis in ("boresight", "left", "axis"))]
+        parts.append(
+            table(titles, rows, "Gimbals that push back, moments about the devices' axes at zero angles")
+        )
     if craft.instruments:
         rows = [[one.name, *_direction(one.boresight)] for one in craft.instruments]
         caption = "Instruments, fixed to the body; boresights in body axes"

@@ -270,7 +270,7 @@ class Polygons(Kind):
         array = np.array(corners).reshape(-1, 2)
         complaint = outlines.fault(array)
         if complaint is not None:
-            return place.fault(f"must {complaint}", _shown_value(np.asarray(value, float), value, place))
+            return place.fault(f"must {complaint}", shown_value(np.asarray(value, float), value, place))
         same = isinstance(value, np.ndarray) and value.dtype == float and np.array_equal(value, array)
         return value if same else array
 
@@ -311,7 +311,7 @@ def _within(place: Place, index: Any) -> Place:
     return place
 
 
-def _shown_value(array: np.ndarray, value: Any, place: Place) -> Any:
+def shown_value(array: np.ndarray, value: Any, place: Place) -> Any:
     """What messages show of an array: its numbers if it was given in Python, else the file's value."""
     return array.tolist() if place.reading.python else value
 
@@ -323,15 +323,15 @@ def unit(vector: np.ndarray, value: Any, place: Place, what: str = "a unit vecto
     """
     norm = math.hypot(*vector.tolist())
     if norm == 0:
-        return place.fault(f"must be {what}, not zero", _shown_value(vector, value, place))
+        return place.fault(f"must be {what}, not zero", shown_value(vector, value, place))
     if abs(norm - 1) > UNIT_TOLERANCE:
-        return place.fault(f"must be {what}, its norm is {norm:.6g}", _shown_value(vector, value, place))
+        return place.fault(f"must be {what}, its norm is {norm:.6g}", shown_value(vector, value, place))
     return vector if abs(norm - 1) <= _ROUNDING else vector / norm
 
 
 def units(vectors: np.ndarray, value: Any, place: Place) -> Any:
     """Check vectors (k, n), and bring them to unit length; a `Rule`."""
-    told = _shown_value(vectors, value, place)
+    told = shown_value(vectors, value, place)
     read = [unit(vector, told[i], place[i]) for i, vector in enumerate(vectors)]
     return WRONG if any(vector is WRONG for vector in read) else np.array(read)
 
@@ -340,23 +340,6 @@ def rotation_vector(numbers: np.ndarray, value: Any, place: Place) -> Any:
     """Check a quaternion w x y z; returns its rotation vector (3,), of at most half a turn; a `Rule`."""
     read = unit(numbers, value, place, "a unit quaternion in the order w x y z")
     return WRONG if read is WRONG else np.asarray(quaternion.log(-read if read[0] < 0 else read))
-
-
-def inertia(matrix: np.ndarray, value: Any, place: Place) -> Any:
-    """Check that a matrix (3, 3) is a moment of inertia that a body can have; a `Rule`."""
-    scaled = matrix / (np.max(np.abs(matrix)) or 1)  # so that the thresholds below are relative
-    small, middle, large = np.linalg.eigvalsh((scaled + scaled.T) / 2)
-    if np.max(np.abs(scaled - scaled.T)) > 1e-9:
-        complaint = "must be symmetric"
-    elif small <= 1e-12:  # rounding may leave a singular one slightly positive
-        complaint = "must be positive definite"
-    elif np.max(matrix) < 1e-12:
-        complaint = "must have its largest moment in [1e-12, 1e12]"
-    elif large > (small + middle) * (1 + 1e-9):
-        complaint = "must have no principal moment above the sum of the other two, as no body has"
-    else:
-        return matrix
-    return place.fault(complaint, _shown_value(matrix, value, place))
 
 
 def rotations(matrices: np.ndarray, value: Any, place: Place) -> Any:
@@ -395,7 +378,7 @@ def range_of(ends: np.ndarray, value: Any, place: Place) -> Any:
     """Check that the first end of a range (2,) is below the second; a `Rule`."""
     if ends[0] < ends[1]:
         return ends
-    return place.fault("must be two numbers, the first below the second", _shown_value(ends, value, place))
+    return place.fault("must be two numbers, the first below the second", shown_value(ends, value, place))
 
 
 DIRECTION = Array((3,), noun="a unit vector of 3 numbers", rule=unit)

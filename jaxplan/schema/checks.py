@@ -162,13 +162,51 @@ def _check_wheels(craft: Any, place: Place) -> None:
             )
 
 
+_LEFT = 1e-9  # least share of the whole inertia that stages leave, with rounding
+_STAGES = {
+    "terminal": {"yaw_inertia_kg_m2": "yaw_inertia", "pitch_inertia_kg_m2": "pitch_inertia"},
+    "drive": {"inertia_kg_m2": "inertia"},
+}
+
+
+def _check_stages(craft: Any, place: Place) -> None:
+    """Note inertias of stages without one of the whole, or that leave nothing of it."""
+    given = [
+        (there[key], getattr(device, name))
+        for kind, keys in _STAGES.items()
+        for there, device in placed(getattr(craft, f"{kind}s"), place[kind])
+        for key, name in keys.items()
+    ]
+    given = [(there, inertia) for there, inertia in given if inertia is not None]
+    if not given or craft.inertia is WRONG or any(inertia is WRONG for _, inertia in given):
+        return
+    if craft.inertia is None:
+        for there, _ in given:
+            there.fault(f"needs {place['inertia_kg_m2'].path}, that of the whole spacecraft, joints at zero")
+        return
+    if WRONG in (craft.terminals, craft.drives):
+        return
+    devices = (*craft.terminals, *craft.drives)
+    if any(device is WRONG or any(own is WRONG for own in vars(device).values()) for device in devices):
+        return  # it is told what is wrong, and how they are mounted may not be known
+    left = np.linalg.eigvalsh(craft.fixed_inertia)[0]
+    if not left > _LEFT * np.linalg.norm(craft.inertia, 2):
+        names = ", ".join(there.path for there, _ in given)
+        place["inertia_kg_m2"].fault(
+            "is of the whole spacecraft with joints at zero, so it must be more than what its stages have "
+            f"together; without {names} a least moment of {left:.6g} is left",
+            np.asarray(craft.inertia).tolist(),
+        )
+
+
 def check_spacecraft(craft: Any, place: Place) -> None:
-    """Note devices of one name, what is wrong about wheels, and limits of torque without an inertia.
+    """Note devices of one name, what is wrong about wheels and inertias, and torque limits without these.
 
     What start, goal and zones refer to is kept in ``place.reading``: names, numbers and ranges of devices.
     """
     reading = place.reading
     _check_wheels(craft, place)
+    _check_stages(craft, place)
     check_unique([row for key, name in _DEVICES.items() for row in placed(getattr(craft, name), place[key])])
     names = {key: _names(getattr(craft, name)) for key, name in _DEVICES.items()}
     terminals, drives, others = names["terminal"], names["drive"], reading.terminals

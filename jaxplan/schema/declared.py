@@ -16,11 +16,11 @@ from jaxplan.schema.arrays import (
     PerAxis,
     Polygons,
     each_joint,
-    inertia,
     range_of,
     rising,
     units,
 )
+from jaxplan.schema.inertias import Moments, inertia
 from jaxplan.schema.kinds import ByName, Epoch, FromZero, Interval, Kind, Name, Names, Number
 from jaxplan.schema.tables import Table, table
 
@@ -57,6 +57,7 @@ KINDS: dict[Any, Any] = {
             rule=inertia,
         )
     ),
+    "stage inertia": _of_number(Moments),
     "device": Name("device"),
     "terminal": Name("terminal"),
     "gimbal": Name("gimbal"),

@@ -204,7 +204,7 @@ class LoadBlock:
         return ~np.all(self.slack > _FAR_SHARE, axis=(1, 2, 3))
 
     def _local(self, curve: int) -> np.ndarray:
-        """Derivatives (S, c, 4, 3) of the load over its limit in ``b`` and its derivatives, of one curve."""
+        """Derivatives (S, c, 4, B) of the load over its limit in the first B axes of one curve."""
         slopes = load_slopes(self.at, curve)
         found = slopes[:, self.own] * self.scale[curve, :, None, None]
         if self.lesser is not None:
@@ -216,7 +216,8 @@ class LoadBlock:
         """By how much a step lessens the slack of every row, see `LinearBlock.change`."""
         change = np.empty((len(which), *self.slack.shape[1:]))
         for own, curve in enumerate(which.tolist()):
-            shares = np.einsum("sida,dsa->si", self._local(curve), curves[own, :, :, :3])
+            local = self._local(curve)
+            shares = np.einsum("sida,dsa->si", local, curves[own, :, :, : local.shape[-1]])
             change[own] = SIGNS[:, None] * shares[:, None]
         return change
 
@@ -227,7 +228,7 @@ class LoadBlock:
         for each in np.unique(curve).tolist():
             rows = curve == each
             local = self._local(each)[place[rows], axis[rows]]
-            axes[rows, :, :3] = SIGNS[sign[rows]][:, None, None] * local
+            axes[rows, :, : local.shape[-1]] = SIGNS[sign[rows]][:, None, None] * local
         return axes, self.at.stack.rows[curve, :, place]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:

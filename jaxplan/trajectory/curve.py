@@ -199,9 +199,10 @@ class Samples:
             spin=[components(vector) for vector in spin],
             joints=[components(vector) for vector in joints],
             drives=len(craft.drives),
-            inertia=craft.inertia,
+            inertia=craft.fixed_inertia,
             total=None if total is None else components(self.attitude.swapaxes(-1, -2) @ total),
             array=None if total is None else craft.wheel_array,
+            stages=craft.stages,
         )
 
 
@@ -325,10 +326,59 @@ def evaluate(trajectory: Trajectory, t: ArrayLike) -> Samples:
     return _samples(jax.tree.map(jnp.asarray, trajectory), on, on_joints, times, joint_times)
 
 
+def on_common_pieces(trajectory: Trajectory) -> Trajectory:
+    """The same motion, in numpy, on pieces that neither platform nor joints leave: N is then M.
+
+    Args:
+        trajectory: of numpy arrays; one whose breaks are those of its joints comes back as it is.
+    """
+    breaks, joint_breaks = np.asarray(trajectory.breaks), np.asarray(trajectory.joint_breaks)
+    if np.array_equal(breaks, joint_breaks):
+        return trajectory
+    edges = np.union1d(breaks, joint_breaks)
+    middle = (edges[:-1] + edges[1:]) / 2
+    on = np.clip(np.searchsorted(breaks, middle, side="right") - 1, 0, len(breaks) - 2)
+    on_joints = np.clip(np.searchsorted(joint_breaks, middle, side="right") - 1, 0, len(joint_breaks) - 2)
+    return replace(
+        trajectory,
+        breaks=edges,
+        chart_attitude=trajectory.chart_attitude[on],
+        chart_start=trajectory.chart_start[on],
+        chart_rate=trajectory.chart_rate[on],
+        coefficients=_parts(trajectory.coefficients[on], breaks[on], breaks[on + 1], edges),
+        joint_breaks=edges,
+        joint_coefficients=_parts(
+            trajectory.joint_coefficients[on_joints],
+            joint_breaks[on_joints],
+            joint_breaks[on_joints + 1],
+            edges,
+        ),
+    )
+
+
+def _parts(coefficients: np.ndarray, start: np.ndarray, end: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Legendre coefficients (k, l + 1, d) of parts of polynomials, each (l + 1, d) on its own interval.
+
+    Args:
+        coefficients: (k, l + 1, d) of the polynomials.
+        start: (k,) s, where the interval of each begins.
+        end: (k,) s, where it ends.
+        edges: (k + 1,) s, of the parts.
+    """
+    order = coefficients.shape[1] - 1
+    nodes, weights = np.polynomial.legendre.leggauss(order + 1)  # exact to twice the order
+    times = edges[:-1, None] + np.diff(edges)[:, None] * (nodes + 1) / 2
+    values = polynomial(coefficients[:, None], start[:, None], end[:, None], times)[0]
+    basis = np.polynomial.legendre.legvander(nodes, order)
+    back = (np.arange(order + 1) + 0.5)[:, None] * basis.T * weights
+    return np.asarray(np.einsum("lg,kgd->kld", back, values))
+
+
 def total_momentum(trajectory: Trajectory, craft: Spacecraft) -> AnyArray | None:
     """Total momentum ``H`` of platform and wheels on a trajectory, (3,) N m s in inertial axes.
 
-    It stays that of the start: ``R_0 (J omega_0 + h_0)``, with numpy or JAX; None without wheels.
+    It stays that of the start: ``R_0 (L_0 + h_0)`` with the momentum ``L = J omega`` of the body and of what
+    joints turn, with numpy or JAX; None without wheels.
     """
     array = craft.wheel_array
     if array is None:
@@ -336,8 +386,13 @@ def total_momentum(trajectory: Trajectory, craft: Spacecraft) -> AnyArray | None
     pieces = trajectory.platform_pieces
     first = Piece(**{each.name: getattr(pieces, each.name)[0] for each in fields(Piece)})
     attitude, velocity, *_ = platform(first, first.start)
-    _, inertia, velocity, stored = arrays(craft.inertia, velocity, array.stored)
-    return attitude @ (inertia @ velocity + stored)
+    if craft.stages is None:
+        _, inertia, velocity, stored = arrays(craft.inertia, velocity, array.stored)
+        return attitude @ (inertia @ velocity + stored)
+    begin, end = trajectory.joint_breaks[:2]
+    joints = polynomial(trajectory.joint_coefficients[0], begin, end, begin)
+    at_start = Kinematics(spin=[velocity], joints=joints, inertia=craft.fixed_inertia, stages=craft.stages)
+    return attitude @ (at_start.momentum + array.stored)
 
 
 def _begun(starts: ArrayLike, t: Array) -> Array:

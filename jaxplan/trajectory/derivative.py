@@ -104,7 +104,7 @@ def gather_inputs(
         wanted=wanted_margins(cones, left),
         axes=jnp.einsum("ra,ab,rbc->rc", axes, first, halves),
         halves=halves,
-        body=Body.of(craft, jnp.asarray(rates)[0, :3]),
+        body=Body.of(craft, joints[0], jnp.asarray(rates)[0]),
         duration=duration,
         cones=cones,
         sights=sights,

@@ -5,6 +5,8 @@ chart of SO(3) that `chart.Chart` describes, and the derivatives of ``b`` in ``s
 components of the platform's limited quantities, such as rates and torques, as they would be in a motion of
 1 s; the others divide them by powers of the duration. The last E of them are the lesser parts, which fall by
 one power less, of what has some (`jaxplan.model.limits`): of wheels, whose total momentum stays as it is.
+Where stages of gimbals have an inertia (`jaxplan.model.stages`), loads depend on the joints, too: then all
+A = 3 + J axes of a curve are looked at, and else B = 3 of them, those of ``b``.
 """
 
 from collections.abc import Callable
@@ -22,6 +24,7 @@ from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.limits import highest_derivative, timed_limits, values
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.stages import Stages
 from jaxplan.model.wheels import WheelArray
 from jaxplan.runtime.ahead import Task
 from jaxplan.runtime.jit import quick_jit
@@ -34,45 +37,60 @@ class Body(NamedTuple):
     """What turns, as the loads depend on it.
 
     Attributes:
-        inertia: (3, 3) kg m^2, body axes.
+        inertia: (3, 3) kg m^2, body axes, of what joints do not turn, as far as stages have one of their own.
         total: (3,) N m s, total momentum of platform and wheels in the axes that the body has at the start;
             None without wheels, as the next.
         array: the wheels.
+        stages: of gimbals that have an inertia; None without.
     """
 
     inertia: Any
     total: Any = None
     array: WheelArray | None = None
+    stages: Stages | None = None
 
     @classmethod
-    def of(cls, spacecraft: Spacecraft, velocity: Any) -> "Body":
-        """The body of a spacecraft that starts with an angular velocity (3,) rad/s, body axes.
+    def of(cls, spacecraft: Spacecraft, joints: Any, rates: Any) -> "Body":
+        """The body of a spacecraft that starts at joints (J,) rad with rates (3 + J,) rad/s.
 
         Its inertia is the identity where none is given, as then none is needed.
         """
-        inertia, array = spacecraft.inertia, spacecraft.wheel_array
-        xp = array_module(inertia, velocity, *(array or ()))
-        own = xp.eye(3) if inertia is None else xp.asarray(inertia, float)
-        return cls(own) if array is None else cls(own, own @ velocity + array.stored, array)
+        inertia, array, stages = spacecraft.fixed_inertia, spacecraft.wheel_array, spacecraft.stages
+        if inertia is None:
+            return cls(np.eye(3))
+        xp = array_module(inertia, rates, *(array or ()), *jax.tree.leaves(stages))
+        own = xp.asarray(inertia, float)
+        if array is None:
+            return cls(own, stages=stages)
+        start = Kinematics(spin=[rates[:3]], joints=[joints, rates[3:]], inertia=own, stages=stages)
+        momentum = own @ rates[:3] if stages is None else start.momentum
+        return cls(own, momentum + array.stored, array, stages)
+
+    @property
+    def axes(self) -> int | None:
+        """The number of a curve's first axes, B, on which the loads depend; None for all."""
+        return 3 if self.stages is None else None
 
 
 Kernel = Callable[[np.ndarray, np.ndarray], Array | tuple[Array, ...]]
-"""Takes places (S,) and platform curves (4, S, 3); returns one or more arrays (S, ...)."""
+"""Takes places (S,) and curves (4, S, B); returns one or more arrays (S, ...)."""
 
 
 def padded_call(
     kernel: Kernel,
     places: np.ndarray,
     curves: np.ndarray,
+    axes: int | None = 3,
 ) -> list[np.ndarray]:
     """The arrays (S, ...) that a kernel returns, called with `_TOGETHER` places at a time.
 
     Args:
         kernel: to call.
         places: (S,).
-        curves: (4, S, 3 or more) ``b`` with three derivatives; what follows ``b``, as joints do, is ignored.
+        curves: (4, S, A) ``b`` and joints with three derivatives.
+        axes: how many of these the kernel takes, see `Body.axes`.
     """
-    count, curves = len(places), curves[:, :, :3]
+    count, curves = len(places), curves[:, :, :axes]
     extra = -count % _TOGETHER
     if extra:
         places, curves = np.pad(places, (0, extra)), np.pad(curves, ((0, 0), (0, extra), (0, 0)))
@@ -101,12 +119,13 @@ def kernel_tasks(spacecraft: Spacecraft, settings: TrajectorySettings) -> list[T
         return []
     limits, _ = timed_limits(spacecraft)
     names, matrix = tuple(limit.quantity.name for limit in limits), np.eye(3)
-    places, curves = np.zeros(_TOGETHER), np.zeros((4, _TOGETHER, 3))
-    body = Body.of(spacecraft, np.zeros(3))
+    joints = spacecraft.joint_count
+    places, curves = np.zeros(_TOGETHER), np.zeros((4, _TOGETHER, 3 + joints))
+    body = Body.of(spacecraft, np.zeros(joints), np.zeros(3 + joints))
     kernels: list[Callable[..., Any]] = [partial(motion_at, matrix, matrix[0], body=body, names=names)]
     if settings.duration != "stretched":
         kernels.append(partial(load_slopes_at, matrix[0], body=body, names=names))
-    return [partial(padded_call, kernel, places, curves) for kernel in kernels]
+    return [partial(padded_call, kernel, places, curves, body.axes) for kernel in kernels]
 
 
 def loads_at(turn: Array, place: Array, z: Array, body: Body, names: tuple[str, ...]) -> Array:
@@ -115,7 +134,7 @@ def loads_at(turn: Array, place: Array, z: Array, body: Body, names: tuple[str, 
     Args:
         turn: (3,) rad, of the chart.
         place: () in [0, 1].
-        z: (4, 3) ``b`` and its first three derivatives in the place.
+        z: (4, B) ``b``, perhaps joints, and their first three derivatives in the place.
         body: what turns.
         names: of the limited quantities, (Q,).
     """
@@ -123,14 +142,16 @@ def loads_at(turn: Array, place: Array, z: Array, body: Body, names: tuple[str, 
     def moving(*point: Array) -> tuple[Array, ...]:
         return chart_motion(turn, *point)[1:]
 
-    b, first, second, third = z
+    b, first, second, third = z[:, :3]
     point = (place[None], b, first, second)
     if highest_derivative(names) > 2:
         spin, (_, jerk) = jax.jvp(moving, point, (jnp.ones(1), first, second, third))
         spin = (*spin, jerk)
     else:
         spin = moving(*point)
-    motion = Kinematics(spin=spin, inertia=body.inertia)
+    motion = Kinematics(spin=spin, inertia=body.inertia, stages=body.stages)
+    if body.stages is not None:
+        motion = motion._replace(joints=list(z[:3, 3:]))
     if body.array is not None:
         turned = chart_motion(turn, place[None], b, first, second)[0]
         motion = motion._replace(total=body.total @ turned, array=body.array)
@@ -147,13 +168,13 @@ def motion_at(
         attitude: (3, 3) of the chart, body to inertial.
         turn: (3,) rad, of the chart.
         places: (S,).
-        curves: (4, S, 3) ``b`` with three derivatives.
+        curves: (4, S, B) ``b``, perhaps joints, with three derivatives.
         body: what turns.
         names: of the limited quantities, (Q,).
     """
 
     def at(place: Array, z: Array) -> tuple[Array, Array, Array]:
-        eta = z[0] - place * turn
+        eta = z[0, :3] - place * turn
         half = so3.exp(place * turn / 2)
         gamma = half @ so3.exp(eta) @ half
         return (
@@ -167,7 +188,7 @@ def motion_at(
 
 @partial(quick_jit, static_argnames="names")
 def load_slopes_at(turn: Array, places: Array, curves: Array, body: Body, *, names: tuple[str, ...]) -> Array:
-    """Derivatives (S, C + E, 4, 3) of the loads in ``b`` and its derivatives; arguments as of `motion_at`."""
+    """Derivatives (S, C + E, 4, B) of the loads in curves and derivatives; arguments as of `motion_at`."""
 
     def at(place: Array, z: Array) -> Array:
         return jax.jacfwd(loads_at, argnums=2)(turn, place, z, body, names)

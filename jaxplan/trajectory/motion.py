@@ -196,11 +196,12 @@ class Stack:
         found: dict[int, list[np.ndarray]] = {}
         for numbers in alike.values():
             own, count = self.members[numbers[0]], len(numbers)
+            axes = own.problem.body.axes
             if count == 1:
-                found[numbers[0]] = padded_call(kernel_of(own), own.places, curves[numbers[0]])
+                found[numbers[0]] = padded_call(kernel_of(own), own.places, curves[numbers[0]], axes)
                 continue
             joined = np.concatenate([curves[number] for number in numbers], axis=1)
-            told = padded_call(kernel_of(own), np.tile(own.places, count), joined)
+            told = padded_call(kernel_of(own), np.tile(own.places, count), joined, axes)
             parts = zip(*(np.split(array, count) for array in told), strict=True)
             found |= {number: list(part) for number, part in zip(numbers, parts, strict=True)}
         return [found[number] for number in which]
@@ -393,7 +394,7 @@ def _margins_along(
 
 
 def load_slopes(at: Iterates, curve: int) -> np.ndarray:
-    """(S, C + E, 4, 3) derivatives of a curve's loads in ``b`` and its derivatives (last axes); kept in `at`.
+    """(S, C + E, 4, B) derivatives of a curve's loads in its first B axes and derivatives; kept in `at`.
 
     Args:
         at: the curves.

@@ -124,10 +124,10 @@ def _lesser_terms(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Trace
     loads, first = held.loads, len(held.linear.on)
     if not len(loads.on) or max(inputs.lesser) < 0:
         return None
-    local = jnp.einsum("rdn,na->rda", loads.rows, c[:, :3])
+    local = jnp.einsum("rdn,na->rda", loads.rows, c[:, : inputs.body.axes])
     value = jnp.where(loads.on, _lesser_values(inputs, duration, loads, local), 0)
     slope = jnp.einsum("rdk,rda->rka", loads.rows @ held.free, _lesser_slopes(inputs, duration, loads, local))
-    slope = jnp.pad(slope, ((0, 0), (0, 0), (0, c.shape[1] - 3))).reshape(len(value), -1)
+    slope = jnp.pad(slope, ((0, 0), (0, 0), (0, c.shape[1] - slope.shape[2]))).reshape(len(value), -1)
     return slice(first, first + len(value)), value, jnp.where(loads.on[:, None], slope, 0)
 
 
@@ -153,7 +153,7 @@ def _values(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
     centre = jnp.where(linear.node >= 0, of_node, inputs.centres[linear.scale])
     values = [_linear_factors(held, inputs, duration) * (value - centre) - 1]
     if len(loads.on):
-        local = jnp.einsum("rdn,na->rda", loads.rows, c[:, :3])
+        local = jnp.einsum("rdn,na->rda", loads.rows, c[:, : inputs.body.axes])
         values.append(_load_values(inputs, duration, loads, local))
     if len(zones.on):
         values.append(_zone_values(inputs, zones, (inputs.axes, inputs.halves), zones.row @ c))
@@ -167,10 +167,10 @@ def _slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
     rows = _linear_factors(held, inputs, duration)[:, None] * (_linear_rows(held, inputs) @ held.free)
     slopes = [jnp.einsum("rk,ra->rka", rows, jnp.eye(axes)[linear.axis])]
     if len(loads.on):
-        local = jnp.einsum("rdn,na->rda", loads.rows, c[:, :3])
+        local = jnp.einsum("rdn,na->rda", loads.rows, c[:, : inputs.body.axes])
         slope = _load_slopes(inputs, duration, loads, local)
         own = jnp.einsum("rdk,rda->rka", loads.rows @ held.free, slope)
-        slopes.append(jnp.pad(own, ((0, 0), (0, 0), (0, axes - 3))))
+        slopes.append(jnp.pad(own, ((0, 0), (0, 0), (0, axes - own.shape[2]))))
     if len(zones.on):
         slope = _zone_slopes(inputs, zones, (inputs.axes, inputs.halves), zones.row @ c)
         slopes.append(jnp.einsum("rk,ra->rka", zones.row @ held.free, slope))
@@ -178,7 +178,7 @@ def _slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
 
 
 def _load_row(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> Traced:
-    """By what share of its limit one load exceeds it, from ``b`` and its derivatives, z (4, 3)."""
+    """By what share of its limit one load exceeds it, from the first B axes and derivatives, z (4, B)."""
     loads = loads_at(inputs.turn, row.place, z, inputs.body, inputs.names)
     limit = inputs.limits * duration ** np.array(inputs.load_powers, float)
     value = row.sign * loads[row.component] / limit[row.component] - 1
@@ -246,10 +246,11 @@ def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
         curved = ENERGY_WEIGHT * (curved / least - jnp.einsum("ka,lb->kalb", pull, pull))
     if len(loads.on):
         basis = loads.rows @ free
-        local = jnp.einsum("rdn,na->rda", loads.rows, c[:, :3])
+        local = jnp.einsum("rdn,na->rda", loads.rows, c[:, : inputs.body.axes])
         bend = _load_bends(inputs, duration, loads, local)
         own = jnp.einsum("r,rdk,rdaeb,rel->kalb", of_loads, basis, bend, basis, optimize=True)
-        curved = curved.at[:, :3, :, :3].add(own)
+        first = slice(own.shape[1])
+        curved = curved.at[:, first, :, first].add(own)
     if len(zones.on):
         basis = zones.row @ free
         bend = _zone_bends(inputs, zones, (inputs.axes, inputs.halves), zones.row @ c)

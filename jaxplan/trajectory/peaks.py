@@ -15,12 +15,13 @@ Rates of the platform at very many points are computed by cross products in nump
 All is analytic in time, so a step of it along the imaginary axis tells the next derivative to the last digit.
 The length of a vector is not where it is zero; its square is, and of that the maxima are looked for. With
 the chart's base ``R_a`` the total momentum ``H`` of wheels and platform is ``U^T E^T U^T R_a^T H`` in body
-axes.
+axes. Where stages of gimbals have an inertia the loads need joints, too, and so pieces of both together.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -40,7 +41,7 @@ from jaxplan.model.scaling import time_factor
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import WheelArray
 from jaxplan.runtime.batching import in_groups
-from jaxplan.trajectory.curve import Trajectory, total_momentum
+from jaxplan.trajectory.curve import Trajectory, on_common_pieces, total_momentum
 from jaxplan.trajectory.maxima import is_resolved, largest, rooted_factors
 from jaxplan.trajectory.splines import derivative_matrix
 
@@ -48,6 +49,8 @@ SAFETY = 1 + 1e-6  # on time, beyond what the peaks ask for, so that an independ
 
 _ROUNDING = 1e-9  # beyond a joint's range, at whose very end a node may be
 
+_SHARPER = 2  # times the points where stages turn far on a piece
+_SHARPEST = 4  # such factors at most, one after the other
 _FEW = 8  # pieces; where a trajectory has more they are short
 _POINTS = 4096  # points computed together, so that intermediate results stay in the processor's cache
 
@@ -183,12 +186,19 @@ def _platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
         them, with the E lesser parts last; of quantities that are a vector's length, its square.
     """
 
+    def kind(one: tuple[Asked, int]) -> tuple[Any, ...]:
+        (trajectory, craft, names), points = one
+        alone = None if craft.stages is None else id(craft)  # its stages are its own
+        return points, trajectory.coefficients.shape[1], names, wheel_rows(craft), alone
+
     def at_points(some: Sequence[Asked], points: Sequence[int]) -> list[np.ndarray]:
         return in_groups(
             list(zip(some, points, strict=True)),
-            lambda one: (one[1], one[0][0].coefficients.shape[1], one[0][2], wheel_rows(one[0][1])),
+            kind,
             lambda alike: _loads_at([own for own, _ in alike], alike[0][1]),
         )
+
+    asked = [(own[0] if own[1].stages is None else on_common_pieces(own[0]), *own[1:]) for own in asked]
 
     # The attitude's exponentials add to the polynomials' degree: little where pieces are short.
     sizes = [curve.coefficients.shape for curve, _, _ in asked]
@@ -197,6 +207,15 @@ def _platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
     more = at_points([asked[number] for number in again], [4 * sizes[number][1] + 13 for number in again])
     for number, own in zip(again, more, strict=True):
         found[number] = own
+    for _ in range(_SHARPEST):
+        again = [
+            number
+            for number in again
+            if asked[number][1].stages is not None and not is_resolved(found[number])
+        ]
+        more = at_points([asked[n] for n in again], [_SHARPER * found[n].shape[1] for n in again])
+        for number, own in zip(again, more, strict=True):
+            found[number] = own
     return found
 
 
@@ -220,7 +239,9 @@ def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
     length = np.concatenate([np.diff(own.breaks) for own in trajectories])
     since = np.concatenate([own.breaks[:-1] - own.chart_start for own in trajectories])
     counts = [len(own.coefficients) for own in trajectories]
-    given = [np.zeros((3, 3)) if craft.inertia is None else craft.inertia for _, craft, _ in asked]
+    given = [np.zeros((3, 3)) if craft.inertia is None else craft.fixed_inertia for _, craft, _ in asked]
+    stages = asked[0][1].stages
+    of_joints = None if stages is None else np.concatenate([own.joint_coefficients for own in trajectories])
     inertia = np.repeat(np.array(given, float), counts, axis=0)
     shares, orders = (_chebyshev(points) + 1) / 2, 1 + max(highest_derivative(names), 2)
     block = max(1, _POINTS // points)
@@ -241,7 +262,11 @@ def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
                 np.ascontiguousarray(np.moveaxis(b, (1, 3), (0, 1))).reshape(orders, 3, -1),
             )
             own = np.repeat(np.moveaxis(inertia[part], 0, 2), points, axis=2)
-            motion = Kinematics(spin=rates(*chart), inertia=own)
+            motion = Kinematics(spin=rates(*chart), inertia=own, stages=stages)
+            if of_joints is not None:
+                joints = _curves(of_joints[part], length[part], points, 3)
+                values_of = np.moveaxis(joints, (1, 3), (0, 1)).reshape(3, joints.shape[3], -1)
+                motion = motion._replace(joints=list(values_of))
             if totals is not None:
                 total, rows, apart = (
                     np.repeat(np.moveaxis(each[part], 0, -1), points, axis=-1) for each in totals

@@ -159,7 +159,7 @@ class FitProblem:
     @cached_property
     def body(self) -> Body:
         """What turns."""
-        return Body.of(self.spacecraft, self.rates[0, :3])
+        return Body.of(self.spacecraft, self.joints[0], self.rates[0])
 
     @cached_property
     def sights(self) -> Sights:
@@ -326,6 +326,7 @@ class DiscreteProblem:
             len(problem.spacecraft.drives),
             problem.names,
             problem.wheel_rows,
+            None if problem.body.stages is None else problem.body.stages.turned,
             bool(problem.cones.paths),
             problem.cones.inner,
             len(problem.cones.carried),

@@ -106,6 +106,7 @@ def edge_times(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
     """
     # In a second every edge is gone along at a steady pace, which is to be slowed to the limits. Wheels count
     # as if they held nothing at the start: what they hold then fills them more on one edge, less on another.
+    # Of stages it counts neither how they are turned nor what they carry.
     steady = Kinematics(spin=[turns.T], joints=[0 * moves.T, moves.T], inertia=craft.inertia)
     if craft.wheel_array is not None:
         empty = craft.wheel_array

@@ -85,6 +85,9 @@ SPACECRAFTS = {
     "axes and ranges": replace(SPACECRAFT, terminals=(ODD,)),
     "drives": replace(SPACECRAFT, terminals=(), drives=DRIVES, instruments=()),
     "wheels": replace(SPACECRAFT, wheels=WHEELS),
+    "stages": replace(
+        SPACECRAFT, terminals=(replace(ODD, yaw_inertia=np.eye(3), pitch_inertia=np.array([2.0, 3, 4])),)
+    ),
 }
 ZONES = (
     KeepOut(name="out", direction=np.array([0.0, 0.0, -1.0]), half_angle=0.5),
@@ -463,6 +466,10 @@ def test_cones_of_a_wrong_form_are_refused(changes, words):
             {"wheels": (*WHEELS, replace(WHEELS[1], torque=0.0))},
             "torque or momentum of wheel-2 is not positive",
         ),
+        ({"terminals": (replace(ODD, yaw_inertia=np.ones(4)),)}, "yaw_inertia of t is no inertia"),
+        ({"terminals": (replace(ODD, pitch_inertia=-np.eye(3)),)}, "pitch_inertia of t is no inertia"),
+        ({"terminals": (replace(ODD, pitch_inertia=np.array([1, 1, np.nan])),)}, "pitch_inertia of t is no"),
+        ({"terminals": (replace(ODD, yaw_inertia=90 * np.eye(3)),)}, "inertia is not more than the inertias"),
         ({"wheels": WHEELS, "allocation": "best"}, "allocation = 'best' is not known"),
         ({"instruments": (Instrument(name="i", boresight=np.zeros(3)),)}, "boresight of i is no unit vector"),
     ],

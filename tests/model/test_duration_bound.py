@@ -9,10 +9,12 @@ import pytest
 from builders import make_spacecraft
 from reference import assert_each, random_units
 from scipy.spatial.transform import Rotation
+from stages import change, momentum, with_stages
 from wheels import random_wheels, wheels
 
-from jaxplan.model.duration_bound import duration_bound, rest_bounds, shortest_time
+from jaxplan.model.duration_bound import duration_bound, rest_bounds
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.ways import shortest_time
 
 
 def brute_force(distance, first, last, rate, acceleration):
@@ -134,6 +136,82 @@ def test_no_motion_is_quicker_than_the_bound_within_its_own_limits(at_rest):
             assert bound.seconds <= 2 * (1 + 1e-6), limits
             shares.append(bound.seconds / 2)
     assert max(shares) > 0.5
+
+
+def gimbals_of(count, seed, size, joints):
+    """A spacecraft of terminals with stages of a size in kg m^2, whose joints' limits a motion just keeps.
+
+    Args:
+        joints: angles, rates and accelerations (S, 2 count) of the motion.
+    """
+    craft = with_stages(make_spacecraft(count), size, seed)
+    rates, accelerations = (np.abs(own).max(axis=0) for own in joints[1:])
+    terminals = tuple(
+        replace(
+            one,
+            yaw_range=np.array([-9.0, 9.0]),
+            yaw_limit=None,
+            rate_limit=1.0,
+            yaw_rate_limit=rates[k],
+            pitch_rate_limit=rates[count + k],
+            yaw_acceleration_limit=accelerations[k],
+            pitch_acceleration_limit=accelerations[count + k],
+        )
+        for k, one in enumerate(craft.terminals)
+    )
+    return replace(craft, terminals=terminals, rate_limit=1e3, acceleration_limit=1e3)
+
+
+def limits_with_stages(craft, spin, joints):
+    """The tightest limits of each kind that a motion keeps."""
+    own, rising = momentum(craft, spin[0], *joints[:2]), change(craft, spin, joints)
+    torque = rising + np.cross(spin[0], own)
+    yield {"torque_limit": np.abs(torque).max(axis=0)}
+    yield {"wheel_momentum_limit": np.abs(own).max(axis=0)}
+    rates = {
+        "rate_limit": np.abs(spin[0]).max(axis=0),
+        "acceleration_limit": np.abs(spin[1]).max(axis=0),
+    }
+    yield rates | {"torque_limit": np.abs(torque).max(axis=0)}
+    attitude, turned, step = np.eye(3), [np.eye(3)], 2 / (len(own) - 1)
+    for rate in (spin[0][1:] + spin[0][:-1]) / 2:
+        attitude = attitude @ Rotation.from_rotvec(rate * step).as_matrix()
+        turned.append(attitude)
+    for count, stored in ((3, 0.0), (5, 0.7)):
+        axes = random_units(np.random.default_rng(count), count)
+        held = stored * np.linspace(-1, 1, count)
+        carried = np.einsum("kji,j->ki", np.array(turned), own[0] + held @ axes)
+        share = np.linalg.pinv(axes.T)
+        given = (rising + np.cross(spin[0], carried)) @ share.T
+        kept = held + (carried - own - held @ axes) @ share.T
+        array = wheels(axes, np.abs(given).max(axis=0), np.abs(kept).max(axis=0), held)
+        for allocation in ("pseudo_inverse", "minimax"):
+            yield rates | {"wheels": array, "allocation": allocation}
+            yield {"wheels": array, "allocation": allocation}
+
+
+@pytest.mark.parametrize("at_rest", [True, False])
+def test_no_motion_is_quicker_than_the_bound_where_gimbals_push_back(at_rest):
+    rng, shares = np.random.default_rng(11), []
+    t = np.linspace(0, 2, 2001)[:, None]
+    for number, (velocity, acceleration, turn) in enumerate(motions(20, at_rest=at_rest)):
+        count, size = 1 + number % 2, (0.002, 0.05, 0.2)[number % 3]
+        axes = Rotation.random(rng=rng).as_matrix()
+        inertia = axes @ np.diag(rng.uniform(1, 1.9, 3)) @ axes.T
+        slow, _, phase = rng.uniform((0.1, 0.5, 0), (1, 3, 6), (2 * count, 3)).T
+        quick = np.pi * rng.integers(1, 3, 2 * count)  # so that joints end as they began, and need no time
+        angle = quick * t + phase
+        joints = slow * np.sin(angle), slow * quick * np.cos(angle), -slow * quick**2 * np.sin(angle)
+        craft = replace(gimbals_of(count, number, size, joints), inertia=inertia)
+        spin = velocity, acceleration
+        ends = np.stack([np.eye(3), turn]), joints[0][[0, -1]], velocity[[0, -1]], joints[1][[0, -1]]
+        for limits in limits_with_stages(craft, spin, joints):
+            bound = duration_bound(replace(craft, **limits), *ends)
+            assert bound.seconds <= 2 * (1 + 1e-6), limits
+            if bound.name not in craft.joint_names:
+                shares.append(bound.seconds / 2)
+    assert max(shares) > 0.5
+    assert len(shares) > 20
 
 
 @pytest.mark.parametrize("limits", [{"inertia": np.eye(3), "torque_limit": 1.0}, {"acceleration_limit": 1.0}])

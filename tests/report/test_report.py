@@ -269,12 +269,16 @@ def test_the_page_has_every_wheel_with_what_it_may_give_and_hold(tmp_path):
     array = wheels(np.eye(3), [90.0, 91.0, 92.0], [55.5, 66.0, 77.0], [0.0, 0.125, -2.0])
     craft = replace(plan.scenario.spacecraft, inertia=np.diag([20.0, 30.0, 40.0]), wheels=array)
     narrow = tuple(replace(t, yaw_limit=3.1, pitch_limit=1.5) for t in craft.terminals)
+    stage = np.array([[0.5, 0.1, 0.0], [0.1, 0.625, 0.0], [0.0, 0.0, 0.75]])
+    narrow = (replace(narrow[0], pitch_inertia=stage), *narrow[1:])
     craft = replace(craft, terminals=narrow)
     plan = replace(plan, scenario=replace(plan.scenario, spacecraft=craft))
     plan = replace(plan, certificate=jp.planner.certify(plan))
     page = Page(jp.report_html(plan, tmp_path / "wheels.html").read_text(encoding="utf-8"))
     (given,) = [table for table in page.texts["table"] if "Reaction wheels" in table]
     assert "by the pseudo-inverse" in given
+    (moving,) = [table for table in page.texts["table"] if "Gimbals that push back" in table]
+    assert f"{narrow[0].name} pitch0.50.6250.75" in moving
     for words in ("9055.50", "91660.125", "9277-2"):
         assert words in given
     (peaks,) = [table for table in page.texts["table"] if "Peaks over all time" in table]

@@ -1,0 +1,141 @@
+"""Slews of a light spacecraft whose terminals push back, beside plans that do not know of it.
+
+The scenes are the paper's four cases and random ones like them. The whole has 100 kg m^2 about each axis, and
+four wheels in a pyramid of 0.2 N m and 8 N m s each, empty at the start. A terminal has 5 kg: a fork of 2 kg
+that yaws, with a radius of gyration of 0.15 m about the yaw axis, and on it a telescope of 3 kg, a cylinder
+0.4 m long and 0.2 m thick. `--heavier` multiplies their inertias.
+
+Of each plan that is made without these inertias the largest torque of the platform's body axes without and
+with them, the certificate's largest share of a wheel's torque and momentum with them, and how much longer a
+plan takes that knows of them. Then how many plans break a wheel's limit, and warm CPU times of plans.
+
+    python bench/stages.py [-n 20] [--heavier 1 10] [--repeats 3]
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from _machine import print_machine
+from _options import not_negative, positive
+from tqdm import tqdm
+
+import jaxplan as jp
+
+WHOLE = np.diag([100.0, 100.0, 100.0])  # kg m^2
+FORK = np.array([0.03, 0.03, 0.045])  # kg m^2 about boresight, left, yaw axis
+TELESCOPE = np.array([0.015, 0.0475, 0.0475])
+PYRAMID = np.array([[1, 0, 1], [0, 1, 1], [-1, 0, 1], [0, -1, 1]]) / np.sqrt(2)
+TORQUE, MOMENTUM = 0.2, 8.0  # N m, N m s
+DURATIONS = ("minimum", "stretched")
+ALLOWED = 1e-6  # share of a limit by which the certificate lets a plan pass it
+TOGETHER = 16  # plans of a batch
+
+
+def scene(scenario: jp.Scenario, duration: str, factor: float) -> jp.Scenario:
+    """The scene with wheels and terminals of these inertias times a factor; zero for none."""
+    wheels = [
+        jp.Wheel(name=f"wheel-{k}", axis=axis, torque=TORQUE, momentum=MOMENTUM)
+        for k, axis in enumerate(PYRAMID, 1)
+    ]
+    terminals = [
+        replace(one, yaw_inertia=factor * FORK, pitch_inertia=factor * TELESCOPE) if factor else one
+        for one in scenario.spacecraft.terminals
+    ]
+    craft = replace(
+        scenario.spacecraft, inertia=WHOLE, torque_limit=None, wheel_momentum_limit=None, wheels=tuple(wheels)
+    )
+    craft = replace(craft, terminals=tuple(terminals))
+    fit = replace(scenario.trajectory, method="global", duration=duration)
+    return replace(scenario, spacecraft=craft, trajectory=fit)
+
+
+def scenes(count: int) -> list[tuple[str, jp.Scenario]]:
+    """The paper's cases and random scenes, by name."""
+    cases = [(f"case {number}", jp.paper_case(number)) for number in range(1, 5)]
+    return cases + [(f"random {seed}", jp.random_scenario(seed)) for seed in range(count)]
+
+
+def compare(own: Sequence[tuple[str, jp.Scenario]], factor: float) -> None:
+    """Print what plans without the inertias come to with them, and what plans with them take."""
+    print(f"inertias of stages times {factor:g}")
+    print(f"{'':24}{'torque, N m':>20}{'share of a wheel':>24}{'duration, s':>20}")
+    print(f"{'':24}{'without':>10}{'with':>10}{'torque':>12}{'momentum':>12}{'without':>10}{'with':>10}")
+    for duration in DURATIONS:
+        broken, most, longer, planned = 0, [], [], 0
+        for name, scenario in tqdm(own, leave=False, disable=not sys.stderr.isatty()):
+            blind, told = (scene(scenario, duration, own_factor) for own_factor in (0.0, factor))
+            plan, other = (jp.plan(each, throw=False, progress=False) for each in (blind, told))
+            if not (plan.ok and other.ok):
+                continue
+            planned += 1
+            trajectory = plan.trajectory
+            torques = [float(jp.measures.peak_torque(trajectory, each.spacecraft)) for each in (blind, told)]
+            peaks = jp.certify(replace(plan, scenario=told)).peaks
+            shares = [peaks[key] for key in ("wheel_torques", "wheel_momenta")]
+            broken += max(shares) > 1 + ALLOWED
+            most.append(max(shares))
+            durations = trajectory.duration, other.trajectory.duration
+            longer.append(durations[1] / durations[0])
+            if name.startswith("case"):
+                line = f"{name + ', ' + duration:24}" + "".join(f"{value:10.4f}" for value in torques)
+                line += "".join(f"{value:12.4f}" for value in shares)
+                print(line + "".join(f"{value:10.2f}" for value in durations))
+        print(
+            f"{duration}: {broken} of {planned} plans made without break a wheel's limit; share of a limit "
+            f"median {np.median(most):.4f}, largest {max(most):.4f}; plans that know take "
+            f"{np.median(longer):.4f} times as long (median), at most {max(longer):.4f}"
+        )
+    print()
+
+
+def seconds(call: Callable[[], object], repeats: int) -> float:
+    """CPU seconds of a call, the least of some, after one that compiles."""
+    call()
+    found = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        call()
+        found.append(time.process_time() - begin)
+    return min(found)
+
+
+def clock(repeats: int) -> None:
+    """Print warm CPU times of plans with wheels, without and with the inertias, alone and in a batch."""
+    print(f"{'CPU, ms a plan':28}{'without':>12}{'with':>12}{'ratio':>10}")
+    for duration in DURATIONS:
+        groups: list[tuple[str, int, list[list[jp.Scenario]]]] = []
+        cases = [jp.paper_case(number) for number in range(1, 5)]
+        groups.append(("alone", 4, [[scene(each, duration, f) for each in cases] for f in (0.0, 1.0)]))
+        many = [jp.random_scenario(seed) for seed in range(TOGETHER)]
+        groups.append(("batch", TOGETHER, [[scene(each, duration, f) for each in many] for f in (0.0, 1.0)]))
+        for name, count, both in groups:
+            if name == "alone":
+                calls = [
+                    lambda own=own: [jp.plan(each, throw=False, progress=False) for each in own]
+                    for own in both
+                ]
+            else:
+                calls = [lambda own=own: jp.plan_batch(own, progress=False) for own in both]
+            times = [1e3 * seconds(call, repeats) / count for call in calls]
+            print(f"{duration + ', ' + name:28}{times[0]:12.1f}{times[1]:12.1f}{times[1] / times[0]:10.2f}")
+
+
+def main() -> None:
+    """Read the options, compare and clock."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("-n", type=not_negative, default=20, help="random scenes beside the cases")
+    parser.add_argument("--heavier", type=float, nargs="*", default=[1.0, 10.0], help="factors on inertias")
+    parser.add_argument("--repeats", type=positive, default=3, help="of which the least time counts")
+    options = parser.parse_args()
+    print_machine()
+    for factor in options.heavier:
+        compare(scenes(options.n), factor)
+    clock(options.repeats)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,65 @@
+"""Quadratic forms of three variables, such as inertias: the lengths that they give, and the largest of these.
+
+All of it computes with numpy or JAX, as its arguments do.
+"""
+
+from itertools import product
+
+import jax
+import numpy as np
+
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays
+
+_AT_ONCE = 8  # vectors whose corners are looked at together, half of two to the power of this
+_CORNERS = np.array([(1.0, *signs) for signs in product((1.0, -1.0), repeat=2)])
+"""(4, 3) corners of the box of half widths one about zero, without their opposites."""
+
+
+def largest_of_sum(axes: AnyArray, bound: AnyArray, matrix: AnyArray) -> AnyArray:
+    """The largest ``sqrt(x . matrix x)`` over ``x = sum of axes_k u_k`` with ``|u_k| <= bound_k``, or more.
+
+    It is the largest of all corners; of more wheels than `_AT_ONCE` the sum of that of several groups.
+    """
+    xp, vectors = arrays(axes * array_module(axes, bound).asarray(bound)[:, None])
+    sizes = []
+    for first in range(0, len(vectors), _AT_ONCE):
+        own = vectors[first : first + _AT_ONCE]
+        signs = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=len(own) - 1)])
+        sizes.append(xp.max(sizes_by(signs @ own, matrix)))
+    return sum(sizes[1:], sizes[0])
+
+
+def greatest_of(values: list[AnyArray]) -> AnyArray:
+    """The elementwise maximum of arrays, taken by index, so that it has the derivative of one of them.
+
+    Compiled, a maximum may be equal to none of the values, and then its derivative is zero.
+    """
+    xp = array_module(*values)
+    rows = xp.stack(values)
+    return xp.take_along_axis(rows, xp.argmax(rows, axis=0)[None], axis=0)[0]
+
+
+def inverse_of(matrix: AnyArray) -> AnyArray:
+    """The inverse of a matrix, by numpy or JAX."""
+    return array_module(matrix).linalg.inv(matrix)
+
+
+def principal(inertia: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Principal moments (3,) of an inertia, and principal axes (3, 3) as columns, without derivatives."""
+    if array_module(inertia) is np:
+        _, axes = np.linalg.eigh(inertia)
+    else:
+        _, axes = jax.numpy.linalg.eigh(jax.lax.stop_gradient(inertia))
+    return array_module(axes).diagonal(axes.T @ inertia @ axes), axes
+
+
+def largest_in_box(bound: AnyArray, matrix: AnyArray) -> AnyArray:
+    """The largest ``sqrt(x . matrix x)`` over the box ``|x_i| <= bound_i``."""
+    xp, bound, matrix = arrays(bound, matrix)
+    return xp.max(sizes_by(_CORNERS * bound, matrix))
+
+
+def sizes_by(vectors: AnyArray, matrix: AnyArray) -> AnyArray:
+    """``sqrt(x . matrix x)`` (k,) of vectors (k, 3)."""
+    xp, x, matrix = arrays(vectors, matrix)
+    return xp.sqrt(xp.sum((x @ matrix) * x, axis=-1))

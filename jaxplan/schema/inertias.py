@@ -1,0 +1,74 @@
+"""Kinds of moments of inertia: a matrix in body axes, or one, or three moments, in a device's axes."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jaxplan.runtime.arguments import as_floats
+from jaxplan.schema.arrays import Array, shown_value
+from jaxplan.schema.faults import WRONG, Place
+from jaxplan.schema.kinds import Kind, Number
+
+
+def inertia(matrix: np.ndarray, value: Any, place: Place) -> Any:
+    """Check that a matrix (3, 3) is a moment of inertia that a body can have; a `Rule`."""
+    scaled = matrix / (np.max(np.abs(matrix)) or 1)  # so that the thresholds below are relative
+    small, middle, large = np.linalg.eigvalsh((scaled + scaled.T) / 2)
+    if np.max(np.abs(scaled - scaled.T)) > 1e-9:
+        complaint = "must be symmetric"
+    elif small <= 1e-12:  # rounding may leave a singular one slightly positive
+        complaint = "must be positive definite"
+    elif np.max(matrix) < 1e-12:
+        complaint = "must have its largest moment in [1e-12, 1e12]"
+    elif large > (small + middle) * (1 + 1e-9):
+        complaint = "must have no principal moment above the sum of the other two, as no body has"
+    else:
+        return matrix
+    return place.fault(complaint, shown_value(matrix, value, place))
+
+
+@dataclass(frozen=True)
+class Moments(Kind):
+    """A moment of inertia as a matrix, or by three moments about given axes; the model has it as given.
+
+    Attributes:
+        of: kind of each number.
+    """
+
+    of: Number
+    wanted = "3 moments, or 3 rows of 3 numbers"
+
+    @property
+    def range(self) -> str | None:
+        return self.of.range
+
+    def read(self, value: Any, place: Place) -> Any:
+        array = as_floats(value) if place.reading.python else None
+        rows = (
+            list(value)
+            if isinstance(value, list | tuple)
+            else array
+            if array is not None and array.ndim
+            else ()
+        )
+        if len(rows) != 3:
+            size = f", not of {len(rows)}" if isinstance(value, list | tuple) else ""
+            return place.refuse(f"must be an array of {self.wanted}{size}", value)
+        nested = any(isinstance(row, list | tuple) or np.ndim(row) for row in rows)
+        return Array((3, 3) if nested else (3,), self.of, noun=self._noun(nested), rule=_moments).read(
+            value, place
+        )
+
+    def write(self, value: Any) -> Any:
+        return np.asarray(value, float).tolist()
+
+    def _noun(self, nested: bool) -> str:
+        """What the numbers are, for messages."""
+        return "3 rows of 3 numbers" if nested else "3 numbers"
+
+
+def _moments(array: np.ndarray, value: Any, place: Place) -> Any:
+    """Check a matrix, or the moments about its axes, as `inertia` does; a `Rule`."""
+    matrix = array if array.ndim == 2 else np.diag(array)
+    return WRONG if inertia(matrix, value, place) is WRONG else array

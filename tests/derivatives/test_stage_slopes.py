@@ -1,0 +1,111 @@
+"""Slopes of plans by the inertias of stages beside differences, and of plans that are made anew."""
+
+from dataclasses import replace
+from functools import cache
+
+import jax
+import numpy as np
+import pytest
+from quick import quick_jit
+from stages import random_inertia
+from wheels import random_wheels, with_wheels
+
+import jaxplan as jp
+
+STEP = 1e-4  # kg m^2, to either side
+SIZE = 0.1  # kg m^2; with more of it shortest motions have no optimum that is found to the last digit
+# So that some wheels bind in torque and some in momentum.
+TIGHT = {"torque": 0.4, "momentum": 0.45, "stored": 0.2}
+
+
+def scarce(duration):
+    """A spacecraft with a terminal that pushes back a little, whose motion wheels bind."""
+    array = tuple(
+        replace(one, **{name: factor * getattr(one, name) for name, factor in TIGHT.items()})
+        for one in random_wheels(4, seed=5)
+    )
+    scenario = with_wheels(array, duration=duration)
+    return with_inertias(
+        scenario, SIZE * np.array([1.0, 1.1, 1.3]), random_inertia(np.random.default_rng(3), SIZE)
+    )
+
+
+def with_inertias(scenario, yaw, pitch):
+    """The scenario with these inertias of its terminal's stages: moments, and a matrix."""
+    (terminal,) = scenario.spacecraft.terminals
+    terminal = replace(terminal, yaw_inertia=yaw, pitch_inertia=pitch)
+    return replace(scenario, spacecraft=replace(scenario.spacecraft, terminals=(terminal,)))
+
+
+SCENES = {
+    "shortest": ("minimum", jp.measures.duration),
+    "stretched": ("stretched", jp.measures.duration),
+    "in a given time": (None, jp.measures.effort),
+}
+
+
+def inertias(scenario):
+    (terminal,) = scenario.spacecraft.terminals
+    return np.asarray(terminal.yaw_inertia), np.asarray(terminal.pitch_inertia)
+
+
+def ways():
+    """Ways (3,) to change the moments, and symmetric (3, 3) the matrix."""
+    yield from ((way, np.zeros((3, 3))) for way in np.eye(3))
+    for row, column in ((0, 0), (2, 2), (0, 1), (1, 2)):
+        way = np.zeros((3, 3))
+        way[row, column] = way[column, row] = 1.0
+        yield np.zeros(3), way
+
+
+@cache
+def measured(measure):
+    """Kernel for a measure of a plan that is held, and its slopes by both inertias."""
+
+    def value(given, own, held):
+        return measure(jp.replan(held, with_inertias(own, *given)))
+
+    return quick_jit(jax.value_and_grad(value))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_slopes_by_inertias_are_differences(name):
+    duration, measure = SCENES[name]
+    plan = jp.plan(scarce(duration or "minimum"), progress=False)
+    if duration is None:  # not much longer than the shortest, so that limits bind
+        longer = replace(plan.scenario.trajectory, duration=1.25 * plan.trajectory.duration)
+        plan = jp.plan(replace(plan.scenario, trajectory=longer), progress=False)
+    held, given, kernel = jp.hold(plan), inertias(plan.scenario), measured(measure)
+    with jax.enable_x64(True):
+        own = jax.tree.map(np.asarray, plan.scenario)
+        here, slopes = kernel(given, own, held)
+        binding = 0
+        for way in ways():
+            ends = [
+                float(
+                    kernel(tuple(g + side * STEP * w for g, w in zip(given, way, strict=True)), own, held)[0]
+                )
+                for side in (1, -1)
+            ]
+            told = float(sum(np.sum(slope * w) for slope, w in zip(slopes, way, strict=True)))
+            expected = (ends[0] - ends[1]) / (2 * STEP)
+            assert told == pytest.approx(expected, rel=1e-6, abs=1e-6 * abs(float(here))), way
+            binding += abs(expected) > 1e-4 * abs(float(here))
+    assert binding >= 2  # what is asked about matters
+
+
+@pytest.mark.slow
+def test_the_shortest_duration_follows_an_inertia_as_plans_made_anew():
+    plan = jp.plan(scarce("minimum"), progress=False)
+    kernel, given = measured(jp.measures.duration), inertias(plan.scenario)
+    step = 0.02 * SIZE
+    both = [with_inertias(plan.scenario, given[0] + side * step * np.ones(3), given[1]) for side in (1, -1)]
+    held = [jp.hold(plan), *(jp.hold(jp.follow(plan, each)) for each in both)]
+    with jax.enable_x64(True):
+        (_, slopes), *ends = (
+            kernel(inertias(own), jax.tree.map(np.asarray, own), each)
+            for own, each in zip((plan.scenario, *both), held, strict=True)
+        )
+    found = (float(ends[0][0]) - float(ends[1][0])) / (2 * step)
+    assert float(np.sum(slopes[0])) == pytest.approx(found, rel=2e-2)
