@@ -106,7 +106,7 @@ def pointing_state(
     Raises:
         NotPointingError: if there is none, with what is in the way.
     """
-    spacecraft, rows = scenario.spacecraft, scenario.constraints
+    spacecraft, rows = scenario.usable, scenario.constraints
     near = np.eye(3) if attitude is None else np.asarray(attitude, float)
     given = np.zeros(spacecraft.joint_count) if joints is None else np.asarray(joints, float)
     rest = np.clip(given, *spacecraft.joint_ranges.T)
@@ -117,9 +117,10 @@ def pointing_state(
         raise NotPointingError(_unreachable(spacecraft, now, found))
     broken = [_broken(scenario, then, goal) for goal in found.goals]
     if all(broken):
+        tube = "" if scenario.robust is None else f", with {scenario.robust.words} about it"
         raise NotPointingError(
-            "every attitude from which all devices point at their targets at the start breaks a zone; "
-            f"at one of them {'; '.join(broken[0])}"
+            "every attitude from which all devices point at their targets at the start breaks a zone"
+            f"{tube}; at one of them {'; '.join(broken[0])}"
         )
     goal = found.goals[broken.index([])]
     spin, rates = np.zeros(3), np.zeros(len(goal.joints))

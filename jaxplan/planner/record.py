@@ -128,7 +128,7 @@ class Plan:
             return None
         start, goal_rates, ends = self.scenario.start, end_rates(self.scenario, self.goal), [0, -1]
         return duration_bound(
-            self.scenario.spacecraft,
+            self.scenario.usable,
             self.path.attitudes[ends],
             self.path.joints[ends],
             np.stack([start.angular_velocity, goal_rates[0]]),
