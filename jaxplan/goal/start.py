@@ -21,6 +21,7 @@ from jaxplan.model.breaches import ROUNDING, constraint_breaches
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.goals import GivenState, Targets, Wish
 from jaxplan.model.path import Goal
+from jaxplan.model.robust import Robust
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut
@@ -43,6 +44,7 @@ def point(
     keep_out: Sequence[KeepOut] = (),
     keep_in: Sequence[KeepIn] = (),
     joint_bounds: Sequence[JointBound] = (),
+    robust: Robust | None = None,
 ) -> GivenState:
     """The state in which devices point along their targets at the start, and follow them.
 
@@ -56,6 +58,7 @@ def point(
         keep_out: zones that hold at the start, likewise the next two.
         keep_in: zones to stay in.
         joint_bounds: bounds of joint angles.
+        robust: errors for which zones and ranges must hold; None for none.
 
     Returns:
         A start for scenarios.
@@ -80,6 +83,7 @@ def point(
             keep_out=tuple(keep_out),
             keep_in=tuple(keep_in),
             joint_bounds=tuple(joint_bounds),
+            robust=robust,
         )
     )
     craft, goal = scenario.spacecraft, scenario.goal

@@ -65,6 +65,13 @@ class Robust:
         return f"the tube of [robust] ({told})"
 
     @property
+    def told(self) -> str:
+        """Text of the errors and the reserve for people."""
+        attitude, joints = np.rad2deg([self.attitude_error, self.joint_error])
+        reserve = f", with {self.torque_reserve:.6g} % of torque kept back" if self.torque_reserve else ""
+        return f"{attitude:.6g} deg of attitude and {joints:.6g} deg of joints{reserve}"
+
+    @property
     def terminal_swing(self) -> AnyArray:
         """The largest angle, rad, by which errors of yaw and pitch move what a terminal carries."""
         xp, error = arrays(self.joint_error)

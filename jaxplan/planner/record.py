@@ -166,6 +166,8 @@ class Plan:
             rows.append(("trajectory", text))
             if above is not None:
                 rows.append(("bound", f"by {self.duration_bound_name}, without zones"))
+        if self.scenario.robust is not None:
+            rows.append(("bears", f"{self.scenario.robust.told}; margins are what is left"))
         if self.certificate is not None:
             rows += self.certificate.rows()
         return rows

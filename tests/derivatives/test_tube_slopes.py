@@ -1,0 +1,77 @@
+"""Slopes of plans by the tube's numbers beside differences, and of plans that are made anew."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from quick import quick_jit
+from reference import boresights_of, unit
+from wheels import scarce, with_wheels
+
+import jaxplan as jp
+
+ROBUST = jp.Robust(attitude_error=np.deg2rad(0.4), joint_error=np.deg2rad(0.3), torque_reserve=12.0)
+STEPS = {"attitude_error": 1e-6, "joint_error": 1e-6, "torque_reserve": 1e-3}
+
+
+def moved(scenario, name, step):
+    """The scenario with one of the tube's numbers larger by a step."""
+    own = scenario.robust
+    return replace(scenario, robust=replace(own, **{name: getattr(own, name) + step}))
+
+
+def timed(scenario, duration):
+    return replace(scenario, trajectory=replace(scenario.trajectory, duration=duration))
+
+
+def in_the_way():
+    """A slew with wheels past a zone that the terminal's straight way only just enters."""
+    scenario = replace(with_wheels(scarce(4, seed=5), turn=(0.5, -0.9, 0.6), duration="stretched"))
+    straight = jp.plan(scenario, progress=False).trajectory
+    beam = boresights_of(straight, scenario.spacecraft, straight.duration * np.array([0.45, 0.5, 0.55]))[:, 0]
+    aside = unit(np.cross(beam[1], beam[2] - beam[0]))
+    axis = unit(np.cos(0.2) * beam[1] + np.sin(0.2) * aside)
+    zone = jp.KeepOut(name="lamp", direction=axis, half_angle=0.25, devices=("terminal-1",))
+    return replace(scenario, keep_out=(zone,), robust=ROBUST)
+
+
+@pytest.fixture(scope="module")
+def plan():
+    """The shortest, which leans on the zone and is as quick as wheels allow."""
+    found = jp.plan(timed(in_the_way(), "minimum"), progress=False)
+    assert found.ok, found.message
+    return found
+
+
+@pytest.mark.slow
+def test_slopes_of_the_shortest_duration_are_differences(plan):
+    held = jp.hold(plan)
+    value = quick_jit(lambda own, held: jp.measures.duration(jp.replan(held, own)))
+    slope = quick_jit(jax.grad(lambda own, held: jp.measures.duration(jp.replan(held, own)), allow_int=True))
+    with jax.enable_x64(True):
+        own = jax.tree.map(np.asarray, plan.scenario)
+        slopes = slope(own, held)
+        for name, step in STEPS.items():
+            ends = [float(value(moved(own, name, side * step), held)) for side in (1, -1)]
+            told, expected = float(getattr(slopes.robust, name)), (ends[0] - ends[1]) / (2 * step)
+            assert told == pytest.approx(expected, rel=1e-5), name
+            assert told > 1e-3  # a wider tube takes longer
+
+
+@pytest.mark.slow
+def test_slopes_in_a_given_time_are_those_of_plans_made_anew(plan):
+    """Along the same corners, with the optimum of each."""
+    settings = replace(plan.scenario.trajectory, duration=1.1 * plan.trajectory.duration, optimal=True)
+    calm = jp.plan(replace(plan.scenario, trajectory=settings), progress=False)
+    trajectory = jp.differentiable(calm)
+    with jax.enable_x64(True):
+        slopes = jax.grad(lambda own: jp.measures.effort(trajectory(own)), allow_int=True)(calm.scenario)
+    for name, step in (("attitude_error", 1e-5), ("joint_error", 1e-5)):
+        ends = [
+            float(jp.measures.effort(jp.follow(calm, moved(calm.scenario, name, side * step)).trajectory))
+            for side in (1, -1)
+        ]
+        told = float(getattr(slopes.robust, name))
+        assert told == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-4), name
+        assert told > 0
