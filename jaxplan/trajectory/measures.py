@@ -318,8 +318,7 @@ def torque_spectrum(
             return jnp.asarray(samples.angular_acceleration)
         return jnp.moveaxis(jnp.asarray(getattr(samples.kinematics(craft, total), name)), 0, -1)
 
-    _, wanted = arrays(frequencies)
-    return magnitude(transform(values, _breaks(trajectory), wanted))
+    return magnitude(transform(values, _breaks(trajectory), jnp.asarray(frequencies)))
 
 
 def wheel_torques(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np.ndarray:
