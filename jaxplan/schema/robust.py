@@ -51,11 +51,15 @@ def _check_zone(zone: Any, robust: Robust, sights: Bound, place: Place) -> None:
     axis = None if other is None else sights.carrier(other)
     for number in sights.fields(zone) if zone.of_field else sights.bound(zone):
         lost = robust.loss(sights.carrier(number), axis, inertial=zone.path is not None)
-        least, most = (lost, np.inf) if zone.side < 0 else (0.0, np.pi - lost)
+        least, widest = 0.0, np.pi
         if zone.of_field:
             field: Any = sights.craft.devices[number].field_of_view
             widest = min(np.pi / 2, np.pi - corner_angle(field)) if zone.side > 0 else np.min(field) / 2
-            least, most = -np.inf, float(widest - lost)
+            least = -np.inf
+        if not least < zone.half_angle < widest:  # wrong by itself, which others tell
+            return
+        narrowed = zone.side < 0 and not zone.of_field
+        least, most = (lost, np.inf) if narrowed else (-np.inf, float(widest - lost))
         tube, name = robust.words, sights.names[number]
         value, amount = shown(float(zone.half_angle), place), shown(float(lost), place)
         if not zone.half_angle - least >= _LEAST:

@@ -61,8 +61,8 @@ def test_slopes_of_the_shortest_duration_are_differences(plan):
         for name, step in STEPS.items():
             ends = [float(value(moved(own, name, side * step), held)) for side in (1, -1)]
             told, expected = float(getattr(slopes.robust, name)), (ends[0] - ends[1]) / (2 * step)
-            assert told == pytest.approx(expected, rel=1e-5, abs=1e-9), name
-            assert told > 1e-3 or name == "joint_error"  # a wider tube takes longer
+            assert told == pytest.approx(expected, rel=1e-5, abs=1e-6 * plan.trajectory.duration), name
+            assert told > 1e-2 or name == "joint_error"  # a wider tube takes longer
 
 
 @pytest.mark.slow
