@@ -1,4 +1,4 @@
-"""Slopes of plans by the tube's numbers beside differences, and of plans that are made anew."""
+"""Slopes of plans by the tube's numbers beside differences."""
 
 from dataclasses import replace
 
@@ -63,21 +63,3 @@ def test_slopes_of_the_shortest_duration_are_differences(plan):
             told, expected = float(getattr(slopes.robust, name)), (ends[0] - ends[1]) / (2 * step)
             assert told == pytest.approx(expected, rel=1e-5, abs=1e-6 * plan.trajectory.duration), name
             assert told > 1e-2 or name == "joint_error"  # a wider tube takes longer
-
-
-@pytest.mark.slow
-def test_slopes_in_a_given_time_are_those_of_plans_made_anew(plan):
-    """Along the same corners, with the optimum of each."""
-    settings = replace(plan.scenario.trajectory, duration=1.1 * plan.trajectory.duration, optimal=True)
-    calm = jp.plan(replace(plan.scenario, trajectory=settings), progress=False)
-    trajectory = jp.differentiable(calm)
-    with jax.enable_x64(True):
-        slopes = jax.grad(lambda own: jp.measures.effort(trajectory(own)), allow_int=True)(calm.scenario)
-    for name, step in (("attitude_error", 1e-5), ("joint_error", 1e-5)):
-        ends = [
-            float(jp.measures.effort(jp.follow(calm, moved(calm.scenario, name, side * step)).trajectory))
-            for side in (1, -1)
-        ]
-        told = float(getattr(slopes.robust, name))
-        assert told == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-4), name
-        assert told > 0
