@@ -63,3 +63,21 @@ def test_slopes_of_the_shortest_duration_are_differences(plan):
             told, expected = float(getattr(slopes.robust, name)), (ends[0] - ends[1]) / (2 * step)
             assert told == pytest.approx(expected, rel=1e-5, abs=1e-6 * plan.trajectory.duration), name
             assert told > 1e-2 or name == "joint_error"  # a wider tube takes longer
+
+
+@pytest.mark.slow
+def test_slopes_in_a_given_time_are_differences():
+    """Among masks, beams and zones of all kinds, on some of which the motion leans."""
+    scene = replace(jp.random_scenario(3, "mixed"), robust=ROBUST)
+    plan = jp.plan(timed(scene, 60.0), progress=False)
+    held = jp.hold(plan)
+    value = quick_jit(lambda own, held: jp.measures.effort(jp.replan(held, own)))
+    slope = quick_jit(jax.grad(lambda own, held: jp.measures.effort(jp.replan(held, own)), allow_int=True))
+    with jax.enable_x64(True):
+        own = jax.tree.map(np.asarray, plan.scenario)
+        here, slopes = float(value(own, held)), slope(own, held)
+        for name in ("attitude_error", "joint_error"):
+            ends = [float(value(moved(own, name, side * STEPS[name]), held)) for side in (1, -1)]
+            told, expected = float(getattr(slopes.robust, name)), (ends[0] - ends[1]) / (2 * STEPS[name])
+            assert told == pytest.approx(expected, rel=1e-6), name
+            assert told > 0.1 * here  # a wider tube takes more
