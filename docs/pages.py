@@ -75,8 +75,8 @@ def scenario_file() -> str:
         "the file's order. Directions and quaternions are normalised silently when they are within 1e-3 of "
         "unit length, and refused beyond. *Required* in the column of defaults means that there is none; a "
         "dash, that the key may be absent. `jp.save_scenario` writes such files, and the settings of "
-        "`[search]` and `[trajectory]` go by their names in `jp.run_study(settings=...)`, `jp.tune` and "
-        "`jaxplan study --set`.\n"
+        "`[search]`, `[trajectory]` and `[robust]` go by their names in `jp.run_study(settings=...)`, "
+        "`jp.tune` and `jaxplan study --set`.\n"
     )
     tables = "\n".join(_table_page(path, table) for path, table in _tables(SCENARIO, ""))
     example = (

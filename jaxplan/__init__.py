@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from jaxplan.model.directions import DirectionPath
     from jaxplan.model.goals import GivenState, Targets, Wish
     from jaxplan.model.hidden import Hidden
+    from jaxplan.model.robust import Robust
     from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
     from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.model.status import Status
@@ -57,6 +58,7 @@ _HOMES = {
     "Plan": "jaxplan.planner",
     "PlanFileError": "jaxplan.planner",
     "PlanningError": "jaxplan.planner",
+    "Robust": "jaxplan.model.robust",
     "Scenario": "jaxplan.model.scenario",
     "ScenarioError": "jaxplan.schema",
     "SearchSettings": "jaxplan.model.scenario",
@@ -114,6 +116,7 @@ __all__ = [
     "Plan",
     "PlanFileError",
     "PlanningError",
+    "Robust",
     "Scenario",
     "ScenarioError",
     "SearchSettings",

@@ -176,7 +176,7 @@ def _followed_by(scenario: Scenario, goal: Goal) -> tuple[tuple[MadeWay, ...], s
     Raises:
         ValueError: if it is not the optimum that `differentiable_goal` takes it for, nor given as it is.
     """
-    asked, craft, rows = scenario.asked, scenario.spacecraft, scenario.constraints.at(goal.time)
+    asked, craft, rows = scenario.asked, scenario.usable, scenario.constraints.at(goal.time)
     if isinstance(asked, GivenState):
         return (), None
     soonest = asked.criterion == LEAST_TIME
@@ -232,7 +232,7 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
     """
     expect("held", held, Held, "jp.hold makes one of a plan")
     scenario = _of_arrays(expect("scenario", scenario, Scenario, "plan.scenario is the plan's own"))
-    craft, start = scenario.spacecraft, scenario.start.attitude
+    craft, start = scenario.usable, scenario.start.attitude
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("replan needs numbers of 64 bits: call it within jax.enable_x64(True)")
     expect_known_time(scenario)
@@ -270,7 +270,7 @@ def _goal_of(held: Held, scenario: Scenario, rows: Constraints) -> tuple[Any, An
     time: Any = jnp.asarray(scenario.trajectory.duration if moves(scenario) else 0.0)
     place = _place(held.goal)
     if not asked.moves:
-        craft, start, then = scenario.spacecraft, scenario.start, rows.at(time)
+        craft, start, then = scenario.usable, scenario.start, rows.at(time)
         goal: Any = differentiable_goal(
             place, craft, start.attitude, asked, then, start_joints=start.joints, moves=held.moves
         )

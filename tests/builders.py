@@ -262,6 +262,26 @@ def wandering_direction(rng, duration, samples, step):
 # Plans that need no planning, which figures and pages are drawn of.
 
 
+ANGLE, DURATION = 1.2, 20.0  # rad and s of `turn_about_z`
+
+
+def turn_about_z():
+    """``ANGLE (3 s^2 - 2 s^3)`` in ``s = t / duration``: one piece, and no joints."""
+    shape = np.outer([0.5, 0.6, 0.0, -0.1], [0.0, 0.0, 1.0])  # Legendre coefficients
+    return Trajectory(
+        breaks=np.array([0.0, DURATION]),
+        chart_attitude=np.eye(3)[None],
+        chart_start=np.zeros(1),
+        chart_rate=np.zeros((1, 3)),
+        coefficients=ANGLE * shape[None],
+        joint_breaks=np.array([0.0, DURATION]),
+        joint_coefficients=np.zeros((1, 4, 0)),
+        node_times=np.array([0.0, DURATION]),
+        smoothness=2,
+        method="test",
+    )
+
+
 def make_plan(
     terminals: int = 3,
     instruments: int = 1,

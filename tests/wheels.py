@@ -10,6 +10,8 @@ from reference import attitudes_of, random_units, spin_of
 import jaxplan as jp
 
 INERTIA = np.array([[20.0, 1.0, 0.0], [1.0, 25.0, -2.0], [0.0, -2.0, 30.0]])
+# Of fewer wheels, so that some of them bind in torque and some in momentum.
+TIGHT = {"torque": 0.4, "momentum": 0.45, "stored": 0.2}
 
 
 def wheels(axes, torque=0.05, momentum=1.5, stored=0.0):
@@ -30,6 +32,14 @@ def random_wheels(count, seed):
             break
     torque, momentum = rng.uniform(0.03, 0.06, count), rng.uniform(1.0, 1.6, count)
     return wheels(axes, torque, momentum, momentum * rng.uniform(-0.3, 0.3, count))
+
+
+def scarce(count, seed):
+    """Wheels of which a motion fills some, and overloads others if it is any quicker."""
+    return tuple(
+        replace(one, **{name: factor * getattr(one, name) for name, factor in TIGHT.items()})
+        for one in random_wheels(count, seed)
+    )
 
 
 def with_wheels(array, allocation="pseudo_inverse", seed=0, terminals=1, turn=(0.3, -0.5, 0.4), **settings):

@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxplan.certificate.motion import Trajectory
 from jaxplan.model.constraints import Constraints
+from jaxplan.model.robust import Robust
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import as_table, shown
 
@@ -43,6 +44,8 @@ class Claim:
         goal: the state it must end in; None for any.
         sight_names: (S,) names of all that the constraints bind: devices, axes of the body, and vectors of
             terminals' moving parts; None for general names of those that are no devices.
+        robust: errors of attitude and joints for which zones and ranges must hold, and the reserve of torque;
+            spacecraft and cones are without them. None for none.
     """
 
     trajectory: Trajectory
@@ -52,6 +55,7 @@ class Claim:
     start: EndState | None = None
     goal: EndState | None = None
     sight_names: Sequence[str] | None = None
+    robust: Robust | None = None
 
     @property
     def sights(self) -> Sequence[str]:
@@ -75,7 +79,7 @@ class ProvedMargin:
 
     Attributes:
         zones: names; several if they are a group, of which one must hold at every instant.
-        bound: rad, lower bound of the margin over all time.
+        bound: rad, lower bound of the margin over all time, with what errors may take of it taken off.
         time: s, when the margin is smallest, to the resolution of the proof.
         zone: the one that decides then.
         device: name of the device that decides then, or of what else is bound.
@@ -98,13 +102,15 @@ class Certificate:
     Attributes:
         certified: whether everything holds.
         min_margin: rad, lower bound over all time, devices and zones (of zones in a group, that of the
-            best); None where no zone binds a device.
+            best), with what errors may take of it (`Claim.robust`) taken off; None where no zone binds a
+            device.
         worst_time: s, when the margin is smallest, to the resolution of the proof; None likewise.
         worst_device: name of the device whose margin is smallest then, or of what else is bound, such as
             "axis (0, 0, 1) of the body"; None likewise.
         worst_zone: name of the zone; None likewise.
-        peaks: upper bounds over all time of the largest component over its limit: "angular_velocity",
-            "angular_acceleration", "joint_rates", "joint_accelerations", "yaw", "pitch" and, where they are
+        peaks: upper bounds over all time of the largest component over its limit, of torques and joint angles
+            over what errors and reserve leave of that: "angular_velocity", "angular_acceleration",
+            "joint_rates", "joint_accelerations", "yaw", "pitch" and, where they are
             limited, "torque", "wheel_momentum", "jerk", of wheels "wheel_torques", "wheel_momenta", and of
             lengths of vectors "angular_velocity_norm", "angular_acceleration_norm". Those of joints are
             absent without terminals.

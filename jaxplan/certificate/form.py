@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxplan.certificate import inertia
+from jaxplan.certificate import inertia, tube
 from jaxplan.certificate.claims import Claim
 from jaxplan.certificate.motion import Trajectory
 from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT, Constraints
@@ -77,7 +77,7 @@ def faults(claim: Claim, trajectory: Trajectory, cones: Constraints) -> list[str
     attitudes = {name: array for name, array in given.items() if name.endswith("attitude")}
     directions = {name: given[name] for name in ("cones.axis", "cones.body", "cones.carried")}
     directions |= {f"{name}.samples": given[f"{name}.samples"] for name in moving}
-    return [
+    wrong = [
         *(
             f"{name} is no rotation matrix to {_ORTHONORMAL:g}"
             for name in _wrong(attitudes, _rotations, 3, 3)
@@ -88,6 +88,7 @@ def faults(claim: Claim, trajectory: Trajectory, cones: Constraints) -> list[str
         *_spacecraft(craft),
         *(fault for name, path in moving.items() for fault in _path(name, path, trajectory.breaks[-1])),
     ]
+    return wrong or list(tube.faults(claim.robust, craft, cones, list(claim.zone_names)))
 
 
 def _shapes(given: dict[str, np.ndarray], claim: Claim, cones: Constraints) -> Iterator[str]:

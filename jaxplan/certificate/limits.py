@@ -15,12 +15,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxplan.certificate import bounds, inertia, series, wheels
+from jaxplan.certificate import bounds, inertia, series, tube, wheels
 from jaxplan.certificate.bounds import LEBESGUE, Evidence, Layout, Minima, Rows
 from jaxplan.certificate.claims import EndState
 from jaxplan.certificate.motion import DEGREE, Samples
 from jaxplan.certificate.series import ROUNDING
 from jaxplan.model.limits import Limit, limits
+from jaxplan.model.robust import Robust
 from jaxplan.model.spacecraft import Spacecraft
 
 # Largest jump at a break and largest distance from a wanted state: rad, rad/s, rad/s^2, rad/s^3.
@@ -65,8 +66,11 @@ class Limited:
         return self.bound**2 if self.limit.quantity.of_length else self.bound
 
 
-def quantities(spacecraft: Spacecraft, evidence: Evidence) -> list[Limited]:
-    """Samples of all quantities that the spacecraft limits, in the order of the certificate."""
+def quantities(spacecraft: Spacecraft, evidence: Evidence, robust: Robust | None = None) -> list[Limited]:
+    """Samples of all quantities that the spacecraft limits, in the order of the certificate.
+
+    Their bounds are what errors and reserve leave of the limits.
+    """
     found = []
     for limit in limits(spacecraft):
         values, left_out, rounding = _SAMPLED[limit.quantity.name](evidence, spacecraft)
@@ -76,6 +80,7 @@ def quantities(spacecraft: Spacecraft, evidence: Evidence) -> list[Limited]:
             bound = np.full(len(limit.owners), np.asarray(limit.quantity.given(spacecraft), np.float64))
         if limit.quantity.centre is not None:
             values = values - np.asarray(limit.quantity.centre(spacecraft), np.float64)[:, None, None]
+        bound = tube.left(robust, limit.quantity.name, bound)
         found.append(Limited(limit, values, left_out, rounding, bound))
     return found
 

@@ -54,7 +54,7 @@ class Bindings:
         axis: (pairs, 3) unit vector, the cone's or its opposite; NaN where it moves; of rows of joints ``f``.
         flip: (pairs,) -1 where the axis is the cone's opposite, else +1.
         angle: (pairs,) rad, at most a right angle: half angle of the cone about that axis; of rows of
-            joints ``d``.
+            joints ``d``; either with what errors take of the margin (`tube`).
         side: (pairs,) +1 to stay outside of that cone, -1 to stay inside; +1 for a row of joints.
         view: (pairs,) number of the pair's scalar product among those of `bounds.Errors`.
         views: directions that are sampled beside the devices' boresights.
@@ -78,11 +78,20 @@ class Bindings:
     layout: Layout
 
     @classmethod
-    def of(cls, cones: Constraints, terminals: int) -> Self:
-        """The pairs of constraints in float64 whose form has been checked, of `terminals` terminals."""
+    def of(cls, cones: Constraints, terminals: int, lost: np.ndarray | None = None) -> Self:
+        """The pairs of constraints in float64 whose form has been checked.
+
+        Args:
+            cones: the constraints.
+            terminals: number of them.
+            lost: (Z, S) rad, what the margin of each pair loses to errors; None for nothing.
+        """
         row, sight, layout = _nested(cones)
         frame, partner = cones.frame[row].astype(int), cones.partner[row].astype(int)
-        half_angle, axis, linear = cones.half_angle[row], cones.axis[row], frame == JOINTS
+        axis, linear = cones.axis[row], frame == JOINTS
+        half_angle = cones.half_angle[row]
+        if lost is not None:
+            half_angle = half_angle + np.where(linear, 1.0, cones.side[row]) * lost[row, sight]
         wide = (half_angle > np.pi / 2) & ~linear
         flip = np.where(wide, -1.0, 1.0)
         length = np.where(linear, 1.0, np.linalg.norm(axis, axis=-1))

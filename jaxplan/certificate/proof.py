@@ -12,7 +12,7 @@ from typing import Self
 
 import numpy as np
 
-from jaxplan.certificate import bounds, form, inertia, limits, series, wheels
+from jaxplan.certificate import bounds, form, inertia, limits, series, tube, wheels
 from jaxplan.certificate.bounds import Errors, Evidence, Majorants, Minima
 from jaxplan.certificate.claims import Certificate, Claim, ProvedMargin
 from jaxplan.certificate.margins import Bindings
@@ -102,11 +102,13 @@ class Case:
         if refused:
             return Certificate(certified=False, faults=tuple(refused))
         static = form.is_static(curve)
+        craft, robust = claim.spacecraft, claim.robust
+        lost = None if robust is None else tube.losses(robust, craft, cones)
         return cls(
             claim=claim,
             static=static,
             curve=form.held(curve) if static else curve,
-            bindings=Bindings.of(cones.at(0.0) if static else cones, len(claim.spacecraft.terminals)),
+            bindings=Bindings.of(cones.at(0.0) if static else cones, len(craft.terminals), lost),
         )
 
     @property
@@ -124,6 +126,7 @@ class Case:
         return (
             craft.device_names,
             craft.allocation,
+            tube.numbers(self.claim.robust),
             tuple(wheel.name for wheel in craft.wheels),
             self.curve.coefficients.shape[1],
             self.curve.joint_coefficients.shape[1],
@@ -155,7 +158,7 @@ def _certify(cases: Sequence[Case]) -> list[Certificate]:
             return [certificate for case in cases for certificate in _certify([case])]
         beyond = f"a chart turns by more than {series.LARGEST_TURN:g} rad or a number overflows"
         return [Certificate(certified=False, faults=(beyond,), evaluations=evidence.samples.time.size)]
-    limited = limits.quantities(cases[0].claim.spacecraft, evidence)
+    limited = limits.quantities(cases[0].claim.spacecraft, evidence, cases[0].claim.robust)
     proof = _Proof(
         motion=motion,
         bindings=bindings,

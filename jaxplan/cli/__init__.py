@@ -149,6 +149,17 @@ def _seconds(text: str) -> float:
     return seconds
 
 
+def _frequency(text: str) -> float:
+    """Read a frequency in Hz, above zero, as a type for argparse, which it tells of an error."""
+    try:
+        frequency = float(text)
+    except ValueError:
+        frequency = math.nan
+    if not 0 < frequency < math.inf:
+        raise argparse.ArgumentTypeError(f"{text}: must be a number of Hz in (0, inf)")
+    return frequency
+
+
 def _add_scene_commands(commands: Any) -> None:
     """Add the commands on scenario files to the parser."""
     new = commands.add_parser(
@@ -214,6 +225,15 @@ def _add_plan_commands(commands: Any) -> None:
     plot.add_argument("plan", metavar="FILE", help=f"{_PLAN}; or {_SCENARIO}")
     check.add_argument("--json", action="store_true", help="print the certificate for machines")
     plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the file")
+    for each in (plot, report):
+        each.add_argument(
+            "--frequency",
+            action="append",
+            default=[],
+            type=_frequency,
+            metavar="HZ",
+            help="draw the spectrum of the torque with a line there; may be repeated",
+        )
     report.add_argument("-o", "--out", metavar="FILE", help="where to; by default beside the plan, as .html")
     report.add_argument("--force", action="store_true", help="replace a file that is there")
     export.add_argument(

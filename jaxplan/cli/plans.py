@@ -7,6 +7,7 @@ do without, so that each begins soon.
 import argparse
 import os
 import shlex
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -174,7 +175,7 @@ def plot(options: argparse.Namespace) -> int:
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
     if plan.ok:  # what figures call proved is proved anew
         plan = replace(plan, certificate=planner.certify(plan))
-    _draw(plan, folder)
+    _draw(plan, folder, options.frequency)
     if plan.certificate is not None and plan.ok and not plan.certificate.certified:
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
     return _code_of(plan)
@@ -197,7 +198,7 @@ def report(options: argparse.Namespace) -> int:
     plan = load_plan_file(options.plan)
     path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
     try_folder_of(path)
-    say(f"wrote {report_html(plan, path, overwrite=options.force)}")
+    say(f"wrote {report_html(plan, path, overwrite=options.force, frequencies=options.frequency)}")
     if plan.ok and not planner.certify(plan).certified:  # the page says why
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
     return _code_of(plan)
@@ -230,12 +231,15 @@ def _code_of(plan: Plan) -> int:
     return {Status.OK: DONE, Status.UNCERTIFIED: NOT_CERTIFIED}.get(plan.status, NO_PLAN)
 
 
-def _draw(plan: Plan, folder: Path) -> None:
-    """Write every figure that a plan has to a folder, and remove those of an earlier plan that it has not."""
+def _draw(plan: Plan, folder: Path, frequencies: Sequence[float] = ()) -> None:
+    """Write every figure that a plan has to a folder, and remove those of an earlier plan that it has not.
+
+    With frequencies, Hz, one is the spectrum of the torque.
+    """
     from jaxplan import plotting
 
     drawn = []
-    for name, figure in plotting.figures(plan):
+    for name, figure in plotting.figures(plan, frequencies):
         save(figure, folder / f"{name}.png")
         drawn.append(name)
     for name in sorted(set(plotting.FIGURE_NAMES) - set(drawn)):

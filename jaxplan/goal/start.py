@@ -21,6 +21,7 @@ from jaxplan.model.breaches import ROUNDING, constraint_breaches
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.goals import GivenState, Targets, Wish
 from jaxplan.model.path import Goal
+from jaxplan.model.robust import Robust
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut
@@ -43,6 +44,7 @@ def point(
     keep_out: Sequence[KeepOut] = (),
     keep_in: Sequence[KeepIn] = (),
     joint_bounds: Sequence[JointBound] = (),
+    robust: Robust | None = None,
 ) -> GivenState:
     """The state in which devices point along their targets at the start, and follow them.
 
@@ -56,6 +58,7 @@ def point(
         keep_out: zones that hold at the start, likewise the next two.
         keep_in: zones to stay in.
         joint_bounds: bounds of joint angles.
+        robust: errors for which zones and ranges must hold; None for none.
 
     Returns:
         A start for scenarios.
@@ -80,6 +83,7 @@ def point(
             keep_out=tuple(keep_out),
             keep_in=tuple(keep_in),
             joint_bounds=tuple(joint_bounds),
+            robust=robust,
         )
     )
     craft, goal = scenario.spacecraft, scenario.goal
@@ -106,7 +110,7 @@ def pointing_state(
     Raises:
         NotPointingError: if there is none, with what is in the way.
     """
-    spacecraft, rows = scenario.spacecraft, scenario.constraints
+    spacecraft, rows = scenario.usable, scenario.constraints
     near = np.eye(3) if attitude is None else np.asarray(attitude, float)
     given = np.zeros(spacecraft.joint_count) if joints is None else np.asarray(joints, float)
     rest = np.clip(given, *spacecraft.joint_ranges.T)
@@ -117,9 +121,10 @@ def pointing_state(
         raise NotPointingError(_unreachable(spacecraft, now, found))
     broken = [_broken(scenario, then, goal) for goal in found.goals]
     if all(broken):
+        tube = "" if scenario.robust is None else f", with {scenario.robust.words} about it"
         raise NotPointingError(
-            "every attitude from which all devices point at their targets at the start breaks a zone; "
-            f"at one of them {'; '.join(broken[0])}"
+            "every attitude from which all devices point at their targets at the start breaks a zone"
+            f"{tube}; at one of them {'; '.join(broken[0])}"
         )
     goal = found.goals[broken.index([])]
     spin, rates = np.zeros(3), np.zeros(len(goal.joints))

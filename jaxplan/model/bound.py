@@ -60,6 +60,19 @@ class Bound:
         """Number of sights."""
         return len(self.devices) + len(self.body) + len(self.carried)
 
+    def carrier(self, sight: int) -> Any:
+        """The terminal or drive whose joints turn a sight, by its number; None of what the body carries."""
+        first = len(self.devices) + len(self.body)
+        number = self.carried[sight - first][2] if sight >= first else sight
+        return self.craft.devices[number] if number < self.gimbals else None
+
+    def alike(self, sights: Sequence[int]) -> list[list[int]]:
+        """Numbers of sights parted by the kind of what carries them: terminals, drives, the body."""
+        found: dict[type, list[int]] = {}
+        for sight in sights:
+            found.setdefault(type(self.carrier(sight)), []).append(sight)
+        return list(found.values())
+
     def _add_vector(self, zone: Any, vector: Any) -> tuple[bool, int]:
         """Append a zone's vector to `body` or `carried`: whether to the former, and its index there."""
         if vector.to is None:

@@ -74,14 +74,18 @@ def field_corners(boresight: np.ndarray, up: np.ndarray, angles: np.ndarray) -> 
     return np.asarray(corners * np.sign(corners @ boresight)[:, None])
 
 
-def half_planes(corners: ArrayLike) -> tuple[AnyArray, AnyArray]:
+def half_planes(corners: ArrayLike, *, box: bool = False) -> tuple[AnyArray, AnyArray]:
     """Half-planes outside of the edges of a convex polygon.
 
     Args:
         corners: (k, 2) in order around it, either way.
+        box: whether the sides of the least upright rectangle about it follow. They lie outside already, but
+            where all half-planes are moved outward by a step of either coordinate, the polygon grows by
+            exactly that step only with them.
 
     Returns:
-        Normals (k, 2) of length one that point outward, and the least ``normal . point`` (k,) outside.
+        Normals (k, 2) of length one that point outward, and the least ``normal . point`` (k,) outside; four
+        more of the box.
     """
     xp, points = arrays(corners)
     following = xp.roll(points, -1, axis=0)
@@ -89,7 +93,12 @@ def half_planes(corners: ArrayLike) -> tuple[AnyArray, AnyArray]:
     area = xp.sum(points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0])
     outward = xp.sign(area) * xp.stack([edge[:, 1], -edge[:, 0]], axis=-1)
     normals = outward / xp.sqrt(xp.sum(edge * edge, axis=-1))[:, None]
-    return normals, xp.sum(normals * points, axis=-1)
+    least = xp.sum(normals * points, axis=-1)
+    if box:
+        sides = xp.concatenate([xp.max(points, axis=0), xp.max(-points, axis=0)])
+        least = xp.concatenate([least, sides])
+        normals = xp.concatenate([normals, xp.concatenate([xp.eye(2), -xp.eye(2)]).astype(normals.dtype)])
+    return normals, least
 
 
 def turns(corners: ArrayLike, low: ArrayLike, high: ArrayLike) -> tuple[int, ...]:

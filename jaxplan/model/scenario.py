@@ -18,6 +18,7 @@ from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.goals import LEAST_ROTATION, LEAST_TIME, GivenState, Targets
 from jaxplan.model.hidden import after_hidden
 from jaxplan.model.keys import key, keyed
+from jaxplan.model.robust import Robust, usable
 from jaxplan.model.sameness import same
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.tabulation import bound_by, tabulate
@@ -188,6 +189,7 @@ class TrajectorySettings:
     "keep_out",
     "keep_in",
     "joint_bounds",
+    "robust",
     "goal",
     "start",
     "trajectory.duration s",
@@ -213,6 +215,8 @@ class Scenario:
         keep_out: cones to stay out of.
         keep_in: cones to stay in.
         joint_bounds: half-planes of joint angles to stay in.
+        robust: errors of attitude and joints for which zones, masks and ranges must hold, and the torque that
+            is kept back; None for none.
         search: settings of step 2.
         trajectory: settings of step 3.
     """
@@ -235,6 +239,7 @@ class Scenario:
     keep_out: tuple[KeepOut, ...] = keyed((), "keep_out", "cones to stay out of")
     keep_in: tuple[KeepIn, ...] = keyed((), "keep_in", "cones to stay in")
     joint_bounds: tuple[JointBound, ...] = keyed((), "joint_bound", "half-planes of yaw and pitch to stay in")
+    robust: Robust | None = keyed(None, "robust", "errors that the plan must bear")
     search: SearchSettings = field(
         default_factory=SearchSettings, metadata=key("search", "settings of step 2", always=True)
     )
@@ -259,17 +264,35 @@ class Scenario:
 
     @property
     @made_once
+    def usable(self) -> Spacecraft:
+        """The spacecraft with the part of its ranges and limits of torque that a plan may use."""
+        return self.spacecraft if self.robust is None else usable(self.spacecraft, self.robust)
+
+    @property
+    @made_once
     def constraints(self) -> Constraints:
-        """All pointing constraints as rows, see `jaxplan.model.constraints`."""
+        """All pointing constraints as rows, see `jaxplan.model.constraints`, with the tube taken off."""
         return self.rows()
+
+    @property
+    @made_once
+    def stated(self) -> Constraints:
+        """The rows of `constraints` with nothing taken off."""
+        return self.constraints if self.robust is None else replace(self, robust=Robust()).constraints
 
     def rows(self, turns: Turns | None = None) -> Constraints:
         """The constraints as rows, with masks repeated after given whole turns of the yaw.
 
         `turns` is as of `jaxplan.model.zones.masks`; None for those that reach into the yaw's range.
         """
-        bounds = self.joint_bounds
-        return tabulate(self.keep_out, self.keep_in, self.spacecraft, joint_bounds=bounds, turns=turns)
+        return tabulate(
+            self.keep_out,
+            self.keep_in,
+            self.spacecraft,
+            joint_bounds=self.joint_bounds,
+            turns=turns,
+            robust=self.robust,
+        )
 
     @property
     @made_once

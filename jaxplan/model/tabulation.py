@@ -4,6 +4,10 @@ A zone is a row, but one about a boresight, which is a row for each direction th
 fields of view, which is a constraint of five entries for each device, and a mask, which is one of an entry
 for each edge. The row of an axis that moves has NaN for an axis, so that where somebody forgets about that it
 counts as broken; `Constraints.at` gives the rows as they are at an instant.
+
+Where a plan must bear errors (`jaxplan.model.robust`) half angles and bounds of joints are what these leave.
+A cone then has a row for each kind of device, which lose alike, and a mask also has entries for the sides of
+its box, without which a sharp corner would grow by more than the errors.
 """
 
 import math
@@ -20,6 +24,7 @@ from jaxplan.model.bound import Bound
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.gimbals import stacked
+from jaxplan.model.robust import Robust
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Mask, Turns, Zone, masks
 from jaxplan.runtime.batching import padded_count
@@ -58,6 +63,7 @@ def tabulate(
     *,
     joint_bounds: Sequence[JointBound] = (),
     turns: Turns | None = None,
+    robust: Robust | None = None,
 ) -> Constraints:
     """The zones and the spacecraft's masks as padded rows, in the order in which they are given.
 
@@ -67,6 +73,7 @@ def tabulate(
         spacecraft: whose devices they bind.
         joint_bounds: of terminals.
         turns: whole turns of the yaw after which each mask is met again; None to take them from the ranges.
+        robust: errors for which all must hold; None for none.
 
     Raises:
         ValueError: if a zone has no axis or several, binds nothing, names a device that there is not or one
@@ -74,7 +81,7 @@ def tabulate(
     """
     zones: list[Zone] = [*keep_out, *keep_in, *joint_bounds, *masks(spacecraft, turns)]
     sights = bound_by(zones, spacecraft)
-    rows, entry, group = _numbered(zones, sights)
+    rows, entry, group = _numbered(zones, sights, robust)
     size = padded_count(len(rows))
     padding = range(len(rows), size)
     rows += [_Row() for _ in padding]
@@ -101,7 +108,9 @@ def tabulate(
     )
 
 
-def _numbered(zones: Sequence[Zone], sights: Bound) -> tuple[list[_Row], list[int], list[int]]:
+def _numbered(
+    zones: Sequence[Zone], sights: Bound, robust: Robust | None
+) -> tuple[list[_Row], list[int], list[int]]:
     """All rows of zones, and for each the first row of its entry and the first row of its constraint.
 
     Rows are in the order of their zones, and numbered from zero.
@@ -109,7 +118,7 @@ def _numbered(zones: Sequence[Zone], sights: Bound) -> tuple[list[_Row], list[in
     Raises:
         ValueError: if an entry of a group has more than `MOST_WAYS` alternatives.
     """
-    asked = [list(_asked(number, zone, sights)) for number, zone in enumerate(zones)]
+    asked = [list(_asked(number, zone, sights, robust)) for number, zone in enumerate(zones)]
     found: list[tuple[_Row, Any, Any]] = []  # each with names of its constraint and its entry
     groups: dict[str, dict[Any, list[_Ways]]] = {}
     for number, (zone, each) in enumerate(zip(zones, asked, strict=True)):
@@ -138,26 +147,28 @@ def _too_many(each: Sequence[_Ways]) -> str:
     return f"an entry of it may hold in {ways} ways, {MOST_WAYS} at most: bind fewer fields of view by it"
 
 
-def _asked(number: int, zone: Zone, sights: Bound) -> Iterator[_Ways]:
+def _asked(number: int, zone: Zone, sights: Bound, robust: Robust | None) -> Iterator[_Ways]:
     """Yield all conditions of a zone, which must all hold, each as its alternatives.
 
     Args:
         number: of the zone.
         zone: as it is stated.
         sights: that zones bind.
+        robust: errors for which it must hold; None for none.
 
     Raises:
         ValueError: if it has no axis or several, or what it binds is wrong.
     """
     if isinstance(zone, JointBound):
-        yield [[_joint_row(number, zone.normal, zone.least, sights.terminal(zone, "device", zone.device))]]
+        device = sights.terminal(zone, "device", zone.device)
+        yield [[_joint_row(number, zone.normal, zone.least, device, robust)]]
         return
     if isinstance(zone, Mask):
         device = sights.terminal(zone, "device", zone.device)
-        normals, least = outlines.half_planes(zone.corners)
+        normals, least = outlines.half_planes(zone.corners, box=robust is not None)
         for turn in zone.turns:
             beyond = least + 2 * np.pi * turn * normals[:, 0]
-            yield [[_joint_row(number, *edge, device)] for edge in zip(normals, beyond, strict=True)]
+            yield [[_joint_row(number, *edge, device, robust)] for edge in zip(normals, beyond, strict=True)]
         return
     given = [key for key in ("direction", "axis_body", "axis_device") if getattr(zone, key) is not None]
     if len(given) != 1:
@@ -165,43 +176,49 @@ def _asked(number: int, zone: Zone, sights: Bound) -> Iterator[_Ways]:
         raise ValueError(f"zone {zone.name} has {what}: give one of direction, axis_body and axis_device")
     if zone.of_field:
         for device in sights.fields(zone):
-            yield from _of_field(number, zone, device, sights)
+            yield from _of_field(number, zone, device, sights, robust)
     else:
-        for row in _cones(number, zone, sights.bound(zone), sights):
+        for row in _cones(number, zone, sights.bound(zone), sights, robust):
             yield [[row]]
 
 
-def _joint_row(number: int, normal: Any, least: Any, device: int) -> _Row:
+def _joint_row(number: int, normal: Any, least: Any, device: int, robust: Robust | None) -> _Row:
     """The row ``normal . (yaw, pitch) >= least`` (rad) of zone `number` for a terminal's number."""
     axis = stacked([normal[0], normal[1], 0.0])
+    if robust is not None:
+        least = least + robust.loss_of_joints(normal)
     return _Row(zone=number, axis=axis, half_angle=least, bound=[device], frame=JOINTS)
 
 
-def _of_field(number: int, zone: KeepOut | KeepIn, device: int, sights: Bound) -> Iterator[_Ways]:
+def _of_field(
+    number: int, zone: KeepOut | KeepIn, device: int, sights: Bound, robust: Robust | None
+) -> Iterator[_Ways]:
     """Yield what a zone asks of the field of view of a device, as alternatives.
 
     Its axis must be outside the field (one of five), or within all of its edges (four with one alternative).
     An axis beyond an edge by ``m`` is at most ``90 deg - m`` from the edge's outward normal. Behind the
     device that may hold for none, so there it is enough to be farther from the boresight than the corners.
     """
-    edges = sights.edges(device)
-
+    edges, away = sights.edges(device), zone.half_angle
+    about = partial(_cones, number, zone, sights=sights, robust=robust)
     if zone.side < 0:
         for edge in edges:
-            yield [
-                list(_cones(number, zone, [edge], sights, side=1.0, half_angle=np.pi / 2 + zone.half_angle))
-            ]
+            yield [list(about([edge], side=1.0, half_angle=np.pi / 2 + away))]
         return
     corner = outlines.corner_angle(sights.craft.devices[device].field_of_view)
-    beyond = [
-        list(_cones(number, zone, [edge], sights, side=-1.0, half_angle=np.pi / 2 - zone.half_angle))
-        for edge in edges
-    ]
-    yield [*beyond, list(_cones(number, zone, [device], sights, half_angle=corner + zone.half_angle))]
+    beyond = [list(about([edge], side=-1.0, half_angle=np.pi / 2 - away)) for edge in edges]
+    yield [*beyond, list(about([device], half_angle=corner + away))]
 
 
 def _cones(
-    number: int, zone: KeepOut | KeepIn, bound: Sequence[int], sights: Bound, **other: Any
+    number: int,
+    zone: KeepOut | KeepIn,
+    bound: Sequence[int],
+    sights: Bound,
+    robust: Robust | None,
+    *,
+    side: float | None = None,
+    half_angle: Any = None,
 ) -> Iterator[_Row]:
     """Yield the rows about the axis of a zone for some sights; one, or one a sight about a boresight.
 
@@ -210,19 +227,30 @@ def _cones(
         zone: as it is stated.
         bound: numbers of the sights.
         sights: that zones bind.
-        other: `side` or `half_angle` where they are not the zone's.
+        robust: errors for which it must hold; then there is a row for each kind of device.
+        side: where it is not the zone's.
+        half_angle: rad, where it is not the zone's.
 
     Raises:
         ValueError: if the axis is the boresight of no device, or of one that the zone binds.
     """
-    cone = partial(_Row, **{"zone": number, "half_angle": zone.half_angle, "side": zone.side} | other)
-    if zone.path is not None:
-        moving = zone.path.moves
-        yield cone(
-            axis=_NOWHERE if moving else zone.path.samples[0], path=zone.path if moving else None, bound=bound
-        )
-    elif zone.axis_body is not None:
-        yield cone(axis=zone.axis_body, bound=bound, frame=BODY)
+    way = zone.side if side is None else side
+    angle = zone.half_angle if half_angle is None else half_angle
+    cone = partial(_Row, zone=number, side=way)
+    if zone.axis_device is None:
+        where: dict[str, Any] = {"axis": zone.axis_body, "frame": BODY}
+        if zone.path is not None:
+            moving = zone.path.moves
+            where = {
+                "axis": _NOWHERE if moving else zone.path.samples[0],
+                "path": zone.path if moving else None,
+            }
+        inertial = zone.path is not None
+        for alike in [bound] if robust is None else sights.alike(bound):
+            own = angle
+            if robust is not None:
+                own = angle + way * robust.loss(sights.carrier(alike[0]), None, inertial=inertial)
+            yield cone(half_angle=own, bound=alike, **where)
     else:
         partner = sights.device(zone, "axis_device", str(zone.axis_device))
         if zone.axis_device in zone.devices:
@@ -230,7 +258,11 @@ def _cones(
                 f"zone {zone.name}: devices: {zone.axis_device!r} is its axis, which it cannot bind"
             )
         for sight in bound:
-            yield cone(bound=[sight], frame=SIGHT, partner=partner)
+            own = angle
+            if robust is not None:
+                pair = sights.carrier(sight), sights.carrier(partner)
+                own = angle + way * robust.loss(*pair, inertial=False)
+            yield cone(half_angle=own, bound=[sight], frame=SIGHT, partner=partner)
 
 
 def bound_by(zones: Sequence[Zone], spacecraft: Spacecraft) -> Bound:

@@ -43,7 +43,7 @@ def usual_tasks(scenarios: Sequence[Scenario]) -> list[Task]:
         if (kind, many) not in _begun:
             _begun.add((kind, many))
             tasks += usual_search_of(alike[0], many)
-            tasks += kernel_tasks(alike[0].spacecraft, alike[0].trajectory)
+            tasks += kernel_tasks(alike[0].usable, alike[0].trajectory)
     return tasks
 
 
@@ -59,7 +59,7 @@ def every_task(scenario: Scenario, *, many: bool) -> list[Task]:
     for duration in ("minimum", scenario.trajectory.duration):
         timed = replace(scenario, trajectory=replace(scenario.trajectory, duration=duration))
         tasks.append(partial(find_goals, timed, _end(timed)))  # of least time, or of the least turn
-        tasks += kernel_tasks(timed.spacecraft, timed.trajectory)
+        tasks += kernel_tasks(timed.usable, timed.trajectory)
     tasks += usual_search_of(scenario, many)
     if scenario.search.method in ("mha", "rrt_connect"):
         tasks += further_tasks(_scene(scenario), scenario.search, many=many)
@@ -75,7 +75,7 @@ def usual_search_of(scenario: Scenario, many: bool) -> list[Task]:
 
 def _kind(scenario: Scenario) -> Hashable:
     """A key that is equal for scenarios that need the same kernels, except where sizes are unusual."""
-    craft, rows, fit = scenario.spacecraft, scenario.constraints, scenario.trajectory
+    craft, rows, fit = scenario.usable, scenario.constraints, scenario.trajectory
     single, (loads, _) = int(np.sum(rows.single)), timed_limits(craft)
     wheels = 0 if craft.wheel_array is None else len(craft.wheel_array.rows)
     stages = None if craft.stages is None else craft.stages.turned

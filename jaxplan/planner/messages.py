@@ -38,12 +38,17 @@ def hidden(scenario: Scenario, unseen: Sequence[str], time: float) -> str:
     return f"{'; '.join(unseen)}{when(scenario, time)}: {advice}"
 
 
+def _or_errors(scenario: Scenario) -> str:
+    """Text that names the errors that a plan must bear among what may be changed; empty where none are."""
+    return "" if scenario.robust is None else ", or lower the errors of [robust], which count"
+
+
 def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition, most: float) -> str:
     """Text why no attitude reaches the targets while it keeps the rows of the scenario's constraints.
 
     `found` is the decomposition without goals, within `most` rad from the start.
     """
-    craft = scenario.spacecraft
+    craft = scenario.usable
     asked = scenario.goal
     if found.aim_excess > 0 and isinstance(asked, Targets):
         contrary = apart(craft, asked)
@@ -60,12 +65,13 @@ def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition, mos
         return (
             f"at best {sight} breaks zone {scenario.zones[zone].name} "
             f"by {np.rad2deg(found.zone_excess):.4g} deg at the goal: change goal.targets or the zone{lower}"
+            f"{_or_errors(scenario)}"
         )
     if not found.slew_angle > most and isinstance(asked, Targets):  # what is broken is lost in rounding
         named = " and ".join(asked.names(craft))
         return (
             f"no attitude was found at which {named} reach their targets and every zone is kept: "
-            "change goal.targets or the zones, or try another search.seed"
+            f"change goal.targets or the zones, or try another search.seed{_or_errors(scenario)}"
         )
     # Equation (6): no turn is quicker than about the diagonal of the body axes' limits.
     least = found.slew_angle / longest(craft, 1)
@@ -92,7 +98,7 @@ def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
     return (
         f"{sight} cannot get from its start direction to its goal "
         f"direction, since zones {', '.join(names[:-1])} and {names[-1]} overlap in a ring between the two: "
-        f"make {change}, or do not bind the device to it"
+        f"make {change}, or do not bind the device to it{_or_errors(scenario)}"
     )
 
 
@@ -104,7 +110,7 @@ def closed(scenario: Scenario, barrier: JointBarrier, time: float) -> str:
     return (
         f"{device} cannot get from its {what} at the start to what is wanted at the goal, since "
         f"{names} {lies} between the two{when(scenario, time)}: make it smaller, widen the range, or "
-        "change the goal"
+        f"change the goal{_or_errors(scenario)}"
     )
 
 
@@ -184,7 +190,7 @@ def too_short(refused: Plan, enough: float) -> str:
     scenario, needed = refused.scenario, needed_words(enough, moving=False, scalable=True)
     duration = float(scenario.trajectory.duration)
     if refused.status is Status.LIMITS_TOO_TIGHT and refused.trajectory is not None:
-        return too_tight(duration, peaks(refused.trajectory, scenario.spacecraft), needed, "")
+        return too_tight(duration, peaks(refused.trajectory, scenario.usable), needed, "")
     return f"{refused.message}; {needed}"
 
 

@@ -55,7 +55,7 @@ def swept(scenario: Scenario, goal: Goal, share: float = 1.0) -> Constraints:
     rows = scenario.constraints
     if not rows.paths:
         return rows
-    craft, start = scenario.spacecraft, scenario.start
+    craft, start = scenario.usable, scenario.start
     sights = rows.sights(craft.gimbals, craft.fixed_boresights)
     ends = []
     for time, attitude, joints in (
@@ -129,16 +129,14 @@ def duration_guesses(scenario: Scenario) -> tuple[float | None, ...]:
     found = find_goals(_at_first(scenario))
     goal = found.goal if isinstance(found, Plan) else found[0]
     if goal is None:
-        craft = scenario.spacecraft
+        craft = scenario.usable
         guess = np.pi / min(np.min(craft.rate_limit), longest(craft, 1))
     else:
         joints = np.stack([scenario.start.joints, goal.joints])
         turn = np.stack([scenario.start.attitude, goal.attitude])
         guess = (
             _DETOUR
-            * duration_bound(
-                scenario.spacecraft, turn, joints, np.zeros((2, 3)), np.zeros(joints.shape)
-            ).seconds
+            * duration_bound(scenario.usable, turn, joints, np.zeros((2, 3)), np.zeros(joints.shape)).seconds
         )
     guesses = [float(np.clip(factor * guess, min(1.0, known), known)) for factor in _FACTORS]
     seen = [time for time in (seen_from(scenario, guess) for guess in guesses) if time <= known]

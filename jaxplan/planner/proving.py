@@ -70,9 +70,10 @@ def _claim(query: ProofQuery) -> Claim:
     return Claim(
         trajectory=query.trajectory,
         spacecraft=craft,
-        cones=scenario.constraints,
+        cones=scenario.stated,
         zone_names=_zone_names(scenario),
         sight_names=scenario.sight_names,
+        robust=scenario.robust,
         start=EndState(
             attitude=start.attitude,
             joints=start.joints,
@@ -146,9 +147,10 @@ def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
         Claim(
             trajectory=plan.trajectory,
             spacecraft=scenario.spacecraft,
-            cones=scenario.constraints,
+            cones=scenario.stated,
             zone_names=_zone_names(scenario),
             sight_names=scenario.sight_names,
+            robust=scenario.robust,
         )
     )
 
@@ -156,7 +158,7 @@ def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
 def _zone_names(scenario: Scenario) -> list[str]:
     """The name of the zone that each row of the scenario's constraints is of."""
     zones = scenario.zones
-    return [zones[zone].name for zone in scenario.constraints.zone if zone >= 0]
+    return [zones[zone].name for zone in scenario.stated.zone if zone >= 0]
 
 
 def _goal_faults(scenario: Scenario, goal: Goal) -> Iterator[str]:

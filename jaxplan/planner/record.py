@@ -128,7 +128,7 @@ class Plan:
             return None
         start, goal_rates, ends = self.scenario.start, end_rates(self.scenario, self.goal), [0, -1]
         return duration_bound(
-            self.scenario.spacecraft,
+            self.scenario.usable,
             self.path.attitudes[ends],
             self.path.joints[ends],
             np.stack([start.angular_velocity, goal_rates[0]]),
@@ -166,6 +166,8 @@ class Plan:
             rows.append(("trajectory", text))
             if above is not None:
                 rows.append(("bound", f"by {self.duration_bound_name}, without zones"))
+        if self.scenario.robust is not None:
+            rows.append(("bears", f"{self.scenario.robust.told}; margins are what is left"))
         if self.certificate is not None:
             rows += self.certificate.rows()
         return rows

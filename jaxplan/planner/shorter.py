@@ -84,7 +84,7 @@ def _may_be_sooner(plan: Plan, goal: Goal) -> bool:
 
 def _time_along(plan: Plan, path: Path) -> float:
     """About what a motion of a plan's spacecraft along a path takes, s."""
-    return time_along(plan.scenario.spacecraft, path.attitudes, path.joints)
+    return time_along(plan.scenario.usable, path.attitudes, path.joints)
 
 
 def _is_near(path: Path, other: Path) -> bool:

@@ -73,7 +73,7 @@ def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...
     else:
         rows, most = scenario.constraints.at(end), largest_slew(scenario)
         found = decompose(
-            scenario.spacecraft,
+            scenario.usable,
             start,
             asked.at(end),
             rows,
@@ -106,7 +106,7 @@ def other_turns(scenario: Scenario, goal: Goal, device: int) -> list[Goal]:
     """
     if isinstance(scenario.goal, GivenState) or moves(scenario):
         return []
-    craft, found = scenario.spacecraft, list[Goal]()
+    craft, found = scenario.usable, list[Goal]()
     joint = craft.gimbals.yaws[device]
     for turns in range(-_MOST_TURNS, _MOST_TURNS + 1):
         joints = np.array(goal.joints)
@@ -126,15 +126,18 @@ def goals_within(scenario: Scenario, reach: Mapping[int, np.ndarray]) -> list[Go
     """
     if isinstance(scenario.goal, GivenState) or moves(scenario):
         return []
-    terminals, drives = list(scenario.spacecraft.terminals), list(scenario.spacecraft.drives)
-    for device, ranges in reach.items():
+    stated = scenario.spacecraft
+    terminals, drives = list(stated.terminals), list(stated.drives)
+    error = 0.0 if scenario.robust is None else scenario.robust.joint_error  # of which the reach knows
+    for device, left in reach.items():
+        ranges = left + np.array([-error, error])
         if device < len(terminals):
             yaw, pitch = ranges
             own: dict[str, Any] = {"yaw_limit": None, "yaw_range": yaw, "pitch_limit": None}
             terminals[device] = replace(terminals[device], **own, pitch_range=pitch)
         else:
             drives[device - len(terminals)] = replace(drives[device - len(terminals)], range=ranges[0])
-    craft = replace(scenario.spacecraft, terminals=tuple(terminals), drives=tuple(drives))
+    craft = replace(stated, terminals=tuple(terminals), drives=tuple(drives))
     found = find_goals(replace(scenario, spacecraft=craft))
     return [] if isinstance(found, Plan) else list(found)
 
@@ -146,7 +149,7 @@ def goals_unwished(scenario: Scenario, device: int) -> list[Goal]:
         scenario: whose goal has wishes; of any other goal, and of one that moves, there are none.
         device: number of a sight.
     """
-    asked, names = scenario.goal, scenario.spacecraft.device_names
+    asked, names = scenario.goal, scenario.usable.device_names
     if isinstance(asked, GivenState) or moves(scenario) or not asked.prefer:
         return []
     others = tuple(wish for wish in asked.prefer if wish.device not in names[device : device + 1])
@@ -164,7 +167,7 @@ def other_ends(scenario: Scenario, goal: Goal, device: int, last: np.ndarray) ->
         device: number of a gimbal.
         last: (o,) rad, joints of the device as far as they can go.
     """
-    joints, own = np.array(goal.joints), scenario.spacecraft.gimbals.joints_of(device)
+    joints, own = np.array(goal.joints), scenario.usable.gimbals.joints_of(device)
     first = scenario.start.joints[own]
     for share in _SHARES if not moves(scenario) else ():
         joints[own] = first + share * (last - first)
@@ -192,7 +195,7 @@ def _arriving(scenario: Scenario, goal: Goal, time: float) -> Goal:
     if isinstance(asked, GivenState) or not asked.moves:
         rates = asked.angular_velocity, asked.joint_rates
     elif asked.prefer or asked.criterion == LEAST_TIME:  # `tracking_rates` follows the least rotation alone
-        rates = least_rates(scenario.spacecraft, asked, goal, asked.rates(time))
+        rates = least_rates(scenario.usable, asked, goal, asked.rates(time))
     else:
         rates = tracking_rates(goal, **pursuit(scenario, asked, time))
     return replace(goal, time=time, angular_velocity=rates[0], joint_rates=rates[1])
@@ -208,7 +211,7 @@ def pursuit(scenario: Scenario, targets: Targets, time: Any) -> dict[str, Any]:
     """
     rows = scenario.constraints
     return {
-        "spacecraft": scenario.spacecraft,
+        "spacecraft": scenario.usable,
         "start_attitude": scenario.start.attitude,
         "start_joints": scenario.start.joints,
         "targets": targets.at(time),
@@ -233,7 +236,7 @@ def largest_slew(scenario: Scenario) -> float:
     duration = scenario.trajectory.duration
     if isinstance(duration, str):
         return float(np.pi)
-    return float(min(np.pi, longest(scenario.spacecraft, 1) * duration))
+    return float(min(np.pi, longest(scenario.usable, 1) * duration))
 
 
 def wanted_fit(scenario: Scenario, path: Path, goal: Goal, near: Trajectory | None = None) -> FitQuery:
@@ -241,7 +244,7 @@ def wanted_fit(scenario: Scenario, path: Path, goal: Goal, near: Trajectory | No
     start, end = scenario.start, end_rates(scenario, goal)
     return FitQuery(
         path=path,
-        spacecraft=scenario.spacecraft,
+        spacecraft=scenario.usable,
         settings=scenario.trajectory,
         cones=scenario.constraints,
         start_angular_velocity=start.angular_velocity,

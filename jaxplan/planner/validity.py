@@ -1,6 +1,7 @@
 """Check that a state keeps the limits and meets every constraint, with a phrase for each that it breaks."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,8 +33,28 @@ def breaches(
 
     Returns:
         A phrase a breach, naming device, zone or limit and the overlap in degrees; empty when there is none.
+        Where a tube is about the state (`Scenario.robust`), the last phrase names it.
     """
-    craft = scenario.spacecraft
+    state = attitude, joints, angular_velocity, joint_rates
+    found = _broken(scenario, *state, arriving, time)
+    if not found or scenario.robust is None:
+        return found
+    alone = _broken(replace(scenario, robust=None), *state, arriving, time)
+    tube = scenario.robust.words
+    return (*found, f"this counts with {tube} about it" if alone else f"without {tube} it breaks nothing")
+
+
+def _broken(
+    scenario: Scenario,
+    attitude: np.ndarray,
+    joints: np.ndarray,
+    angular_velocity: np.ndarray,
+    joint_rates: np.ndarray,
+    arriving: bool,
+    time: float,
+) -> tuple[str, ...]:
+    """The phrases of `breaches`, of which that on the tube is none; arguments as there."""
+    craft = scenario.usable
     found = [] if np.all(np.isfinite(attitude)) else ["the attitude is not made of finite numbers"]
     found += [
         f"{name} is {np.rad2deg(excess):.4g} deg beyond its limit of {np.rad2deg(limit):.4g} deg"
@@ -73,7 +94,7 @@ def _beyond(scenario: Scenario, joints: np.ndarray) -> tuple[np.ndarray, np.ndar
 
     Of a range that is not the same to either side the end has its sign.
     """
-    low, high = scenario.spacecraft.joint_ranges.T
+    low, high = scenario.usable.joint_ranges.T
     upper = joints - high >= low - joints
     end = np.where(upper, high, np.where(low == -high, high, low))
     return np.where(upper, joints - high, low - joints), end
@@ -111,7 +132,7 @@ def _overruns(
 
     If `arriving`, for each that must have been beyond them just before.
     """
-    craft = scenario.spacecraft
+    craft = scenario.usable
     beyond, ends = _beyond(scenario, joints)
     room, side = -beyond, np.where(joints >= np.mean(craft.joint_ranges, axis=-1), 1, -1)
     outward = np.where(arriving, -1, 1) * side * joint_rates

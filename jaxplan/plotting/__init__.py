@@ -10,7 +10,8 @@ All take, with ``ax``, where to draw: axes (several for a figure of several pane
 or None for a new one. They return the axes, leave matplotlib's global settings alone and never call
 ``plt.show()``. A device has one colour and line style in all figures of plans, a planner one colour in all
 comparisons, and a limit has ticks on the side that is out of bounds. `animate` returns a film, `figures` goes
-through all figures of a plan. Axes are in degrees and seconds, torques in N m.
+through all figures of a plan. Axes are in degrees and seconds, torques in N m,
+spectra in Hz and N m s.
 """
 
 from jaxplan.plotting.comparison import comparison_figure as comparison_figure
@@ -23,6 +24,7 @@ from jaxplan.plotting.mounting import spacecraft
 from jaxplan.plotting.mounting import spacecraft_figure as spacecraft_figure
 from jaxplan.plotting.side_by_side import compare, segments
 from jaxplan.plotting.sky import globe, sphere
+from jaxplan.plotting.spectrum import spectrum
 from jaxplan.plotting.study_figures import distribution, outcomes, study, success_rates
 from jaxplan.plotting.study_figures import study_figure as study_figure
 from jaxplan.plotting.time_panels import accelerations, angles, rates, torque
@@ -50,6 +52,7 @@ __all__ = [
     "rates",
     "segments",
     "spacecraft",
+    "spectrum",
     "sphere",
     "study",
     "success_rates",

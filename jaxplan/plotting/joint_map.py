@@ -35,6 +35,7 @@ from jaxplan.plotting.style import (
     plain,
     tidy,
 )
+from jaxplan.plotting.tube import band_entry, draw_squares
 
 _PANEL = (7.5, 2.6)  # inches: width and height of a terminal's panel
 _MASK: Look = {"facecolor": "#B2182B22", "edgecolor": KEEP_OUT, "linewidth": 1.1, "zorder": 1.6}
@@ -94,9 +95,10 @@ def _draw(axes: Axes, plan: Plan, number: int) -> None:
         if mask.device == craft.terminals[number].name:
             _draw_mask(axes, mask, low, high)
     if plan.trajectory is not None:
-        axes.plot(
-            *np.rad2deg(motion(plan).values.joints[:, own]).T, **device_style(number), linewidth=1.8, zorder=3
-        )
+        track = np.rad2deg(motion(plan).values.joints[:, own])
+        axes.plot(*track.T, **device_style(number), linewidth=1.8, zorder=3)
+        if plan.scenario.robust is not None:
+            draw_squares(axes, track, float(np.rad2deg(plan.scenario.robust.joint_error)), colour)
     if plan.path is not None:
         axes.plot(*np.rad2deg(plan.path.joints[:, own]).T, color=colour, zorder=3.2, **_NODE)
     for look, state in ((_START, plan.scenario.start), (_END, plan.goal)):
@@ -126,6 +128,7 @@ def _entries(plan: Plan) -> Entries:
     drawn += [(Line2D([], [], color=GREY, **_NODE), "node of the path")] if plan.path is not None else []
     drawn.append((Line2D([], [], color=GREY, **_START), "start"))
     drawn += [(Line2D([], [], color=GREY, **_END), "goal")] if plan.goal is not None else []
+    drawn += band_entry() if plan.trajectory and plan.scenario.robust is not None else []
     return [*drawn, (Patch(**_MASK), "mask"), (Patch(**_RANGE), "range")]
 
 

@@ -39,6 +39,7 @@ from jaxplan.plotting.style import (
     plain,
     tidy,
 )
+from jaxplan.plotting.tube import draw_tubes
 from jaxplan.plotting.zones import (
     NOTHING,
     Cone,
@@ -81,7 +82,8 @@ def sphere(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
     Keep-out zones are hatched with a solid outline, keep-in zones have a dashed one, or a dotted one if they
     are of a group of which any one holds; the small print under a zone's name says which devices it binds if
     not all, and its group. One that moves is drawn where it is at first, with the track of its axis and,
-    fainter, its edge at last. Targets that devices have by their names are marked, and what devices without
+    fainter, its edge at last. Where the plan bears errors, dotted lines bound how far they may move each
+    boresight. Targets that devices have by their names are marked, and what devices without
     a target would rather point at as wishes. A plan that failed is drawn as far as it came: the path instead
     of the trajectory, start and goal without a path, and the targets where no goal was found.
 
@@ -173,17 +175,18 @@ def _draw_plan(axes: Axes, plan: Plan, projection: Projection, legend: bool) -> 
     scenario, craft = plan.scenario, plan.scenario.spacecraft
     draw_zones(axes, plan, projection, zones_at(scenario, 0.0))
     entries = device_entries(craft.device_names)
-    tracks = boresight_tracks(plan)
+    tracks, tubes = boresight_tracks(plan), Entries()
     if tracks is not None:
         for device, track in enumerate(np.moveaxis(tracks, 1, 0)):
             draw_line(axes, projection, track, {"linewidth": 1.8, "zorder": 3, **device_style(device)})
+        tubes = draw_tubes(axes, projection, scenario, tracks)
     if plan.path is not None and craft.device_names:
         nodes = craft.boresights(plan.path.attitudes, plan.path.joints)
         for device, points in enumerate(np.moveaxis(nodes, 1, 0)):
             look = {"color": device_style(device)["color"], "zorder": 3.2, **_NODE}
             _draw_points(axes, projection, points, look)
         entries.append((Line2D([], [], color=GREY, **_NODE), "node of the path"))
-    entries += [*draw_ends(axes, plan, projection), *_draw_fields(axes, plan, projection)]
+    entries += [*draw_ends(axes, plan, projection), *_draw_fields(axes, plan, projection), *tubes]
     if legend:
         legend_beside(axes, [*entries, *zone_entries(scenario)])
 

@@ -40,6 +40,7 @@ from jaxplan.plotting.style import (
     panels,
     time_axis,
 )
+from jaxplan.plotting.tube import band_entry, draw_band
 from jaxplan.trajectory import total_momentum
 
 _LONG = 10  # letters of a label's last word, beyond which the unit goes to a line of its own
@@ -66,6 +67,7 @@ class Panel(NamedTuple):
         limits: (c, 2) likewise, least and largest; an infinite one is none.
         styles: of the curves.
         nodes: (c, m) at the path's nodes, or none.
+        error: in SI units, of the tube about each curve; zero for none.
     """
 
     quantity: Quantity
@@ -74,6 +76,7 @@ class Panel(NamedTuple):
     limits: np.ndarray
     styles: Sequence[Look]
     nodes: np.ndarray | None = None
+    error: float = 0.0
 
     def draw(self, axes: Axes, moves: Motion) -> Entries:
         """Draw the panel; returns legend entries for limits, if there are any."""
@@ -82,6 +85,9 @@ class Panel(NamedTuple):
         shown = self.quantity.in_unit(self.values)
         for values, style in zip(shown, self.styles, strict=True):
             curve(axes, moves.times, values, **style)
+            if self.error > 0:
+                error = float(self.quantity.in_unit(self.error))
+                draw_band(axes, moves.times, values, error, style["color"])
         highest = float(np.max(np.abs(shown), initial=0.0))
         far = _FAR if self.quantity.power else np.inf
         entries = limit_lines(axes, self.quantity.in_unit(self.limits), self.styles, highest, far=far)
@@ -179,6 +185,8 @@ def _figure(
 def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     """Draw joint angles of terminals and drives over time, with their ranges and the path's nodes.
 
+    Where the plan bears errors of joints, a band about each curve shows them.
+
     Args:
         plan: with a trajectory.
         ax: an axes for each of yaws, pitches and drives' angles that there are, from top to bottom; a figure
@@ -205,6 +213,9 @@ def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
         nodes = [plan.path.joints.T[kind.which] for kind in joint_kinds(craft)]
         shown = [panel._replace(nodes=own) for panel, own in zip(shown, nodes, strict=True)]
         owners += [(Line2D([], [], color=GREY, **_NODE), "node of the path")]
+    if plan.scenario.robust is not None:
+        error = float(plan.scenario.robust.joint_error)
+        shown, owners = [panel._replace(error=error) for panel in shown], [*owners, *band_entry()]
     return _figure(plan, ax, [(owners, shown)], moves, legend)
 
 
@@ -260,6 +271,8 @@ def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]
 def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     """Draw torque, angular momentum and jerk of the platform over time, and what wheels give and hold.
 
+    Limits of torque are drawn without what the plan keeps back of them.
+
     Args:
         plan: with a trajectory.
         ax: an axes for each of torque, momentum and jerk that the spacecraft limits, and for torques and
@@ -275,7 +288,7 @@ def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
         ValueError: if the plan has no trajectory, the spacecraft neither an inertia nor a limit of its jerk,
             or another number of axes is given.
     """
-    moves, craft = motion(plan), plan.scenario.spacecraft
+    moves, craft = motion(plan), plan.scenario.usable
     shown = limited_loads(craft) or [
         q for q in QUANTITIES if q.by_inertia and not q.of_wheels and craft.inertia is not None
     ]

@@ -3,7 +3,8 @@
 import base64
 import io
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import matplotlib as mpl
@@ -21,6 +22,7 @@ from jaxplan.plotting.margin_panels import margins
 from jaxplan.plotting.mounting import SIZE as SPACECRAFT_SIZE
 from jaxplan.plotting.mounting import spacecraft
 from jaxplan.plotting.sky import GLOBE_SIZE, SPHERE_SIZE, globe, sphere
+from jaxplan.plotting.spectrum import spectrum
 from jaxplan.plotting.style import expect_plan, legend_beside, motion, new_figure, time_axis
 from jaxplan.plotting.time_panels import (
     accelerations,
@@ -44,6 +46,7 @@ FIGURE_NAMES = (
     "torque",
     "margins",
     "joint_map",
+    "spectrum",
 )
 """Names of all figures that a plan may have."""
 
@@ -88,13 +91,14 @@ def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
     return [top, *joints, *others]
 
 
-def figures(plan: Plan) -> Iterator[tuple[str, Figure]]:
+def figures(plan: Plan, frequencies: Sequence[float] = ()) -> Iterator[tuple[str, Figure]]:
     """Draw every figure that a plan has, one after the other; none of them belongs to pyplot.
 
     Args:
         plan: of any status. Without a trajectory only spacecraft and sphere are drawn, without devices no
             spacecraft, without joints no angles, without zones no margins, without masks no joint map, and
             torque only where it, the momentum or the jerk has a limit.
+        frequencies: Hz, for a spectrum with a line at each; without them there is none.
 
     Yields:
         The figure's name, fit for a file, and the figure.
@@ -116,6 +120,11 @@ def figures(plan: Plan) -> Iterator[tuple[str, Figure]]:
         "torque": (torque, size(loads), moves and loads > 0),
         "margins": (margins, margin_panels.SIZE, moves and bool(plan.scenario.zones)),
         "joint_map": (joint_map, size(2), moves and any(one.mask for one in craft.terminals)),
+        "spectrum": (
+            partial(spectrum, frequencies=frequencies),
+            size(1 + bool(craft.wheels)),
+            moves and len(frequencies) > 0,
+        ),
     }
     for name in FIGURE_NAMES:
         draw, inches, there = drawings[name]
@@ -130,11 +139,12 @@ def _at_start(plan: Plan, ax: Figure) -> None:
     spacecraft(plan.scenario.spacecraft, joints=plan.scenario.start.joints, ax=ax)
 
 
-def inline_figures(plan: Plan) -> Iterator[tuple[str, str]]:
+def inline_figures(plan: Plan, frequencies: Sequence[float] = ()) -> Iterator[tuple[str, str]]:
     """Draw the globe and the figures of a plan but the overview, which repeats the others.
 
     Args:
         plan: of any status; see `figures` for those that it has.
+        frequencies: Hz, as of `figures`.
 
     Yields:
         The figure's name and its picture as a ``data:`` address, the same for the same plan: SVG with text as
@@ -143,7 +153,7 @@ def inline_figures(plan: Plan) -> Iterator[tuple[str, str]]:
     ball = Figure(figsize=GLOBE_SIZE, layout="constrained")
     globe(plan, ax=ball)
     yield "globe", _address(ball)
-    for name, figure in figures(plan):
+    for name, figure in figures(plan, frequencies):
         if name != "overview":
             yield name, _address(figure)
 

@@ -7,6 +7,7 @@ found, and here it is put together: head, verdict, and the parts in the order of
 """
 
 import os
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
@@ -25,7 +26,13 @@ from jaxplan.version import __version__
 __all__ = ["report_html"]
 
 
-def report_html(plan: Plan, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+def report_html(
+    plan: Plan,
+    path: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+    frequencies: Sequence[float] = (),
+) -> Path:
     """Write a self-contained HTML page on a plan.
 
     It shows scenario, goal, path, trajectory, the certificate with every margin and peak, figures, timings,
@@ -36,19 +43,20 @@ def report_html(plan: Plan, path: str | os.PathLike[str], *, overwrite: bool = F
         plan: of any status.
         path: the file. It appears whole or not at all; its folder is made.
         overwrite: whether an old file may be replaced.
+        frequencies: Hz, at which the spectrum of the torque is told and drawn; none by default.
 
     Returns:
         The path.
 
     Raises:
         TypeError: for what is no plan or path.
-        ValueError: if the path is empty, or a folder.
+        ValueError: if the path is empty, or a folder, or a frequency is not positive.
         FileExistsError: if there is a file at the path, and it may not be replaced.
     """
     expect("plan", plan, Plan, "jp.plan makes one of a scenario")
     file_path("path", path)
     target = free_place(path, overwrite=overwrite)
-    text = page(plan)
+    text = page(plan, frequencies)
     with replacing_file(target) as fresh:
         fresh.write_text(text, encoding="utf-8")
     return target
@@ -68,15 +76,17 @@ _CAPTIONS = {
     "rates": "Angular velocity of the platform in body axes, and rates of the joints.",
     "accelerations": "Angular acceleration of the platform in body axes, and accelerations of the joints.",
     "torque": "What the actuators must give, in body axes or wheel by wheel, with their limits.",
+    "spectrum": "Amplitude of the Fourier transform of the whole manoeuvre; the legend has the length of the "
+    "vector, or the most that a wheel has, at the frequencies that were asked for.",
 }
 
 
-def page(plan: Plan) -> str:
+def page(plan: Plan, frequencies: Sequence[float] = ()) -> str:
     """The HTML of the page on a plan of any status, certified anew; see `jaxplan.report.report_html`."""
     there = plan.trajectory is not None and plan.goal is not None
     certificate = certify(plan) if there else None
     status, message = _verdict(plan, certificate)
-    pictures = dict(_pictures(plan))
+    pictures = dict(_pictures(plan, frequencies))
     colophon = (
         f"Made by jaxplan {__version__}. The certificate was made anew for this page, from the "
         "trajectory alone. Attitudes map body to inertial axes."
@@ -132,13 +142,14 @@ def _parts(plan: Plan, certificate: Certificate | None, pictures: dict[str, Mark
             tables.spacecraft_tables(craft),
             tables.zones_table(plan.scenario),
             tables.motion_table(plan),
+            tables.tube_table(plan.scenario),
         ),
         section("goal", "Start and goal", tables.ends_tables(plan)),
     ]
     if plan.search is not None:
         parts.append(section("path", "Path", tables.path_table(plan)))
     if plan.trajectory is not None:
-        figures = shown("angles", "rates", "accelerations", "torque")
+        figures = shown("angles", "rates", "accelerations", "torque", "spectrum")
         parts.append(section("trajectory", "Trajectory", tables.trajectory_table(plan), *figures))
     if certificate is not None:
         parts.append(
@@ -158,7 +169,7 @@ def _certificate(plan: Plan, certificate: Certificate) -> list[Markup]:
     rows = [("Certificate", verdict), ("Instants evaluated", f"{certificate.evaluations:,}")]
     content = [facts(rows, "Proof"), tables.faults_list(certificate)]
     if certificate.peaks:
-        content.append(tables.peaks_table(certificate, plan.scenario.spacecraft))
+        content.append(tables.peaks_table(certificate, plan.scenario.usable))
     if margins:
         content.append(tables.margins_table(margins, plan))
     return content
@@ -215,12 +226,12 @@ def _tiles(plan: Plan, certificate: Certificate | None) -> list[Markup]:
     ]
 
 
-def _pictures(plan: Plan) -> list[tuple[str, Markup]]:
-    """Draw every figure of the plan; returns names and HTML with the pictures in it."""
+def _pictures(plan: Plan, frequencies: Sequence[float]) -> list[tuple[str, Markup]]:
+    """Draw every figure of the plan, a spectrum where there are frequencies, Hz; returns names and HTML."""
     from jaxplan.plotting import inline_figures  # only here: the rest does without matplotlib
 
     found = []
-    for name, address in inline_figures(plan):
+    for name, address in inline_figures(plan, frequencies):
         caption = _CAPTIONS.get(name, name)
         image = tag("img", src=address, alt=caption)
         found.append((name, tag("figure", image, tag("figcaption", caption), id=f"figure-{name}")))

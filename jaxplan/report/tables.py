@@ -200,6 +200,20 @@ def motion_table(plan: Plan) -> Markup:
     return table(titles, rows, "Zones and targets that move, inertial")
 
 
+def tube_table(scenario: Scenario) -> Markup:
+    """Facts of the errors that the plan must bear; empty where there are none."""
+    robust = scenario.robust
+    if robust is None:
+        return join(())
+    rows = [
+        ("Attitude, about any axis", f"{degrees(robust.attitude_error, 3)} deg"),
+        ("Each joint", f"{degrees(robust.joint_error, 3)} deg"),
+        ("Torque kept back", f"{robust.torque_reserve:g} % of each limit"),
+        ("Margins and peaks below", "of what these leave"),
+    ]
+    return facts(rows, "Errors that the plan bears")
+
+
 def ends_tables(plan: Plan) -> Markup:
     """Tables of start and goal: attitudes, joints, and the targets that were asked for."""
     scenario, goal = plan.scenario, plan.goal

@@ -12,6 +12,7 @@ from typing import Any
 from jaxplan.model.devices import Drive, Instrument, Mount, Terminal
 from jaxplan.model.goals import GivenState
 from jaxplan.model.outlines import FORWARD
+from jaxplan.model.robust import Robust
 from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import Wheel
@@ -43,6 +44,7 @@ INSTRUMENT = declared(Instrument, check=check_field)
 WHEEL = declared(Wheel, check=check_wheel)
 SPACECRAFT = declared(Spacecraft, check=check_spacecraft)
 VECTOR = declared(FixedVector)
+ROBUST = declared(Robust)
 SEARCH = declared(SearchSettings)
 TRAJECTORY = declared(TrajectorySettings)
 

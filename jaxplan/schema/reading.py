@@ -30,11 +30,12 @@ from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError, Spelled,
 from jaxplan.schema.fields import check_zones
 from jaxplan.schema.kinds import Kind
 from jaxplan.schema.layout import SCENARIO, SPACECRAFT
+from jaxplan.schema.robust import check_robust
 from jaxplan.schema.sky import View, resolve
 from jaxplan.schema.states import Pointing
 
 _POINTING = "jaxplan.goal.start:pointing_state"  # of a package that this one may not import
-SETTINGS_TABLES = ("search", "trajectory")
+SETTINGS_TABLES = ("search", "trajectory", "robust")
 
 
 class PythonReading(Reading):
@@ -129,7 +130,9 @@ def scenario_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
                 complaint = f"is not that of [sky], {view.epoch}: give one of them"
                 root["epoch_utc"].fault(complaint, given["epoch_utc"])
             scenario = replace(scenario, epoch=view.epoch)
-        scenario = _with_start(resolve(scenario, view, root), root)
+        scenario = resolve(scenario, view, root)
+        check_robust(scenario, root)
+        scenario = _with_start(scenario, root)
         check_paths(scenario, root)
         check_zones(scenario, root)
     if root.reading.faults:
@@ -183,6 +186,7 @@ def _taken(given: object) -> tuple[Any, Reading]:
         check_parts(taken, root)
         check_paths(taken, root)
         check_zones(taken, root)
+        check_robust(taken, root)
     return taken, root.reading
 
 
@@ -273,8 +277,8 @@ def with_settings(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
 
     Args:
         scenario: in radians and seconds.
-        settings: values as a scenario file holds them, by table and key: ``search.<key>`` or
-            ``trajectory.<key>``.
+        settings: values as a scenario file holds them, by table and key: ``search.<key>``,
+            ``trajectory.<key>`` or ``robust.<key>``.
 
     Raises:
         TypeError: if settings are no dict.
@@ -301,4 +305,4 @@ def with_settings(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
         raise ScenarioError([*faults, *error.faults], "settings") from error
     if faults:
         raise ScenarioError(faults, "settings")
-    return replace(scenario, search=read.search, trajectory=read.trajectory)
+    return replace(scenario, **{table: getattr(read, table) for table in SETTINGS_TABLES})

@@ -190,7 +190,7 @@ def make_scene(scenario: Scenario, goal: Goal, constraints: Constraints | None =
         goal: attitude and joints at the end.
         constraints: what must hold, none of it moving; None for the scenario's own.
     """
-    craft, start = scenario.spacecraft, scenario.start
+    craft, start = scenario.usable, scenario.start
     rows = scenario.constraints if constraints is None else constraints
     turn = quaternion.from_matrix(start.attitude.T @ np.asarray(goal.attitude, float))
     coupled = ~rows.single | (rows.frame == SIGHT)
@@ -218,7 +218,7 @@ def derived_seed(seed: int, *key: int) -> int:
 
 def joint_steps(scenario: Scenario) -> np.ndarray:
     """(J,) rad that one step of each joint is: the settings' joint step times its device's scale."""
-    search, craft = scenario.search, scenario.spacecraft
+    search, craft = scenario.search, scenario.usable
     owners = [one.name for one in craft.terminals] * 2 + [one.name for one in craft.drives]
     scales = [search.terminal_step_scale.get(name, 1.0) for name in owners]
     return search.joint_step * np.array(scales, dtype=float)

@@ -28,6 +28,7 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.jit import is_traced, quick_jit
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate, total_momentum
 from jaxplan.trajectory.peaks import SAFETY
+from jaxplan.trajectory.spectrum import magnitude, transform
 
 Quantity = Callable[[Samples], Array]
 Given = ParamSpec("Given")
@@ -273,6 +274,51 @@ def peak_torque(trajectory: Trajectory, craft: Spacecraft) -> Array:
     """Largest component of the torque on the platform over all time, N m, body axes; it needs the inertia."""
     total = total_momentum(trajectory, craft)
     return largest(trajectory, lambda samples: _largest_of(jnp.abs(torque(samples, craft, total))))
+
+
+SPECTRA = ("torque", "wheel_torques", "angular_acceleration")
+"""Names of quantities whose spectrum `torque_spectrum` tells."""
+
+
+@_at_once("of")
+def torque_spectrum(
+    trajectory: Trajectory, craft: Spacecraft, frequencies: ArrayLike, of: str | None = None
+) -> Array:
+    """Amplitudes of the Fourier transform of the torque over the whole manoeuvre, exact at any frequency.
+
+    A mode of frequency f without damping that was at rest swings afterwards with that amplitude over 2 pi f,
+    times the mode's gain. Before and after the manoeuvre the torque counts as zero. See
+    `jaxplan.trajectory.spectrum`.
+
+    Args:
+        trajectory: its arrays may be traced.
+        craft: its inertia and wheels.
+        frequencies: (f,) Hz.
+        of: one of `SPECTRA`; None for torque, and without an inertia for the angular acceleration.
+
+    Returns:
+        (f, c) N m s, ``|integral of tau exp(-2 pi i f t) dt|`` by body axes or by wheels; of the angular
+        acceleration rad/s.
+
+    Raises:
+        ValueError: if there is no such quantity, or the spacecraft has no inertia, or no wheels, for it.
+    """
+    name = of or ("angular_acceleration" if craft.inertia is None else "torque")
+    if name not in SPECTRA:
+        raise ValueError(f"of = {of!r}: must be one of {', '.join(SPECTRA)}")
+    if name != "angular_acceleration" and craft.inertia is None:
+        raise ValueError(f"of = {of!r}: needs spacecraft.inertia_kg_m2, which is not set")
+    if name == "wheel_torques" and craft.wheel_array is None:
+        raise ValueError(f"of = {of!r}: the spacecraft has no wheels")
+    total = total_momentum(trajectory, craft)
+
+    def values(times: Array) -> Array:
+        samples = evaluate(trajectory, times)
+        if name == "angular_acceleration":
+            return jnp.asarray(samples.angular_acceleration)
+        return jnp.moveaxis(jnp.asarray(getattr(samples.kinematics(craft, total), name)), 0, -1)
+
+    return magnitude(transform(values, _breaks(trajectory), jnp.asarray(frequencies)))
 
 
 def wheel_torques(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np.ndarray:

@@ -18,12 +18,12 @@ from jax import Array
 from jaxplan.model.scenario import Scenario
 from jaxplan.schema import ScenarioError
 from jaxplan.schema.kinds import Integer
-from jaxplan.schema.layout import SEARCH, TRAJECTORY
+from jaxplan.schema.layout import ROBUST, SEARCH, TRAJECTORY
 from jaxplan.schema.numbers import NumberPlace, find_number
 from jaxplan.study.task import Task, make_task
 
 _DIGITS = 4  # significant digits of a number tried, so that settings found can be written down
-_TABLES = {"search": SEARCH, "trajectory": TRAJECTORY}
+_TABLES = {"search": SEARCH, "trajectory": TRAJECTORY, "robust": ROBUST}
 _FAR = 10.0  # ratio of bounds from which on the logarithm is taken
 _AROUND = 1e3  # where no bounds are given they are this factor above and below the first value
 
@@ -97,7 +97,7 @@ def _range(name: str, bounds: tuple[float, float], scenarios: Sequence[Scenario]
     """The range of a setting by its dotted name, with the value that all scenarios have."""
     table, _, key = name.partition(".")
     entry = next(entry for entry in _TABLES[table].fields if entry.key == key)
-    held = [getattr(getattr(scenario, table), entry.attribute) for scenario in scenarios]
+    held = [getattr(getattr(scenario, table), entry.attribute, None) for scenario in scenarios]
     values: list[Any] = [None if value is None else entry.kind.write(value) for value in held]  # not set
     first = values[0]
     return Range(

@@ -6,22 +6,11 @@ import jax
 import numpy as np
 import pytest
 from quick import quick_jit
-from wheels import random_wheels, with_wheels
+from wheels import scarce, with_wheels
 
 import jaxplan as jp
 
 STEP = 1e-4  # to either side, relative; of what is stored, of what the wheel can hold
-# Of fewer wheels, so that some of them bind in torque and some in momentum.
-TIGHT = {"torque": 0.4, "momentum": 0.45, "stored": 0.2}
-
-
-def scarce(count, seed):
-    """Wheels of which a motion fills some, and overloads others if it is any quicker."""
-    return tuple(
-        replace(one, **{name: factor * getattr(one, name) for name, factor in TIGHT.items()})
-        for one in random_wheels(count, seed)
-    )
-
 
 SCENES = {
     "shortest, pseudo-inverse": ("minimum", "pseudo_inverse", jp.measures.duration),

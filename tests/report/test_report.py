@@ -187,7 +187,7 @@ def test_the_same_plan_gives_the_same_page(plan, file, tmp_path):
 
 @pytest.mark.parametrize("status", [status for status in Status if status is not Status.OK])
 def test_a_failed_plan_says_where_and_what_to_change(plan, status, tmp_path, monkeypatch):
-    monkeypatch.setattr(DRAW, lambda plan: [])
+    monkeypatch.setattr(DRAW, lambda plan, frequencies: [])
     came = STEPS.index(status.step)
     known = {
         "goal": came >= 2,
@@ -218,7 +218,7 @@ def test_a_failed_plan_has_the_figures_that_it_came_to(plan, tmp_path):
 
 
 def test_a_plan_that_only_calls_itself_certified_is_found_out(plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(DRAW, lambda plan: [])
+    monkeypatch.setattr(DRAW, lambda plan, frequencies: [])
     craft = replace(plan.scenario.spacecraft, rate_limit=1e-4)
     lying = replace(plan, scenario=replace(plan.scenario, spacecraft=craft))
     page = Page(jp.report_html(lying, tmp_path / "lie.html").read_text(encoding="utf-8"))
@@ -237,7 +237,7 @@ def test_a_scene_without_devices_or_zones_has_a_page(tmp_path):
 
 
 def test_the_page_tells_of_mountings_fields_wishes_and_what_is_held(tmp_path, monkeypatch):
-    monkeypatch.setattr(DRAW, lambda plan: [])
+    monkeypatch.setattr(DRAW, lambda plan, frequencies: [])
     craft = make_observer()
     field = {"field_of_view": np.deg2rad([14.3, 10.0]), "up": np.array([1.0, 0.0, 0.0])}
     craft = replace(craft, instruments=(replace(craft.instruments[0], **field), *craft.instruments[1:]))
@@ -332,7 +332,7 @@ def test_an_old_file_stays_unless_it_may_go(plan, tmp_path, monkeypatch):
 
 
 def test_the_command_writes_beside_the_plan_and_replaces_only_with_force(plan, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(DRAW, lambda plan: [])
+    monkeypatch.setattr(DRAW, lambda plan, frequencies: [])
     plan.save(tmp_path / "plan.json")
     assert main(["report", str(tmp_path / "plan.json")]) == 0
     first = (tmp_path / "plan.html").read_bytes()

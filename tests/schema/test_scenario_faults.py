@@ -138,7 +138,7 @@ def test_a_key_like_none_is_answered_with_the_known_ones():
     found = faults_of(changed({"keep_out[0].colour": "red", "unit": 1}))
     assert found == (
         "unit: unknown key, the keys are schema_version, name, epoch_utc, spacecraft, start, goal, sky, "
-        "keep_out, keep_in, joint_bound, search, trajectory",
+        "keep_out, keep_in, joint_bound, robust, search, trajectory",
         "keep_out[0].colour: unknown key, the keys are name, direction, axis_body, axis_device, "
         "half_angle_deg, body, exclusion_deg, moving, satellite, direction_samples, times_s, devices, "
         "vector, any_of, entry, outside",

@@ -7,30 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from builders import ANGLE, DURATION, turn_about_z
 from quick import quick_jit
 
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.trajectory import Trajectory, measures
+from jaxplan.trajectory import measures
 
-ANGLE, DURATION = 1.2, 20.0
 CRAFT = Spacecraft(rate_limit=0.5, acceleration_limit=1e-3, jerk_limit=0.1)
-
-
-def turn_about_z():
-    """``ANGLE (3 s^2 - 2 s^3)`` in ``s = t / duration``: one piece, and no joints."""
-    shape = np.outer([0.5, 0.6, 0.0, -0.1], [0.0, 0.0, 1.0])  # Legendre coefficients
-    return Trajectory(
-        breaks=np.array([0.0, DURATION]),
-        chart_attitude=np.eye(3)[None],
-        chart_start=np.zeros(1),
-        chart_rate=np.zeros((1, 3)),
-        coefficients=ANGLE * shape[None],
-        joint_breaks=np.array([0.0, DURATION]),
-        joint_coefficients=np.zeros((1, 4, 0)),
-        node_times=np.array([0.0, DURATION]),
-        smoothness=2,
-        method="test",
-    )
 
 
 @cache

@@ -1,0 +1,140 @@
+"""The tube about a plan: errors of attitude and joints for which all holds, and torque that is kept back.
+
+What flies is what a controller makes of a plan. A `Robust` says how far the platform may be turned off the
+plan, about any axis, and how far each joint; every zone, mask and range holds for all attitudes and joint
+angles within. Angles add, so that a margin falls by what the direction and the axis can move towards each
+other, its *loss*:
+
+- of a direction against an inertial axis the error of the attitude and the swing of the device it is on,
+- of a direction against an axis of the body, or another device, the swings of both alone, and of two that the
+  same joints turn none,
+- of ``f . (yaw, pitch) >= d`` the error of joints times ``|f_1| + |f_2|``.
+
+The *swing* is how far errors ``e`` of a device's joints move a direction that it carries. The two rotations
+of a terminal are about axes at right angles, so together they are one by ``2 arccos(cos(e / 2)^2)``,
+sqrt(2) e for small ones, which is what moves its boresight where the pitch is about zero. Of a drive the
+swing is ``e``, and what is fixed to the body has none.
+
+Half angles, ranges and limits of torque are made of this in one place, `Scenario.constraints` and
+`Scenario.usable`, so that what plans knows nothing of it. Functions compute with numpy or JAX, as their
+arguments do. Angles in rad.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxplan.geometry.vectors import AnyArray, arrays
+from jaxplan.model.devices import Drive, Terminal
+from jaxplan.model.gimbals import stacked
+from jaxplan.model.keys import keyed
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.display import shown
+
+
+@shown("attitude_error deg", "joint_error deg", "torque_reserve")
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Robust:
+    """Errors that a plan must bear.
+
+    Attributes:
+        attitude_error: rad, by which the platform may be turned off the plan, about any axis.
+        joint_error: rad, by which each joint may be off the plan.
+        torque_reserve: percent of every limit of torque that is kept back for the controller.
+    """
+
+    attitude_error: float = keyed(
+        0.0,
+        "attitude_error_deg",
+        "by which the platform may be turned off the plan, about any axis",
+        "[0, 90)",
+    )
+    joint_error: float = keyed(0.0, "joint_error_deg", "by which each joint may be off the plan", "[0, 90)")
+    torque_reserve: float = keyed(
+        0.0, "torque_reserve_percent", "of all limits of torque, kept back for the controller", "[0, 100)"
+    )
+
+    @property
+    def words(self) -> str:
+        """Text that names the tube in messages, with the errors by their keys."""
+        errors = {"attitude": self.attitude_error, "joint": self.joint_error}
+        told = ", ".join(f"{name}_error_deg = {np.rad2deg(error):.6g}" for name, error in errors.items())
+        return f"the tube of [robust] ({told})"
+
+    @property
+    def told(self) -> str:
+        """Text of the errors and the reserve for people."""
+        attitude, joints = np.rad2deg([self.attitude_error, self.joint_error])
+        reserve = f", with {self.torque_reserve:.6g} % of torque kept back" if self.torque_reserve else ""
+        return f"{attitude:.6g} deg of attitude and {joints:.6g} deg of joints{reserve}"
+
+    @property
+    def terminal_swing(self) -> AnyArray:
+        """The largest angle, rad, by which errors of yaw and pitch move what a terminal carries."""
+        xp, error = arrays(self.joint_error)
+        # from sin(a / 2)^2 = 1 - cos(e / 2)^4, so that no digit is lost where e is small
+        return 2 * xp.arcsin(xp.sin(error / 2) * xp.sqrt(1 + xp.cos(error / 2) ** 2))
+
+    def swing(self, device: object) -> Any:
+        """The largest angle, rad, by which joint errors move what a device carries; None is the body."""
+        if isinstance(device, Terminal):
+            return self.terminal_swing
+        return self.joint_error if isinstance(device, Drive) else 0.0
+
+    def loss(self, device: object, other: object, *, inertial: bool) -> Any:
+        """What a margin loses, rad, between directions of two devices, or of one and an axis.
+
+        Args:
+            device: that carries the direction which is bound, None for the body.
+            other: that carries the axis, None for the body or the inertial frame.
+            inertial: whether the axis is an inertial one.
+        """
+        if inertial:
+            return self.attitude_error + self.swing(device)
+        return 0.0 if device is other else self.swing(device) + self.swing(other)
+
+    def loss_of_joints(self, normal: Any) -> Any:
+        """What ``normal . (yaw, pitch)`` loses, rad, for a normal (2,)."""
+        return self.joint_error * (abs(normal[0]) + abs(normal[1]))
+
+
+def usable(craft: Spacecraft, robust: Robust) -> Spacecraft:
+    """The spacecraft with the part of its ranges and limits of torque that a plan may use.
+
+    Its tree has the same structure.
+    """
+    kept = 1 - robust.torque_reserve / 100
+    wheels = tuple(replace(wheel, torque=wheel.torque * kept) for wheel in craft.wheels)
+    torque = craft.torque_limit
+    return replace(
+        craft,
+        torque_limit=None if torque is None else torque * kept,
+        wheels=wheels,
+        terminals=tuple(_within(terminal, robust.joint_error) for terminal in craft.terminals),
+        drives=tuple(replace(one, range=_narrowed(one.range, robust.joint_error)) for one in craft.drives),
+    )
+
+
+def _within(terminal: Terminal, error: Any) -> Terminal:
+    """A terminal whose ranges are narrower by an error, rad, at either end."""
+    yaw, pitch = (_narrowed(ends, error) for ends in terminal.ranges)
+    return replace(
+        terminal,
+        yaw_limit=None if terminal.yaw_limit is None else _number(yaw[1]),
+        yaw_range=None if terminal.yaw_range is None else yaw,
+        pitch_limit=None if terminal.pitch_limit is None else _number(pitch[1]),
+        pitch_range=None if terminal.pitch_range is None else pitch,
+    )
+
+
+def _narrowed(ends: Any, error: Any) -> AnyArray:
+    """Ends (2,) rad of a range that is narrower by an error, rad, at either end."""
+    return stacked([ends[0] + error, ends[1] - error])
+
+
+def _number(value: Any) -> Any:
+    """A number of numpy as one of Python's, as others of its kind are; one of JAX as it is."""
+    return float(value) if isinstance(value, np.floating) else value

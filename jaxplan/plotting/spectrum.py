@@ -1,0 +1,133 @@
+"""The spectrum of what turns the platform: which frequencies a manoeuvre excites, and how much.
+
+Amplitudes of the Fourier transform of the whole finite manoeuvre, at rest before and after, so their unit is
+N m s: torque times time, not a density. They are exact at every frequency, `jaxplan.trajectory.spectrum`.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from jaxplan.model.wheels import row_names
+from jaxplan.planner import Plan
+from jaxplan.plotting.style import (
+    AXIS_STYLES,
+    GREY,
+    TEXT,
+    Canvas,
+    Entries,
+    Look,
+    device_entries,
+    device_style,
+    legend_beside,
+    motion,
+    panels,
+    tidy,
+)
+from jaxplan.plotting.time_panels import AXIS_ENTRIES, size
+from jaxplan.runtime.arguments import floats
+from jaxplan.trajectory import measures
+
+_POINTS = 800  # frequencies of a curve
+_LOWEST, _HIGHEST = 0.1, 100.0  # of a curve, over one over the duration
+_BEYOND = 3.0  # ratio to the highest frequency that is asked for
+_DECADES = 9  # below the highest amplitude, that are drawn at most
+_ASKED: Look = {"color": GREY, "linewidth": 1.0}
+_DASHES: Sequence[tuple[float, ...]] = ((4, 2), (1, 1.5), (6, 2, 1, 2), (2, 2))
+
+
+def expect_frequencies(given: object) -> np.ndarray:
+    """The frequencies (f,) Hz; raises a ValueError for what are no positive numbers."""
+    found = np.atleast_1d(floats("frequencies", given, "numbers of Hz"))
+    if found.ndim > 1 or not np.all(np.isfinite(found) & (found > 0)):
+        raise ValueError(f"frequencies = {np.asarray(given).tolist()}: must be positive numbers of Hz")
+    return found
+
+
+def amplitudes(plan: Plan, frequencies: np.ndarray) -> dict[str, np.ndarray]:
+    """Amplitudes (f, c) at frequencies (f,) Hz, by the name of the quantity, see `measures.torque_spectrum`.
+
+    Torque in N m s, without an inertia the angular acceleration in deg/s; with wheels theirs, too.
+    """
+    craft, trajectory = plan.scenario.spacecraft, plan.trajectory
+    assert trajectory is not None
+    if craft.inertia is None:
+        found = measures.torque_spectrum(trajectory, craft, frequencies)
+        return {"angular acceleration": np.rad2deg(np.asarray(found))}
+    names = {"torque": "torque"} | ({"wheel torques": "wheel_torques"} if craft.wheels else {})
+    return {
+        name: np.asarray(measures.torque_spectrum(trajectory, craft, frequencies, of))
+        for name, of in names.items()
+    }
+
+
+def unit_of(name: str) -> str:
+    """The unit of the amplitudes of a quantity of `amplitudes`."""
+    return "deg/s" if name == "angular acceleration" else "N m s"
+
+
+def spectrum(
+    plan: Plan, frequencies: Sequence[float] = (), ax: Canvas = None, *, legend: bool = True
+) -> list[Axes]:
+    """Draw the spectrum of the platform's torque, and of what each wheel gives, with lines at frequencies.
+
+    It is the amplitude of the Fourier transform of the whole manoeuvre, ``|integral of tau exp(-2 pi i f t)
+    dt|`` in N m s, by body axes and by wheels; without an inertia of the angular acceleration, in deg/s. A
+    mode of that frequency swings afterwards by that over 2 pi f, times its gain.
+
+    Args:
+        plan: with a trajectory that takes time.
+        frequencies: Hz, at which there is a line each; the legend has the length of the vector, or the most
+            that a wheel has, there.
+        ax: an axes for the platform and, with wheels, one for them; a figure to put them in, or None for a
+            new one.
+        legend: whether to name curves and lines beside the panels.
+
+    Returns:
+        The axes.
+
+    Raises:
+        TypeError: if it is no plan.
+        ValueError: if the plan has no trajectory, or one that takes no time, a frequency is not positive, or
+            another number of axes is given.
+    """
+    asked, last = expect_frequencies(frequencies), motion(plan).times[-1]
+    if not last > 0:
+        raise ValueError(f"the plan of {plan.scenario.name!r} takes no time, so it has no spectrum")
+    highest = max(_HIGHEST / last, _BEYOND * np.max(asked, initial=0.0))
+    across = np.geomspace(_LOWEST / last, highest, _POINTS)
+    drawn, at_asked = amplitudes(plan, across), amplitudes(plan, asked)
+    grid = panels(ax, len(drawn), size(len(drawn)))
+    craft = plan.scenario.spacecraft
+    for axes, (name, curves) in zip(grid, drawn.items(), strict=True):
+        of_wheels = name == "wheel torques"
+        styles = [device_style(n) for n in range(curves.shape[1])] if of_wheels else AXIS_STYLES
+        for values, style in zip(curves.T, styles, strict=True):
+            axes.plot(across, values, **{"linewidth": 1.2, **style})
+        entries = list(AXIS_ENTRIES)
+        if of_wheels:
+            entries = device_entries(row_names(craft.wheels, craft.allocation))
+        entries += _draw_asked(axes, asked, at_asked[name], name)
+        tidy(axes)
+        axes.set(xscale="log", yscale="log", xlim=(across[0], across[-1]))
+        top = float(np.max(curves, initial=0.0))
+        if top > 0:
+            axes.set_ylim(max(np.min(curves[curves > 0]) / 2, top * 10.0**-_DECADES), 2 * top)
+        axes.set_ylabel(f"{name}\n({unit_of(name)})", fontsize=TEXT)
+        if legend:
+            legend_beside(axes, entries)
+    grid[-1].set_xlabel("frequency (Hz)", fontsize=TEXT)
+    return grid
+
+
+def _draw_asked(axes: Axes, frequencies: np.ndarray, values: np.ndarray, name: str) -> Entries:
+    """Draw a line at each frequency (f,); returns legend entries with the amplitudes (f, c) there."""
+    entries: Entries = []
+    for number, (frequency, own) in enumerate(zip(frequencies, values, strict=True)):
+        look = {**_ASKED, "linestyle": (0, _DASHES[number % len(_DASHES)])}
+        axes.axvline(frequency, **look, zorder=1.5)
+        size = np.max(own) if name == "wheel torques" else np.linalg.norm(own)
+        entries.append((Line2D([], [], **look), f"{frequency:g} Hz: {size:.3g} {unit_of(name)}"))
+    return entries

@@ -1,0 +1,69 @@
+"""Fourier transforms of what a trajectory needs, without sampling in the frequency domain's sense.
+
+On each interval a quantity is expanded in Legendre polynomials, of which the transform is known,
+
+    integral over u in [-1, 1] of P_n(u) exp(-i x u) = 2 (-i)^n j_n(x),
+
+with the spherical Bessel functions ``j_n``. So what is left out is what the polynomials leave out, at any
+frequency alike: its transform is at most the integral of its magnitude, and nothing is aliased, however high
+the frequency. For ``x`` up to the number of polynomials the integral is taken by Gauss' rule, of which the
+nodes are enough there; beyond, by the recurrence ``j_(n+1) = (2 n + 1) / x j_n - j_(n-1)``, which is stable
+for ``n < x``.
+"""
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.polynomial import legendre
+
+_COUNT = 24  # polynomials on an interval
+_PARTS = 2  # intervals of a piece
+_NODES = 64  # of Gauss' rule for the transforms of the polynomials, where x is at most `_COUNT`
+
+
+def transform(values: Callable[[Array], Array], breaks: Array, frequencies: Array) -> Array:
+    """The Fourier transform ``integral of f(t) exp(-2 pi i nu t)`` of a quantity over all time.
+
+    Args:
+        values: of times (k,) s, to (k, c); smooth between the breaks.
+        breaks: (m + 1,) s, ascending; intervals of no length count nothing.
+        frequencies: (f,) Hz.
+
+    Returns:
+        (f, c) complex, in the quantity's unit times s.
+    """
+    steps = jnp.arange(_PARTS) / _PARTS
+    starts = (breaks[:-1, None] + jnp.diff(breaks)[:, None] * steps).ravel()
+    half = jnp.repeat(jnp.diff(breaks), _PARTS) / (2 * _PARTS)
+    nodes, weights = legendre.leggauss(_COUNT)
+    times = (starts + half)[:, None] + half[:, None] * nodes
+    found = values(times.ravel()).reshape(*times.shape, -1)
+    to_series = legendre.legvander(nodes, _COUNT - 1).T * weights * (np.arange(_COUNT)[:, None] + 0.5)
+    series = jnp.einsum("nq,pqc->pnc", to_series, jnp.where(half[:, None, None] > 0, found, 0.0))
+    turning = 2 * jnp.pi * jnp.asarray(frequencies)[:, None]
+    phase = half * jnp.exp(-1j * turning * (starts + half))
+    return jnp.einsum("fp,fpn,pnc->fc", phase, _of_polynomials(turning * half), series)
+
+
+def _of_polynomials(x: Array) -> Array:
+    """Transforms (..., `_COUNT`) of the Legendre polynomials at (...), of either sign."""
+    nodes, weights = legendre.leggauss(_NODES)
+    near = jnp.abs(x) <= _COUNT
+    small, large = jnp.where(near, x, 0.0), jnp.where(near, float(_COUNT), x)
+    rule = jnp.asarray(legendre.legvander(nodes, _COUNT - 1) * weights[:, None], jnp.result_type(x, 1j))
+    by_rule = jnp.exp(-1j * small[..., None] * nodes) @ rule
+    bessel = [jnp.sin(large) / large]
+    bessel.append((bessel[0] - jnp.cos(large)) / large)
+    for n in range(1, _COUNT - 1):
+        bessel.append((2 * n + 1) / large * bessel[n] - bessel[n - 1])
+    signs = 2 * (-1j) ** (np.arange(_COUNT) % 4)
+    return jnp.where(near[..., None], by_rule, jnp.stack(bessel, axis=-1) * signs)
+
+
+def magnitude(values: Array) -> Array:
+    """Sizes of complex numbers; where one is zero its derivative is zero, too."""
+    square = values.real**2 + values.imag**2
+    there = square > 0
+    return jnp.where(there, jnp.sqrt(jnp.where(there, square, 1.0)), 0.0)
