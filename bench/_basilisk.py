@@ -81,11 +81,7 @@ class Flown:
 
 def fly_waypoints(task: Task, file: Path, seconds: float) -> Flown:
     """Fly a file of waypoints, as ``jaxplan.export(format="basilisk")`` writes it, for some seconds."""
-    module = waypointReference.WaypointReference()
-    module.ModelTag = "waypointReference"
-    module.dataFileName, module.attitudeType, module.delimiter = str(file), 1, ","
-    module.useReferenceFrame = False
-    return _fly(task, module, seconds)
+    return _fly(task, waypoints(file), seconds)
 
 
 def fly_own_plan(task: Task, average_rate: float, spline: int, seconds: float) -> Flown:
@@ -102,18 +98,27 @@ def fly_own_plan(task: Task, average_rate: float, spline: int, seconds: float) -
     # These are not set by its constructor.
     module.constraints.keepIn = module.constraints.keepOut = False
     module.boresights.keepInBoresightCount = module.boresights.keepOutBoresightCount = 0
-    module.sigma_BN_goal, module.omega_BN_B_goal = _mrp(task.goal), [0.0, 0.0, 0.0]
+    module.sigma_BN_goal, module.omega_BN_B_goal = mrp(task.goal), [0.0, 0.0, 0.0]
     module.avgOmega, module.BSplineType, module.costFcnType = average_rate, spline, 0
     module.appendKeepOutDirection(task.boresight.tolist(), task.half_angle)
     state, body = messaging.SCStatesMsgPayload(), messaging.SpicePlanetStateMsgPayload()
-    state.sigma_BN, body.PositionVector = _mrp(task.start), (FAR * task.direction).tolist()
-    start, vehicle = messaging.SCStatesMsg().write(state), _vehicle(task)
+    state.sigma_BN, body.PositionVector = mrp(task.start), (FAR * task.direction).tolist()
+    start, config = messaging.SCStatesMsg().write(state), vehicle(task.inertia)
     avoided, seen = messaging.SpicePlanetStateMsg().write(body), messaging.SpicePlanetStateMsg()
     module.scStateInMsg.subscribeTo(start)
-    module.vehicleConfigInMsg.subscribeTo(vehicle)
+    module.vehicleConfigInMsg.subscribeTo(config)
     module.keepOutCelBodyInMsg.subscribeTo(avoided)
     module.keepInCelBodyInMsg.subscribeTo(seen)  # there is nothing to keep in sight, but it is asked
     return _fly(task, module, seconds)
+
+
+def waypoints(file: Path) -> Any:
+    """Basilisk's module that reads such a file."""
+    module = waypointReference.WaypointReference()
+    module.ModelTag = "waypointReference"
+    module.dataFileName, module.attitudeType, module.delimiter = str(file), 1, ","
+    module.useReferenceFrame = False
+    return module
 
 
 def _fly(task: Task, reference: Any, seconds: float) -> Flown:
@@ -124,16 +129,16 @@ def _fly(task: Task, reference: Any, seconds: float) -> Flown:
     craft = spacecraft.Spacecraft()
     craft.hub.mHub = 500.0
     craft.hub.IHubPntBc_B = task.inertia.tolist()
-    craft.hub.sigma_BNInit, craft.hub.omega_BN_BInit = _mrp(task.start), [0.0, 0.0, 0.0]
+    craft.hub.sigma_BNInit, craft.hub.omega_BN_BInit = mrp(task.start), [0.0, 0.0, 0.0]
     torque, navigation = extForceTorque.ExtForceTorque(), simpleNav.SimpleNav()
     craft.addDynamicEffector(torque)
     navigation.scStateInMsg.subscribeTo(craft.scStateOutMsg)
     error, control = attTrackingError.attTrackingError(), mrpFeedback.mrpFeedback()
     error.attNavInMsg.subscribeTo(navigation.attOutMsg)
     error.attRefInMsg.subscribeTo(reference.attRefOutMsg)
-    vehicle = _vehicle(task)
+    config = vehicle(task.inertia)
     control.guidInMsg.subscribeTo(error.attGuidOutMsg)
-    control.vehConfigInMsg.subscribeTo(vehicle)
+    control.vehConfigInMsg.subscribeTo(config)
     largest = float(np.linalg.norm(task.inertia, 2))
     # J phi'' + P phi' + K phi / 4 = 0 for small angles, sigma being a quarter of the angle
     control.K, control.P, control.Ki = 4 * largest * FREQUENCY**2, 2 * DAMPING * largest * FREQUENCY, -1.0
@@ -153,13 +158,13 @@ def _fly(task: Task, reference: Any, seconds: float) -> Flown:
     )
 
 
-def _mrp(rotation_vector: np.ndarray) -> list[float]:
+def mrp(rotation_vector: np.ndarray) -> list[float]:
     """Modified Rodrigues parameters of a rotation vector (3,) rad."""
     return Rotation.from_rotvec(rotation_vector).as_mrp().tolist()
 
 
-def _vehicle(task: Task) -> Any:
-    """Basilisk's message of the vehicle's inertia."""
+def vehicle(inertia: np.ndarray) -> Any:
+    """Basilisk's message of the vehicle's inertia (3, 3) kg m^2."""
     config = messaging.VehicleConfigMsgPayload()
-    config.ISCPntB_B = task.inertia.ravel().tolist()
+    config.ISCPntB_B = inertia.ravel().tolist()
     return messaging.VehicleConfigMsg().write(config)

@@ -28,6 +28,17 @@ def angle(text: str) -> float:
     return value
 
 
+def share(text: str) -> float:
+    """Read a share in percent, from 0 to less than 100."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value < 100:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a share in percent, from 0 to less than 100")
+    return value
+
+
 def _at_least(least: int, text: str) -> int:
     """Read an integer of at least `least`."""
     if not text.isdecimal() or int(text) < least:

@@ -1,18 +1,24 @@
-"""Plans flown by a rigid body in Basilisk, beside Basilisk's own planner on the same scenes.
+"""Plans flown in Basilisk: by a rigid body, beside its own planner, and by its wheels with drawn errors.
 
-Scenes have one instrument and one keep-out cone that blocks the straight slew. jaxplan plans each in the
-shortest time within the torque and exports the waypoints, which Basilisk's ``waypointReference`` and
+`planners`: scenes have one instrument and one keep-out cone that blocks the straight slew. jaxplan plans each
+in the shortest time within the torque and exports the waypoints, which Basilisk's ``waypointReference`` and
 ``mrpFeedback`` fly. Its ``constrainedAttitudeManeuver`` is given the same scenes, at the average rate of
 jaxplan's plan, so that both take about as long, with its spline through the nodes or near them, and is flown
 likewise.
 
-`success` counts scenes whose reference arrives within 0.1 deg without breaking the cone; `broken` those where
-it breaks it, between its nodes, by 0.01 deg or more; `died` those where the flight gave no answer or its
+*Success* counts scenes whose reference arrives within 0.1 deg without breaking the cone; *broken* those where
+it breaks it, between its nodes, by 0.01 deg or more; *died* those where the flight gave no answer or its
 process ended. Tracking error and torque are the largest of a flight; numbers are the median and the worst of
 the scenes.
 
+`wheels`: slews of a platform with four wheels among cones (`_wheel_scenes`), each planned with a tube and
+without, and flown once each by Basilisk's own wheels under its controller, with errors that are drawn
+(`_wheel_check`). A row says how many flights left the tube, with the exact binomial interval of 95 %, how
+many broke a cone of those that stayed in it and of those that left, and in how many a wheel was saturated;
+margins are beyond the cones as they are, torque and momentum the largest shares of the wheels' limits.
+
     pip install -e '.[basilisk]'
-    python bench/basilisk_compare.py [-n 20] [--each]
+    python bench/basilisk_compare.py [planners wheels] [-n 20] [--workers 1] [--momentum-reserve 10] [--each]
 """
 
 import argparse
@@ -21,13 +27,14 @@ import tempfile
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 from _machine import print_machine
-from _options import positive
+from _options import positive, share
+from _wheel_scenes import TUBE
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
@@ -40,6 +47,7 @@ from jaxplan.model.zones import KeepOut
 
 try:
     import _basilisk
+    import _wheel_report
 except ModuleNotFoundError as missing:
     if missing.name != "Basilisk":
         raise
@@ -209,16 +217,17 @@ def line(name: str, results: list[Result | None]) -> str:
     return " ".join(cells)
 
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("-n", "--scenes", type=positive, default=20)
-    parser.add_argument("--each", action="store_true", help="a line a scene, too")
-    options = parser.parse_args()
-    print_machine()
+def planners(count: int, each: bool) -> None:
+    """Print the rows of jaxplan's plans and of Basilisk's.
+
+    Args:
+        count: of scenes.
+        each: whether with a line for each of them.
+    """
     table: dict[str, list[Result | None]] = {"jaxplan": [], "Basilisk, through": [], "Basilisk, near": []}
     flights = Flights()
     with tempfile.TemporaryDirectory() as folder:
-        for seed in tqdm(range(options.scenes), desc="flown", unit=" scenes"):
+        for seed in tqdm(range(count), desc="flown", unit=" scenes"):
             found = compare(scene(seed), flights, Path(folder))
             for row, result in zip(table.values(), found, strict=True):
                 row.append(result)
@@ -227,6 +236,29 @@ if __name__ == "__main__":
     print(f"{'':<18}{'success':>14}{'broken':>7}{'died':>6}" + 5 * f" {'median':>8}{'worst':>8}")
     for name, results in table.items():
         print(line(name, results))
-        if options.each:
+        if each:
             for seed, result in enumerate(results):
                 print(f"  {seed:>3} {result}")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parts = ("planners", "wheels")
+    parser.add_argument("parts", nargs="*", default=parts, choices=(*parts, []), metavar="PART")
+    parser.add_argument("-n", "--scenes", type=positive, default=20, help="of each part")
+    parser.add_argument("--workers", type=positive, default=1, help="processes that plan and fly, for wheels")
+    parser.add_argument(
+        "--momentum-reserve",
+        type=share,
+        default=10.0,
+        metavar="PERCENT",
+        help="that the tube keeps of wheels",
+    )
+    parser.add_argument("--each", action="store_true", help="a line a scene, too")
+    options = parser.parse_args()
+    print_machine("bsk", pinned=options.workers == 1)
+    if "planners" in options.parts:
+        planners(options.scenes, options.each)
+    if "wheels" in options.parts:
+        tube = replace(TUBE, momentum=options.momentum_reserve / 100)
+        _wheel_report.report(options.scenes, options.workers, tube, options.each)

@@ -147,7 +147,10 @@ def time_along(spacecraft: Spacecraft, attitudes: np.ndarray, joints: np.ndarray
         s, no bound.
     """
     turns = so3.log(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])
-    ways = [*_ways_of_platform(spacecraft, turns, _Ends()), *_ways_of_joints(spacecraft, np.diff(joints, axis=0))]
+    ways = [
+        *_ways_of_platform(spacecraft, turns, _Ends()),
+        *_ways_of_joints(spacecraft, np.diff(joints, axis=0)),
+    ]
     slowest = np.zeros(len(turns))
     for way in ways:
         far = np.abs(way.distance)
