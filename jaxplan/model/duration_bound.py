@@ -18,10 +18,11 @@ In a box they count: from rest, ``w_i' <= a_i + g_i t^2``, with ``a = |J^-1| tor
 of ``|J^-1 (w x J w)|_i`` for the energy, or the momentum, that there can be after a second. Limits of
 momentum are taken for limits of the rates.
 
-Wheels give ``J w' + w x (R^T H)`` and hold ``R^T H - J w``, both within the zonotope of their limits, however
-they share it out (`jaxplan.model.wheels`); ``|H|`` is known from the start. So the rates are within ``J^-1``
-times the zonotope of the momenta and ``|H|`` about it, accelerations within that of the torques and
-``|w| |H|``, and in the energy the torque that turns ``H`` does no work.
+Wheels give ``J w' + w x (R^T H)`` and hold ``R^T H - J w``, both within what the array reaches by its
+allocation (`jaxplan.model.wheel_reach`); ``|H|`` is known from the start. So the rates are within ``J^-1``
+times the reach of the momenta and ``|H|`` about it, accelerations within that of the torques and ``|w| |H|``,
+and in the energy the torque that turns ``H`` does no work. Lengths of both, and of what lies across a body
+axis, are at most those of the corners, which is less than the diagonals of boxes.
 
 Any ``c`` is allowed; the limits of rates, those of accelerations and what lies between are tried.
 
@@ -42,11 +43,10 @@ from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, sep
 from jaxplan.model.limits import limits, longest
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.turn_table import turn_table
-from jaxplan.model.wheels import WheelArray
+from jaxplan.model.wheel_reach import WheelSpeeds, total_length
 
 _TELLING = 0.01  # share of the duration below which a bound says nothing, as of a path that ends at its start
 _SAME = 1e-9  # relative difference below which the axes' ratios of acceleration to rate count as equal
-_AT_ONCE = 8  # wheels whose corners are looked at together, half of two to the power of this
 _ROOTS = 12  # steps of Newton's method, which has then converged to rounding
 
 _CORNERS = np.array([(1.0, *signs) for signs in product((1.0, -1.0), repeat=2)])
@@ -256,15 +256,17 @@ def _ways_of_platform(craft: Spacecraft, turns: AnyArray, spins: np.ndarray | No
     if "wheel_momentum" in given:
         xp, inverse, momentum = arrays(_inverse(craft.inertia), given["wheel_momentum"])
         rate = xp.minimum(rate, xp.abs(inverse) @ momentum)
+    across = None
     if craft.wheel_array is not None:
-        array, inverse = craft.wheel_array, _inverse(craft.inertia)
-        total = _total(craft.inertia, array, spins)
-        by_momentum, by_torque = axis_bounds_of_wheels(craft)
-        xp, rate, acceleration, tilt = arrays(rate, acceleration, length(inverse) * total)
-        rate = xp.minimum(rate, by_momentum + tilt)
-        fastest = xp.minimum(norms[0], length(rate))
-        acceleration, name = xp.minimum(acceleration, by_torque + tilt * fastest), TORQUE
-        yield _energy_way(craft.inertia, given, norms, turns, spins, array)
+        own = WheelSpeeds.of(craft, total_length(craft, spins))
+        yield _energy_way(craft.inertia, given, norms, turns, spins, own)
+        xp, rate, acceleration, own_rate = arrays(rate, acceleration, own.rate)
+        rate = xp.minimum(rate, own_rate)
+        top = xp.minimum(xp.minimum(norms[0], length(rate)), own.top(np.eye(3)))
+        acceleration = xp.minimum(acceleration, own.acceleration(top))
+        norms, name = (top, xp.minimum(norms[1], own.growth(np.eye(3), top))), TORQUE
+        planes = np.eye(3) - np.eye(3)[:, :, None] * np.eye(3)[:, None]
+        across = [own.top(plane) for plane in planes], [own.growth(plane, top) for plane in planes]
     if "torque" in given:
         yield _energy_way(craft.inertia, given, norms, turns, spins)
         at_rest, gyroscopic, later = _accelerations_by_torque(craft.inertia, given["torque"])
@@ -282,13 +284,13 @@ def _ways_of_platform(craft: Spacecraft, turns: AnyArray, spins: np.ndarray | No
         acceleration = xp.minimum(acceleration, at_rest + gyroscopic * norms[0] ** 2)
     yield from _box_ways(name, turns, spins, rate, acceleration)
     yield _Way(
-        name=RATES,
+        name=RATES if across is None else name,
         distance=length(turns),
         top=norms[0],
         growth=norms[1],
         speeds=None if spins is None else length(spins),
     )
-    yield from _axis_ways(name, turns, spins, rate, acceleration, norms)
+    yield from _axis_ways(name, turns, spins, rate, acceleration, norms, across)
 
 
 def _box_ways(
@@ -332,22 +334,27 @@ def _axis_ways(
     rate: AnyArray,
     acceleration: AnyArray,
     norms: tuple[AnyArray, AnyArray],
+    of_wheels: tuple[list[AnyArray], list[AnyArray]] | None,
 ) -> Iterator[_Way]:
     """Yield for each body axis the angle between its directions at start and end, which is a way.
 
     Turns about the axis itself do not change it. The name of the limits, turns (..., 3) rad, spins (2, 3)
     rad/s at both ends or None, rate (3,) rad/s, acceleration (3,) rad/s^2, and `norms`, limits of the lengths
-    of both.
+    of both; `of_wheels` likewise of what lies across each axis, None without.
     """
     turned = _axis_angles(turns)
     xp, rate, acceleration = arrays(rate, acceleration)
     for axis in range(3):
         across = np.arange(3) != axis
+        top = xp.minimum(length(rate[across]), norms[0])
+        growth = xp.minimum(length(acceleration[across]), norms[1])
+        if of_wheels is not None:
+            top, growth = xp.minimum(top, of_wheels[0][axis]), xp.minimum(growth, of_wheels[1][axis])
         yield _Way(
             name=name,
             distance=turned[..., axis],
-            top=xp.minimum(length(rate[across]), norms[0]),
-            growth=xp.minimum(length(acceleration[across]), norms[1]),
+            top=top,
+            growth=growth,
             speeds=None if spins is None else length(spins[:, across]),
         )
 
@@ -364,7 +371,7 @@ def _energy_way(
     norms: tuple[AnyArray, AnyArray],
     turns: AnyArray,
     spins: np.ndarray | None,
-    array: WheelArray | None = None,
+    wheels: WheelSpeeds | None = None,
 ) -> _Way:
     """The way along which the speed is ``sqrt(w . J w)``, with the largest of its lower bounds as distance.
 
@@ -374,7 +381,7 @@ def _energy_way(
         norms: limits of the lengths of angular velocity and acceleration, rad/s and rad/s^2.
         turns: (..., 3) rad, rotation vectors.
         spins: (2, 3) rad/s, at both ends; None at rest.
-        array: the wheels, whose limits stand in the place of those of torque and momentum; None without.
+        wheels: what they allow stands in the place of limits of torque and momentum; None without.
     """
     xp, inertia = arrays(inertia)
     moments, axes = _principal(inertia)
@@ -388,12 +395,13 @@ def _energy_way(
     if "wheel_momentum" in given:
         tops.append(_largest(given["wheel_momentum"], _inverse(inertia)))
     growths = [norms[1] * heaviest, _largest(given["angular_acceleration"], inertia)]
-    if array is None:
+    if wheels is None:
         growths.append(_largest(given["torque"], _inverse(inertia)))
     else:
-        most = _total(inertia, array, spins) / xp.sqrt(xp.min(moments))
-        tops.append(_largest_of_wheels(array.axes, array.each_momentum, _inverse(inertia)) + most)
-        growths.append(_largest_of_wheels(array.axes, array.each_torque, _inverse(inertia)))
+        momentum, most = wheels.momentum, wheels.total / xp.sqrt(xp.min(moments))
+        tops.append(momentum.largest(_inverse(inertia)) + most)
+        growths.append(wheels.torque.largest(_inverse(inertia)))
+    xp = array_module(*tops, *growths)
     return _Way(
         name=ENERGY,
         distance=_most(rows),
@@ -401,37 +409,6 @@ def _energy_way(
         growth=xp.min(xp.stack(growths)),
         speeds=None if spins is None else _sizes(spins, inertia),
     )
-
-
-def axis_bounds_of_wheels(craft: Spacecraft) -> tuple[AnyArray, AnyArray]:
-    """Bounds of rates (3,) rad/s and accelerations (3,) rad/s^2 that wheels give which hold nothing else."""
-    array = craft.wheel_array
-    if array is None:
-        raise ValueError("there are no wheels")
-    xp, light, momentum, torque = arrays(
-        array.axes @ _inverse(craft.inertia), array.each_momentum, array.each_torque
-    )
-    return momentum @ xp.abs(light), torque @ xp.abs(light)
-
-
-def _total(inertia: AnyArray, array: WheelArray, spins: np.ndarray | None) -> AnyArray:
-    """Length, N m s, of the total momentum of platform and wheels, from the angular velocity at the start."""
-    xp, inertia, stored = arrays(inertia, array.stored)
-    return length(stored if spins is None else stored + inertia @ xp.asarray(spins[0]))
-
-
-def _largest_of_wheels(axes: AnyArray, bound: AnyArray, matrix: AnyArray) -> AnyArray:
-    """The largest ``sqrt(x . matrix x)`` over ``x = sum of axes_k u_k`` with ``|u_k| <= bound_k``, or more.
-
-    It is the largest of all corners; of more wheels than `_AT_ONCE` the sum of that of several groups.
-    """
-    xp, vectors = arrays(axes * array_module(axes, bound).asarray(bound)[:, None])
-    sizes = []
-    for first in range(0, len(vectors), _AT_ONCE):
-        own = vectors[first : first + _AT_ONCE]
-        signs = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=len(own) - 1)])
-        sizes.append(xp.max(_sizes(signs @ own, matrix)))
-    return sum(sizes[1:], sizes[0])
 
 
 def _accelerations_by_torque(inertia: AnyArray, torque: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:

@@ -197,9 +197,15 @@ class FitProblem:
 
     @cached_property
     def platform_binds(self) -> bool:
-        """Whether the platform by itself takes about as long as the joints do, or longer."""
+        """Whether the platform by itself takes about as long as the joints do, or longer.
+
+        The bound is farther below what wheels reach, since directions in which many of them pull are few. So
+        of wheels a turn about one axis counts too, if it is clearly slower than the joints.
+        """
         turn = so3.log(self.attitudes[0].T @ self.attitudes[-1])
         alone = rest_bounds(self.spacecraft, turn[None], np.zeros((1, self.joints.shape[1])))[0]
+        if self.spacecraft.wheels and schedule.turn_time(turn, self.spacecraft) >= _BALANCED * self.bound:
+            return True
         return bool(_BALANCED * alone >= self.bound)
 
     @cached_property
