@@ -16,7 +16,13 @@ from jaxplan.geometry.vectors import AnyArray, arrays
 from jaxplan.model.constraints import Constraints, axes_in_body, counted, joint_values, pair_margins
 from jaxplan.model.directions import Sights
 from jaxplan.model.duration_bound import duration_bound, rest_bounds
-from jaxplan.model.limits import Limit, components, highest_derivative, lesser_components, timed_limits
+from jaxplan.model.limits import (
+    Limit,
+    components,
+    highest_derivative,
+    lesser_components,
+    timed_limits,
+)
 from jaxplan.model.scenario import MINIMUM, TrajectorySettings
 from jaxplan.model.scores import room
 from jaxplan.model.spacecraft import Spacecraft
