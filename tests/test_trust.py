@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from trust import any_spacecraft, dips, golden, graphs, lanes, long_run, programs, symmetry, verdicts
+from trust import any_spacecraft, arrays, dips, golden, graphs, lanes, long_run, programs, symmetry, verdicts
 from trust.mixed import mixed_scenario
 from trust.tally import Tally, table, tally
 
@@ -34,6 +34,12 @@ def test_the_certificate_says_yes_to_margins_from_a_twentieth_of_a_degree_on():
 @seeds
 def test_a_dip_of_a_microsecond_is_refused_and_its_twin_certified(seed):
     dips.attempt(seed)
+
+
+@pytest.mark.slow
+def test_wheels_keep_their_limits_and_not_tighter_ones():
+    words = [arrays.attempt(seed) for seed in (3, 4)]
+    assert [word.split()[0] for word in words] == ["pseudo_inverse", "minimax"]
 
 
 @few(4)

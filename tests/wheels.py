@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 from builders import make_scenario
 from reference import attitudes_of, random_units, spin_of
+from scipy.optimize import linprog
 
 import jaxplan as jp
 
@@ -42,8 +43,32 @@ def scarce(count, seed):
     )
 
 
+def least_shared(axes, limit, vector):
+    """The least largest share of limits (n,) by which a vector is shared out, and what each gives."""
+    count = len(axes)
+    found = linprog(
+        np.append(np.zeros(count), 1.0),
+        A_ub=np.block([[np.eye(count), -limit[:, None]], [-np.eye(count), -limit[:, None]]]),
+        b_ub=np.zeros(2 * count),
+        A_eq=np.column_stack([axes.T, np.zeros(3)]),
+        b_eq=vector,
+        bounds=[*((None, None) for _ in axes), (0, None)],
+    )
+    return found.fun, found.x[:-1]
+
+
+def not_against(array):
+    """Wheels that hold the same together, with nothing against each other."""
+    axes, limit, stored = (
+        np.array([getattr(one, name) for one in array]) for name in ("axis", "momentum", "stored")
+    )
+    own = least_shared(axes, limit, stored @ axes)[1]
+    return tuple(replace(one, stored=float(held)) for one, held in zip(array, own, strict=True))
+
+
 def with_wheels(array, allocation="pseudo_inverse", seed=0, terminals=1, turn=(0.3, -0.5, 0.4), **settings):
     """A scenario of a spacecraft with wheels, and settings of its trajectory."""
+    array = not_against(array) if allocation == "minimax" else array
     scenario = make_scenario(terminals, seed=seed, turn=turn)
     craft = replace(scenario.spacecraft, inertia=INERTIA, wheels=array, allocation=allocation)
     return replace(scenario, spacecraft=craft, trajectory=replace(scenario.trajectory, **settings))

@@ -209,15 +209,29 @@ def faults(limited: Sequence[Limited], minima: Minima, allowance: float) -> Iter
         quantity, owner, limit = components[number]
         bound, seen, time = minima.bound[number], minima.seen[number], minima.time[number]
         of_devices = quantity.of_joints or quantity.of_wheels
-        name = f"{_words(quantity.name)} {'of' if of_devices else 'about'} {owner}"
+        name = f"{_words(quantity.name)} about {owner}"
+        if of_devices:
+            name = f"{_single(quantity.name)} of {'the ' * owner.startswith('array across')}{owner}"
         if quantity.of_length:
             name = f"the length of the {_words(quantity.name.removesuffix('_norm'))}"
         if seen < -allowance:
             value = f"{quantity.in_unit(limit * (1 - seen)):.6g} {quantity.unit}"
-            yield f"{name} reaches {value}, {1 - seen:.8g} of its limit, at t = {time:.6g} s"
+            yield f"{name} reaches {value}, {_share(1 - seen)} of its limit, at t = {time:.6g} s"
         else:
-            met = f"{1 - seen:.8g} of it was met at t = {time:.6g} s, the bound is {1 - bound:.8g}"
+            met = f"{_share(1 - seen)} of it was met at t = {time:.6g} s, the bound is {_share(1 - bound)}"
             yield f"{name} is not proved to keep its limit: {met}"
+
+
+def _share(value: float) -> str:
+    """Text of a share of a limit, with three digits of its difference from one, or two places."""
+    apart = abs(value - 1)
+    places = 2 if not 0 < apart < 1 else 2 + max(0, int(np.ceil(-np.log10(apart))))
+    return f"{value:.{min(places, 15)}f}".rstrip("0").rstrip(".") if np.isfinite(value) else f"{value}"
+
+
+def _single(name: str) -> str:
+    """Words for the name of a quantity of joints or wheels, of one of them: "joint rate"."""
+    return "wheel momentum" if name == "wheel_momenta" else _words(name).removesuffix("s")
 
 
 def _apart(first: np.ndarray, second: np.ndarray) -> np.ndarray:

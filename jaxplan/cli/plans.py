@@ -44,6 +44,7 @@ _COUNTED = {  # what a scene and its spacecraft have several of, and what one of
     "terminals": "terminal",
     "drives": "drive",
     "instruments": "instrument",
+    "wheels": "reaction wheel",
     "keep_out": "keep-out zone",
     "keep_in": "keep-in zone",
     "joint_bounds": "joint bound",

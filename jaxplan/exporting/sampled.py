@@ -16,9 +16,10 @@ import numpy as np
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import azimuth_elevation, frame
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.wheel_shares import wheel_loads
 from jaxplan.planner import Plan
 from jaxplan.runtime.progress import progress_bar
-from jaxplan.trajectory.curve import Samples
+from jaxplan.trajectory.curve import Samples, total_momentum
 
 MOST_SAMPLES = 10_000_000  # most samples of a file
 SHORTEST_STEP = 1e-6  # s: nearer instants would coincide in files that count seconds from the year 2000
@@ -40,6 +41,7 @@ class Sampled:
         times: (k,) s, rising from 0 to the duration.
         values: the trajectory there, in radians and seconds; angular velocities in body axes.
         quaternions: (k, 4) body to inertial, scalar first, of unit length; neighbours have no change of sign.
+        wheels: torques (k, n) N m and momenta (k, n) N m s of the wheels; none without wheels.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Sampled:
     times: np.ndarray
     values: Samples
     quaternions: np.ndarray
+    wheels: tuple[np.ndarray, ...] = ()
 
     def inertial(self, vectors: np.ndarray) -> np.ndarray:
         """Convert vectors (k, 3) from body to inertial axes."""
@@ -72,8 +75,8 @@ def sample(plan: Plan, start: np.datetime64 | None, times: np.ndarray) -> Sample
             parts.append(plan.trajectory.sample(times[first : first + _CHUNK]))
             bar.update(len(parts[-1].joints))
     curves = {f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Samples)}
-    for name, values in curves.items():
-        finite = np.isfinite(values).reshape(len(times), -1).all(axis=1)
+    for name, curve in curves.items():
+        finite = np.isfinite(curve).reshape(len(times), -1).all(axis=1)
         if not np.all(finite):
             raise ValueError(f"{name} is not finite at {times[np.argmin(finite)]:.6g} s")
     attitude = curves["attitude"]
@@ -81,13 +84,19 @@ def sample(plan: Plan, start: np.datetime64 | None, times: np.ndarray) -> Sample
     good = (off <= _ROUNDING) & (np.linalg.det(attitude) > 0)
     if not np.all(good):
         raise ValueError(f"attitude is not a rotation at {times[np.argmin(good)]:.6g} s")
+    craft, values = plan.scenario.spacecraft, Samples(**curves)
+    wheels: tuple[np.ndarray, ...] = ()
+    if craft.wheels:
+        loads = wheel_loads(values.kinematics(craft, total_momentum(plan.trajectory, craft)), craft)
+        wheels = tuple(own.T for own in loads)
     return Sampled(
         name=plan.scenario.name,
-        spacecraft=plan.scenario.spacecraft,
+        spacecraft=craft,
         start=start,
         times=times,
-        values=Samples(**curves),
+        values=values,
         quaternions=quaternion.continuous(attitude),
+        wheels=wheels,
     )
 
 

@@ -138,6 +138,9 @@ def write_basilisk(sampled: Sampled, path: Path) -> None:
 def write_csv(sampled: Sampled, path: Path) -> None:
     """Write a table in UTF-8: ``time_s``, ``quaternion_w``, ..., ``terminal-1 yaw_rad``, ...
 
+    Wheels have ``wheel-1_torque_Nm``, ... and then ``wheel-1_momentum_Nms``, ...: what each gives the
+    platform about its axis, and what it holds.
+
     Args:
         sampled: the manoeuvre; with a start, the last column is ``utc``.
         path: the file. Numbers have all their digits.
@@ -187,6 +190,8 @@ def _arrays(sampled: Sampled) -> list[tuple[str, str, np.ndarray]]:
             (f"{name}_rate", "_rad_s", values.joint_rates[:, column]),
             (f"{name}_acceleration", "_rad_s2", values.joint_accelerations[:, column]),
         ]
+    for load, each in zip(("_torque_Nm", "_momentum_Nms"), sampled.wheels, strict=False):
+        arrays += [(wheel.name, load, each[:, k]) for k, wheel in enumerate(craft.wheels)]
     return arrays
 
 

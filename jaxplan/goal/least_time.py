@@ -23,12 +23,13 @@ from jaxplan.goal.descent import CLEAR
 from jaxplan.goal.minimax import TIMES, Soonest, soonest_ends
 from jaxplan.goal.problem import GoalProblem, Wished
 from jaxplan.goal.ways import Platform, Pointers, legendre
-from jaxplan.model.duration_bound import axis_bounds_of_wheels, rest_bounds
+from jaxplan.model.duration_bound import rest_bounds
 from jaxplan.model.gimbals import angles_along, in_range, stacked
 from jaxplan.model.limits import limits, longest
 from jaxplan.model.path import Goal
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.turn_table import turn_table
+from jaxplan.model.wheel_reach import WheelSpeeds
 from jaxplan.runtime.batching import padded_count
 
 LANES = 64
@@ -186,10 +187,17 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
                 rate = xp.minimum(rate, light @ given[name])
             elif name in given:
                 acceleration = xp.minimum(acceleration, light @ given[name])
-    if craft.wheel_array is not None:
-        by_momentum, by_torque = axis_bounds_of_wheels(craft.wheel_array, craft.inertia)
-        xp, rate, acceleration, by_momentum, by_torque = arrays(rate, acceleration, by_momentum, by_torque)
+    norms, planes = [longest(craft, 1), longest(craft, 2)], [[np.inf] * 3] * 2
+    if craft.wheels:
+        own = WheelSpeeds.of(craft, 0.0, craft.inertia)
+        xp, rate, acceleration, by_momentum, by_torque = arrays(
+            rate, acceleration, own.rate, own.acceleration(0.0)
+        )
         rate, acceleration = xp.minimum(rate, by_momentum), xp.minimum(acceleration, by_torque)
+        every = np.eye(3)
+        norms = [xp.minimum(norms[0], own.top(every)), xp.minimum(norms[1], own.growth(every, 0.0))]
+        across = [every - np.outer(axis, axis) for axis in every]
+        planes = [[own.top(plane) for plane in across], [own.growth(plane, 0.0) for plane in across]]
     boxes = [rate, xp.sqrt(rate * acceleration), acceleration]
     if xp is np and np.ptp(rate / acceleration) <= _ALIKE * np.max(rate / acceleration):
         boxes = boxes[:1]
@@ -200,10 +208,15 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
         axes.append(xp.eye(3)[order].T)
         rates.append(own)
         shares.append(_smooth(share))
-    norms = longest(craft, 1), longest(craft, 2)
     tops, growths = (
-        [*(xp.minimum(length(limit[np.arange(3) != axis]), norm) for axis in range(3)), norm]
-        for limit, norm in zip((rate, acceleration), norms, strict=True)
+        [
+            *(
+                xp.minimum(length(limit[np.arange(3) != axis]), xp.minimum(norm, by_wheels[axis]))
+                for axis in range(3)
+            ),
+            norm,
+        ]
+        for limit, norm, by_wheels in zip((rate, acceleration), norms, planes, strict=True)
     )
     return Platform(
         axes=stacked(axes),

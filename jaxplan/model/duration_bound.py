@@ -18,10 +18,11 @@ In a box they count: from rest, ``w_i' <= a_i + g_i t^2``, with ``a = |J^-1| tor
 of ``|J^-1 (w x J w)|_i`` for the energy, or the momentum, that there can be after a second. Limits of
 momentum are taken for limits of the rates.
 
-Wheels give ``J w' + w x (R^T H)`` and hold ``R^T H - J w``, both within the zonotope of their limits, however
-they share it out (`jaxplan.model.wheels`); ``|H|`` is known from the start. So the rates are within ``J^-1``
-times the zonotope of the momenta and ``|H|`` about it, accelerations within that of the torques and
-``|w| |H|``, and in the energy the torque that turns ``H`` does no work.
+Wheels give ``J w' + w x (R^T H)`` and hold ``R^T H - J w``, both within what the array reaches by its
+allocation (`jaxplan.model.wheel_reach`); ``|H|`` is known from the start. So the rates are within ``J^-1``
+times the reach of the momenta and ``|H|`` about it, accelerations within that of the torques and ``|w| |H|``,
+and in the energy the torque that turns ``H`` does no work. Lengths of both, and of what lies across a body
+axis, are at most those of the corners, which is less than the diagonals of boxes.
 
 Where stages of gimbals have an inertia, ``J`` depends on the joints, and joints that move carry momentum and
 push back. What these are at most has `jaxplan.model.inertia_bounds`: with ``d = J - J_c`` the momentum is
@@ -57,14 +58,13 @@ from jaxplan.model.quadratic import (
     greatest_of,
     inverse_of,
     largest_in_box,
-    largest_of_sum,
     principal,
     sizes_by,
 )
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.turn_table import turn_table
 from jaxplan.model.ways import Way
-from jaxplan.model.wheels import WheelArray
+from jaxplan.model.wheel_reach import WheelSpeeds, reaches
 
 _TELLING = 0.01  # share of the duration below which a bound says nothing, as of a path that ends at its start
 _SAME = 1e-9  # relative difference below which the axes' ratios of acceleration to rate count as equal
@@ -229,24 +229,29 @@ def _ways_of_platform(craft: Spacecraft, turns: AnyArray, ends: _Ends) -> Iterat
             fastest = most_by(norms[0], body, length(momentum) + body.carried)
             by_momentum = by_momentum + length(inverse) * (body.off * fastest + body.carried)
         rate = xp.minimum(rate, by_momentum)
+    across = None
     if craft.wheel_array is not None:
-        array, body = craft.wheel_array, inertia_bounds(craft)
-        inverse, total = inverse_of(body.middle), _total(craft, ends)
-        by_momentum, by_torque = axis_bounds_of_wheels(array, body.middle)
-        xp, rate, acceleration, tilt = arrays(rate, acceleration, length(inverse) * total)
-        if craft.stages is not None:
-            most = xp.sum(array.each_momentum) + total + body.carried
-            by_momentum = by_momentum + length(inverse) * (
-                body.off * most_by(norms[0], body, most) + body.carried
-            )
-        rate = xp.minimum(rate, by_momentum + tilt)
-        fastest = xp.minimum(norms[0], length(rate))
-        if craft.stages is not None:
-            push = body.pushed + body.swept * fastest
-            most = most_by(norms[1], body, xp.sum(array.each_torque) + total * fastest + push)
-            by_torque = by_torque + length(inverse) * (push + body.off * most)
-        acceleration, name = xp.minimum(acceleration, by_torque + tilt * fastest), TORQUE
+        array, body, total = craft.wheel_array, inertia_bounds(craft), _total(craft, ends)
+        own = WheelSpeeds.of(craft, total, body.middle)
         yield _energy_way(craft, body, given, norms, turns, ends)
+        if craft.stages is not None:
+            most = most_by(
+                norms[0],
+                body,
+                array_module(array.each_momentum).sum(array.each_momentum) + total + body.carried,
+            )
+            own = own._replace(carried=body.carried + body.off * most)
+        xp, rate, acceleration, own_rate = arrays(rate, acceleration, own.rate)
+        rate = xp.minimum(rate, own_rate)
+        top = xp.minimum(xp.minimum(norms[0], length(rate)), own.top(np.eye(3)))
+        if craft.stages is not None:
+            push = body.pushed + body.swept * top
+            most = most_by(norms[1], body, xp.sum(array.each_torque) + total * top + push)
+            own = own._replace(pushed=push + body.off * most)
+        acceleration = xp.minimum(acceleration, own.acceleration(top))
+        norms, name = (top, xp.minimum(norms[1], own.growth(np.eye(3), top))), TORQUE
+        planes = np.eye(3) - np.eye(3)[:, :, None] * np.eye(3)[:, None]
+        across = [own.top(plane) for plane in planes], [own.growth(plane, top) for plane in planes]
     if "torque" in given:
         body = inertia_bounds(craft)
         yield _energy_way(craft, body, given, norms, turns, ends)
@@ -271,13 +276,13 @@ def _ways_of_platform(craft: Spacecraft, turns: AnyArray, ends: _Ends) -> Iterat
         acceleration = xp.minimum(acceleration, at_rest + gyroscopic * norms[0] ** 2)
     yield from _box_ways(name, turns, spins, rate, acceleration)
     yield Way(
-        name=RATES,
+        name=RATES if across is None else name,
         distance=length(turns),
         top=norms[0],
         growth=norms[1],
         speeds=None if spins is None else length(spins),
     )
-    yield from _axis_ways(name, turns, spins, rate, acceleration, norms)
+    yield from _axis_ways(name, turns, spins, rate, acceleration, norms, across)
 
 
 def _box_ways(
@@ -321,22 +326,27 @@ def _axis_ways(
     rate: AnyArray,
     acceleration: AnyArray,
     norms: tuple[AnyArray, AnyArray],
+    of_wheels: tuple[list[AnyArray], list[AnyArray]] | None,
 ) -> Iterator[Way]:
     """Yield for each body axis the angle between its directions at start and end, which is a way.
 
     Turns about the axis itself do not change it. The name of the limits, turns (..., 3) rad, spins (2, 3)
     rad/s at both ends or None, rate (3,) rad/s, acceleration (3,) rad/s^2, and `norms`, limits of the lengths
-    of both.
+    of both; `of_wheels` likewise of what lies across each axis, None without.
     """
     turned = _axis_angles(turns)
     xp, rate, acceleration = arrays(rate, acceleration)
     for axis in range(3):
         across = np.arange(3) != axis
+        top = xp.minimum(length(rate[across]), norms[0])
+        growth = xp.minimum(length(acceleration[across]), norms[1])
+        if of_wheels is not None:
+            top, growth = xp.minimum(top, of_wheels[0][axis]), xp.minimum(growth, of_wheels[1][axis])
         yield Way(
             name=name,
             distance=turned[..., axis],
-            top=xp.minimum(length(rate[across]), norms[0]),
-            growth=xp.minimum(length(acceleration[across]), norms[1]),
+            top=top,
+            growth=growth,
             speeds=None if spins is None else length(spins[:, across]),
         )
 
@@ -388,9 +398,10 @@ def _energy_way(
     if array is None:
         growths.append(largest_in_box(given["torque"], inverse) + pushed + swept)
     else:
-        most = _total(craft, ends) / lightest
-        tops.append(largest_of_sum(array.axes, array.each_momentum, inverse) + most + carried)
-        growths.append(largest_of_sum(array.axes, array.each_torque, inverse) + pushed + swept)
+        torque, momentum = reaches(craft)
+        tops.append(momentum.largest(inverse) + _total(craft, ends) / lightest + carried)
+        growths.append(torque.largest(inverse) + pushed + swept)
+    xp = array_module(*tops, *growths)
     if spins is not None and craft.stages is None:
         speeds = sizes_by(spins, least)
     elif spins is not None:
@@ -402,19 +413,6 @@ def _energy_way(
         growth=xp.min(xp.stack(growths)),
         speeds=speeds,
     )
-
-
-def axis_bounds_of_wheels(array: WheelArray, inertia: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Bounds of rates (3,) rad/s and accelerations (3,) rad/s^2 that wheels give which hold nothing else.
-
-    Args:
-        array: the wheels.
-        inertia: (3, 3) kg m^2 of what they turn.
-    """
-    xp, light, momentum, torque = arrays(
-        array.axes @ inverse_of(inertia), array.each_momentum, array.each_torque
-    )
-    return momentum @ xp.abs(light), torque @ xp.abs(light)
 
 
 def _total(craft: Spacecraft, ends: _Ends) -> AnyArray:

@@ -10,23 +10,8 @@ import numpy as np
 
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays
 
-_AT_ONCE = 8  # vectors whose corners are looked at together, half of two to the power of this
 _CORNERS = np.array([(1.0, *signs) for signs in product((1.0, -1.0), repeat=2)])
 """(4, 3) corners of the box of half widths one about zero, without their opposites."""
-
-
-def largest_of_sum(axes: AnyArray, bound: AnyArray, matrix: AnyArray) -> AnyArray:
-    """The largest ``sqrt(x . matrix x)`` over ``x = sum of axes_k u_k`` with ``|u_k| <= bound_k``, or more.
-
-    It is the largest of all corners; of more wheels than `_AT_ONCE` the sum of that of several groups.
-    """
-    xp, vectors = arrays(axes * array_module(axes, bound).asarray(bound)[:, None])
-    sizes = []
-    for first in range(0, len(vectors), _AT_ONCE):
-        own = vectors[first : first + _AT_ONCE]
-        signs = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=len(own) - 1)])
-        sizes.append(xp.max(sizes_by(signs @ own, matrix)))
-    return sum(sizes[1:], sizes[0])
 
 
 def greatest_of(values: list[AnyArray]) -> AnyArray:

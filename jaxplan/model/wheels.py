@@ -13,6 +13,8 @@ with ``h_0 = sum a_k stored_k`` of the axes ``a_k``. How the array shares them o
     "minimax"          the envelope: all that some sharing out reaches at an instant. It is a zonotope
                        ``{sum a_k u_k: |u_k| <= limit_k}``, of the torque and of the momentum, and a row
                        ``|f . x| <= sum |f . a_k| limit_k`` for each pair of axes, ``f`` across both.
+                       What wheels hold against each other does not show there, so at the start they hold
+                       nothing against each other: the largest share of a limit is the least.
 
 So both have ``r`` rows, here numbered alike for torque and momentum. Of pairs of parallel axes, and of pairs
 that have the plane of an earlier pair, the row is zero and its limit one, which every motion keeps: so rows
@@ -114,11 +116,31 @@ def wheel_array(wheels: Sequence[Wheel], allocation: str) -> WheelArray:
 
 
 def row_names(wheels: Sequence[Wheel], allocation: str) -> tuple[str, ...]:
-    """(r,) the wheel that each row is of, by name, or the pair of wheels, such as "wheel-1 x wheel-2"."""
+    """(r,) the wheel that each row is of, by name; of the envelope "array across wheel-1 and wheel-2"."""
     names = [wheel.name for wheel in wheels]
     if allocation != MINIMAX:
         return tuple(names)
-    return tuple(f"{first} x {second}" for first, second in combinations(names, 2))
+    return tuple(f"array across {first} and {second}" for first, second in combinations(names, 2))
+
+
+def least_shares(axes: np.ndarray, limit: np.ndarray, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The least largest share of the wheels' limits by which some sharing out reaches vectors.
+
+    Args:
+        axes: (n, 3) unit vectors that span space.
+        limit: (n,) positive.
+        vectors: (k, 3) in its unit.
+
+    Returns:
+        (k,) shares, beyond 1 outside of the envelope, and (k, 3) unit normals of the faces that are nearest.
+    """
+    normals, sizes = _facets(axes)
+    kept = np.any(normals != 0, axis=1)
+    normals, reach = normals[kept], sizes[kept] @ limit
+    shares = vectors @ normals.T / reach
+    own = np.argmax(np.abs(shares), axis=1)
+    share = np.take_along_axis(shares, own[:, None], axis=1)[:, 0]
+    return np.abs(share), normals[own] * np.where(share < 0, -1, 1)[:, None]
 
 
 def _facets(axes: AnyArray) -> tuple[AnyArray, AnyArray]:

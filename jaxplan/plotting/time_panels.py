@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.limits import QUANTITIES, Quantity, timed_limits
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.wheels import row_names
+from jaxplan.model.wheel_shares import wheel_loads
 from jaxplan.planner import Plan
 from jaxplan.plotting.style import (
     AXIS_STYLES,
@@ -135,13 +135,15 @@ def _joint_panel(craft: Spacecraft, values: Kinematics, power: int, kind: Joints
 def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -> Panel:
     """The panel of a quantity: its components along the body axes and, where that is limited, its norm.
 
-    Of wheels there is a curve for each row of the array.
+    Of wheels there is a curve for each.
     """
     given = quantity.given(craft)
     if quantity.of_wheels:
-        curves = quantity.values(values)
+        by_time = quantity.power == 2
+        curves = wheel_loads(values, craft)[0 if by_time else 1]
+        each = np.array([wheel.torque if by_time else wheel.momentum for wheel in craft.wheels])
         styles = [device_style(number) for number in range(len(curves))]
-        return Panel(quantity, quantity.caption, curves, both_sides(np.asarray(given)), styles)
+        return Panel(quantity, quantity.caption, curves, both_sides(each), styles)
     curves, bounds = quantity.values(values), np.full(3, np.inf if given is None else given)
     length = _limited_length(craft, quantity)
     if length is None:
@@ -303,7 +305,7 @@ def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
         [_platform_panel(craft, values, quantity) for quantity in shown if quantity.of_wheels == wheels]
         for wheels in (False, True)
     )
-    entries = device_entries(row_names(craft.wheels, craft.allocation)) if of_wheels else []
+    entries = device_entries([wheel.name for wheel in craft.wheels]) if of_wheels else []
     groups = [(AXIS_ENTRIES, own), (entries, of_wheels)]
     return _figure(plan, ax, [(names, group) for names, group in groups if group], moves, legend)
 

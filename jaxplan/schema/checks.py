@@ -13,7 +13,8 @@ from jaxplan.model.devices import NEAREST_TO_POLE
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.sameness import same
 from jaxplan.model.scenario import MINIMUM, STRETCHED, Scenario
-from jaxplan.model.wheels import FLAT, PSEUDO_INVERSE
+from jaxplan.model.wheel_shares import shared_out
+from jaxplan.model.wheels import FLAT, MINIMAX, PSEUDO_INVERSE
 from jaxplan.schema.arrays import PerAxis
 from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.kinds import NUMBER, shortest_degrees
@@ -23,6 +24,7 @@ ZONES = {"keep_out": "keep_out", "keep_in": "keep_in", "joint_bound": "joint_bou
 """Keys of a file under which pointing constraints stand, and their attributes."""
 # Keys of rates at start and goal, and their attributes.
 RATES = {"angular_velocity_rad_s": "angular_velocity", "joint_rates_rad_s": "joint_rates"}
+AGAINST = 0.01  # of its limit, by which the envelope's fullest wheel may hold more than has to be
 _DEVICES = {"terminal": "terminals", "drive": "drives", "instrument": "instruments"}
 SQUARE = 1e-3  # by which the cosine of a right angle may differ from zero; the model makes it exact
 APART = np.deg2rad(
@@ -148,6 +150,8 @@ def _check_wheels(craft: Any, place: Place) -> None:
                 "their axes must not lie in one plane, or nearly so, across which they give no torque (least "
                 f"singular value {sizes[-1]:.2g}, must be at least {FLAT:g})"
             )
+        elif craft.allocation == MINIMAX:
+            _check_sharing(wheels, place)
     if craft.inertia is None:
         here.fault(f"needs {place['inertia_kg_m2'].path}")
     for key, limit in (
@@ -196,6 +200,26 @@ def _check_stages(craft: Any, place: Place) -> None:
             "is of the whole spacecraft with joints at zero, so it must be more than what its stages have "
             f"together; without {names} a least moment of {left:.6g} is left",
             np.asarray(craft.inertia).tolist(),
+        )
+
+
+def _check_sharing(wheels: Any, place: Place) -> None:
+    """Note wheels that hold momentum against each other, of which the envelope knows nothing."""
+    numbers = [(wheel.momentum, wheel.stored) for wheel in wheels]
+    if any(value is WRONG for pair in numbers for value in pair):
+        return
+    axes = np.array([wheel.axis for wheel in wheels])
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    limit, stored = np.array(numbers, float).T
+    least = shared_out(axes, limit, stored @ axes)
+    fullest, needed = np.max(np.abs(stored) / limit), np.max(np.abs(least) / limit)
+    if fullest > needed + AGAINST:
+        place["allocation"].fault(
+            f"shares out so that the fullest wheel has the least, {100 * needed:.3g} % of its momentum_nms "
+            f"for what they hold together, and by stored_nms one has {100 * fullest:.3g} %: they hold "
+            f'momentum against each other, which is for "{PSEUDO_INVERSE}" to count; or give them '
+            f"stored_nms {', '.join(f'{own:.6g}' for own in least.round(9) + 0.0)}",
+            MINIMAX,
         )
 
 

@@ -32,6 +32,7 @@ from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.arguments import floats
 from jaxplan.runtime.display import shown
+from jaxplan.runtime.jit import is_traced
 from jaxplan.trajectory.splines import derivative_matrix, legendre
 
 _TIMES = 4096  # the most times sampled at once; with all intermediate results, more would take much memory
@@ -238,7 +239,12 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """Seconds from start to goal."""
+        """Seconds from start to goal; raises TypeError in a trace, where `measures.duration` has it."""
+        if is_traced(self.breaks):
+            raise TypeError(
+                "trajectory.duration is a number, which has no derivative: "
+                "use jp.measures.duration(trajectory) inside jax.grad, jax.jit and jax.vmap"
+            )
         return float(self.breaks[-1])
 
     @property

@@ -22,9 +22,9 @@ from jax.typing import ArrayLike
 
 from jaxplan.geometry.vectors import arrays
 from jaxplan.model.constraints import Constraints, constraint_margins, state_margins
-from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.wheel_shares import wheel_loads
 from jaxplan.runtime.jit import is_traced, quick_jit
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate, total_momentum
 from jaxplan.trajectory.peaks import SAFETY
@@ -330,30 +330,28 @@ def wheel_torques(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np
         t: () or (k,) s.
 
     Returns:
-        (r,) or (k, r) N m, one a wheel; with the allocation "minimax" one for each pair of wheels, along the
-            face of the envelope that is theirs, even where there are three.
+        (n,) or (k, n) N m, one a wheel; with the allocation "minimax" by the sharing out whose largest share
+            of a limit is least.
 
     Raises:
         ValueError: if there are no wheels, or a time lies outside.
     """
-    return np.asarray(np.moveaxis(_of_wheels(trajectory, craft, t).wheel_torques, 0, -1))
+    return np.moveaxis(_of_wheels(trajectory, craft, t)[0], 0, -1)
 
 
 def wheel_momenta(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np.ndarray:
-    """Momenta that wheels hold, (r,) or (k, r) N m s; arguments and errors as of `wheel_torques`.
+    """Momenta that wheels hold, (n,) or (k, n) N m s; arguments and errors as of `wheel_torques`.
 
-    Those at the end are what the wheels store at the start of the next manoeuvre, with the allocation
-    "pseudo_inverse". With "minimax" they are along the faces of the envelope and no wheel's: which wheel
-    holds what depends on the controller.
+    Those at the end are what the wheels store at the start of the next manoeuvre.
     """
-    return np.asarray(np.moveaxis(_of_wheels(trajectory, craft, t).wheel_momenta, 0, -1))
+    return np.moveaxis(_of_wheels(trajectory, craft, t)[1], 0, -1)
 
 
-def _of_wheels(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> Kinematics:
-    """The motion at times, with all that quantities of wheels need."""
+def _of_wheels(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Torques and momenta of the wheels, (n,) or (n, k)."""
     if craft.wheel_array is None:
         raise ValueError("the spacecraft has no wheels; give it spacecraft.wheels")
-    return trajectory.sample(t).kinematics(craft, total_momentum(trajectory, craft))
+    return wheel_loads(trajectory.sample(t).kinematics(craft, total_momentum(trajectory, craft)), craft)
 
 
 @_at_once()

@@ -71,7 +71,8 @@ class Peaks:
         ratios: (Q,) largest magnitude over limit.
         powers: (Q,) the ratio falls by this power of the time scaling.
         in_range: whether every joint stays within its angles, on which time has no influence.
-        rooted: (Q,) time factors of quantities with a lesser part, NaN of the others; None without any.
+        rooted: (Q,) time factors of quantities with a lesser part that is not zero, NaN of the others; None
+            without any.
     """
 
     names: tuple[str, ...]
@@ -165,7 +166,8 @@ def _shares(
         if lesser is not None:
             limit = limits[0][number]
             whole, slow = loads[:, :, parts[number]] / limit.bound, loads[:, :, lesser] / limit.bound
-            rooted[number] = rooted_factors(whole - slow, slow, limit.quantity.power)
+            if np.any(slow):  # else, as of empty wheels, it falls by its power alone
+                rooted[number] = rooted_factors(whole - slow, slow, limit.quantity.power)
     return Peaks(
         names=tuple(name for limit in every for name in limit.names),
         ratios=np.concatenate([own / limit.bound for own, limit in zip(largest, every, strict=True)]),

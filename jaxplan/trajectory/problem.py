@@ -16,7 +16,13 @@ from jaxplan.geometry.vectors import AnyArray, arrays
 from jaxplan.model.constraints import Constraints, axes_in_body, counted, joint_values, pair_margins
 from jaxplan.model.directions import Sights
 from jaxplan.model.duration_bound import duration_bound, rest_bounds
-from jaxplan.model.limits import Limit, components, highest_derivative, lesser_components, timed_limits
+from jaxplan.model.limits import (
+    Limit,
+    components,
+    highest_derivative,
+    lesser_components,
+    timed_limits,
+)
 from jaxplan.model.scenario import MINIMUM, TrajectorySettings
 from jaxplan.model.scores import room
 from jaxplan.model.spacecraft import Spacecraft
@@ -197,9 +203,15 @@ class FitProblem:
 
     @cached_property
     def platform_binds(self) -> bool:
-        """Whether the platform by itself takes about as long as the joints do, or longer."""
+        """Whether the platform by itself takes about as long as the joints do, or longer.
+
+        The bound is farther below what wheels reach, since directions in which many of them pull are few. So
+        of wheels a turn about one axis counts too, if it is clearly slower than the joints.
+        """
         turn = so3.log(self.attitudes[0].T @ self.attitudes[-1])
         alone = rest_bounds(self.spacecraft, turn[None], np.zeros((1, self.joints.shape[1])))[0]
+        if self.spacecraft.wheels and schedule.turn_time(turn, self.spacecraft) >= _BALANCED * self.bound:
+            return True
         return bool(_BALANCED * alone >= self.bound)
 
     @cached_property

@@ -18,7 +18,7 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length
 from jaxplan.model.kinematics import Kinematics
-from jaxplan.model.limits import limits
+from jaxplan.model.limits import limits, timed_limits
 from jaxplan.model.path import Path
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
@@ -124,6 +124,24 @@ def rise_time(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
     needed = rate / acceleration + acceleration / jerk
     ways = xp.sum(xp.abs(xp.concatenate([turned, moved], axis=1)), axis=0)
     return needed[xp.argmax(ways / rate)]
+
+
+def turn_time(turn: np.ndarray, craft: Spacecraft) -> float:
+    """Time of a turn (3,) rad about one axis at full speed and acceleration, from rest to rest, s.
+
+    Wheels count as if they held nothing at the start.
+    """
+    still = np.zeros((1, len(craft.joint_names)))
+    # likewise in a second, now at a steady acceleration from rest
+    begun = Kinematics(
+        spin=[np.zeros((3, 1)), turn[:, None], np.zeros((3, 1))],
+        inertia=craft.inertia,
+        total=np.zeros((3, 1)),
+        array=craft.wheel_array,
+    )
+    shares = [limit.shares(begun) for limit in timed_limits(craft)[0] if limit.quantity.power == 2]
+    length, share = float(edge_times(turn[None], still, craft)[0]), float(np.max(np.concatenate(shares)))
+    return float(TrapezoidalProfile.quickest(length, share / length).duration) if length else 0.0
 
 
 def axis_bounds(craft: Spacecraft, power: int) -> AnyArray:

@@ -31,7 +31,7 @@ from jaxplan.trajectory.fit import (
     fit_each,
 )
 from jaxplan.trajectory.ladder import Attempt, Ladder, first_curve, make_attempts, rungs
-from jaxplan.trajectory.outcome import better, beyond_charts, limits_too_tight, success
+from jaxplan.trajectory.outcome import better, beyond_charts, full_at_goal, limits_too_tight, success
 from jaxplan.trajectory.peaks import SAFETY, peaks
 from jaxplan.trajectory.problem import FitProblem, Timing
 from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile
@@ -93,7 +93,8 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
 def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
     """Make the problem of a query, and for each given node its number there; or the fit if it is known.
 
-    Known is that of a path without motion, or of numbers that are not finite. Raises a ValueError, see `fit`.
+    Known is that of a path without motion, of numbers that are not finite, or of wheels that would be full at
+    the goal however it is reached. Raises a ValueError, see `fit`.
     """
     spacecraft, fractions = query.spacecraft, query.node_fractions
     path, rates = checked(query)
@@ -124,7 +125,7 @@ def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
         horizon=query.horizon,
         near=query.near,
     )
-    return problem, own
+    return full_at_goal(problem) or (problem, own)
 
 
 class Strategy:
@@ -394,6 +395,8 @@ class Strategy:
 
         for look in range(_LOOKS):
             open_ = [n for n in open_ if not (best[n].peaks.kept and best[n].sound)]
+            # full wheels are no less full in more time
+            open_ = [n for n in open_ if not np.isinf(best[n].peaks.stretch)]
             made = self._attempts(open_, partial(begin, look=look))
             open_ = [n for n, own in made.items() if own is not None]
             best.update({n: own for n, own in made.items() if own is not None})

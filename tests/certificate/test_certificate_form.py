@@ -383,7 +383,7 @@ def test_allowances_are_a_billionth_and_no_more(overrun, certified):
     assert report.certified is certified
     assert report.peaks["yaw"] == pytest.approx(1 + overrun, abs=3e-12)
     yaw = np.rad2deg(0.3)
-    reached = f"yaw of t reaches {yaw:.6g} deg, {1 + overrun:.8g} of its limit, at t = 0 s"
+    reached = f"yaw of t reaches {yaw:.6g} deg, {1 + overrun:.12g} of its limit, at t = 0 s"
     assert certified or report.faults == (reached,)
     angle = np.arccos((rotation(TURN) @ [0, 0, 1])[2])
     cones = replace(CONES, half_angle=with_entry(CONES.half_angle, 1, angle - overrun))

@@ -1,6 +1,7 @@
 """The certificate's peaks against dense sampling: derivatives of attitude and joints, torque, momentum."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from manoeuvres import craft, grid, judge, manoeuvre
 from reference import joints_of, spin_of
 from scipy.optimize import minimize_scalar
 
+import jaxplan as jp
 from jaxplan.certificate.bounds import Minima
 from jaxplan.certificate.limits import Limited, faults
 from jaxplan.model.limits import limits
@@ -99,7 +101,7 @@ def test_each_limit_is_held_to_a_millionth(name):
         assert report.certified is verdict
         assert report.peaks[name] == pytest.approx(1 + over, abs=1e-7)
     assert len(report.faults) == 1
-    words = rf"{name.replace('_', ' ')} (about [xyz]|of .*)"
+    words = rf"({name.replace('_', ' ')} about [xyz]|{name.replace('_', ' ').removesuffix('s')} of .*)"
     if name.endswith("_norm"):
         words = f"the length of the {name.removesuffix('_norm').replace('_', ' ')}"
     assert re.match(f"{words} reaches ", report.faults[0])
@@ -117,3 +119,21 @@ def test_a_bound_over_the_limit_is_no_breach_that_was_met():
     ]
     minima.seen[1] = 0.25
     assert "0.75 of it was met" in list(faults([quantity], minima, 1e-6))[1]
+
+
+def test_faults_of_wheels_are_sentences_with_few_digits():
+    shares = np.array([0.28629641, 3.4567e-7, -0.1, -0.1, -0.1, -0.1])
+    for allocation, subject in (("pseudo_inverse", "w1"), ("minimax", "the array across w1 and w2")):
+        array = tuple(
+            jp.Wheel(name=f"w{k}", axis=axis, torque=0.5, momentum=8.0)
+            for k, axis in enumerate([*np.eye(3), np.full(3, 3**-0.5)], 1)
+        )
+        momenta = limits(replace(craft(0, inertia=INERTIA), wheels=array, allocation=allocation))[-1]
+        count = len(momenta.bound)
+        values = np.zeros((count, 1, 1))
+        quantity = Limited(momenta, values, values[0], values[0], np.full(count, 8.0))
+        minima = Minima(bound=-shares[:count], seen=-shares[:count], time=np.arange(float(count)))
+        reached = f"wheel momentum of {subject} reaches 10.2904 N m s, 1.286 of its limit, at t = 0 s"
+        first, second = faults([quantity], minima, 1e-9)
+        assert first == reached
+        assert "1.000000346 of its limit" in second

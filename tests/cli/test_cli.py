@@ -298,8 +298,8 @@ def test_validating_tells_faults_apart_from_a_start_or_goal_that_breaks_somethin
     assert [bool(one["start"]) for one in found] == [False, True, False, False, False, False]
     assert [bool(one["goal"]) for one in found] == [False, False, True, False, False, False]
     assert found[5]["holds"] == {
-        "name": "case 4", "terminals": 3, "drives": 0, "instruments": 0, "keep_out": 3, "keep_in": 1,
-        "joint_bounds": 0, "masks": 0
+        "name": "case 4", "terminals": 3, "drives": 0, "instruments": 0, "wheels": 0, "keep_out": 3,
+        "keep_in": 1, "joint_bounds": 0, "masks": 0
     }  # fmt: skip
 
 

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builders import make_scenario
+from builders import make_plan, make_scenario
 from exports import DURATION, EPOCH, differences, flown_plan, truth
 from reference import assert_each
 from scipy.spatial.transform import Rotation
+from wheels import by_pseudo_inverse, exchanged, random_wheels, with_wheels
 
 import jaxplan as jp
 from jaxplan.exporting import FORMATS
@@ -184,6 +185,30 @@ def test_a_hundred_thousand_samples_are_written_and_read(plan, tmp_path):
     picked = np.linspace(0, 100_000, 50).astype(int)
     attitude = matrices(states[:, :4], scalar_first=False)[picked]
     np.testing.assert_allclose(attitude, truth(plan, step * picked).attitude, atol=1e-9)
+
+
+def test_tables_have_what_each_wheel_gives_and_holds(tmp_path):
+    array = [
+        replace(one, torque=9 * one.torque, momentum=9 * one.momentum) for one in random_wheels(4, seed=1)
+    ]
+    for allocation in ("pseudo_inverse", "minimax"):
+        own = with_wheels(array, allocation).spacecraft
+        made = make_plan(1, craft=own)
+        place = jp.export(made, tmp_path / f"{allocation}.csv", format="csv", step_s=0.5)
+        table = np.genfromtxt(place, delimiter=",", names=True, deletechars="")
+        time = np.minimum(table["time_s"], made.trajectory.duration)
+        axes = np.array([wheel.axis for wheel in own.wheels])
+        for name, vectors, shares in zip(
+            ("torque_Nm", "momentum_Nms"),
+            exchanged(made.trajectory, own, time),
+            by_pseudo_inverse(made.trajectory, own, time),
+            strict=True,
+        ):
+            each = np.stack([table[f"{wheel.name}_{name}"] for wheel in own.wheels], axis=1)
+            np.testing.assert_allclose(each @ axes, vectors, atol=1e-9)
+            if allocation == "pseudo_inverse":
+                limit = [wheel.torque if name == "torque_Nm" else wheel.momentum for wheel in own.wheels]
+                np.testing.assert_allclose(each, shares * limit, atol=1e-9)
 
 
 def test_tables_without_an_epoch_have_no_calendar(plan, tmp_path):

@@ -11,10 +11,19 @@ from builders import make_plan, make_spacecraft
 from manoeuvres import manoeuvre
 from reference import random_units
 from scipy.optimize import linprog
-from wheels import INERTIA, by_envelope, by_pseudo_inverse, exchanged, random_wheels, wheels
+from wheels import (
+    INERTIA,
+    by_envelope,
+    by_pseudo_inverse,
+    exchanged,
+    least_shared,
+    random_wheels,
+    wheels,
+)
 
 from jaxplan.model.limits import limits, timed_limits
 from jaxplan.model.scaling import time_factor
+from jaxplan.model.wheel_shares import shared_out
 from jaxplan.model.wheels import MINIMAX, PSEUDO_INVERSE, wheel_array
 from jaxplan.trajectory import measures, total_momentum
 from jaxplan.trajectory.peaks import peaks
@@ -209,4 +218,18 @@ def test_where_slowing_down_does_not_help_the_stretch_is_infinite():
 
 def test_pairs_are_named_by_their_wheels():
     own = limits(craft_of(random_wheels(3, seed=1), MINIMAX))[-2]
-    assert own.owners == tuple(f"wheel-{a} x wheel-{b}" for a, b in combinations((1, 2, 3), 2))
+    pairs = combinations((1, 2, 3), 2)
+    assert own.owners == tuple(f"array across wheel-{a} and wheel-{b}" for a, b in pairs)
+
+
+@pytest.mark.parametrize("name", AXES)
+def test_the_least_largest_sharing_out_is_that_of_a_linear_program(name):
+    axes, rng = AXES[name], np.random.default_rng(8)
+    limit = rng.uniform(0.5, 2, len(axes))
+    vectors = np.vstack([2 * rng.normal(size=(20, 3)), np.eye(3), axes, axes[:2].sum(axis=0)[None]])
+    found = shared_out(axes, limit, vectors.T)
+    np.testing.assert_allclose(found.T @ axes, vectors, atol=1e-12)
+    for own, vector in zip(found.T, vectors, strict=True):
+        least = least_shared(axes, limit, vector)[0]
+        assert np.max(np.abs(own) / limit) == pytest.approx(least, abs=1e-9)
+    assert shared_out(axes, limit, np.zeros(3)).tolist() == [0.0] * len(axes)

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog
 from wheels import (
     by_envelope,
     by_pseudo_inverse,
     exchanged,
     instants,
+    least_shared,
     numbers,
     random_wheels,
     wheels,
@@ -60,7 +60,7 @@ def test_every_wheel_keeps_its_limits_and_what_is_proved_is_near_what_is_met(pla
 def test_what_is_just_tighter_is_broken_and_refused(plans):
     for plan in plans:
         craft = plan.scenario.spacecraft
-        for name, most, limit in zip(NAMES, shares(plan, 4001), ("torque", "momentum"), strict=True):
+        for most, limit in zip(shares(plan, 4001), ("torque", "momentum"), strict=True):
             tight = replace(
                 craft,
                 wheels=tuple(
@@ -71,7 +71,7 @@ def test_what_is_just_tighter_is_broken_and_refused(plans):
             assert max(shares(own, 4001)) > 1
             refused = jp.certify(own)
             assert not refused.certified
-            assert any(name.replace("_", " ") in fault for fault in refused.faults), refused.faults
+            assert any(fault.startswith(f"wheel {limit} of ") for fault in refused.faults), refused.faults
 
 
 def test_a_linear_program_finds_wheel_torques_and_momenta_within_limits(plans):
@@ -82,17 +82,7 @@ def test_a_linear_program_finds_wheel_torques_and_momenta_within_limits(plans):
         axes, torque, momentum, _ = numbers(craft)
         for vectors, bound in zip(exchanged(plan.trajectory, craft, time), (torque, momentum), strict=True):
             for vector in vectors:
-                least = linprog(  # the least share of all limits that some sharing out needs
-                    np.append(np.zeros(len(axes)), 1.0),
-                    A_ub=np.block(
-                        [[np.eye(len(axes)), -bound[:, None]], [-np.eye(len(axes)), -bound[:, None]]]
-                    ),
-                    b_ub=np.zeros(2 * len(axes)),
-                    A_eq=np.column_stack([axes.T, np.zeros(3)]),
-                    b_eq=vector,
-                    bounds=[*((None, None) for _ in axes), (0, None)],
-                )
-                assert least.fun <= 1 + 1e-9
+                assert least_shared(axes, bound, vector)[0] <= 1 + 1e-9
 
 
 def test_the_duration_is_above_its_bound_and_shortest_motions_use_the_wheels_more(plans):
@@ -123,19 +113,31 @@ def test_a_turn_that_fills_a_wheel_however_slow_is_refused_with_the_reason():
         assert plan.status is jp.Status.LIMITS_TOO_TIGHT
         for word in ("slowing down does not help", "stored_nms", "momentum"):
             assert word in plan.message, plan.message
+        assert plan.trajectory is None  # there is none to show
+        at_speed = with_wheels(held, duration=duration)
+        begun = replace(at_speed.start, angular_velocity=np.array([0.0, 0.002, 0.0]))
+        plan = jp.plan(replace(at_speed, start=begun), throw=False, progress=False)
+        assert plan.status is jp.Status.LIMITS_TOO_TIGHT
+        assert plan.trajectory is None or plan.trajectory.duration < 1e4
 
 
 def test_what_wheels_hold_at_the_end_is_what_they_store_for_the_way_back(plans):
     """There and back the total momentum is the same, so that the way back ends as the way there began."""
-    plan = plans[0]
+    plan = plans[len(DURATIONS)]
     scenario, craft = plan.scenario, plan.scenario.spacecraft
+    time = instants(plan.trajectory, 500)
+    axes, *limits, _ = numbers(craft)
+    found = (measure(plan.trajectory, craft, time) for measure in MEASURES)
     if craft.allocation != "pseudo_inverse":
         with pytest.raises(ValueError, match="has no wheels"):
             jp.measures.wheel_torques(plan.trajectory, replace(craft, wheels=()), 0.0)
+        vectors = exchanged(plan.trajectory, craft, time)
+        for own, vector, limit in zip(found, vectors, limits, strict=True):
+            np.testing.assert_allclose(own @ axes, vector, atol=1e-9)
+            for shared, whole in zip(own[::20], vector[::20], strict=True):
+                least = least_shared(axes, limit, whole)[0]
+                assert np.max(np.abs(shared) / limit) == pytest.approx(least, abs=1e-8)
         return
-    time = instants(plan.trajectory, 500)
-    limits = numbers(craft)[1:3]
-    found = (measure(plan.trajectory, craft, time) for measure in MEASURES)
     for own, shares_, limit in zip(
         found, by_pseudo_inverse(plan.trajectory, craft, time), limits, strict=True
     ):

@@ -47,7 +47,16 @@ def test_wheels_are_read_and_written_back(tmp_path):
     assert make_scenario(1).spacecraft.wheels == ()
 
 
+# 7 N m s against each other: what they hold together is 1 N m s along the first axis
+AGAINST = [one | {"stored_nms": held} for one, held in zip(FOUR, (1.0, -4.2, -5.6, 7.0), strict=True)]
+
 REFUSED = {
+    "held against each other": (
+        tables(AGAINST, allocation="minimax"),
+        'spacecraft.allocation = "minimax": shares out so that the fullest wheel has the least, 12.5 % of '
+        "its momentum_nms for what they hold together, and by stored_nms one has 87.5 %: they hold momentum "
+        'against each other, which is for "pseudo_inverse" to count; or give them stored_nms 1, 0, 0, 0',
+    ),
     "two": (tables(FOUR[:2]), "spacecraft.wheel: 2 of them, must be three or more"),
     "in a plane": (
         tables([FOUR[1], FOUR[2], FOUR[3]]),

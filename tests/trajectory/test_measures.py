@@ -51,6 +51,14 @@ def test_the_stretch_is_differentiable_where_two_axes_rest(changes, stretch, pow
     assert np.sum(slope * coefficients) == pytest.approx(stretch / power, rel=1e-9)
 
 
+def test_a_derivative_of_the_number_duration_is_refused_with_what_to_use():
+    curve = turn_about_z()
+    for transform in (jax.grad, jax.jit):
+        with pytest.raises(TypeError, match=r"jp\.measures\.duration"):
+            transform(lambda factor: replace(curve, breaks=factor * curve.breaks).duration)(2.0)
+    assert jax.grad(lambda f: measures.duration(replace(curve, breaks=f * curve.breaks)))(2.0) > 0
+
+
 def test_what_is_not_a_number_is_not_lost():
     broken = turn_about_z().coefficients * np.array([1.0, np.nan, 1.0])
     stretch, _, peaks = kernel()(broken, CRAFT)

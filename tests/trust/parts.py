@@ -13,6 +13,7 @@ import numpy as np
 import jaxplan as jp
 from trust import (
     any_spacecraft,
+    arrays,
     bad_input,
     dips,
     flights,
@@ -164,6 +165,7 @@ PARTS = {
     "golden": Part(count=len(golden.NAMES), run=_golden),
     "batch": Part(count=1000, run=_batch),
     "study": Part(count=500, run=_study),
+    "arrays": one("wheels within limits at every sample", arrays.attempt, 100),
     "any_spacecraft": one("random spacecraft: certified, or say why", any_spacecraft.attempt, 1000),
     "mixed": Part(count=10_000, run=lambda seeds: long_run.run(seeds)),
 }
