@@ -55,7 +55,7 @@ class Moments(Kind):
         if len(rows) != 3:
             size = f", not of {len(rows)}" if isinstance(value, list | tuple) else ""
             return place.refuse(f"must be an array of {self.wanted}{size}", value)
-        nested = any(isinstance(row, list | tuple) or np.ndim(row) for row in rows)
+        nested = sum(isinstance(row, list | tuple) or np.ndim(row) > 0 for row in rows) > 1
         return Array((3, 3) if nested else (3,), self.of, noun=self._noun(nested), rule=_moments).read(
             value, place
         )

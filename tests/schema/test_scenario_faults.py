@@ -39,6 +39,7 @@ INTEGERS = {
     "search.seed",
 }
 INTEGERS |= {"trajectory.segments", "trajectory.order", "trajectory.first_guesses"}
+NO_STAGES = {f"spacecraft.terminal[0].{stage}_inertia_kg_m2": ABSENT for stage in ("yaw", "pitch")}
 
 
 @pytest.mark.parametrize("line", WRONG_VALUES)
@@ -212,7 +213,7 @@ def test_a_missing_key_is_named_with_what_it_must_be(line):
             "a wish comes after targets: what it is alone is a target",
         ),
         (
-            {"spacecraft.inertia_kg_m2": ABSENT, "spacecraft.torque_limit_nm": ABSENT},
+            {"spacecraft.inertia_kg_m2": ABSENT, "spacecraft.torque_limit_nm": ABSENT, **NO_STAGES},
             "spacecraft.wheel_momentum_limit_nms = 4.0: needs spacecraft.inertia_kg_m2",
         ),
         (
@@ -242,11 +243,11 @@ def test_keys_that_contradict_each_other_are_named(changes, line):
     ],
 )
 def test_an_inertia_must_be_that_of_a_body(inertia, complaint):
-    assert faults_of(changed({"spacecraft.inertia_kg_m2": inertia})) == (
+    assert faults_of(changed({"spacecraft.inertia_kg_m2": inertia, **NO_STAGES})) == (
         f"spacecraft.inertia_kg_m2 = {inertia}: {complaint}",
     )
     flat_plate = [[1e-9, 0, 0], [0, 1e-9, 0], [0, 0, 2e-9]]
-    assert sc.scenario_from_dict(changed({"spacecraft.inertia_kg_m2": flat_plate}))
+    assert sc.scenario_from_dict(changed({"spacecraft.inertia_kg_m2": flat_plate, **NO_STAGES}))
 
 
 def test_the_papers_method_stretches_the_time_from_rest_to_rest_alone():
