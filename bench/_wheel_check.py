@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from _wheel_flight import Craft, Flown, Start, fly
-from _wheel_scenes import Tube, held_back, scene
+from _wheel_scenes import scene
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
@@ -108,10 +108,10 @@ def without_errors(scenario: jp.Scenario) -> tuple[Craft, Start]:
     return craft, start
 
 
-def fly_all(seeds: Sequence[int], tube: Tube | None) -> list[Outcome]:
+def fly_all(seeds: Sequence[int], tube: jp.Robust | None) -> list[Outcome]:
     """Plan the scenes of some seeds, with a tube or without, and fly each plan with errors of its own."""
     scenes = [scene(seed) for seed in seeds]
-    planned = scenes if tube is None else [held_back(one, tube) for one in scenes]
+    planned = [replace(one, robust=tube) for one in scenes]
     outcomes = []
     with tempfile.TemporaryDirectory() as folder:
         for seed, one, plan in zip(seeds, scenes, jp.plan_batch(planned, progress=False), strict=True):

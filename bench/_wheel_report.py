@@ -8,9 +8,10 @@ from multiprocessing import get_context
 
 import numpy as np
 from _wheel_check import STEP, Deviation, Outcome, deviation, fly_all
-from _wheel_scenes import Tube
 from scipy.stats import binomtest
 from tqdm import tqdm
+
+import jaxplan as jp
 
 CHUNK = 25  # scenes that are planned together
 COMPARED = 5  # flights without errors
@@ -23,7 +24,7 @@ HEAD = (
 )
 
 
-def report(count: int, workers: int, tube: Tube, each: bool) -> None:
+def report(count: int, workers: int, tube: jp.Robust, each: bool) -> None:
     """Plan and fly, and print all.
 
     Args:
@@ -49,8 +50,8 @@ def report(count: int, workers: int, tube: Tube, each: bool) -> None:
                 for done in pair:
                     bar.update(len(done.result()))
     print(
-        f"tube: {np.rad2deg(tube.attitude):g} deg, {100 * tube.torque:g} % of the torque and "
-        f"{100 * tube.momentum:g} % of the momentum of wheels kept back\n{HEAD}"
+        f"tube: {np.rad2deg(tube.attitude_error):g} deg, {tube.torque_reserve:g} % of the torque and "
+        f"{tube.momentum_reserve:g} % of the momentum of wheels kept back\n{HEAD}"
     )
     for name, parts in flights.items():
         outcomes = [one for part in parts for one in part.result()]
@@ -59,7 +60,7 @@ def report(count: int, workers: int, tube: Tube, each: bool) -> None:
             print("\n".join(f"  {one}" for one in outcomes))
 
 
-def row(name: str, outcomes: Sequence[Outcome], tube: Tube) -> str:
+def row(name: str, outcomes: Sequence[Outcome], tube: jp.Robust) -> str:
     """A row of the table; what is NaN counts as broken, saturated and out of the tube."""
     flown = [one for one in outcomes if one.status == "OK"]
     if not flown:
@@ -68,7 +69,7 @@ def row(name: str, outcomes: Sequence[Outcome], tube: Tube) -> str:
         np.array([getattr(one, field) for one in flown])
         for field in ("duration", "margin", "error", "torque", "momentum")
     )
-    stayed, kept = error <= np.rad2deg(tube.attitude), margin >= 0
+    stayed, kept = error <= np.rad2deg(tube.attitude_error), margin >= 0
     left = int(np.sum(~stayed))
     bounds = binomtest(left, len(flown)).proportion_ci(0.95, method="exact")
     between = f"{100 * bounds.low:.1f} to {100 * bounds.high:.1f} %"

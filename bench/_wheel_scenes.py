@@ -5,8 +5,6 @@ joints are left out. The wheels stand in a pyramid and store momentum at the sta
 are the shortest along one path, in which nearly always some wheel is at its limit of torque or of momentum.
 """
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -27,22 +25,7 @@ AXES = np.array(
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Tube:
-    """What a plan holds back for the flight.
-
-    Attributes:
-        attitude: rad, the angle between plan and flight that zones are kept for.
-        torque: share of the wheels' torque.
-        momentum: share of their momentum.
-    """
-
-    attitude: float
-    torque: float
-    momentum: float
-
-
-TUBE = Tube(attitude=np.deg2rad(0.4), torque=0.15, momentum=0.1)
+TUBE = jp.Robust(attitude_error=np.deg2rad(0.4), torque_reserve=15.0, momentum_reserve=10.0)
 """What follows from the controller and the errors of `_wheel_check`.
 
 A loop of 0.1 rad/s that is critically damped halves what it would be off by in the long run where its torque
@@ -102,16 +85,6 @@ def scene(seed: int) -> jp.Scenario:
         ),
         trajectory=jp.TrajectorySettings(duration="minimum", first_guesses=0),
     )
-
-
-def held_back(scenario: jp.Scenario, tube: Tube) -> jp.Scenario:
-    """The scenario with the tube taken off its zones and its wheels' limits."""
-    wheels = tuple(
-        replace(wheel, torque=(1 - tube.torque) * wheel.torque, momentum=(1 - tube.momentum) * wheel.momentum)
-        for wheel in scenario.spacecraft.wheels
-    )
-    zones = tuple(replace(zone, half_angle=zone.half_angle + tube.attitude) for zone in scenario.keep_out)
-    return replace(scenario, spacecraft=replace(scenario.spacecraft, wheels=wheels), keep_out=zones)
 
 
 def _drawn(random: np.random.Generator) -> np.ndarray:

@@ -260,5 +260,5 @@ if __name__ == "__main__":
     if "planners" in options.parts:
         planners(options.scenes, options.each)
     if "wheels" in options.parts:
-        tube = replace(TUBE, momentum=options.momentum_reserve / 100)
+        tube = replace(TUBE, momentum_reserve=options.momentum_reserve)
         _wheel_report.report(options.scenes, options.workers, tube, options.each)

@@ -1,4 +1,4 @@
-"""What errors of attitude and joints, and a reserve of torque, take off margins and limits.
+"""What errors of attitude and joints, and reserves of torque and momentum, take off margins and limits.
 
 The certificate's own writing. A turn of the platform by at most ``e`` moves each direction of the body by at
 most ``e``. Turns of a terminal's yaw and pitch by ``q`` move what it carries by the turn that both make
@@ -16,8 +16,9 @@ from jaxplan.model.robust import Robust
 from jaxplan.model.spacecraft import Spacecraft
 
 _BODY = -1  # number of what carries a sight that no joint turns
+_MOST = (np.pi / 2, np.pi / 2, 100.0, 100.0)  # above the errors, rad, and the reserves, percent
 _ANGLES = ("yaw", "pitch", "drive")
-_TORQUES = ("torque", "wheel_torques")
+_TORQUES, _MOMENTA = ("torque", "wheel_torques"), ("wheel_momentum", "wheel_momenta")
 
 
 def losses(robust: Robust, craft: Spacecraft, cones: Constraints) -> np.ndarray:
@@ -49,14 +50,17 @@ def left(robust: Robust | None, name: str, bound: np.ndarray) -> np.ndarray:
         return bound
     if name in _ANGLES:
         return bound - float(robust.joint_error)
-    return bound * (100 - float(robust.torque_reserve)) / 100 if name in _TORQUES else bound
+    if name in _TORQUES:
+        return bound * (100 - float(robust.torque_reserve)) / 100
+    return bound * (100 - float(robust.momentum_reserve)) / 100 if name in _MOMENTA else bound
 
 
 def numbers(robust: Robust | None) -> tuple[float, ...]:
-    """The errors and the reserve; none without."""
+    """The errors, rad, and the reserves, percent; none without."""
     if robust is None:
         return ()
-    return float(robust.attitude_error), float(robust.joint_error), float(robust.torque_reserve)
+    errors = float(robust.attitude_error), float(robust.joint_error)
+    return *errors, float(robust.torque_reserve), float(robust.momentum_reserve)
 
 
 def faults(robust: Robust | None, craft: Spacecraft, cones: Constraints, names: list[str]) -> Iterator[str]:
@@ -71,8 +75,9 @@ def faults(robust: Robust | None, craft: Spacecraft, cones: Constraints, names: 
     if robust is None:
         return
     own = numbers(robust)
-    if not all(0 <= number < most for number, most in zip(own, (np.pi / 2, np.pi / 2, 100), strict=True)):
-        yield f"robust has errors of {own[0]:g} and {own[1]:g} rad and a reserve of {own[2]:g} percent"
+    if not all(0 <= number < most for number, most in zip(own, _MOST, strict=True)):
+        told = f"errors of {own[0]:g} and {own[1]:g} rad, reserves of {own[2]:g} and {own[3]:g} percent"
+        yield f"robust has {told}"
         return
     for name, (low, high) in zip(craft.joint_names, craft.joint_ranges, strict=True):
         if not high - low > 2 * own[1]:

@@ -1,4 +1,4 @@
-"""The tube about a plan: errors of attitude and joints for which all holds, and torque that is kept back.
+"""The tube about a plan: errors of attitude and joints for which all holds, and what is kept back of limits.
 
 What flies is what a controller makes of a plan. A `Robust` says how far the platform may be turned off the
 plan, about any axis, and how far each joint; every zone, mask and range holds for all attitudes and joint
@@ -15,8 +15,8 @@ of a terminal are about axes at right angles, so together they are one by ``2 ar
 sqrt(2) e for small ones, which is what moves its boresight where the pitch is about zero. Of a drive the
 swing is ``e``, and what is fixed to the body has none.
 
-Half angles, ranges and limits of torque are made of this in one place, `Scenario.constraints` and
-`Scenario.usable`, so that what plans knows nothing of it. Functions compute with numpy or JAX, as their
+Half angles, ranges and limits of torque and momentum are made of this in one place, `Scenario.constraints`
+and `Scenario.usable`, so that what plans knows nothing of it. Functions compute with numpy or JAX, as their
 arguments do. Angles in rad.
 """
 
@@ -34,7 +34,7 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import shown
 
 
-@shown("attitude_error deg", "joint_error deg", "torque_reserve")
+@shown("attitude_error deg", "joint_error deg", "torque_reserve", "momentum_reserve")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Robust:
@@ -44,6 +44,8 @@ class Robust:
         attitude_error: rad, by which the platform may be turned off the plan, about any axis.
         joint_error: rad, by which each joint may be off the plan.
         torque_reserve: percent of every limit of torque that is kept back for the controller.
+        momentum_reserve: percent of every limit of wheel momentum that is kept back, since a body whose
+            inertia is another than is thought needs another momentum to turn as planned.
     """
 
     attitude_error: float = keyed(
@@ -55,6 +57,12 @@ class Robust:
     joint_error: float = keyed(0.0, "joint_error_deg", "by which each joint may be off the plan", "[0, 90)")
     torque_reserve: float = keyed(
         0.0, "torque_reserve_percent", "of all limits of torque, kept back for the controller", "[0, 100)"
+    )
+    momentum_reserve: float = keyed(
+        0.0,
+        "momentum_reserve_percent",
+        "of all limits of wheel momentum, kept back for errors of the inertia",
+        "[0, 100)",
     )
 
     @property
@@ -68,8 +76,10 @@ class Robust:
     def told(self) -> str:
         """Text of the errors and the reserve for people."""
         attitude, joints = np.rad2deg([self.attitude_error, self.joint_error])
-        reserve = f", with {self.torque_reserve:.6g} % of torque kept back" if self.torque_reserve else ""
-        return f"{attitude:.6g} deg of attitude and {joints:.6g} deg of joints{reserve}"
+        reserves = {"torque": self.torque_reserve, "wheel momentum": self.momentum_reserve}
+        kept = " and ".join(f"{share:.6g} % of {name}" for name, share in reserves.items() if share)
+        told = f"{attitude:.6g} deg of attitude and {joints:.6g} deg of joints"
+        return f"{told}, with {kept} kept back" if kept else told
 
     @property
     def terminal_swing(self) -> AnyArray:
@@ -102,16 +112,19 @@ class Robust:
 
 
 def usable(craft: Spacecraft, robust: Robust) -> Spacecraft:
-    """The spacecraft with the part of its ranges and limits of torque that a plan may use.
+    """The spacecraft with the part of its ranges, torque and wheel momentum that a plan may use.
 
     Its tree has the same structure.
     """
-    kept = 1 - robust.torque_reserve / 100
-    wheels = tuple(replace(wheel, torque=wheel.torque * kept) for wheel in craft.wheels)
-    torque = craft.torque_limit
+    kept, held = 1 - robust.torque_reserve / 100, 1 - robust.momentum_reserve / 100
+    wheels = tuple(
+        replace(wheel, torque=wheel.torque * kept, momentum=wheel.momentum * held) for wheel in craft.wheels
+    )
+    torque, momentum = craft.torque_limit, craft.wheel_momentum_limit
     return replace(
         craft,
         torque_limit=None if torque is None else torque * kept,
+        wheel_momentum_limit=None if momentum is None else momentum * held,
         wheels=wheels,
         terminals=tuple(_within(terminal, robust.joint_error) for terminal in craft.terminals),
         drives=tuple(replace(one, range=_narrowed(one.range, robust.joint_error)) for one in craft.drives),

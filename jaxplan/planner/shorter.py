@@ -73,7 +73,7 @@ def _may_be_sooner(plan: Plan, goal: Goal) -> bool:
     scenario, trajectory = plan.scenario, plan.trajectory
     start, end = scenario.start, end_rates(scenario, goal)
     bound = duration_bound(
-        scenario.spacecraft,
+        scenario.usable,
         np.stack([start.attitude, goal.attitude]),
         np.stack([start.joints, goal.joints]),
         np.stack([start.angular_velocity, end[0]]),

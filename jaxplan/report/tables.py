@@ -209,6 +209,7 @@ def tube_table(scenario: Scenario) -> Markup:
         ("Attitude, about any axis", f"{degrees(robust.attitude_error, 3)} deg"),
         ("Each joint", f"{degrees(robust.joint_error, 3)} deg"),
         ("Torque kept back", f"{robust.torque_reserve:g} % of each limit"),
+        ("Wheel momentum kept back", f"{robust.momentum_reserve:g} % of each limit"),
         ("Margins and peaks below", "of what these leave"),
     ]
     return facts(rows, "Errors that the plan bears")

@@ -17,7 +17,7 @@ from jaxplan.schema import ScenarioError
 from jaxplan.schema.reading import take_in
 
 ERROR = np.deg2rad(2.0)
-ROBUST = Robust(attitude_error=np.deg2rad(1.5), joint_error=ERROR, torque_reserve=25.0)
+ROBUST = Robust(attitude_error=np.deg2rad(1.5), joint_error=ERROR, torque_reserve=25.0, momentum_reserve=10.0)
 SIGNS = np.array([[yaw, pitch] for yaw in (-1, 1) for pitch in (-1, 1)]) * ERROR
 
 
@@ -117,9 +117,11 @@ def test_masks_grow_by_the_errors_and_by_no_more_at_a_sharp_corner():
 
 def test_ranges_and_torque_are_what_is_left():
     craft = replace(make_observer(), inertia=np.eye(3) * 50, torque_limit=np.array([0.4, 0.3, 0.2]))
+    craft = replace(craft, wheel_momentum_limit=np.array([4.0, 5.0, 6.0]))
     left = usable(craft, ROBUST)
     np.testing.assert_allclose(left.joint_ranges - craft.joint_ranges, [[ERROR, -ERROR]] * 3, atol=1e-15)
     np.testing.assert_allclose(left.torque_limit, [0.3, 0.225, 0.15])
+    np.testing.assert_allclose(left.wheel_momentum_limit, [3.6, 4.5, 5.4])
     steep = replace(make_spacecraft(1).terminals[0], pitch_limit=np.deg2rad(89.99), yaw_limit=np.pi)
     left = usable(replace(make_spacecraft(1), terminals=(steep,)), ROBUST)
     ends = np.array([np.pi, np.deg2rad(89.9)]) - ERROR
@@ -141,6 +143,7 @@ FAULTS = {
     ),
     "an error": ({}, {"attitude_error": -0.1}, "robust.attitude_error = -0.1 rad: must lie in"),
     "a reserve": ({}, {"torque_reserve": 100.0}, r"robust.torque_reserve = 100.*: must lie in \[0, 100\)"),
+    "momentum": ({}, {"momentum_reserve": -1.0}, r"robust.momentum_reserve = -1.*: must lie in \[0, 100\)"),
 }
 
 

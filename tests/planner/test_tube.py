@@ -107,15 +107,22 @@ def test_the_certificate_takes_off_what_the_tube_takes_by_its_own_reckoning(plai
         assert word in "; ".join(found.faults) or word == "certified"
 
 
-def test_torque_is_kept_back_of_boxes_and_wheels():
+@pytest.mark.parametrize("what", ["torque", "momentum"])
+def test_torque_and_momentum_are_kept_back_of_boxes_and_wheels(what):
     array = random_wheels(4, seed=1)
+    if what == "momentum":
+        array = tuple(replace(wheel, momentum=0.15 * wheel.momentum, stored=0.0) for wheel in array)
     scenes = [with_wheels(array, allocation) for allocation in ("pseudo_inverse", "minimax")]
-    box = replace(scenes[0].spacecraft, wheels=(), torque_limit=0.05)
-    scenes.append(replace(scenes[0], spacecraft=box))
-    reserve = jp.Robust(torque_reserve=20.0)
+    box = {"torque": {"torque_limit": 0.05}, "momentum": {"wheel_momentum_limit": 0.5}}[what]
+    scenes.append(replace(scenes[0], spacecraft=replace(scenes[0].spacecraft, wheels=(), **box)))
+    reserve = jp.Robust(**{f"{what}_reserve": 20.0})
+    of_wheels, of_box = {
+        "torque": ("wheel_torques", "torque"),
+        "momentum": ("wheel_momenta", "wheel_momentum"),
+    }[what]
     for scene in scenes:
         bare, kept = jp.plan_batch([scene, replace(scene, robust=reserve)], progress=False)
-        name = "wheel_torques" if scene.spacecraft.wheels else "torque"
+        name = of_wheels if scene.spacecraft.wheels else of_box
         assert kept.ok
         for plan, most in ((bare, 1.0), (kept, 0.8)):
             found = jp.certify(replace(plan, scenario=scene)).peaks[name]
@@ -123,6 +130,7 @@ def test_torque_is_kept_back_of_boxes_and_wheels():
         # the peak of a plan is of what is left, so the one without a reserve is beyond it
         told = jp.certify(replace(bare, scenario=replace(scene, robust=reserve)))
         assert told.peaks[name] == pytest.approx(bare.certificate.peaks[name] / 0.8, rel=2e-6)
+        assert bare.certificate.peaks[name] > 0.8
         assert kept.certificate.peaks[name] <= 1 + 1e-9
         assert kept.trajectory.duration >= bare.trajectory.duration
 
