@@ -105,7 +105,8 @@ class Plan:
         It is that of the limits which `duration_bound_name` names: rates, accelerations, torque and momentum
         of the platform, or rates and accelerations of a joint. It knows no zone, and does not speak of
         another goal that meets the same targets (`goal_chosen`); with the criterion "least_time" the first
-        goal of step 1 is the one with the least bound, as far as its descents go.
+        goal of step 1 is the one with the least bound, as far as its descents go, and this is the bound of
+        all goals unless zones made another one quicker to reach.
         """
         return None if self._bound is None else self._bound.seconds
 
