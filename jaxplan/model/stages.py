@@ -28,10 +28,12 @@ import jax
 import numpy as np
 
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, cross
+from jaxplan.runtime.display import shown
 
 _MOMENTS = (3,)  # shape of an inertia that is given by the moments about the device's axes
 
 
+@shown()
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stages:

@@ -57,6 +57,9 @@ def shares(plan, count):
     }
 
 
+WORDS = {"wheel_torques": "wheel torque", "wheel_momenta": "wheel momentum"}  # of one of the wheels
+
+
 @pytest.fixture(scope="module")
 def plans():
     scenarios = [wheeled(terminals, duration) for terminals in (1, 3) for duration in DURATIONS]
@@ -90,7 +93,8 @@ def test_what_is_just_tighter_is_broken_and_refused(plans):
                 tight = replace(craft, **{f"{name}_limit": getattr(craft, f"{name}_limit") * factor})
             refused = jp.certify(replace(plan, scenario=replace(plan.scenario, spacecraft=tight)))
             assert not refused.certified
-            assert any(name.replace("_", " ") in fault for fault in refused.faults), refused.faults
+            words = WORDS.get(name, name.replace("_", " "))
+            assert any(words in fault for fault in refused.faults), refused.faults
 
 
 def test_no_plan_is_quicker_than_its_bound_and_shortest_motions_use_what_there_is(plans):

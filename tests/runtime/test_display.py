@@ -211,6 +211,7 @@ def results(plan, failed, scenario):
     corner = JointBound(name="corner", device="terminal-1", normal=np.array([0.6, 0.8]), least=-1.0)
     return [
         *(scenario, plan.scenario, scenario.start, scenario.goal, scenario.search, scenario.trajectory),
+        jp.Robust(attitude_error=0.01, torque_reserve=10.0),
         *(scenario.spacecraft, *craft.terminals, *scenario.spacecraft.instruments, *scenario.keep_out),
         *(
             *scenario.keep_in,
@@ -356,6 +357,7 @@ def test_the_results_looked_at_are_of_every_kind(results):
         "BindingLinear",
         "BindingLoads",
         "Sights",
+        "Stages",
         "State",
         "Stop",
         "BindingMargins",
