@@ -24,6 +24,7 @@ class Kinematics(NamedTuple):
         total: (3, ...) N m s, the total momentum of platform and wheels in body axes, ``R^T H``.
         array: of the wheels; None without.
         stages: of gimbals that have an inertia; None without.
+        carried: what these carry, as of `Stages.carried`, where it is known; else it is found when needed.
     """
 
     spin: Sequence[AnyArray] = ()
@@ -33,6 +34,19 @@ class Kinematics(NamedTuple):
     total: AnyArray | None = None
     array: WheelArray | None = None
     stages: Stages | None = None
+    carried: Sequence[AnyArray] | None = None
+
+    @property
+    def known(self) -> "Kinematics":
+        """The same, knowing what its stages carry, which several quantities are computed from."""
+        return self if self.stages is None else self._replace(carried=self._carried)
+
+    @property
+    def _carried(self) -> Sequence[AnyArray]:
+        """What stages carry; nothing without any."""
+        if self.carried is not None:
+            return self.carried
+        return () if self.stages is None else self.stages.carried(self.spin, self.joints)
 
     def angles(self, which: int) -> AnyArray:
         """Angles (c, ...) rad of the terminals' yaws (`which` = 0) or pitches (1), or of the drives (2)."""
@@ -44,13 +58,13 @@ class Kinematics(NamedTuple):
     def momentum(self) -> AnyArray:
         """``L``, (3, ...) N m s: that of all but the wheels, ``J omega``, to which stages add."""
         own = _product(self.inertia, self.spin[0])
-        return own if self.stages is None else own + self.stages.momentum(self.spin, self.joints)
+        return own if self.stages is None else own + self._carried[0]
 
     @property
     def momentum_change(self) -> AnyArray:
         """``L'``, (3, ...) N m: the derivative of `momentum` in body axes."""
         own = _product(self.inertia, self.spin[1])
-        return own if self.stages is None else own + self.stages.change(self.spin, self.joints)
+        return own if self.stages is None else own + self._carried[1]
 
     @property
     def torque(self) -> AnyArray:

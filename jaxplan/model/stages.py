@@ -22,9 +22,10 @@ Vectors are components first, (3, ...); the axis of s stages stands behind the c
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, cross
@@ -64,26 +65,76 @@ class Stages:
         xp, frames, inertias = arrays(self.frames, self.inertias)
         return xp.einsum("sij,sjk,slk->il", frames, inertias, frames)
 
-    def momentum(self, spin: Sequence[AnyArray], joints: Sequence[AnyArray]) -> AnyArray:
-        """``sum C_k m_k`` (3, ...) N m s in body axes.
+    def carried(self, spin: Sequence[AnyArray], joints: Sequence[AnyArray]) -> tuple[AnyArray, ...]:
+        """``sum C_k m_k`` (3, ...) N m s in body axes and, with accelerations, its derivative (3, ...) N m.
 
         Args:
-            spin: at least the angular velocity (3, ...) rad/s, body axes.
-            joints: at least angles and rates (2n + d, ...), rad and rad/s.
+            spin: angular velocity (3, ...) rad/s, body axes, and perhaps its derivative.
+            joints: angles and rates (2n + d, ...), rad and rad/s, and perhaps accelerations.
         """
-        at = _At.of(self, joints)
-        return at.outward(_product(self.inertias, _sum(at.inward(spin[0]), at.rate)))
+        of_each = self._of_each(spin, [self._split(own) for own in joints])
+        return tuple(_summed(own) for own in of_each)
 
-    def change(self, spin: Sequence[AnyArray], joints: Sequence[AnyArray]) -> AnyArray:
-        """The derivative (3, ...) N m of `momentum` in body axes; with accelerations in both arguments."""
+    def slopes(self, spin: Sequence[AnyArray], joints: Sequence[AnyArray]) -> "StageSlopes":
+        """`carried` and its derivatives, with JAX; arguments as of `carried`, with accelerations."""
+        velocity, acceleration = spin[:2]
+        own = jnp.stack([jnp.stack(self._split(each)) for each in joints])  # (3, 2, s, ...)
+
+        def stacked(velocity: AnyArray, own: AnyArray) -> AnyArray:
+            of_each = self._of_each([velocity, acceleration], own)
+            return jnp.stack([jnp.stack(vector) for vector in of_each])  # (2, 3, s, ...)
+
+        def along(way: AnyArray) -> AnyArray:
+            turned = jnp.broadcast_to(way[:3].reshape(3, *[1] * (velocity.ndim - 1)), velocity.shape)
+            moved = jnp.broadcast_to(way[3:].reshape(3, 2, *[1] * (own.ndim - 2)), own.shape)
+            return jax.jvp(stacked, (velocity, own), (turned, moved))[1]
+
+        # What a stage carries depends on its own two joints alone, so one way serves all stages.
+        slopes = jax.vmap(along)(jnp.eye(9, dtype=own.dtype))
+        by_own = slopes[3:].reshape(3, 2, *slopes.shape[1:])
+        which = np.array([self.yaws, self.pitches])[:, :, None] == np.arange(self.joints)  # (2, s, J)
+        return StageSlopes(
+            carried=jnp.sum(stacked(velocity, own), axis=2),
+            by_spin=jnp.moveaxis(jnp.sum(slopes[:3], axis=3), 0, 2),
+            by_joints=jnp.einsum("odtcs...,dsj->tcoj...", by_own, which.astype(own.dtype)),
+        )
+
+    def _of_each(
+        self, spin: Sequence[AnyArray], joints: Sequence[tuple[AnyArray, AnyArray]]
+    ) -> list[tuple[AnyArray, ...]]:
+        """`carried` by each stage, components (3, s, ...); of joints' values (s, ...) of yaws and pitches."""
         at = _At.of(self, joints)
         velocity = at.inward(spin[0])
-        of_body = (
-            own - swept for own, swept in zip(at.inward(spin[1]), cross(at.rate, velocity), strict=True)
-        )
         momentum = _product(self.inertias, _sum(velocity, at.rate))
-        own = _product(self.inertias, _sum(tuple(of_body), at.acceleration(joints)))
-        return at.outward(_sum(own, cross(at.rate, momentum)))
+        found = [at.outward(momentum)]
+        if len(spin) > 1 and len(joints) > 2:
+            of_body = (
+                own - swept for own, swept in zip(at.inward(spin[1]), cross(at.rate, velocity), strict=True)
+            )
+            own = _product(self.inertias, _sum(tuple(of_body), at.acceleration(joints[2])))
+            found.append(at.outward(_sum(own, cross(at.rate, momentum))))
+        return found
+
+    def _split(self, joints: AnyArray) -> tuple[AnyArray, AnyArray]:
+        """Values (s, ...) of yaws and of pitches from those (2n + d, ...) of joints; zero of no pitch."""
+        xp, values = arrays(joints)
+        padded = xp.concatenate([values, xp.zeros_like(values[:1])])  # the last, by -1, for no pitch
+        return padded[np.array(self.yaws)], padded[np.array(self.pitches)]
+
+
+class StageSlopes(NamedTuple):
+    """What stages carry, with its derivatives.
+
+    Attributes:
+        carried: (2, 3, ...) N m s and N m, see `Stages.carried`.
+        by_spin: (2, 3, 3, ...) of these in the angular velocity, whose axis is the third. The first is the
+            derivative of the second in the angular acceleration, too.
+        by_joints: (2, 3, 3, 2n + d, ...) of these in angles, rates and accelerations of the joints.
+    """
+
+    carried: AnyArray
+    by_spin: AnyArray
+    by_joints: AnyArray
 
 
 def stages_of(devices: Sequence[Any], terminals: int, joints: int) -> Stages | None:
@@ -142,9 +193,9 @@ class _At:
     rate: tuple[AnyArray, AnyArray, AnyArray]
 
     @classmethod
-    def of(cls, stages: Stages, joints: Sequence[AnyArray]) -> "_At":
-        """Stages where the joints, with their rates, are."""
-        (yaw, pitch), (yaw_rate, pitch_rate) = (_split(stages, own) for own in joints[:2])
+    def of(cls, stages: Stages, joints: Sequence[tuple[AnyArray, AnyArray]]) -> "_At":
+        """Stages where yaws and pitches (s, ...), with their rates, are."""
+        (yaw, pitch), (yaw_rate, pitch_rate) = joints[0], joints[1]
         xp = array_module(yaw)
         lifted = xp.cos(pitch), xp.sin(pitch)
         return cls(
@@ -155,10 +206,13 @@ class _At:
             rate=_about(lifted, yaw_rate, pitch_rate),
         )
 
-    def acceleration(self, joints: Sequence[AnyArray]) -> tuple[AnyArray, AnyArray, AnyArray]:
-        """The derivatives (3, s, ...) of the components of ``g`` in stages' axes, rad/s^2."""
+    def acceleration(self, own: tuple[AnyArray, AnyArray]) -> tuple[AnyArray, AnyArray, AnyArray]:
+        """The derivatives (3, s, ...) of the components of ``g`` in stages' axes, rad/s^2.
+
+        `own` are the accelerations (s, ...) of yaws and pitches.
+        """
         (yaw_rate, pitch_rate), (cosine, sine) = self.rates, self.pitch
-        x, y, z = _about(self.pitch, *_split(self.stages, joints[2]))
+        x, y, z = _about(self.pitch, *own)
         both = yaw_rate * pitch_rate
         return x + both * cosine, y, z - both * sine
 
@@ -171,15 +225,13 @@ class _At:
         x, y = cosine * x + sine * y, cosine * y - sine * x
         return level * x + lift * z, y, level * z - lift * x
 
-    def outward(self, vector: tuple[AnyArray, ...]) -> AnyArray:
-        """The sums (3, ...) in body axes of vectors (3, s, ...) in stages' axes."""
+    def outward(self, vector: tuple[AnyArray, ...]) -> tuple[AnyArray, ...]:
+        """Vectors (3, s, ...) in stages' axes as components (3, s, ...) in body axes."""
         x, y, z = vector
         (cosine, sine), (level, lift) = self.yaw, self.pitch
         x, z = level * x - lift * z, level * z + lift * x
         x, y = cosine * x - sine * y, cosine * y + sine * x
-        of_each = _product(self.stages.frames, (x, y, z))
-        xp = array_module(*of_each)
-        return xp.stack([xp.sum(own, axis=0) for own in of_each])
+        return _product(self.stages.frames, (x, y, z))
 
 
 def _about(
@@ -193,11 +245,10 @@ def _about(
     return yaw * sine, -pitch, yaw * cosine
 
 
-def _split(stages: Stages, joints: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Values (s, ...) of yaws and of pitches from those (2n + d, ...) of joints; zero of no pitch."""
-    xp, values = arrays(joints)
-    padded = xp.concatenate([values, xp.zeros_like(values[:1])])  # the last, by -1, for no pitch
-    return padded[np.array(stages.yaws)], padded[np.array(stages.pitches)]
+def _summed(of_each: tuple[AnyArray, ...]) -> AnyArray:
+    """The sums (3, ...) of the components (3, s, ...) of vectors."""
+    xp = array_module(*of_each)
+    return xp.stack([xp.sum(own, axis=0) for own in of_each])
 
 
 def _sum(first: Sequence[AnyArray], second: Sequence[AnyArray]) -> tuple[AnyArray, ...]:

@@ -27,7 +27,7 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.stages import Stages
 from jaxplan.model.wheels import WheelArray
 from jaxplan.runtime.ahead import Task
-from jaxplan.runtime.jit import quick_jit
+from jaxplan.runtime.jit import materialise, quick_jit
 from jaxplan.trajectory.curve import chart_motion
 
 _TOGETHER = 256  # places that a kernel takes in one call, always as many; 8 on each of 32 intervals
@@ -138,6 +138,14 @@ def loads_at(turn: Array, place: Array, z: Array, body: Body, names: tuple[str, 
         body: what turns.
         names: of the limited quantities, (Q,).
     """
+    motion = _platform(turn, place, z, body, names)
+    if body.stages is not None:
+        motion = motion._replace(stages=body.stages, joints=list(z[:3, 3:])).known
+    return values(names, motion)
+
+
+def _platform(turn: Array, place: Array, z: Array, body: Body, names: tuple[str, ...]) -> Kinematics:
+    """The motion of the platform at one place, without stages; arguments as of `loads_at`."""
 
     def moving(*point: Array) -> tuple[Array, ...]:
         return chart_motion(turn, *point)[1:]
@@ -149,13 +157,11 @@ def loads_at(turn: Array, place: Array, z: Array, body: Body, names: tuple[str, 
         spin = (*spin, jerk)
     else:
         spin = moving(*point)
-    motion = Kinematics(spin=spin, inertia=body.inertia, stages=body.stages)
-    if body.stages is not None:
-        motion = motion._replace(joints=list(z[:3, 3:]))
+    motion = Kinematics(spin=spin, inertia=body.inertia)
     if body.array is not None:
         turned = chart_motion(turn, place[None], b, first, second)[0]
         motion = motion._replace(total=body.total @ turned, array=body.array)
-    return values(names, motion)
+    return motion
 
 
 @partial(quick_jit, static_argnames="names")
@@ -189,8 +195,45 @@ def motion_at(
 @partial(quick_jit, static_argnames="names")
 def load_slopes_at(turn: Array, places: Array, curves: Array, body: Body, *, names: tuple[str, ...]) -> Array:
     """Derivatives (S, C + E, 4, B) of the loads in curves and derivatives; arguments as of `motion_at`."""
+    each = jnp.moveaxis(curves, 0, 1)  # (S, 4, B)
+    if body.stages is not None:
+        return _slopes_with_stages(turn, places, each, body, body.stages, names)
 
     def at(place: Array, z: Array) -> Array:
         return jax.jacfwd(loads_at, argnums=2)(turn, place, z, body, names)
 
-    return jax.vmap(at)(places, jnp.moveaxis(curves, 0, 1))
+    return jax.vmap(at)(places, each)
+
+
+def _slopes_with_stages(
+    turn: Array, places: Array, each: Array, body: Body, stages: Stages, names: tuple[str, ...]
+) -> Array:
+    """`load_slopes_at` with stages: their few own derivatives, and the chain rule.
+
+    Few, as each stage is turned by two joints alone, and what stages carry is linear in the spin.
+    """
+    orders = 1 + max(highest_derivative(names), 2)  # no load depends on the others
+    spin = jax.vmap(lambda place, z: jnp.stack(_platform(turn, place, z, body, names).spin))(places, each)
+    along = jnp.moveaxis(each[:, :3, 3:], 0, -1)
+    found = stages.slopes(list(jnp.moveaxis(spin[:, :2], 0, -1)), list(along))
+    carried, by_spin, by_joints = materialise(1 + places[0], tuple(jnp.moveaxis(own, -1, 0) for own in found))
+
+    def loads(motion: Kinematics, carried: Array) -> Array:
+        return values(names, motion._replace(stages=stages, carried=tuple(carried)))
+
+    def at(place: Array, z: Array, here: Array, carried: Array, by_spin: Array, by_joints: Array) -> Array:
+        def by_platform(own: Array) -> Array:
+            motion = _platform(turn, place, own, body, names)
+            velocity, acceleration = motion.spin[0] - here[0], motion.spin[1] - here[1]
+            change = jnp.stack([by_spin[0] @ velocity, by_spin[1] @ velocity + by_spin[0] @ acceleration])
+            return loads(motion, carried + change)
+
+        own = z[:, :3]
+        of_b = jax.jacfwd(lambda low: by_platform(jnp.concatenate([low, own[orders:]])))(own[:orders])
+        motion = _platform(turn, place, own, body, names)
+        in_carried = jax.jacfwd(lambda given: loads(motion, given))(carried)  # (C + E, 2, 3)
+        of_joints = jnp.einsum("itc,tcoj->ioj", in_carried, by_joints)
+        none = jnp.zeros((len(of_b), 4, z.shape[1]), z.dtype)
+        return none.at[:, :orders, :3].set(of_b).at[:, :3, 3:].set(of_joints)
+
+    return jax.vmap(at)(places, each, spin, carried, by_spin, by_joints)

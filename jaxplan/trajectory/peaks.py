@@ -268,7 +268,7 @@ def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
             if of_joints is not None:
                 joints = _curves(of_joints[part], length[part], points, 3)
                 values_of = np.moveaxis(joints, (1, 3), (0, 1)).reshape(3, joints.shape[3], -1)
-                motion = motion._replace(joints=list(values_of))
+                motion = motion._replace(joints=list(values_of)).known
             if totals is not None:
                 total, rows, apart = (
                     np.repeat(np.moveaxis(each[part], 0, -1), points, axis=-1) for each in totals

@@ -16,8 +16,10 @@ from wheels import INERTIA, instants, numbers, random_wheels
 
 import jaxplan as jp
 from jaxplan.model.kinematics import Kinematics
+from jaxplan.model.limits import timed_limits
 from jaxplan.trajectory import measures
 from jaxplan.trajectory.curve import on_common_pieces
+from jaxplan.trajectory.kernels import Body, load_slopes_at, motion_at
 from jaxplan.trajectory.peaks import peaks
 
 STATES = 200
@@ -285,3 +287,25 @@ def test_peaks_and_what_is_proved_are_those_of_dense_samples(seed):
     if np.isfinite(stretch):
         assert np.max(peaks(trajectory.scaled(stretch), craft).ratios) == pytest.approx(1, abs=1e-9)
         assert measures.stretch(trajectory, craft) == pytest.approx(stretch, rel=1e-8)
+
+
+@pytest.mark.parametrize(("terminals", "drives", "jerky"), [(2, 1, False), (1, 0, True), (0, 2, False)])
+def test_slopes_of_loads_in_curves_are_differences(terminals, drives, jerky):
+    craft, rng, step = oblique(terminals, drives), np.random.default_rng(terminals), 1e-5
+    limits = {"wheels": random_wheels(4, seed=3), "jerk_limit": np.ones(3) if jerky else None}
+    craft = replace(craft, torque_limit=None, wheel_momentum_limit=None, **limits)
+    names, axes = tuple(limit.quantity.name for limit in timed_limits(craft)[0]), 3 + craft.joint_count
+    body = Body.of(craft, rng.normal(size=axes - 3), rng.normal(size=axes))
+    turn, places, curves = rng.normal(size=3), rng.uniform(size=6), rng.normal(size=(4, 6, axes))
+
+    def loads(curves):
+        return np.asarray(motion_at(np.eye(3), turn, places, curves, body, names=names)[2])
+
+    with jax.enable_x64(True):
+        found = np.asarray(load_slopes_at(turn, places, curves, body, names=names))
+        allowed = 1e-6 * np.abs(found).max()
+        for d, axis in np.ndindex(4, axes):
+            change = np.zeros_like(curves)
+            change[d, :, axis] = step
+            expected = (loads(curves + change) - loads(curves - change)) / (2 * step)
+            np.testing.assert_allclose(found[:, :, d, axis], expected, rtol=1e-6, atol=allowed)
