@@ -34,6 +34,7 @@ _TINY = 1e-12  # least size of d
 
 # Weights of the squares of binding rows, over the size of the Hessian; tried in turn until it is positive.
 _SQUARES = tuple(10.0**power for power in range(-2, 7))
+_DEPENDENT = 1e-9  # of the largest singular value of rows; what they fix by less is not taken as fixed
 _FLATTEST = 1e-6  # of the largest eigenvalue of a Hessian that is not positive: the least that others become
 
 
@@ -250,7 +251,8 @@ def least_change(
 
     Args:
         hessian: (n, n) ``H``. One that is not positive definite is made so: by adding squares of rows that
-            are assumed to bind, which changes nothing where these do, or else from its eigenvalues' sizes.
+            are assumed to bind, or of the directions that these fix, which changes nothing where they do, or
+            else from its eigenvalues' sizes.
         gradient: (n,) ``g``.
         slopes: (r, n) ``G``.
         excess: (r,) ``e``.
@@ -290,6 +292,16 @@ def _convex_factor(
     for weight in unit * np.array([0.0, *_SQUARES]):
         with suppress(np.linalg.LinAlgError):
             return np.linalg.cholesky(hessian + weight * squares), gradient + weight * slopes.T @ excess
+    # Where many rows nearly follow from others their squares hardly weigh along some directions. What weighs
+    # alike along all that they fix changes as little.
+    left, sizes, right = np.linalg.svd(slopes, full_matrices=False)
+    kept = sizes > _DEPENDENT * np.max(sizes, initial=0.0)
+    fixed = right[kept].T
+    pull = fixed @ (left[:, kept].T @ excess / sizes[kept])
+    unit = np.trace(hessian) / len(hessian)
+    for weight in unit * np.array(_SQUARES):
+        with suppress(np.linalg.LinAlgError):
+            return np.linalg.cholesky(hessian + weight * fixed @ fixed.T), gradient + weight * pull
     sizes, vectors = np.linalg.eigh(hessian)
     sizes = np.abs(sizes).clip(_FLATTEST * np.max(np.abs(sizes)))
     return np.linalg.cholesky((vectors * sizes) @ vectors.T), gradient

@@ -135,3 +135,15 @@ def test_rows_that_bind_make_up_for_a_form_without_a_minimum():
     found, pushes = least_change(hessian, gradient, slopes, excess, np.ones(1, bool))
     np.testing.assert_allclose(found, [3.0, 2.0], atol=1e-9)
     np.testing.assert_allclose(pushes, [2.5], atol=1e-9)
+
+
+def test_a_hessian_that_only_nearly_dependent_rows_make_convex_is_kept():
+    rng = np.random.default_rng(4)
+    hessian = np.diag([1.0, -1.0, 2.0, 3.0])
+    hessian[1, 2:] = hessian[2:, 1] = 0.5, 0.4
+    slopes = np.array([[1.0, 0, 0, 0], [1.0, 1e-5, 0, 0]])  # both bind, so neither of their axes is free
+    change, pushes = rng.normal(size=4), np.array([1.0, 2.0])
+    gradient = -hessian @ change - slopes.T @ pushes
+    found, told = least_change(hessian, gradient, slopes, -slopes @ change, np.ones(2, bool))
+    np.testing.assert_allclose(found, change, atol=1e-6)
+    assert np.all(told > 0)
