@@ -232,7 +232,7 @@ def _add_plan_commands(commands: Any) -> None:
             default=[],
             type=_frequency,
             metavar="HZ",
-            help="draw the spectrum of the torque with a line there; may be repeated",
+            help="draw the spectrum of the plan's torque with a line there; may be repeated",
         )
     report.add_argument("-o", "--out", metavar="FILE", help="where to; by default beside the plan, as .html")
     report.add_argument("--force", action="store_true", help="replace a file that is there")

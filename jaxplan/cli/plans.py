@@ -186,6 +186,11 @@ def _plot_spacecraft(options: argparse.Namespace) -> int:
     """Draw the spacecraft of a scenario as it is at the start."""
     from jaxplan import plotting
 
+    if options.frequency:
+        raise ValueError(
+            f"--frequency {options.frequency[0]:g}: is for a plan, and {options.plan} is a scenario; make "
+            f"out/plan.json of it with: jaxplan plan {shlex.quote(options.plan)} -o out"
+        )
     scene = load_scene(options.plan)
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
     save(plotting.spacecraft_figure(scene.spacecraft, scene.start.joints), folder / "spacecraft.png")

@@ -167,6 +167,17 @@ def test_the_spacecraft_of_a_scenario_is_drawn_before_it_is_planned(capsys, case
         assert file.read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_frequency_is_refused_where_there_is_no_plan(capsys, case_file, tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(case_file.read_text())
+    for given in (scene, "case-2"):
+        code, out, err = run(capsys, "plot", given, "--frequency", "0.5", "-o", tmp_path / "out")
+        assert (code, out) == (2, "")
+        assert f"--frequency 0.5: is for a plan, and {given} is a scenario" in err
+        assert f"jaxplan plan {given} -o out" in err
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_is_given_for_something_else_is_told_what_it_is(capsys, tmp_path):
     plan, timings, study = tmp_path / "plan.json", tmp_path / "plan.timings.json", tmp_path / "study.toml"
     plan.write_text('{"schema_version": 1, "scenario": {}}')
