@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from numpy.typing import ArrayLike
 
 from jaxplan.model.wheels import row_names
 from jaxplan.planner import Plan
@@ -27,8 +28,8 @@ from jaxplan.plotting.style import (
     tidy,
 )
 from jaxplan.plotting.time_panels import AXIS_ENTRIES, size
-from jaxplan.runtime.arguments import floats
 from jaxplan.trajectory import measures
+from jaxplan.trajectory.spectrum import expect_frequencies
 
 _POINTS = 800  # frequencies of a curve
 _LOWEST, _HIGHEST = 0.1, 100.0  # of a curve, over one over the duration
@@ -36,14 +37,6 @@ _BEYOND = 3.0  # ratio to the highest frequency that is asked for
 _DECADES = 9  # below the highest amplitude, that are drawn at most
 _ASKED: Look = {"color": GREY, "linewidth": 1.0}
 _DASHES: Sequence[tuple[float, ...]] = ((4, 2), (1, 1.5), (6, 2, 1, 2), (2, 2))
-
-
-def expect_frequencies(given: object) -> np.ndarray:
-    """The frequencies (f,) Hz; raises a ValueError for what are no positive numbers."""
-    found = np.atleast_1d(floats("frequencies", given, "numbers of Hz"))
-    if found.ndim > 1 or not np.all(np.isfinite(found) & (found > 0)):
-        raise ValueError(f"frequencies = {np.asarray(given).tolist()}: must be positive numbers of Hz")
-    return found
 
 
 def amplitudes(plan: Plan, frequencies: np.ndarray) -> dict[str, np.ndarray]:
@@ -69,7 +62,7 @@ def unit_of(name: str) -> str:
 
 
 def spectrum(
-    plan: Plan, frequencies: Sequence[float] = (), ax: Canvas = None, *, legend: bool = True
+    plan: Plan, frequencies: ArrayLike = (), ax: Canvas = None, *, legend: bool = True
 ) -> list[Axes]:
     """Draw the spectrum of the platform's torque, and of what each wheel gives, with lines at frequencies.
 
@@ -79,8 +72,8 @@ def spectrum(
 
     Args:
         plan: with a trajectory that takes time.
-        frequencies: Hz, at which there is a line each; the legend has the length of the vector, or the most
-            that a wheel has, there.
+        frequencies: () or (f,) Hz, at which there is a line each; the legend has the length of the vector, or
+            the most that a wheel has, there.
         ax: an axes for the platform and, with wheels, one for them; a figure to put them in, or None for a
             new one.
         legend: whether to name curves and lines beside the panels.
@@ -93,7 +86,8 @@ def spectrum(
         ValueError: if the plan has no trajectory, or one that takes no time, a frequency is not positive, or
             another number of axes is given.
     """
-    asked, last = expect_frequencies(frequencies), motion(plan).times[-1]
+    asked: np.ndarray = expect_frequencies(frequencies, zero=False)  # the axis is logarithmic
+    last = motion(plan).times[-1]
     if not last > 0:
         raise ValueError(f"the plan of {plan.scenario.name!r} takes no time, so it has no spectrum")
     highest = max(_HIGHEST / last, _BEYOND * np.max(asked, initial=0.0))
@@ -128,6 +122,9 @@ def _draw_asked(axes: Axes, frequencies: np.ndarray, values: np.ndarray, name: s
     for number, (frequency, own) in enumerate(zip(frequencies, values, strict=True)):
         look = {**_ASKED, "linestyle": (0, _DASHES[number % len(_DASHES)])}
         axes.axvline(frequency, **look, zorder=1.5)
-        size = np.max(own) if name == "wheel torques" else np.linalg.norm(own)
-        entries.append((Line2D([], [], **look), f"{frequency:g} Hz: {size:.3g} {unit_of(name)}"))
+        of_wheels = name == "wheel torques"
+        size, whose = (
+            (np.max(own), "largest wheel") if of_wheels else (np.linalg.norm(own), "vector's length")
+        )
+        entries.append((Line2D([], [], **look), f"{frequency:g} Hz: {size:.3g} {unit_of(name)} ({whose})"))
     return entries

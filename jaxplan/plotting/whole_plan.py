@@ -34,6 +34,7 @@ from jaxplan.plotting.time_panels import (
     size,
     torque,
 )
+from jaxplan.trajectory.spectrum import expect_frequencies
 
 OVERVIEW_SIZE = (11.0, 9.0)  # inches
 FIGURE_NAMES = (
@@ -105,8 +106,10 @@ def figures(plan: Plan, frequencies: Sequence[float] = ()) -> Iterator[tuple[str
 
     Raises:
         TypeError: if it is no plan.
+        ValueError: if a frequency is not positive.
     """
     expect_plan(plan)
+    asked = expect_frequencies(frequencies, zero=False)
     moves, craft = plan.trajectory is not None, plan.scenario.spacecraft
     loads = len(limited_loads(craft))
     kinds = len(joint_kinds(craft))
@@ -121,9 +124,9 @@ def figures(plan: Plan, frequencies: Sequence[float] = ()) -> Iterator[tuple[str
         "margins": (margins, margin_panels.SIZE, moves and bool(plan.scenario.zones)),
         "joint_map": (joint_map, size(2), moves and any(one.mask for one in craft.terminals)),
         "spectrum": (
-            partial(spectrum, frequencies=frequencies),
+            partial(spectrum, frequencies=asked),
             size(1 + bool(craft.wheels)),
-            moves and len(frequencies) > 0,
+            moves and len(asked) > 0,
         ),
     }
     for name in FIGURE_NAMES:

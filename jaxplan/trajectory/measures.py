@@ -10,7 +10,7 @@ not, gives numbers of their precision.
 """
 
 from collections.abc import Callable
-from functools import partial, wraps
+from functools import cache, partial, wraps
 from inspect import signature
 from typing import Any, ParamSpec
 
@@ -26,9 +26,10 @@ from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheel_shares import wheel_loads
 from jaxplan.runtime.jit import is_traced, quick_jit
+from jaxplan.runtime.linear import linear_map
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate, total_momentum
 from jaxplan.trajectory.peaks import SAFETY
-from jaxplan.trajectory.spectrum import magnitude, transform
+from jaxplan.trajectory.spectrum import expect_frequencies, magnitude, transform
 
 Quantity = Callable[[Samples], Array]
 Given = ParamSpec("Given")
@@ -39,6 +40,7 @@ _LOOKS = 4  # rounds of samples: the first over the whole trajectory, the next a
 
 
 _MEASURES: dict[str, Callable[..., Array]] = {}  # the undecorated functions by name
+_OF_ARRAYS: set[str] = set()  # names of those that are no single number
 
 Chosen = tuple[tuple[str, Any], ...]  # names and values of arguments that are no numbers
 
@@ -53,6 +55,47 @@ def _measured_with_slopes(name: str, chosen: Chosen, given: dict[str, Any]) -> t
     return jax.value_and_grad(partial(_measured, name, chosen), allow_int=True)(given)
 
 
+def _is_real(leaf: Any) -> bool:
+    """Whether a number can be differentiated: floating-point ones."""
+    return bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating))
+
+
+def _by_numbers(name: str, chosen: Chosen, given: dict[str, Any]) -> tuple[Callable[..., Array], list[Any]]:
+    """`_measured` as a function of those numbers that can be differentiated, and these, leaves in order."""
+
+    def measured(numbers: list[Any]) -> Array:
+        left = iter(numbers)
+        own = jax.tree.map(lambda leaf: next(left) if _is_real(leaf) else leaf, given)
+        return _measured(name, chosen, own)
+
+    return measured, list(filter(_is_real, jax.tree.leaves(given)))
+
+
+@partial(quick_jit, optimised=False, static_argnums=(0, 1))
+def _pushed(name: str, chosen: Chosen, given: dict[str, Any], way: list[Any]) -> Array:
+    """The derivative of a measure along tangents `way` of its numbers, see `_by_numbers`."""
+    measured, numbers = _by_numbers(name, chosen, given)
+    return jax.jvp(measured, (numbers,), (way,))[1]
+
+
+@partial(quick_jit, optimised=False, static_argnums=(0, 1))
+def _pulled(name: str, chosen: Chosen, given: dict[str, Any], cotangents: Array) -> list[Any]:
+    """The product of cotangents with a measure's derivatives by its numbers, see `_by_numbers`."""
+    measured, numbers = _by_numbers(name, chosen, given)
+    (slopes,) = jax.vjp(measured, numbers)[1](cotangents)
+    return list(slopes)
+
+
+@cache
+def _slopes(name: str, chosen: Chosen) -> Callable[..., list[Array]]:
+    """The derivative of a measure that is an array, as a linear map of tangents of its numbers."""
+    return linear_map(
+        f"slopes of {name}",
+        lambda given, way: [_pushed(name, chosen, given, list(way))],
+        lambda given, cotangents: _pulled(name, chosen, given, *cotangents),
+    )
+
+
 _value = quick_jit(_measured, optimised=False, static_argnums=(0, 1))
 _value_with_slopes = quick_jit(_measured_with_slopes, optimised=False, static_argnums=(0, 1))
 _followed = jax.custom_jvp(_measured, nondiff_argnums=(0, 1))
@@ -63,22 +106,31 @@ def _follow(name: str, chosen: Chosen, own: tuple[Any], ways: tuple[Any]) -> tup
     """The rule of `_followed` for tangents `ways`: outside traces by the kernel for value and gradient."""
     if is_traced(own):
         return jax.jvp(partial(_measured, name, chosen), own, ways)
+    if name in _OF_ARRAYS:  # a gradient of each entry would be much for one number that is made of them
+        found, leaves = _value(name, chosen, *own), map(jax.tree.leaves, (own, ways))
+        way = [way for leaf, way in zip(*leaves, strict=True) if _is_real(leaf)]
+        return found, _slopes(name, chosen)(*own, way, [found])[0]
     found, slopes = _value_with_slopes(name, chosen, *own)
     return found, _along(slopes, *ways)
 
 
-def _at_once(*choices: str) -> Callable[[Callable[Given, Array]], Callable[Given, Array]]:
+def _at_once(
+    *choices: str, of_arrays: bool = False
+) -> Callable[[Callable[Given, Array]], Callable[Given, Array]]:
     """Make a decorator that runs a measure, and its gradient, as one jitted kernel each outside traces.
 
     Otherwise `jax.grad` would compile a kernel for each of the hundreds of operations that they take.
 
     Args:
         choices: names of the arguments that are no numbers.
+        of_arrays: whether the measure is an array and no single number.
     """
 
     def decorate(measure: Callable[Given, Array]) -> Callable[Given, Array]:
         name, parameters = measure.__name__, signature(measure)
         _MEASURES[name] = measure
+        if of_arrays:
+            _OF_ARRAYS.add(name)
 
         @wraps(measure)
         def at_once(*args: Given.args, **kwargs: Given.kwargs) -> Array:
@@ -280,7 +332,6 @@ SPECTRA = ("torque", "wheel_torques", "angular_acceleration")
 """Names of quantities whose spectrum `torque_spectrum` tells."""
 
 
-@_at_once("of")
 def torque_spectrum(
     trajectory: Trajectory, craft: Spacecraft, frequencies: ArrayLike, of: str | None = None
 ) -> Array:
@@ -293,16 +344,18 @@ def torque_spectrum(
     Args:
         trajectory: its arrays may be traced.
         craft: its inertia and wheels.
-        frequencies: (f,) Hz.
+        frequencies: () or (f,) Hz, zero or more; they may be traced, and then their values are not checked.
         of: one of `SPECTRA`; None for torque, and without an inertia for the angular acceleration.
 
     Returns:
-        (f, c) N m s, ``|integral of tau exp(-2 pi i f t) dt|`` by body axes or by wheels; of the angular
-        acceleration rad/s.
+        (f, c) N m s, ``|integral of tau exp(-2 pi i f t) dt|`` by body axes or by wheels, (1, c) at a single
+        number; of the angular acceleration rad/s. Where one is zero its derivative is given as zero.
 
     Raises:
-        ValueError: if there is no such quantity, or the spacecraft has no inertia, or no wheels, for it.
+        ValueError: if there is no such quantity, or the spacecraft has no inertia, or no wheels, for it; or
+            a frequency is negative or no finite number.
     """
+    asked = expect_frequencies(frequencies)
     name = of or ("angular_acceleration" if craft.inertia is None else "torque")
     if name not in SPECTRA:
         raise ValueError(f"of = {of!r}: must be one of {', '.join(SPECTRA)}")
@@ -310,6 +363,12 @@ def torque_spectrum(
         raise ValueError(f"of = {of!r}: needs spacecraft.inertia_kg_m2, which is not set")
     if name == "wheel_torques" and craft.wheel_array is None:
         raise ValueError(f"of = {of!r}: the spacecraft has no wheels")
+    return _spectrum(trajectory, craft, asked, name)
+
+
+@_at_once("name", of_arrays=True)
+def _spectrum(trajectory: Trajectory, craft: Spacecraft, frequencies: Array, name: str) -> Array:
+    """`torque_spectrum` of the quantity of a name at frequencies (f,), when these are known to be there."""
     total = total_momentum(trajectory, craft)
 
     def values(times: Array) -> Array:

@@ -12,15 +12,43 @@ for ``n < x``.
 """
 
 from collections.abc import Callable
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from numpy.polynomial import legendre
 
+from jaxplan.runtime.arguments import floats, show
+from jaxplan.runtime.jit import is_traced
+
 _COUNT = 24  # polynomials on an interval
 _PARTS = 2  # intervals of a piece
 _NODES = 64  # of Gauss' rule for the transforms of the polynomials, where x is at most `_COUNT`
+
+
+def expect_frequencies(given: object, *, zero: bool = True) -> Any:
+    """The frequencies (f,) Hz that are given, one where it is a number; traced ones stay traced.
+
+    Args:
+        given: of any type. Values of traced numbers are not looked at.
+        zero: whether a frequency may be zero.
+
+    Raises:
+        ValueError: if they are no finite real numbers in one row, or one is negative, or zero and may not be.
+    """
+    wanted = f"{'numbers of Hz in [0, inf)' if zero else 'positive numbers of Hz'}, one or a row of them"
+    fault = f"frequencies = {show(given)}: must be {wanted}"
+    if is_traced(given):
+        traced = jnp.atleast_1d(jnp.asarray(given))
+        if traced.ndim > 1 or traced.dtype.kind in "bc":
+            raise ValueError(fault)
+        return traced
+    found = np.atleast_1d(floats("frequencies", given, wanted))
+    if found.ndim > 1 or not np.all(np.isfinite(found) & (found >= 0 if zero else found > 0)):
+        raise ValueError(fault)
+    return jnp.atleast_1d(given) if isinstance(given, jax.Array) else found
 
 
 def transform(values: Callable[[Array], Array], breaks: Array, frequencies: Array) -> Array:
@@ -65,5 +93,5 @@ def _of_polynomials(x: Array) -> Array:
 def magnitude(values: Array) -> Array:
     """Sizes of complex numbers; where one is zero its derivative is zero, too."""
     square = values.real**2 + values.imag**2
-    there = square > 0
-    return jnp.where(there, jnp.sqrt(jnp.where(there, square, 1.0)), 0.0)
+    zero = square == 0  # not where it is a NaN
+    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, square)))

@@ -74,13 +74,13 @@ def test_a_spectrum_has_units_and_the_value_at_each_frequency(bare, on_wheels):
     craft = bare.scenario.spacecraft
     found = np.rad2deg(jp.measures.torque_spectrum(bare.trajectory, craft, [0.05, 0.5]))
     for frequency, own in zip((0.05, 0.5), found, strict=True):
-        assert f"{frequency:g} Hz: {np.linalg.norm(own):.3g} deg/s" in told(axes)
+        assert f"{frequency:g} Hz: {np.linalg.norm(own):.3g} deg/s (vector's length)" in told(axes)
     platform, wheels = jp.plot.spectrum(on_wheels, [0.5])
     assert platform.get_ylabel() == "torque\n(N m s)"
     assert wheels.get_ylabel() == "wheel torques\n(N m s)"
     craft = on_wheels.scenario.spacecraft
     own = jp.measures.torque_spectrum(on_wheels.trajectory, craft, [0.5], of="wheel_torques")
-    assert f"0.5 Hz: {np.max(own):.3g} N m s" in told(platform)
+    assert f"0.5 Hz: {np.max(own):.3g} N m s (largest wheel)" in told(platform)
     assert len(wheels.lines) == 4  # three wheels and the frequency
     names = [name for name, _ in jp.plot.figures(on_wheels)]
     assert "spectrum" not in names
@@ -88,6 +88,7 @@ def test_a_spectrum_has_units_and_the_value_at_each_frequency(bare, on_wheels):
 
 
 def test_frequencies_that_are_none_are_refused(bare):
-    for wrong in ([0.0], [-1.0], [np.nan], [[0.5]]):
-        with pytest.raises(ValueError, match=r"frequencies = .* must be positive numbers of Hz"):
-            jp.plot.spectrum(bare, wrong)
+    for wrong in ([0.0], -1.0, [np.nan], [[0.5]], ["a"]):
+        for draw in (jp.plot.spectrum, lambda *given: list(jp.plot.figures(*given))):
+            with pytest.raises(ValueError, match=r"frequencies = .* must be positive numbers of Hz"):
+                draw(bare, wrong)

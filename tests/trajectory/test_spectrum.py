@@ -15,6 +15,7 @@ from wheels import INERTIA, by_pseudo_inverse, random_wheels
 
 from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.arguments import show
 from jaxplan.trajectory import measures
 from jaxplan.trajectory.spectrum import magnitude, transform
 
@@ -77,6 +78,32 @@ def test_what_the_spacecraft_has_not_is_refused():
         measures.torque_spectrum(turn_about_z(), CRAFT, [0.5], of="momentum")
 
 
+WRONG = [np.nan, [0.5, np.inf], -0.5, [[0.5]], ["a"], None, True, 1j, jnp.array([0.5, jnp.nan])]
+
+
+def test_frequencies_that_are_none_are_refused_by_name_value_and_range():
+    for wrong in WRONG:
+        with pytest.raises(ValueError, match=r"^frequencies = ") as refused:
+            measures.torque_spectrum(turn_about_z(), CRAFT, wrong)
+        assert show(wrong) in str(refused.value)
+        assert "must be numbers of Hz in [0, inf)" in str(refused.value)
+    for wrong in (jnp.full((1, 1), 0.5), jnp.array([0.5j]), jnp.array(True)):
+        with pytest.raises(ValueError, match="frequencies = a value that JAX traces: must be"):
+            jax.eval_shape(lambda f: measures.torque_spectrum(turn_about_z(), CRAFT, f), wrong)
+
+
+def test_a_number_is_one_frequency_and_what_is_no_number_is_not_zero():
+    """A trace does not look at values, so what comes of a NaN must say so; so must a broken motion."""
+    one = measures.torque_spectrum(turn_about_z(), CRAFT, 0.5)
+    np.testing.assert_array_equal(one, measures.torque_spectrum(turn_about_z(), CRAFT, [0.5]))
+    traced = quick_jit(lambda f: measures.torque_spectrum(turn_about_z(), CRAFT, f))
+    np.testing.assert_allclose(traced(0.5), one, rtol=1e-12, atol=1e-15)
+    np.testing.assert_array_equal(traced(np.nan), np.nan)
+    broken = replace(turn_about_z(), coefficients=turn_about_z().coefficients * np.nan)
+    np.testing.assert_array_equal(measures.torque_spectrum(broken, CRAFT, 0.5), np.nan)
+    assert measures.torque_spectrum(turn_about_z(), CRAFT, []).shape == (0, 3)
+
+
 def test_of_wheels_it_is_the_transform_of_their_torques():
     craft = replace(CRAFT, wheels=random_wheels(4, seed=2))
     curve = turn_about_z()
@@ -103,3 +130,32 @@ def test_slopes_are_differences():
     assert float(slopes[0]) == pytest.approx(float(by_scale), rel=1e-7)
     assert float(np.sum(slopes[1] * INERTIA)) == pytest.approx(float(by_inertia), rel=1e-7)
     assert float(magnitude(jnp.zeros(1, complex))[0]) == 0
+
+
+def test_slopes_outside_jit_are_those_inside_and_differences():
+    """Of an entry and of a sum, by the spacecraft, the curve and the frequency, both ways."""
+    craft = replace(CRAFT, wheels=random_wheels(4, seed=2))
+
+    def spectrum(scale, inertia, frequency):
+        curve = turn_about_z().scaled(scale)
+        return measures.torque_spectrum(curve, replace(craft, inertia=inertia), frequency, of="wheel_torques")
+
+    at, step = (1.1, INERTIA, np.array([0.05, 0.3])), 1e-6
+    for number in (lambda *given: spectrum(*given)[0, 1], lambda *given: jnp.sum(spectrum(*given))):
+        slopes = jax.grad(number, argnums=(0, 1, 2))(*at)
+        for place, (own, slope) in enumerate(zip(at, slopes, strict=True)):
+            ends = [[*at[:place], own * (1 + side * step), *at[place + 1 :]] for side in (-1, 1)]
+            before, after = (float(number(*end)) for end in ends)
+            assert float(np.sum(slope * own)) == pytest.approx((after - before) / (2 * step), rel=1e-6)
+    inside = quick_jit(jax.grad(number, argnums=(0, 1, 2)))(*at)
+    for slope, expected in zip(slopes, inside, strict=True):
+        np.testing.assert_allclose(slope, expected, rtol=1e-9, atol=1e-12)
+    way = jax.tree.map(lambda own: 0.3 * own, at)
+    _, along = jax.jvp(number, at, way)
+    assert float(along) == pytest.approx(sum(float(np.sum(s * w)) for s, w in zip(slopes, way, strict=True)))
+
+
+def test_a_whole_spacecraft_has_slopes_outside_jit():
+    slope = jax.grad(lambda c: measures.torque_spectrum(turn_about_z(), c, np.array([0.5]))[0, 1])(CRAFT)
+    own = measures.torque_spectrum(turn_about_z(), CRAFT, 0.5)[0, 1]
+    assert float(np.sum(slope.inertia * INERTIA)) == pytest.approx(own)  # it is proportional to the inertia
