@@ -195,19 +195,36 @@ def peaks(limited: Sequence[Limited], minima: Minima) -> dict[str, tuple[float, 
     return found
 
 
-def faults(limited: Sequence[Limited], minima: Minima, allowance: float) -> Iterator[str]:
+def faults(
+    limited: Sequence[Limited],
+    minima: Minima,
+    allowance: float,
+    times: np.ndarray,
+    intervals: slice = slice(None),
+) -> Iterator[str]:
     """Yield a sentence for each component that is not proved to keep its limit.
 
-    `minima` are those of one trajectory; `allowance` is the share of the limit by which it may be passed.
+    Args:
+        limited: the quantities.
+        minima: those of one trajectory.
+        allowance: the share of the limit by which it may be passed.
+        times: (n, m) s, of the samples in its n intervals.
+        intervals: which these are among those of `limited`.
     """
     components = [
-        (one.limit.quantity, owner, limit)
+        (one.limit.quantity, owner, limit, one, place)
         for one in limited
-        for owner, limit in zip(one.limit.owners, one.bound, strict=True)
+        for place, (owner, limit) in enumerate(zip(one.limit.owners, one.bound, strict=True))
     ]
     for number in np.flatnonzero(~(minima.bound >= -allowance)).tolist():
-        quantity, owner, limit = components[number]
+        quantity, owner, limit, one, place = components[number]
         bound, seen, time = minima.bound[number], minima.seen[number], minima.time[number]
+        if one.limit.centre is not None:
+            side = np.copysign(limit, _at(one.values[place, intervals], times, time))
+            seen_broken = seen < -allowance
+            reached = one.limit.centre[place] + side * (1 - np.array([seen, bound, 0]))
+            yield _of_range(f"{_single(quantity.name)} of {owner}", reached, side > 0, time, seen_broken)
+            continue
         of_devices = quantity.of_joints or quantity.of_wheels
         name = f"{_words(quantity.name)} about {owner}"
         if of_devices:
@@ -220,6 +237,39 @@ def faults(limited: Sequence[Limited], minima: Minima, allowance: float) -> Iter
         else:
             met = f"{_share(1 - seen)} of it was met at t = {time:.6g} s, the bound is {_share(1 - bound)}"
             yield f"{name} is not proved to keep its limit: {met}"
+
+
+def _at(values: np.ndarray, times: np.ndarray, time: float) -> float:
+    """The value at a time, s, of polynomials through values (n, m) at Chebyshev extrema, times (n, m) s."""
+    own = max(int(np.searchsorted(times[:, 0], time, side="right")) - 1, 0)
+    apart = time - times[own]
+    nearest = int(np.argmin(np.abs(apart)))
+    if apart[nearest] == 0:
+        return float(values[own, nearest])
+    weights = np.where(np.arange(len(apart)) % 2, -1.0, 1.0) / apart  # barycentric
+    weights[[0, -1]] /= 2
+    return float(weights @ values[own] / weights.sum())
+
+
+def _of_range(name: str, angles: np.ndarray, upper: bool, time: float, met: bool) -> str:
+    """A sentence on an angle that is not proved to stay within its range.
+
+    Args:
+        name: of the angle.
+        angles: (3,) rad, the one met farthest out, the bound that was proved, and the end of the range.
+        upper: whether that is the upper end.
+        time: s, when it was met.
+        met: whether the one met is beyond the end, and not the bound alone.
+    """
+    reached, bound, end = np.rad2deg(angles).tolist()
+    apart = abs((reached if met else bound) - end)
+    places = int(np.clip(2 - np.floor(np.log10(apart)), 2, 12)) if 0 < apart < np.inf else 2
+    reached, bound, end = (f"{own:.{places}f}".rstrip("0").rstrip(".") for own in (reached, bound, end))
+    most = f"of at {'most' if upper else 'least'} {end} deg"
+    if met:
+        return f"{name} reaches {reached} deg, {most}, at t = {time:.6g} s"
+    seen = f"{reached} deg was met at t = {time:.6g} s, {most}, and the bound is {bound} deg"
+    return f"{name} is not proved to stay in its range: {seen}"
 
 
 def _share(value: float) -> str:

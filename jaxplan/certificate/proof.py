@@ -216,7 +216,9 @@ class _Proof:
                 jerk_limited,
                 claim.spacecraft.joint_names,
             ),
-            *limits.faults(self.limited, room, LIMIT_ALLOWANCE),
+            *limits.faults(
+                self.limited, room, LIMIT_ALLOWANCE, samples.time[first:beyond], slice(first, beyond)
+            ),
             *bindings.faults(clauses, margin, self.motion, claim, MARGIN_ALLOWANCE),
         )
         certificate = Certificate(

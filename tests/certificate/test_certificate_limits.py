@@ -113,12 +113,50 @@ def test_a_bound_over_the_limit_is_no_breach_that_was_met():
     torque = limits(craft(0, inertia=INERTIA, torque_limit=limit))[-1]
     quantity = Limited(torque, values, values[0], values[0], limit)
     minima = Minima(bound=np.array([-0.5, -0.5, 0.0]), seen=np.array([-0.25, 0.0, 0.2]), time=np.arange(3.0))
-    assert list(faults([quantity], minima, 1e-6)) == [
+    assert list(faults([quantity], minima, 1e-6, np.zeros((1, 1)))) == [
         "torque about x reaches 2.5 N m, 1.25 of its limit, at t = 0 s",
         "torque about y is not proved to keep its limit: 1 of it was met at t = 1 s, the bound is 1.5",
     ]
     minima.seen[1] = 0.25
-    assert "0.75 of it was met" in list(faults([quantity], minima, 1e-6))[1]
+    assert "0.75 of it was met" in list(faults([quantity], minima, 1e-6, np.zeros((1, 1))))[1]
+
+
+def test_a_joint_beyond_its_range_is_told_by_its_own_angle_and_the_end_that_counts():
+    trajectory = manoeuvre(500, terminals=1, wiggle=0.5)
+    time = np.linspace(0, trajectory.duration, 100_001)
+    pitch = np.rad2deg(joints_of(trajectory, time)[0, :, 1])
+    low, high, tube = pitch.min(), pitch.max(), jp.Robust(joint_error=np.deg2rad(0.5))
+    for ends, word, robust, met, most in (
+        ((low - 30, high - 0.15), "most", None, high, high - 0.15),
+        ((low + 0.15, high + 50), "least", None, low, low + 0.15),
+        ((low - 30, high + 0.35), "most", tube, high, high - 0.15),
+        ((low - 0.5 + 1e-5, high + 50), "least", tube, low, low + 1e-5),
+    ):
+        joints = {"pitch_limit": None, "pitch_range": np.deg2rad(ends)}
+        report = judge(trajectory, craft(1, joints=joints), robust=robust)
+        (fault,) = report.faults
+        told = re.fullmatch(
+            rf"pitch of terminal-0 reaches (\S+) deg, of at {word} (\S+) deg, at t = (\S+) s", fault
+        )
+        assert told, fault
+        reached, end, when = map(float, told.groups())
+        apart = abs(met - most)
+        assert (reached, end) == pytest.approx((met, most), abs=0.02 * apart)
+        assert reached != end
+        assert when == pytest.approx(time[np.argmin(np.abs(pitch - met))], abs=0.05)
+
+
+def test_an_angle_that_is_not_proved_is_told_with_the_bound():
+    ranged = craft(1, joints={"pitch_limit": None, "pitch_range": np.deg2rad([-10.0, 80.0])})
+    (pitch,) = (one for one in limits(ranged) if one.quantity.name == "pitch")
+    values = np.deg2rad([[[-44.0]]])
+    quantity = Limited(pitch, values, values[0], values[0], np.deg2rad([45.0]))
+    minima = Minima(bound=np.array([-1 / 45]), seen=np.array([1 / 45]), time=np.zeros(1))
+    (fault,) = faults([quantity], minima, 1e-9, np.zeros((1, 1)))
+    assert fault == (
+        "pitch of terminal-0 is not proved to stay in its range: -9 deg was met at t = 0 s, of at least "
+        "-10 deg, and the bound is -11 deg"
+    )
 
 
 def test_faults_of_wheels_are_sentences_with_few_digits():
@@ -134,6 +172,6 @@ def test_faults_of_wheels_are_sentences_with_few_digits():
         quantity = Limited(momenta, values, values[0], values[0], np.full(count, 8.0))
         minima = Minima(bound=-shares[:count], seen=-shares[:count], time=np.arange(float(count)))
         reached = f"wheel momentum of {subject} reaches 10.2904 N m s, 1.286 of its limit, at t = 0 s"
-        first, second = faults([quantity], minima, 1e-9)
+        first, second = faults([quantity], minima, 1e-9, np.zeros((1, 1)))
         assert first == reached
         assert "1.000000346 of its limit" in second
