@@ -17,6 +17,7 @@ from jaxplan.model.wheel_shares import shared_out
 from jaxplan.model.wheels import FLAT, MINIMAX, PSEUDO_INVERSE
 from jaxplan.schema.arrays import PerAxis
 from jaxplan.schema.faults import WRONG, Place
+from jaxplan.schema.inertias import NO_BODY
 from jaxplan.schema.kinds import NUMBER, shortest_degrees
 
 MOST_ZONES = 1000  # number of zones of a scenario; more are refused before they are read
@@ -174,7 +175,10 @@ _STAGES = {
 
 
 def _check_stages(craft: Any, place: Place) -> None:
-    """Note inertias of stages without one of the whole, or that leave nothing of it."""
+    """Note inertias of stages without one of the whole, or that leave of it what no body has.
+
+    The rest counts stages as masses where their axes cross, too, and so it must be one of a body.
+    """
     given = [
         (there[key], getattr(device, name))
         for kind, keys in _STAGES.items()
@@ -193,14 +197,21 @@ def _check_stages(craft: Any, place: Place) -> None:
     devices = (*craft.terminals, *craft.drives)
     if any(device is WRONG or any(own is WRONG for own in vars(device).values()) for device in devices):
         return  # it is told what is wrong, and how they are mounted may not be known
-    left = np.linalg.eigvalsh(craft.fixed_inertia)[0]
-    if not left > _LEFT * np.linalg.norm(craft.inertia, 2):
-        names = ", ".join(there.path for there, _ in given)
-        place["inertia_kg_m2"].fault(
-            "is of the whole spacecraft with joints at zero, so it must be more than what its stages have "
-            f"together; without {names} a least moment of {left:.6g} is left",
-            np.asarray(craft.inertia).tolist(),
+    left = np.linalg.eigvalsh(craft.fixed_inertia)
+    rounding = _LEFT * np.linalg.norm(craft.inertia, 2)
+    names = ", ".join(there.path for there, _ in given)
+    whole = "is of the whole spacecraft with joints at zero, so"
+    if not left[0] > rounding:
+        complaint = (
+            f"{whole} it must be more than what its stages have together; without {names} a least moment of "
+            f"{left[0]:.6g} is left"
         )
+    elif not left[2] <= left[0] + left[1] + rounding:
+        moments = ", ".join(f"{own:.6g}" for own in left)
+        complaint = f"{whole} what is left without {names} must have {NO_BODY}; it has {moments}"
+    else:
+        return
+    place["inertia_kg_m2"].fault(complaint, np.asarray(craft.inertia).tolist())
 
 
 def _check_sharing(wheels: Any, place: Place) -> None:

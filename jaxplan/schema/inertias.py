@@ -10,6 +10,9 @@ from jaxplan.schema.arrays import Array, shown_value
 from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.kinds import Kind, Number
 
+NO_BODY = "no principal moment above the sum of the other two, as no body has"
+"""What inertias are refused for that no distribution of mass has."""
+
 
 def inertia(matrix: np.ndarray, value: Any, place: Place) -> Any:
     """Check that a matrix (3, 3) is a moment of inertia that a body can have; a `Rule`."""
@@ -22,7 +25,7 @@ def inertia(matrix: np.ndarray, value: Any, place: Place) -> Any:
     elif np.max(matrix) < 1e-12:
         complaint = "must have its largest moment in [1e-12, 1e12]"
     elif large > (small + middle) * (1 + 1e-9):
-        complaint = "must have no principal moment above the sum of the other two, as no body has"
+        complaint = f"must have {NO_BODY}"
     else:
         return matrix
     return place.fault(complaint, shown_value(matrix, value, place))

@@ -12,6 +12,7 @@ import jaxplan as jp
 import jaxplan.schema as sc
 
 OBSERVER = make_scenario(craft=with_stages(replace(make_observer(), inertia=INERTIA), 1.0, 2))
+FRAME = OBSERVER.spacecraft.terminals[0].frame
 MOMENTS = [0.2, 0.3, 0.4]
 
 
@@ -62,6 +63,12 @@ REFUSED = {
         "spacecraft.inertia_kg_m2 = ",
         f"without {YAW}, spacecraft.drive[0].inertia_kg_m2 a least moment",
     ),
+    "a rest that no body has": (
+        tables(FRAME @ np.diag([80.0, 110.0, 95.0]) @ FRAME.T, yaw_inertia_kg_m2=[79.0, 109.0, 40.0]),
+        "spacecraft.inertia_kg_m2 = ",
+        f"what is left without {YAW} must have no principal moment above the sum of the other two",
+        "as no body has; it has 1, 1, 55",
+    ),
     "two moments": (
         tables(yaw_inertia_kg_m2=[0.2, 0.3]),
         f"{YAW} = [0.2, 0.3]: must be an array of 3 moments, or 3 rows of 3 numbers, not of 2",
@@ -95,6 +102,18 @@ def test_what_cannot_be_is_refused_with_the_reason(name):
     (fault,) = caught.value.faults
     assert fault.startswith(first), fault
     assert all(word in fault for word in words), fault
+
+
+def test_what_stages_leave_may_be_a_body_with_masses_away_from_the_middle():
+    """The rest is a body, a thin rod, or a plate, and the stages' masses where their axes cross."""
+    own = np.diag(MOMENTS)
+    rod, plate, arm = np.diag([1e-3, 2.0, 2.0]), np.diag([1.0, 2.0, 3.0]), np.array([0.0, 0.3, 2.0])
+    shifted = 4.0 * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    for rest in (rod, plate, shifted + plate, shifted + 1e-6 * np.eye(3)):
+        whole = rest + FRAME @ own @ FRAME.T
+        given = tables((whole + whole.T) / 2, yaw_inertia_kg_m2=MOMENTS)
+        found = sc.scenario_from_dict(given).spacecraft.fixed_inertia
+        np.testing.assert_allclose(found, rest, atol=1e-12)
 
 
 def test_the_same_is_refused_in_python():
