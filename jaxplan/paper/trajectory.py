@@ -36,6 +36,7 @@ from jaxplan.trajectory.fit import (
     too_tight,
     within_limits,
 )
+from jaxplan.trajectory.full_wheels import full_on_the_way
 from jaxplan.trajectory.peaks import SAFETY, Peaks, all_peaks
 from jaxplan.trajectory.schedule import FEWEST_NODES
 
@@ -382,6 +383,8 @@ def _failure(
         advice = f"; {enough}" if enough else ": raise trajectory.duration_s or trajectory.segments"
         message = f"with any number of segments a quadratic program has no solution in {duration:g} s{advice}"
         return Fit(trajectory=None, status=Status.INFEASIBLE, message=message, needed_duration=needed)
+    if needed is None and np.isinf(attempt.peaks.stretch):
+        return full_on_the_way(attempt.trajectory, problem.spacecraft)
     else_try = "raise trajectory.segments, or lower the rates at start and end"
     return Fit(
         trajectory=attempt.trajectory,

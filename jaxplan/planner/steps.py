@@ -263,7 +263,10 @@ def fit(scenario: Scenario, path: Path, goal: Goal, near: Trajectory | None = No
 
 def fitted_plan(so_far: Plan, fitted: Fit) -> Plan:
     """A plan with status, message and trajectory of step 3, not yet certified."""
-    message = fitted.note if fitted.status is Status.OK else fitted.message
+    message, robust = fitted.note if fitted.status is Status.OK else fitted.message, so_far.scenario.robust
+    if fitted.full_wheels and robust is not None and robust.momentum_reserve:
+        reserve = f"[robust] momentum_reserve_percent = {robust.momentum_reserve:g}"
+        message = f"{message}, or lower {reserve}, which is taken off what they hold at most"
     return replace(so_far, status=fitted.status, message=message, trajectory=fitted.trajectory)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxplan.model.breaches import ROUNDING, constraint_breaches
 from jaxplan.model.hidden import after_hidden
 from jaxplan.model.scenario import Scenario, known_until, target_paths
+from jaxplan.model.wheels import MINIMAX, row_names
 
 
 def breaches(
@@ -101,9 +102,37 @@ def _beyond(scenario: Scenario, joints: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def start_breaches(scenario: Scenario) -> tuple[str, ...]:
-    """Everything that the scenario's start breaks, a phrase each."""
+    """Everything that the scenario's start breaks, a phrase each, wheels that hold too much among them."""
     start = scenario.start
-    return breaches(scenario, start.attitude, start.joints, start.angular_velocity, start.joint_rates)
+    state = start.attitude, start.joints, start.angular_velocity, start.joint_rates
+    return (*breaches(scenario, *state), *_overfull(scenario))
+
+
+def _overfull(scenario: Scenario) -> Iterator[str]:
+    """Yield a phrase for each wheel that stores more at the start than a plan may use of its momentum.
+
+    Of an array that shares out so that the largest share is least, a phrase for the pair across which the
+    array as a whole stores too much by the largest share.
+    """
+    craft, array = scenario.usable, scenario.usable.wheel_array
+    if array is None:
+        return
+    stored = np.asarray(array.rows @ array.stored + array.apart)
+    shares = np.abs(stored) / array.momentum
+    broken = np.flatnonzero(~(shares <= 1 + ROUNDING))
+    envelope = craft.allocation == MINIMAX
+    if envelope and len(broken):
+        broken = broken[[np.argmax(shares[broken])]]
+    names = row_names(craft.wheels, craft.allocation)
+    for row in broken:
+        most = f"{array.momentum[row]:.6g} N m s at most"
+        if scenario.robust is not None and scenario.robust.momentum_reserve:
+            reserve = scenario.robust.momentum_reserve
+            limit = array.momentum[row] / (1 - reserve / 100)
+            kept = f"[robust] momentum_reserve_percent = {reserve:g} leaves of {limit:.6g} N m s"
+            most = f"{most}, which {kept}; without it that is enough"
+        owner = f"the {names[row]}" if envelope else f'wheel "{names[row]}"'
+        yield f"{owner} stores {stored[row]:.6g} N m s at the start, of {most}"
 
 
 def hidden_targets(scenario: Scenario, time: float) -> tuple[str, ...]:

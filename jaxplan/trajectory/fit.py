@@ -43,6 +43,7 @@ class Fit:
         needed_duration: s, at which the same settings keep all limits, and a shorter one may, too; None if
             none was needed or found.
         spare: the fit as it was before it went on to the optimum, should that not be certified.
+        full_wheels: whether wheels are full however slow a motion is, which is why it failed.
     """
 
     trajectory: Trajectory | None
@@ -52,6 +53,7 @@ class Fit:
     origin: Any = None
     needed_duration: float | None = None
     spare: "Fit | None" = None
+    full_wheels: bool = False
 
     def at_given_nodes(self, numbers: np.ndarray) -> "Fit":
         """The fit with the times of all given nodes; `numbers` (m + 1,) are theirs among the nodes passed."""
@@ -278,11 +280,6 @@ def too_tight(duration: float, peaks: Peaks, needed: str | None, else_try: str) 
         else_try: the words on what to change where that is None.
     """
     name, ratio = peaks.names[peaks.binding], peaks.ratios[peaks.binding]
-    if needed is None and np.isinf(peaks.stretch):
-        return (
-            f"turned about slowly, what the wheels hold would take {name} beyond its limit, so that slowing "
-            "down does not help: lower spacecraft.wheel.stored_nms, raise momentum_nms, or change the goal"
-        )
     excess = f"in {duration:g} s {name} would reach {ratio:.4g} times its limit"
     if needed is None:
         return f"{excess}, and no longer trajectory.duration_s was found that keeps all limits: {else_try}"

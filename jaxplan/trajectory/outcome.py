@@ -5,16 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from jaxplan.model.duration_bound import excess
-from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.status import Status
 from jaxplan.trajectory.active_set import FitRecord
 from jaxplan.trajectory.chart import CHART_REACH
 from jaxplan.trajectory.fit import Fit, needed_words, too_tight
+from jaxplan.trajectory.full_wheels import full_on_the_way
 from jaxplan.trajectory.ladder import Attempt
 from jaxplan.trajectory.peaks import SAFETY
-from jaxplan.trajectory.problem import FitProblem
 
-_FULL = 1e-6  # of a wheel's limit, by which it may be beyond it at the goal
 NOT_OPTIMAL = "it is not the optimum: near the fit none was found that keeps all limits and can be certified"
 
 
@@ -85,6 +83,8 @@ def limits_too_tight(closest: Attempt, duration: float, needed: float | None) ->
         needed: duration at which all limits are kept, s; None if none was found.
     """
     problem, enough = closest.problem, None
+    if needed is None and np.isinf(closest.peaks.stretch):
+        return full_on_the_way(closest.trajectory, problem.spacecraft)
     if needed is not None:
         enough = needed_words(needed, moving=problem.horizon > 0, scalable=True)
     else_try = "lower the rates at start and end" if problem.at_speed else 'set it to "minimum"'
@@ -94,29 +94,6 @@ def limits_too_tight(closest: Attempt, duration: float, needed: float | None) ->
         message=too_tight(duration, closest.peaks, enough, else_try),
         needed_duration=needed,
     )
-
-
-def full_at_goal(problem: FitProblem) -> Fit | None:
-    """The fit, LIMITS_TOO_TIGHT, of wheels that cannot hold what the goal leaves them; None if they can.
-
-    It follows from the ends alone, whichever way the goal is reached and in whatever time.
-    """
-    array, body = problem.spacecraft.wheel_array, problem.body
-    if array is None:
-        return None
-    total = problem.attitudes[-1].T @ problem.attitudes[0] @ body.total
-    motion = Kinematics(spin=(problem.rates[1, :3],), inertia=body.inertia, total=total, array=array)
-    held = np.abs(motion.wheel_momenta)
-    worst = int(np.argmax(held / array.momentum))
-    if not held[worst] > (1 + _FULL) * array.momentum[worst]:
-        return None
-    (limit,) = (own for own in problem.limits if own.quantity.name == "wheel_momenta")
-    message = (
-        f"at the goal {limit.names[worst]} would be {held[worst]:.4g} N m s, of {array.momentum[worst]:.4g} "
-        "at most, however slowly it is reached, so that slowing down does not help: lower "
-        "spacecraft.wheel.stored_nms, raise momentum_nms, or change the goal"
-    )
-    return Fit(trajectory=None, status=Status.LIMITS_TOO_TIGHT, message=message)
 
 
 def beyond_charts() -> Fit:

@@ -30,8 +30,9 @@ from jaxplan.trajectory.fit import (
     checked,
     fit_each,
 )
+from jaxplan.trajectory.full_wheels import full_at_goal
 from jaxplan.trajectory.ladder import Attempt, Ladder, first_curve, make_attempts, rungs
-from jaxplan.trajectory.outcome import better, beyond_charts, full_at_goal, limits_too_tight, success
+from jaxplan.trajectory.outcome import better, beyond_charts, limits_too_tight, success
 from jaxplan.trajectory.peaks import SAFETY, peaks
 from jaxplan.trajectory.problem import FitProblem, Timing
 from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile

@@ -17,6 +17,7 @@ from wheels import (
 )
 
 import jaxplan as jp
+from jaxplan.planner.validity import start_breaches
 
 SAMPLES = 100_000  # in all of the plans of one test
 DURATIONS = ("minimum", "stretched", 120.0)
@@ -119,6 +120,58 @@ def test_a_turn_that_fills_a_wheel_however_slow_is_refused_with_the_reason():
         plan = jp.plan(replace(at_speed, start=begun), throw=False, progress=False)
         assert plan.status is jp.Status.LIMITS_TOO_TIGHT
         assert plan.trajectory is None or plan.trajectory.duration < 1e4
+
+
+def test_the_reason_names_the_full_wheels_with_what_they_would_hold():
+    """Of each wheel at the goal, by numpy; on the way of the wheel that fills there, and where."""
+    held = wheels(np.eye(3), 1.0, [2.0, 0.2, 0.2], [1.9, 0.0, 0.0])
+    scene = with_wheels(held)
+    plan = jp.plan(scene, throw=False, progress=False)
+    left = plan.goal.attitude.T @ scene.start.attitude @ [1.9, 0.0, 0.0]
+    told = [
+        f'wheel "wheel-{k}" would hold {abs(left[k - 1]):.4g} N m s, of 0.2 N m s at most'
+        for k in (2, 3)
+        if abs(left[k - 1]) > 0.2
+    ]
+    assert len(told) == 2
+    assert f"at the goal, however slowly it is reached, {' and '.join(told)}, so" in plan.message
+    assert "[robust]" not in plan.message
+    reserve = replace(scene, robust=jp.Robust(momentum_reserve=3.0))
+    plan = jp.plan(reserve, throw=False, progress=False)
+    assert "of 0.194 N m s at most" in plan.message
+    assert "or lower [robust] momentum_reserve_percent = 3, which is taken off" in plan.message
+    begun = jp.GivenState(rotation_vector=np.zeros(3), joints=scene.start.joints)
+    goal = replace(begun, rotation_vector=np.array([3.1, 0.0, 0.0]))
+    filled = wheels(
+        np.eye(3), 1.0, [9.0, 2.0, 0.5], [0.0, 1.9, 0.0]
+    )  # about y, and opposite after half a turn
+    for method in ("global", "paper"):
+        half = replace(with_wheels(filled, method=method), start=begun, goal=goal)
+        half = replace(half, keep_out=(), keep_in=())
+        plan = jp.plan(half, throw=False, progress=False)
+        assert plan.status is jp.Status.LIMITS_TOO_TIGHT
+        words = (
+            'turned about slowly, wheel "wheel-3" would hold 1.9 N m s with the body turned by 90 deg, of 0.5'
+        )
+        assert words in plan.message, plan.message
+
+
+def test_a_start_that_only_the_reserve_overfills_says_so():
+    for allocation, owner in (("pseudo_inverse", 'wheel "wheel-1"'), ("minimax", "the array across ")):
+        scene = with_wheels(wheels(np.eye(3), 1.0, 8.0, [-7.7, 0.0, 0.0]), allocation)
+        assert start_breaches(scene) == ()
+        assert start_breaches(replace(scene, robust=jp.Robust(momentum_reserve=3.75))) == ()  # to rounding
+        kept = replace(scene, robust=jp.Robust(momentum_reserve=5.0))
+        plan = jp.plan(kept, throw=False, progress=False)
+        assert plan.status is jp.Status.INVALID_START
+        assert plan.message.startswith(owner)
+        for words in (
+            "7.7 N m s at the start, of 7.6 N m s at most",
+            "reserve_percent = 5 leaves of 8 N m s",
+        ):
+            assert words in plan.message, plan.message
+        assert "[robust]" in plan.message
+        assert "without it that is enough" in plan.message
 
 
 def test_what_wheels_hold_at_the_end_is_what_they_store_for_the_way_back(plans):
