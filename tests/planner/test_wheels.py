@@ -189,7 +189,7 @@ def test_what_wheels_hold_at_the_end_is_what_they_store_for_the_way_back(plans):
             np.testing.assert_allclose(own @ axes, vector, atol=1e-7)  # by differences
             for shared, whole in zip(own[::20], vector[::20], strict=True):
                 least = least_shared(axes, limit, whole)[0]
-                assert np.max(np.abs(shared) / limit) == pytest.approx(least, abs=1e-8)
+                assert np.max(np.abs(shared) / limit) == pytest.approx(least, abs=1e-6)  # likewise
         return
     for own, shares_, limit in zip(
         found, by_pseudo_inverse(plan.trajectory, craft, time), limits, strict=True
