@@ -40,8 +40,17 @@ def principal(inertia: AnyArray) -> tuple[AnyArray, AnyArray]:
 
 def largest_in_box(bound: AnyArray, matrix: AnyArray) -> AnyArray:
     """The largest ``sqrt(x . matrix x)`` over the box ``|x_i| <= bound_i``."""
-    xp, bound, matrix = arrays(bound, matrix)
-    return xp.max(sizes_by(_CORNERS * bound, matrix))
+    _, bound, matrix = arrays(bound, matrix)
+    return largest_size(_CORNERS * bound, matrix)
+
+
+def largest_size(vectors: AnyArray, matrix: AnyArray) -> AnyArray:
+    """The largest ``sqrt(x . matrix x)`` of vectors (k, 3), some of which may be zero.
+
+    The root is taken of the largest alone: that of a zero has no derivative.
+    """
+    xp, x, matrix = arrays(vectors, matrix)
+    return xp.sqrt(xp.max(xp.sum((x @ matrix) * x, axis=-1)))
 
 
 def sizes_by(vectors: AnyArray, matrix: AnyArray) -> AnyArray:

@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length
-from jaxplan.model.quadratic import inverse_of, sizes_by
+from jaxplan.geometry.vectors import AnyArray, arrays, length
+from jaxplan.model.quadratic import inverse_of, largest_size
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import PSEUDO_INVERSE
 from jaxplan.runtime.once import made_once
@@ -66,8 +66,7 @@ class Reach(NamedTuple):
 
     def largest(self, matrix: AnyArray) -> AnyArray:
         """The largest ``sqrt(x . matrix x)`` of the reach, or more."""
-        by = array_module(*self.corners, matrix)
-        return sum(by.max(sizes_by(own, matrix)) for own in self.corners)
+        return sum(largest_size(own, matrix) for own in self.corners)
 
 
 @made_once

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from builders import make_spacecraft
@@ -11,6 +12,7 @@ from scipy.optimize import linprog
 from scipy.spatial import HalfspaceIntersection
 from wheels import INERTIA, numbers, random_wheels, wheels
 
+from jaxplan.goal.least_time import platform
 from jaxplan.model.duration_bound import rest_bounds
 from jaxplan.model.wheel_reach import reaches
 from jaxplan.model.wheels import MINIMAX, PSEUDO_INVERSE
@@ -126,3 +128,15 @@ def test_slopes_of_the_bound_by_axes_and_limits_are_those_of_differences():
                 )
                 known[place] = (bound(*ahead) - bound(*back)) / 2e-6
             np.testing.assert_allclose(slope, known, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_slopes_of_what_goals_of_least_time_go_by_are_finite(name):
+    """Corners that are none stand as zeros among the others, and a plane leaves nothing of an axis."""
+    craft = craft_of(ARRAYS[name], PSEUDO_INVERSE)
+    craft = replace(craft, inertia=np.diag(np.diag(INERTIA)))
+    with jax.enable_x64(True):
+        slopes = jax.grad(lambda own: jnp.sum(platform(own, 100.0).top), allow_int=True)(craft)
+        slopes = [slopes.inertia, *(one.axis for one in slopes.wheels)]
+    assert np.all(np.isfinite(np.concatenate([np.ravel(one) for one in slopes])))
+    assert np.any(slopes[0])
