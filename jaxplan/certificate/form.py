@@ -289,7 +289,7 @@ def _stages(spacecraft: Spacecraft) -> Iterator[str]:
 
 
 def _is_inertia(given: np.ndarray) -> bool:
-    """Whether an array is a positive definite matrix (3, 3), symmetric to `_UNIT`, or three such moments."""
+    """Whether an array is an inertia: a positive definite symmetric matrix (3, 3), or three moments."""
     if given.shape not in ((3,), (3, 3)) or not np.isfinite(given).all():
         return False
     own = inertia.matrix(given)

@@ -38,7 +38,7 @@ Sampled = Sequence[np.ndarray]  # values, what is left out, and rounding
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stage:
-    """What a joint turns.
+    """A moving part of a terminal or drive that has an inertia of its own, and the joints that turn it.
 
     Attributes:
         axes: (3, 3) unit vectors in body axes, rows: boresight, left and yaw axis at zero angles.
@@ -198,13 +198,13 @@ def _times_inertia(stage: Stage, at: np.ndarray, vector: np.ndarray) -> np.ndarr
 
 
 def _carried(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """What a stage adds to ``L``, (3, n, m), by `spin` and `joints` as `Samples` has them."""
+    """The momentum (3, n, m) N m s that a stage adds to that of the whole, ``L``, at samples of a motion."""
     at = _turned(stage, joints[0])
     return _times_inertia(stage, at, spin[0] + _rate(stage, at, joints, 1))
 
 
 def _carried_change(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """What a stage adds to ``L'``, (3, n, m); arguments as of `_carried`."""
+    """The torque (3, n, m) N m that a stage adds to the derivative ``L'``, at samples of a motion."""
     at = _turned(stage, joints[0])
     rate, driven = _rate(stage, at, joints, 1), spin[1] + _rate(stage, at, joints, 2)
     if stage.pitch is not None:  # the pitch axis is opposite to the left, which yaws

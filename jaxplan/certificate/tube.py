@@ -1,4 +1,4 @@
-"""What errors of attitude and joints, and reserves of torque and momentum, take off margins and limits.
+"""How much errors of attitude and joints, and reserves, take off margins and limits in a certificate.
 
 The certificate's own writing. A turn of the platform by at most ``e`` moves each direction of the body by at
 most ``e``. Turns of a terminal's yaw and pitch by ``q`` move what it carries by the turn that both make
@@ -22,7 +22,7 @@ _TORQUES, _MOMENTA = ("torque", "wheel_torques"), ("wheel_momentum", "wheel_mome
 
 
 def losses(robust: Robust, craft: Spacecraft, cones: Constraints) -> np.ndarray:
-    """What the margin of every sight to every row loses, (Z, S) rad."""
+    """The angles (Z, S) rad by which errors lower the margin of each sight to each row of constraints."""
     carrier, swing = _carriers(robust, craft, cones)
     frame = cones.frame[:, None]
     other = np.where(frame == SIGHT, carrier[cones.partner.astype(int)][:, None], _BODY)
@@ -33,7 +33,7 @@ def losses(robust: Robust, craft: Spacecraft, cones: Constraints) -> np.ndarray:
 
 
 def _carriers(robust: Robust, craft: Spacecraft, cones: Constraints) -> tuple[np.ndarray, np.ndarray]:
-    """Of each sight the device whose joints carry it, or `_BODY`; and swings of devices, last the body's."""
+    """Devices (S,) that carry the sights, by number, `_BODY` for the body; and each device's swing, rad."""
     half = float(robust.joint_error) / 2
     cosine, sine = np.cos(half), np.sin(half)
     vector = np.array([sine * sine, cosine * sine, sine * cosine])  # of the product of both quaternions
@@ -45,7 +45,7 @@ def _carriers(robust: Robust, craft: Spacecraft, cones: Constraints) -> tuple[np
 
 
 def left(robust: Robust | None, name: str, bound: np.ndarray) -> np.ndarray:
-    """What is left of the limit of a quantity, by its name; (c,) as it is given, in SI units."""
+    """Limits (c,) of a quantity, given by its name, after errors and reserves are taken off; SI units."""
     if robust is None:
         return bound
     if name in _ANGLES:
