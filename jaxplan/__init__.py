@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
     from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.model.status import Status
+    from jaxplan.model.timeline import Activity, Labels, Timeline
     from jaxplan.model.wheels import Wheel
     from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
@@ -39,11 +40,13 @@ if TYPE_CHECKING:
     from jaxplan.runtime.cache import compilation_cache
     from jaxplan.schema import ScenarioError, load_scenario, save_scenario
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
+    from jaxplan.timeline import TimelineError, TimelinePlan, plan_timeline
     from jaxplan.trajectory import Trajectory, measures
     from jaxplan.tuning import SearchTuning, Tuning, tune, tune_search
     from jaxplan.warming import warm_up
 
 _HOMES = {
+    "Activity": "jaxplan.model.timeline",
     "Constellation": "jaxplan.constellation",
     "DirectionPath": "jaxplan.model.directions",
     "Drive": "jaxplan.model.devices",
@@ -54,6 +57,7 @@ _HOMES = {
     "JointBound": "jaxplan.model.zones",
     "KeepIn": "jaxplan.model.zones",
     "KeepOut": "jaxplan.model.zones",
+    "Labels": "jaxplan.model.timeline",
     "Mount": "jaxplan.model.devices",
     "Plan": "jaxplan.planner",
     "PlanFileError": "jaxplan.planner",
@@ -69,6 +73,9 @@ _HOMES = {
     "StudyFolderError": "jaxplan.study",
     "Targets": "jaxplan.model.goals",
     "Terminal": "jaxplan.model.devices",
+    "Timeline": "jaxplan.model.timeline",
+    "TimelineError": "jaxplan.timeline",
+    "TimelinePlan": "jaxplan.timeline",
     "Trajectory": "jaxplan.trajectory",
     "TrajectorySettings": "jaxplan.model.scenario",
     "Tuning": "jaxplan.tuning",
@@ -89,6 +96,7 @@ _HOMES = {
     "plan": "jaxplan.planner",
     "plan_batch": "jaxplan.planner",
     "plan_constellation": "jaxplan.constellation",
+    "plan_timeline": "jaxplan.timeline",
     "point": "jaxplan.goal.start",
     "random_scenario": "jaxplan.cases",
     "replan": "jaxplan.derivatives",
@@ -102,6 +110,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Activity",
     "Constellation",
     "DirectionPath",
     "Drive",
@@ -112,6 +121,7 @@ __all__ = [
     "JointBound",
     "KeepIn",
     "KeepOut",
+    "Labels",
     "Mount",
     "Plan",
     "PlanFileError",
@@ -127,6 +137,9 @@ __all__ = [
     "StudyFolderError",
     "Targets",
     "Terminal",
+    "Timeline",
+    "TimelineError",
+    "TimelinePlan",
     "Trajectory",
     "TrajectorySettings",
     "Tuning",
@@ -148,6 +161,7 @@ __all__ = [
     "plan",
     "plan_batch",
     "plan_constellation",
+    "plan_timeline",
     "plot",
     "point",
     "random_scenario",

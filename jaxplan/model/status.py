@@ -15,6 +15,7 @@ class Status(Enum):
     TIME_LIMIT = "no path was found within search.time_limit_s"
     LIMITS_TOO_TIGHT = "the manoeuvre does not fit into trajectory.duration_s within the limits"
     GOAL_MISSED = "no duration was found after which the motion meets the moving goal"
+    OUT_OF_WINDOW = "an activity of a timeline does not fit into its window"
     INFEASIBLE = "a quadratic program of the trajectory has no solution"
     UNCERTIFIED = "a trajectory was found but could not be proved safe"
 
@@ -42,6 +43,7 @@ _STEP = {
     Status.TIME_LIMIT: "path",
     Status.LIMITS_TOO_TIGHT: "trajectory",
     Status.GOAL_MISSED: "trajectory",
+    Status.OUT_OF_WINDOW: "trajectory",
     Status.INFEASIBLE: "trajectory",
     Status.UNCERTIFIED: "certificate",
 }
@@ -74,6 +76,9 @@ _ADVICE = {
     Status.GOAL_MISSED: (
         "Give a number for trajectory.duration_s, or directions over a longer time: more of times_s, or a "
         "longer sky.for_duration_s."
+    ),
+    Status.OUT_OF_WINDOW: (
+        "Let the activity's window end later or begin earlier, ask for less time in it, or for less before."
     ),
     Status.INFEASIBLE: (
         'Set a longer trajectory.duration_s, take trajectory.method = "global", or smaller search steps; '

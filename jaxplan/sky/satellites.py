@@ -8,6 +8,7 @@ would put the satellite anywhere. Each fault names line, columns and value; all 
 import re
 import warnings
 from dataclasses import dataclass
+from functools import lru_cache
 from numbers import Real
 
 import jax
@@ -256,13 +257,18 @@ def orbit_state(
     """
     if orbit.epoch is not None:
         times = elapsed(parse_epoch(orbit.epoch), epoch, times)
-    elements = (orbit.altitude, orbit.inclination, orbit.node, orbit.latitude)
-    with jax.enable_x64(True):
-        position, velocity = np.asarray(orbits.position(*elements)), np.asarray(orbits.velocity(*elements))
-        rate = float(orbits.mean_motion(orbit.altitude))
+    position, velocity, rate = _circle(orbit.altitude, orbit.inclination, orbit.node, orbit.latitude)
     # numpy goes round the circle, since JAX would compile anew for every number of times
     cos, sin = np.cos(rate * times)[..., None], np.sin(rate * times)[..., None]
     return cos * position + sin / rate * velocity, cos * velocity - sin * rate * position
+
+
+@lru_cache(maxsize=4096)
+def _circle(*elements: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Position (3,) km, velocity (3,) km/s and mean motion, rad/s, of a circular orbit's elements."""
+    with jax.enable_x64(True):
+        position, velocity = np.asarray(orbits.position(*elements)), np.asarray(orbits.velocity(*elements))
+        return position, velocity, float(orbits.mean_motion(elements[0]))
 
 
 def tle_state(tle: Tle, epoch: np.datetime64, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

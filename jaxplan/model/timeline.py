@@ -1,0 +1,101 @@
+"""A timeline: activities one after the other, each with what it points at, how long and when.
+
+Times are seconds from the timeline's start on, which is the scene's `epoch`; files have them as UTC.
+"""
+
+from dataclasses import dataclass, field
+
+import jax
+
+from jaxplan.model.goals import GivenState, Targets
+from jaxplan.model.keys import key, keyed
+from jaxplan.model.scenario import Scenario
+from jaxplan.runtime.display import shown
+
+SHORTEST, CALM = SLEWS = ("shortest", "calm")
+
+
+@shown("name", "kind", "duration s", "earliest s", "latest s", "after")
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Activity:
+    """One thing to do: follow targets, point at them for an instant, hold an attitude, or rest.
+
+    Exactly one of `track`, `point`, `attitude` and `idle` says what.
+
+    Attributes:
+        name: unique.
+        track: devices that follow their targets all the time, with what others prefer or hold; its tolerance
+            is what each may be off.
+        point: devices that point at their targets at one instant, at their rates.
+        attitude: the state to be held, at rest.
+        idle: whether nothing is asked; the spacecraft comes to rest and moves only where zones ask for it.
+        duration: s, how long; None until `latest`.
+        earliest: s, before which it may not begin; None for as soon as possible after the one before.
+        latest: s, by which it must have ended; None for any time.
+        after: name of an activity that must have ended before; empty for the one in front of it.
+    """
+
+    name: str = field(metadata=key("name", "unique", static=True))
+    track: Targets | None = field(default=None, metadata=key("track"))
+    point: Targets | None = field(default=None, metadata=key("point"))
+    attitude: GivenState | None = field(default=None, metadata=key("attitude"))
+    idle: bool = keyed(False, "idle", "nothing is asked", static=True)
+    duration: float | None = keyed(None, "for_s", "how long; until until_utc if absent", "[0, 86400]")
+    earliest: float | None = keyed(None, "from_s", "not before", "[0, 86400]")
+    latest: float | None = keyed(None, "until_s", "ended by", "[0, 86400]")
+    after: str = keyed("", "after", "name of an activity that must have ended before", static=True)
+
+    @property
+    def kind(self) -> str:
+        """What it is: "track", "point", "attitude" or "idle"."""
+        return next(
+            (name for name in ("track", "point", "attitude") if getattr(self, name) is not None), "idle"
+        )
+
+    @property
+    def targets(self) -> Targets | None:
+        """What devices point at; None where nothing is asked of directions."""
+        return self.track if self.track is not None else self.point
+
+
+@dataclass(frozen=True, kw_only=True)
+class Labels:
+    """Names and numbers by which other tools know the spacecraft.
+
+    Attributes:
+        object_name: of the spacecraft; None for that of the timeline.
+        object_id: its international designator, such as "2026-042A".
+        originator: who made the file.
+        frame_name: of the body's frame.
+        naif_id: SPICE's number of the spacecraft, negative.
+    """
+
+    object_name: str | None = keyed(None, "object_name", "the spacecraft's, in exported files")
+    object_id: str | None = keyed(None, "object_id", 'international designator, such as "2026-042A"')
+    originator: str | None = keyed(None, "originator", "who made the exported files")
+    frame_name: str | None = keyed(None, "frame_name", "of the body's frame, in exported files")
+    naif_id: int | None = keyed(None, "naif_id", "SPICE's number of the spacecraft", "[-999999, -1]")
+
+
+@shown("name", "activities", "until s", "slew")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Timeline:
+    """Activities in their order, with the spacecraft that does them.
+
+    Attributes:
+        name: for titles and tables.
+        scene: spacecraft, start, zones, settings and epoch; its goal is not looked at. What moves is known
+            from the start to the end.
+        activities: in their order, but for what their `after` asks.
+        until: s, when it ends; None at the end of the last activity.
+        slew: "shortest" for slews in the shortest time, "calm" for slews in the time that there is.
+        labels: for exports.
+    """
+
+    name: str
+    scene: Scenario
+    activities: tuple[Activity, ...]
+    until: float | None = None
+    slew: str = SHORTEST
+    labels: Labels = field(default_factory=Labels)

@@ -1,0 +1,13 @@
+"""A day of operations: activities that track, point or rest, and the slews between them, in one plan."""
+
+from typing import TYPE_CHECKING
+
+from jaxplan.runtime.late import late
+from jaxplan.timeline.record import PlannedActivity, Segment, TimelineError, TimelinePlan
+
+if TYPE_CHECKING:
+    from jaxplan.timeline.planning import plan_timeline
+
+__all__ = ["PlannedActivity", "Segment", "TimelineError", "TimelinePlan", "plan_timeline"]
+
+__getattr__ = late(__name__, {"plan_timeline": "jaxplan.timeline.planning:plan_timeline"})

@@ -1,0 +1,197 @@
+"""Trajectories through states at nodes, their joining, and ends bent to given accelerations.
+
+**Through nodes.** Joints follow the spline of degree 5 through their angles. The platform follows one in
+charts ``R_a exp(b^)``, each about the attitude at its start and left before it has turned by a radian. At the
+ends of charts angular velocity and acceleration are those of a spline through the nodes around, so that the
+motion has two continuous derivatives there, and four elsewhere.
+
+**Bent ends.** Slews are fitted between attitudes, joints and rates. What they lack in acceleration ``a`` at
+an end is added on the outermost piece, of length ``h``: ``a h^2 u^3 (1 - u)^2 / 2``, with ``u`` from 0 at the
+inner end of the piece to 1 at the outer one. Its value and rate are zero at both, its acceleration is zero
+at the inner and ``a`` at the outer one, and it moves nothing by more than ``0.0173 a h^2``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from math import factorial
+from typing import Any
+
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.timeline.least_motion import Nodes
+from jaxplan.trajectory import Trajectory
+
+DEGREE = 5
+_CHART = 1.0  # rad, after which another chart is taken
+_AROUND = 5  # nodes to either side from which derivatives at the ends of charts are found
+FEWEST = 8  # nodes of a curve
+
+# From coefficients of powers of (u + 1) / 2 to Legendre coefficients in u, for degree 5.
+_TO_LEGENDRE = np.zeros((DEGREE + 1, DEGREE + 1))
+for _power in range(DEGREE + 1):
+    _own = np.polynomial.polynomial.polypow([0.5, 0.5], _power)
+    _TO_LEGENDRE[: _power + 1, _power] = np.polynomial.legendre.poly2leg(_own)
+
+
+def through(nodes: Nodes) -> Trajectory:
+    """The trajectory through nodes, from the first one's time on, which is its zero.
+
+    Args:
+        nodes: at least `FEWEST`.
+    """
+    times = nodes.times - nodes.times[0]
+    joints = _spline(times, nodes.joints)
+    edges = _chart_ends(nodes.attitudes)
+    derivatives = {node: _derivatives(times, nodes.attitudes, node) for node in edges}
+    breaks, coefficients, attitudes, starts = [times[:1]], [], [], []
+    for first, last in pairwise(edges):
+        own = slice(first, last + 1)
+        b = so3.log(nodes.attitudes[first].T @ nodes.attitudes[own])
+        ends = [_in_chart(eta, *derivatives[node]) for eta, node in ((b[0], first), (b[-1], last))]
+        spline = _spline(times[own], b, ends)
+        breaks.append(spline[0][1:])
+        coefficients.append(spline[1])
+        attitudes += [nodes.attitudes[first]] * len(spline[1])
+        starts += [times[first]] * len(spline[1])
+    return Trajectory(
+        breaks=np.concatenate(breaks),
+        chart_attitude=np.array(attitudes),
+        chart_start=np.array(starts),
+        chart_rate=np.zeros((len(starts), 3)),
+        coefficients=np.concatenate(coefficients),
+        joint_breaks=joints[0],
+        joint_coefficients=joints[1],
+        node_times=times[[0, -1]],
+        smoothness=2,
+        method="tracking",
+    )
+
+
+def _spline(times: np.ndarray, values: np.ndarray, ends: Any = None) -> tuple[np.ndarray, np.ndarray]:
+    """Breaks (p + 1,) s and Legendre coefficients (p, 6, d) of the spline of degree 5 through values.
+
+    Args:
+        times: (n,) s.
+        values: (n, d).
+        ends: first and second derivatives at either end, ((d,), (d,)) each; None for those of the
+            polynomials through the outermost nodes.
+    """
+    from scipy.interpolate import make_interp_spline  # slow to import, so not at the top
+
+    base = values[:1]  # what stands still does so to the last bit
+    given = None if ends is None else tuple([(1, rate), (2, bend)] for rate, bend in ends)
+    spline = make_interp_spline(times, values - base, k=DEGREE, bc_type=given)
+    breaks = np.unique(spline.t)
+    size = np.diff(breaks)
+    powers = np.stack(
+        [
+            spline(breaks[:-1], order) * size[:, None] ** order / factorial(order)
+            for order in range(DEGREE + 1)
+        ]
+    )
+    coefficients = np.einsum("lk,kpd->pld", _TO_LEGENDRE, powers)
+    coefficients[:, 0] += base
+    return breaks, coefficients
+
+
+def _chart_ends(attitudes: np.ndarray) -> list[int]:
+    """Numbers of the nodes at which charts end: the first and the last, and some between."""
+    edges = [0]
+    last = len(attitudes) - 1
+    for node in range(1, last + 1):
+        far = so3.distance(attitudes[edges[-1]], attitudes[node]) > _CHART
+        if far and node - 1 - edges[-1] >= FEWEST and last - node + 1 >= FEWEST:
+            edges.append(node - 1)
+    return [*edges, last]
+
+
+def _derivatives(times: np.ndarray, attitudes: np.ndarray, node: int) -> tuple[np.ndarray, np.ndarray]:
+    """Angular velocity and acceleration, (3,) each, in body axes at a node, from the nodes around it."""
+    first = max(0, min(node - _AROUND, len(times) - 2 * _AROUND - 1))
+    own = slice(first, first + 2 * _AROUND + 1)
+    from scipy.interpolate import make_interp_spline
+
+    spline = make_interp_spline(times[own], so3.log(attitudes[node].T @ attitudes[own]), k=DEGREE)
+    return spline(times[node], 1), spline(times[node], 2)  # where b is zero they are those of the body
+
+
+def _in_chart(
+    eta: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivative (3,) of ``b`` at ``eta`` for an angular velocity and acceleration.
+
+    From ``omega = D b'`` and ``omega' = D b'' + D' b'`` with the right Jacobian ``D`` of ``eta``.
+    """
+    tangent = so3.right_jacobian(eta)
+    rate = np.linalg.solve(tangent, velocity)
+    bend = np.linalg.solve(tangent, acceleration - so3.right_jacobian_rate(eta, rate) @ rate)
+    return rate, bend
+
+
+def bent(trajectory: Trajectory, ends: Sequence[tuple[np.ndarray, np.ndarray] | None]) -> Trajectory:
+    """The trajectory with given accelerations at its start and goal.
+
+    Args:
+        trajectory: a slew, of polynomials of degree 5.
+        ends: for start and goal the angular acceleration (3,) rad/s^2, body axes, and accelerations of joints
+            (J,) rad/s^2; None to leave that end as it is.
+    """
+    curve = np.array(trajectory.coefficients)
+    joints = np.array(trajectory.joint_coefficients)
+    for number, wanted in enumerate(ends):
+        if wanted is None:
+            continue
+        own = -number
+        time = trajectory.breaks[own]
+        now = trajectory.sample(float(time))
+        span = trajectory.breaks[own] - trajectory.breaks[own - 1] if number else trajectory.breaks[1]
+        # b'' adds U^T D b'' to the acceleration, and D is the identity at either end
+        half: np.ndarray = so3.exp((time - trajectory.chart_start[own]) * trajectory.chart_rate[own] / 2)
+        lacking = np.einsum("ij,j->i", half, wanted[0] - now.angular_acceleration)
+        curve[own] += _bump(number, float(span))[:, None] * lacking
+        span = (
+            trajectory.joint_breaks[own] - trajectory.joint_breaks[own - 1]
+            if number
+            else trajectory.joint_breaks[1]
+        )
+        joints[own] += _bump(number, float(span))[:, None] * (wanted[1] - now.joint_accelerations)
+    return replace(trajectory, coefficients=curve, joint_coefficients=joints, smoothness=2)
+
+
+def _bump(end: int, span: float) -> np.ndarray:
+    """Legendre coefficients (6,), s^2, of what adds a unit acceleration at an end of a piece of `span` s."""
+    rise = np.polynomial.Polynomial([0, 0, 0, 1.0]) * np.polynomial.Polynomial([1.0, -1.0]) ** 2 / 2
+    found = _TO_LEGENDRE @ np.asarray(rise.coef, float) * span**2
+    return found if end else found * (-1.0) ** np.arange(DEGREE + 1)
+
+
+def joined(parts: Sequence[tuple[float, Trajectory]]) -> Trajectory:
+    """One trajectory of several that follow each other, each given after the time (s) at which it begins."""
+    begins = [begin for begin, _ in parts]
+    last, ending = parts[-1]
+    end = last + ending.duration
+    edges = [*begins, end]
+
+    def breaks(name: str) -> np.ndarray:
+        inner = [getattr(part, name)[:-1] + begin for begin, part in parts]
+        for one, begin in zip(inner, begins, strict=True):
+            one[0] = begin  # to the last bit
+        return np.concatenate([*inner, [end]])
+
+    def stacked(name: str) -> np.ndarray:
+        return np.concatenate([getattr(part, name) for _, part in parts])
+
+    return Trajectory(
+        breaks=breaks("breaks"),
+        chart_attitude=stacked("chart_attitude"),
+        chart_start=np.concatenate([part.chart_start + begin for begin, part in parts]),
+        chart_rate=stacked("chart_rate"),
+        coefficients=stacked("coefficients"),
+        joint_breaks=breaks("joint_breaks"),
+        joint_coefficients=stacked("joint_coefficients"),
+        node_times=np.array(edges),
+        smoothness=2,
+        method="timeline",
+    )

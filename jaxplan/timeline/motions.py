@@ -1,0 +1,267 @@
+"""The motion of each kind of activity, from the time on at which it begins.
+
+A motion depends on when it begins, on the state that the spacecraft comes from, and for devices without a
+target on where they are then. Where there is none, `Refused` says which device, zone or second is in the way.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.goal import Decomposition, decompose
+from jaxplan.goal.rates import least_rates
+from jaxplan.model.breaches import constraint_breaches
+from jaxplan.model.directions import as_path
+from jaxplan.model.goals import Targets
+from jaxplan.model.hidden import after_hidden
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import STRETCHED, Scenario
+from jaxplan.model.status import Status
+from jaxplan.model.timeline import Activity
+from jaxplan.planner import messages
+from jaxplan.timeline import curves
+from jaxplan.timeline.least_motion import Nodes, Wanted
+from jaxplan.timeline.pursuit import Pursuit
+from jaxplan.timeline.tracking import State, Tracked, track
+from jaxplan.trajectory import Trajectory
+
+_SLEW_TIME = 30.0  # s, a usual slew; it weighs the way to a motion against the motion's own energy
+_GOALS = 4  # attitudes of step 1 that are tried as first guesses
+_BROKEN = 1e-9  # rad by which a node may break what it keeps
+_REST = 1.5  # times the least time in which rates can be braked
+
+
+class Refused(Exception):
+    """An activity cannot be done; the arguments are a status and a message."""
+
+    def __init__(self, status: Status, message: str) -> None:
+        self.status, self.message = status, message
+        super().__init__(message)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """What is done from an instant on.
+
+    Attributes:
+        state: in which it begins.
+        trajectory: from its begin on, which is its zero; None of what takes no time.
+        begin: s, in the timeline's times.
+        tracked: how devices follow their targets; None where they have none.
+    """
+
+    state: State
+    trajectory: Trajectory | None
+    begin: float
+    tracked: Tracked | None = None
+
+
+@dataclass(kw_only=True, eq=False)
+class Doing:
+    """An activity that is to be done by a spacecraft that comes from some state.
+
+    Attributes:
+        scene: spacecraft, zones and settings, in the timeline's times.
+        activity: what is asked.
+        before: the state from which the spacecraft comes.
+        time: s, of that state.
+        ends: function of the time, s, at which the motion begins, to that at which it ends.
+        last: the motion that was found last, a first guess for the next.
+    """
+
+    scene: Scenario
+    activity: Activity
+    before: State
+    time: float
+    latest_end: float | None = None
+    last: Motion | None = field(default=None)
+
+    def ends(self, begin: float) -> float:
+        """When the activity ends, s, if its motion begins at a time, s."""
+        own = self.activity
+        if own.kind == "point":
+            return begin
+        if own.duration is not None:
+            return max(begin, own.earliest or 0.0) + own.duration
+        assert self.latest_end is not None
+        return max(self.latest_end, begin)
+
+    def motion(self, begin: float) -> Motion:
+        """The motion from a time, s, on; raises `Refused` where there is none."""
+        own = self.activity
+        if own.attitude is not None:
+            given = own.attitude
+            found = self._held(State.still(given.attitude, given.joints), begin)
+        elif own.targets is None:
+            found = self._resting(begin)
+        else:
+            found = self._pointing(own.targets, begin)
+        self.last = found
+        return found
+
+    def _held(self, state: State, begin: float) -> Motion:
+        """The motion that stays in a state."""
+        end = self.ends(begin)
+        if not end > begin:
+            return Motion(state=state, trajectory=None, begin=begin)
+        times = np.linspace(begin, end, curves.FEWEST)
+        nodes = Nodes(
+            times=times,
+            attitudes=np.tile(state.attitude, (len(times), 1, 1)),
+            joints=np.tile(state.joints, (len(times), 1)),
+        )
+        pursuit = Pursuit.of(self.scene.usable, self.scene.constraints, None)
+        margins = pursuit.margins(nodes.attitudes, nodes.joints, times)
+        worst = int(np.argmin(np.min(margins, axis=1, initial=np.inf)))
+        if not np.all(margins[worst] >= -_BROKEN):
+            phrases = self._phrases(nodes, worst)
+            raise Refused(Status.INVALID_GOAL, f"{'; '.join(phrases)} at {times[worst]:.2f} s")
+        return Motion(state=state, trajectory=curves.through(nodes), begin=begin)
+
+    def _resting(self, begin: float) -> Motion:
+        """The motion of a spacecraft that has come to rest, and moves only where zones ask for it."""
+        far = (begin - self.time) / 2  # braking evenly
+        low, high = self.scene.usable.joint_ranges.T
+        joints = np.clip(self.before.joints + far * self.before.rates, low, high)
+        attitude = self.before.attitude @ so3.exp(far * self.before.velocity)
+        still = State.still(attitude, joints)
+        try:
+            return self._held(still, begin)
+        except Refused:
+            return self._tracked(None, [attitude[None]], joints, begin)
+
+    def _pointing(self, targets: Targets, begin: float) -> Motion:
+        """The motion that follows targets."""
+        end = self.ends(begin)
+        self._expect_seen(targets, begin, end)
+        if self.last is not None and self.last.tracked is not None:
+            nodes = self.last.tracked.nodes
+            return self._tracked(targets, [nodes.attitudes], nodes.joints[0], begin)
+        found = self._decomposed(targets, begin)
+        if not end > begin:
+            return self._instant(targets, found.goals[0], begin)
+        attitudes = [goal.attitude[None] for goal in found.goals]
+        return self._tracked(targets, attitudes, found.goals[0].joints, begin)
+
+    def _decomposed(self, targets: Targets, begin: float) -> Decomposition:
+        """States at a time, s, in which devices point at their targets, the best first."""
+        scene, rows = self.scene, self.scene.constraints.at(begin)
+        found = decompose(
+            scene.usable,
+            self.before.attitude,
+            targets.at(begin),
+            rows,
+            start_joints=self.before.joints,
+            max_goals=_GOALS,
+            seed=scene.search.seed,
+        )
+        if not found.goals:
+            settings = replace(scene.trajectory, duration=STRETCHED)
+            asked = replace(scene, goal=targets.at(begin), trajectory=settings)
+            text = messages.unreachable(asked, rows, found, np.pi)
+            raise Refused(Status.GOAL_UNREACHABLE, f"{text} at {begin:.2f} s")
+        return found
+
+    def _instant(self, targets: Targets, goal: Goal, begin: float) -> Motion:
+        """The state in which devices point at targets at an instant, at their rates."""
+        spin, rates = least_rates(self.scene.usable, targets.at(begin), goal, targets.rates(begin))
+        nodes = Nodes(times=np.array([begin]), attitudes=goal.attitude[None], joints=goal.joints[None])
+        phrases = self._phrases(nodes, 0)
+        if phrases:
+            raise Refused(Status.INVALID_GOAL, f"{'; '.join(phrases)} at {begin:.2f} s")
+        still = State.still(goal.attitude, goal.joints)
+        return Motion(state=replace(still, velocity=spin, rates=rates), trajectory=None, begin=begin)
+
+    def _tracked(
+        self, targets: Targets | None, guesses: list[np.ndarray], joints: np.ndarray, begin: float
+    ) -> Motion:
+        """The motion of least energy near the first of some attitudes from which there is one."""
+        scene = self.scene
+        craft, rows = scene.usable, scene.constraints
+        pursuit = Pursuit.of(craft, rows, targets)
+        settings = scene.trajectory
+        wishes = () if targets is None else targets.prefer
+        wanted = Wanted(
+            attitude=self.before.attitude,
+            joints=joints,
+            slew_time=_SLEW_TIME,
+            wishes=tuple((craft.device_names.index(wish.device), as_path(wish.direction)) for wish in wishes),
+            weights=(settings.rate_weight, settings.acceleration_weight),
+        )
+        tolerance = 1e-4 if targets is None else float(targets.tolerance)
+        best: Tracked | None = None
+        for guess in guesses:
+            found = track(pursuit, wanted, self._free(targets), guess, begin, self.ends(begin), tolerance)
+            if best is None or np.max(found.broken) < np.max(best.broken):
+                best = found
+            if np.max(best.broken) <= _BROKEN:
+                break
+        assert best is not None
+        self._expect_kept(best)
+        return Motion(
+            state=State.of(best.trajectory, 0.0), trajectory=best.trajectory, begin=begin, tracked=best
+        )
+
+    def _free(self, targets: Targets | None) -> tuple[int, ...]:
+        """Numbers of the joints of devices that have no target and may move: for a zone, or by a wish."""
+        craft, rows = self.scene.usable, self.scene.constraints
+        gimbals, asked = craft.gimbals, () if targets is None else targets.numbers(craft)
+        held = () if targets is None else targets.hold
+        wished = () if targets is None else tuple(wish.device for wish in targets.prefer)
+        found: list[int] = []
+        for number in range(gimbals.count):
+            name = craft.device_names[number]
+            bound = bool(np.any(rows.bound[:, number])) or name in wished
+            if number not in asked and name not in held and bound:
+                found += gimbals.joints_of(number).tolist()
+        return tuple(found)
+
+    def _expect_seen(self, targets: Targets, begin: float, end: float) -> None:
+        """Raise `Refused` if a target is hidden at some time of the activity, seconds both."""
+        for name, path in zip(targets.names(self.scene.spacecraft), targets.paths, strict=True):
+            for span in path.hidden:
+                if span.at(begin) or begin < span.start < end:
+                    raise Refused(
+                        Status.INVALID_GOAL,
+                        f"{span.target}, the target of {name}, is hidden by {span.by} from "
+                        f"{span.start:.2f} s to {span.end:.2f} s, and is asked for from {begin:.2f} s to "
+                        f"{end:.2f} s",
+                    )
+
+    def seen_from(self, time: float) -> float:
+        """The first begin, s, at or after a time, s, of a span in which all targets are seen all along."""
+        targets = self.activity.targets
+        if targets is None:
+            return time
+        spans = [span for path in targets.paths for span in path.hidden]
+        while True:
+            begin = after_hidden(spans, time)
+            inside = [span for span in spans if begin < span.start < self.ends(begin)]
+            if not inside:
+                return begin
+            time = max(span.end for span in inside)
+
+    def _expect_kept(self, found: Tracked) -> None:
+        """Raise `Refused` if nodes break a range or a constraint."""
+        if np.max(found.broken) <= _BROKEN:
+            return
+        phrases = self._phrases(found.nodes, found.worst)
+        when = f"at {found.nodes.times[found.worst]:.2f} s"
+        raise Refused(Status.GOAL_UNREACHABLE, f"{'; '.join(phrases) or 'a limit is passed'} {when}")
+
+    def _phrases(self, nodes: Nodes, node: int) -> list[str]:
+        """A phrase for each range and constraint that a node breaks."""
+        scene, craft = self.scene, self.scene.usable
+        low, high = craft.joint_ranges.T
+        joints = nodes.joints[node]
+        found = []
+        for name, angle, least, most in zip(craft.joint_names, joints, low, high, strict=True):
+            over = max(least - angle, angle - most)
+            if over > _BROKEN:
+                end = np.rad2deg(least if least - angle > 0 else most)
+                found.append(f"{name} would be {np.rad2deg(over):.4g} deg beyond its limit of {end:.4g} deg")
+        rows = scene.constraints.at(nodes.times[node])
+        zones = [scene.zones[zone] for zone in rows.zone if zone >= 0]
+        state = scene.spacecraft, nodes.attitudes[node], joints
+        return [*found, *constraint_breaches(rows, *state, zones, scene.sight_names)]

@@ -1,0 +1,269 @@
+"""Plan a timeline: its activities one after the other, slews between them, and the proof of it all.
+
+Each activity begins as soon as its slew can end, not before its window and the one that it comes after. Where
+the window is later than that, a slew in the shortest time is followed by the targets' pursuit until the
+window opens, if they are seen then; a calm one takes the time that there is. An activity that cannot be done
+is told by name, and if asked the rest is planned from the state before it.
+"""
+
+import time as clock
+from dataclasses import replace
+
+import numpy as np
+
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.status import Status
+from jaxplan.model.timeline import CALM, Activity, Timeline
+from jaxplan.planner.validity import start_breaches
+from jaxplan.runtime.progress import progress_bar
+from jaxplan.runtime.workers import one_thread
+from jaxplan.timeline import curves, proving
+from jaxplan.timeline.motions import Doing, Motion, Refused
+from jaxplan.timeline.record import PlannedActivity, Segment, TimelineError, TimelinePlan
+from jaxplan.timeline.slews import Departure, Slew
+from jaxplan.timeline.tracking import State
+from jaxplan.timeline.wheels_then import holding
+from jaxplan.trajectory import Trajectory
+
+_FIRST = 20.0  # s, the first guess of the duration of a slew
+_SAME = 1e-9  # s, below which there is no time for a slew
+
+
+def plan_timeline(
+    timeline: Timeline, *, throw: bool = True, go_on: bool = False, progress: bool = True
+) -> TimelinePlan:
+    """Plan all activities of a timeline, with the slews between them, and prove it safe.
+
+    Args:
+        timeline: what is to be done.
+        throw: raise when an activity cannot be planned; otherwise return what was found.
+        go_on: whether the rest is planned where an activity cannot be; else planning ends there.
+        progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
+
+    Returns:
+        The plan, whose trajectory is one over all activities.
+
+    Raises:
+        TimelineError: with ``status``, ``plan`` and a message that says which activity, what is in the way
+            and what to change, if ``throw``.
+    """
+    with (
+        one_thread(),
+        progress_bar("planning", "activities", total=len(timeline.activities), shown=progress) as bar,
+    ):
+        day = _Day(timeline)
+        for activity in in_order(timeline):
+            bar.step(activity.name)
+            if not day.do(activity) and not go_on:
+                break
+            bar.update()
+        bar.step("proof")
+        plan = day.result()
+    if throw and not plan.ok:
+        raise TimelineError(plan)
+    return plan
+
+
+def in_order(timeline: Timeline) -> list[Activity]:
+    """The activities as they are done: in their order, but none before the one it comes after."""
+    left, done = list(timeline.activities), list[Activity]()
+    while left:
+        names = {one.name for one in left}
+        ready = [one for one in left if one.after not in names]
+        if not ready:
+            raise ValueError(f"activities that come after each other: {', '.join(sorted(names))}")
+        first = ready[0]
+        done.append(first)
+        left.remove(first)
+    return done
+
+
+class _Day:
+    """A timeline under way: what is planned so far, and the state in which that ends."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        scene, start = timeline.scene, timeline.scene.start
+        self.timeline, self.scene = timeline, scene
+        zero = np.zeros(len(start.joints))
+        self.state = State(
+            attitude=start.attitude,
+            joints=start.joints,
+            velocity=np.asarray(start.angular_velocity, float),
+            rates=np.asarray(start.joint_rates, float),
+            acceleration=np.zeros(3),
+            bends=zero,
+        )
+        self.time = 0.0
+        self.parts: list[tuple[float, Trajectory, Spacecraft]] = []
+        self.segments: list[Segment] = []
+        self.activities: list[PlannedActivity] = []
+        self.seconds = {"motions": 0.0, "slews": 0.0, "proof": 0.0}
+        self.broken = start_breaches(replace(scene, goal=start))
+
+    def do(self, activity: Activity) -> bool:
+        """Plan an activity from the state so far on; returns whether it could be."""
+        try:
+            if self.broken:
+                raise Refused(Status.INVALID_START, "; ".join(self.broken))
+            self._do(activity)
+        except Refused as refused:
+            self.activities.append(
+                PlannedActivity(
+                    name=activity.name, kind=activity.kind, status=refused.status, message=refused.message
+                )
+            )
+            return False
+        return True
+
+    def _do(self, activity: Activity) -> None:
+        """Plan an activity; raises `Refused`."""
+        doing = Doing(
+            scene=self.scene,
+            activity=activity,
+            before=self.state,
+            time=self.time,
+            latest_end=activity.latest if activity.latest is not None else self.timeline.until,
+        )
+        slew, motion = self._slew(doing)
+        if slew.trajectory is not None:
+            self._add(activity.name, "slew", slew.trajectory)
+        start = max(motion.begin, activity.earliest or 0.0)
+        error = None
+        if motion.trajectory is not None:
+            begun = clock.monotonic()
+            if activity.track is not None:
+                error = proving.pointing_error(self.scene, activity.track, motion.trajectory, motion.begin)
+            self.seconds["proof"] += clock.monotonic() - begun
+            self._add(activity.name, activity.kind, motion.trajectory)
+        else:
+            self.state = motion.state
+        status, message = Status.OK, ""
+        if error is not None and activity.track is not None and not error <= activity.track.tolerance:
+            status = Status.UNCERTIFIED
+            off, most = np.rad2deg([error, float(activity.track.tolerance)])
+            message = (
+                f"devices are proved to point within {off:.3g} deg, tolerance_deg = {most:g} is asked for"
+            )
+        self.activities.append(
+            PlannedActivity(
+                name=activity.name,
+                kind=activity.kind,
+                status=status,
+                message=message,
+                start=start,
+                end=self.time,
+                slew=slew.duration if slew.trajectory is not None else 0.0,
+                pointing_error=error,
+            )
+        )
+
+    def _add(self, name: str, kind: str, trajectory: Trajectory) -> None:
+        """Append a part of the motion, and go on from its end."""
+        self.parts.append((self.time, trajectory, self._craft()))
+        end = self.time + trajectory.duration
+        self.segments.append(Segment(name=name, kind=kind, start=self.time, end=end))
+        self.state, self.time = State.of(trajectory, trajectory.duration), end
+
+    def _craft(self, *, usable: bool = False) -> Spacecraft:
+        """The spacecraft with what its wheels hold now."""
+        craft = self.scene.usable if usable else self.scene.spacecraft
+        if not craft.wheels or not self.parts:
+            return craft
+        return holding(craft, self.parts, self.state)
+
+    def _slew(self, doing: Doing) -> tuple[Slew, Motion]:
+        """The slew to an activity, and the motion that follows; raises `Refused`."""
+        activity = doing.activity
+        opens = activity.earliest or 0.0
+        departure = Departure(scene=self.scene, craft=self._craft(), state=self.state, time=self.time)
+        waits = opens > self.time + _SAME
+        if waits and self.timeline.slew == CALM:
+            return self._calm(departure, doing, opens)
+        begin = doing.seen_from(self.time + _FIRST)
+        least = begin - self.time if begin > self.time + _FIRST else 0.0
+        begun = clock.monotonic()
+        spent = self.seconds["motions"]
+
+        def goal_at(time: float) -> tuple[State, Motion]:
+            found = self._motion(doing, doing.seen_from(time))
+            return found.state, found
+
+        try:
+            slew = departure.shortest(goal_at, least)
+        except Refused:
+            if not waits:
+                raise
+            return self._calm(departure, doing, opens)
+        finally:
+            self.seconds["slews"] += clock.monotonic() - begun - (self.seconds["motions"] - spent)
+        if slew.trajectory is None:
+            if waits:
+                return self._calm(departure, doing, opens)
+            raise Refused(slew.status, f"no slew to it from {self.time:.2f} s on: {slew.message}")
+        self._expect_in_time(doing, slew.goal)
+        return slew, slew.goal
+
+    def _calm(self, departure: Departure, doing: Doing, opens: float) -> tuple[Slew, Motion]:
+        """The slew that takes all the time until an activity may begin, and the motion that follows."""
+        begin = doing.seen_from(opens)
+        motion = self._motion(doing, begin)
+        self._expect_in_time(doing, motion)
+        begun = clock.monotonic()
+        slew = departure.in_time(motion.state, begin - self.time)
+        self.seconds["slews"] += clock.monotonic() - begun
+        if slew.trajectory is None:
+            raise Refused(
+                slew.status, f"no slew to it from {self.time:.2f} s to {begin:.2f} s: {slew.message}"
+            )
+        return slew, motion
+
+    def _motion(self, doing: Doing, begin: float) -> Motion:
+        """The motion of an activity from a time, s, on."""
+        begun = clock.monotonic()
+        try:
+            return doing.motion(begin)
+        finally:
+            self.seconds["motions"] += clock.monotonic() - begun
+
+    def _expect_in_time(self, doing: Doing, motion: Motion) -> None:
+        """Raise `Refused` if an activity would end too late."""
+        activity = doing.activity
+        end, latest = doing.ends(motion.begin), activity.latest
+        if activity.duration is None and doing.latest_end is not None and not end > motion.begin:
+            late = motion.begin - doing.latest_end
+            raise Refused(
+                Status.OUT_OF_WINDOW,
+                f"it can begin at {motion.begin:.2f} s at the earliest, {late:.2f} s after its end",
+            )
+        if latest is not None and end > latest + _SAME:
+            raise Refused(
+                Status.OUT_OF_WINDOW,
+                f"it can end at {end:.2f} s at the earliest, {end - latest:.2f} s after its window: "
+                f"its slew begins at {self.time:.2f} s and ends at {motion.begin:.2f} s. Let the window end "
+                "later, ask for less time, or do less before",
+            )
+
+    def result(self) -> TimelinePlan:
+        """The plan of all that was done, with its proof."""
+        failed = next((one for one in self.activities if not one.ok), None)
+        trajectory = certificate = None
+        status, message = Status.OK, ""
+        if self.parts:
+            begun = clock.monotonic()
+            trajectory = curves.joined([(begin, part) for begin, part, _ in self.parts])
+            certificate = proving.certify_parts(self.scene, self.parts)
+            self.seconds["proof"] += clock.monotonic() - begun
+            if not certificate.certified:
+                status, message = Status.UNCERTIFIED, "; ".join(certificate.faults)
+        if failed is not None:
+            status, message = failed.status, f"activity {failed.name}: {failed.message}"
+        return TimelinePlan(
+            timeline=self.timeline,
+            status=status,
+            message=message,
+            activities=tuple(self.activities),
+            segments=tuple(self.segments),
+            trajectory=trajectory,
+            certificate=certificate,
+            timings=dict(self.seconds),
+        )

@@ -1,0 +1,162 @@
+"""What is proved of a timeline's plan: limits and zones at every instant, and how well devices point.
+
+The certificate of the whole is made of those of its segments, each by the prover of single plans, and of the
+joins between: there two segments must have the same attitude, joints, rates and accelerations. What wheels
+hold follows from the total momentum, which is that of the start all along; each segment begins with what
+they hold then.
+
+How well devices point is the largest angle from their targets, which is proved as the margin of a cone about
+each target as it moves.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from jaxplan.certificate import Certificate, Claim, EndState, certify_batch, prove_margins
+from jaxplan.certificate.limits import TOLERANCE
+from jaxplan.model.goals import Targets
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.tabulation import tabulate
+from jaxplan.model.zones import KeepIn
+from jaxplan.timeline.slews import at_time
+from jaxplan.timeline.tracking import State
+from jaxplan.trajectory import Trajectory
+
+_CONE = 2.0  # times the tolerance: half angle of the cone about a target in which devices are proved to be
+_WIDEST = 0.5  # rad, of such a cone
+_PLACES = {
+    "attitude": "attitude",
+    "joints": "joints",
+    "angular_velocity": "velocity",
+    "joint_rates": "rates",
+    "angular_acceleration": "acceleration",
+    "joint_accelerations": "bends",
+}
+
+
+def pointing_error(scene: Scenario, targets: Targets, trajectory: Trajectory, begin: float) -> float:
+    """Upper bound, rad, over all time of the angle between devices and their targets.
+
+    Args:
+        scene: the spacecraft, in the timeline's times.
+        targets: of the devices.
+        trajectory: that follows them, from its start on.
+        begin: s, of that start.
+    """
+    craft = scene.spacecraft
+    bare = replace(
+        craft, terminals=tuple(replace(one, mask=()) for one in craft.terminals), wheels=(), inertia=None
+    )
+    half = min(_CONE * float(targets.tolerance), _WIDEST)
+    zones = [
+        KeepIn(name=f"target of {name}", direction=path, half_angle=half, devices=(name,))
+        for name, path in zip(targets.names(craft), targets.paths, strict=True)
+    ]
+    moved = at_time(replace(scene, keep_out=(), keep_in=tuple(zones)), begin, trajectory.duration)
+    found = prove_margins(
+        Claim(
+            trajectory=trajectory,
+            spacecraft=bare,
+            cones=tabulate((), moved.keep_in, bare),
+            zone_names=[zone.name for zone in zones],
+        )
+    )
+    bounds = [margin.bound for margin in found]
+    return float("inf") if len(bounds) < len(zones) else half - min(bounds)
+
+
+def certify_parts(scene: Scenario, parts: Sequence[tuple[float, Trajectory, Spacecraft]]) -> Certificate:
+    """Prove a motion that is given in parts, each after the time (s) at which it begins, with the spacecraft.
+
+    The first one must start as the scene does; wheels of each spacecraft store what they hold then.
+    """
+    claims = []
+    for number, (begin, trajectory, craft) in enumerate(parts):
+        moved = replace(at_time(scene, begin, trajectory.duration), spacecraft=craft)
+        names = [moved.zones[zone].name for zone in moved.stated.zone if zone >= 0]
+        claims.append(
+            Claim(
+                trajectory=trajectory,
+                spacecraft=craft,
+                cones=moved.stated,
+                zone_names=names,
+                sight_names=moved.sight_names,
+                robust=moved.robust,
+                start=_start(scene) if number == 0 else None,
+            )
+        )
+    begins = [begin for begin, _, _ in parts]
+    jumps = [jumps_between(one, other) for (_, one, _), (_, other, _) in pairwise(parts)]
+    return _merged(certify_batch(claims), begins, jumps)
+
+
+def _start(scene: Scenario) -> EndState:
+    """The state in which the scene starts, as claims have it."""
+    start = scene.start
+    return EndState(
+        attitude=start.attitude,
+        joints=start.joints,
+        angular_velocity=start.angular_velocity,
+        joint_rates=start.joint_rates,
+    )
+
+
+def jumps_between(before: Trajectory, after: Trajectory) -> dict[str, float]:
+    """Jumps from the end of a trajectory to the start of the next, by the names of a certificate's jumps."""
+    ended, begun = State.of(before, before.duration), State.of(after, 0.0)
+    return {
+        name: float(np.max(np.abs(getattr(begun, own) - getattr(ended, own)), initial=0.0))
+        for name, own in _PLACES.items()
+    }
+
+
+def _merged(
+    found: Sequence[Certificate], begins: Sequence[float], joins: Sequence[dict[str, float]]
+) -> Certificate:
+    """One certificate of those of parts, which begin at given times (s), and of the jumps between them."""
+    faults = [
+        f"{fault}, in the part that begins at {begin:.2f} s"
+        for one, begin in zip(found, begins, strict=True)
+        for fault in one.faults
+    ]
+    jumps: dict[str, float] = {}
+    for each in (*(one.jumps for one in found), *joins):
+        for name, jump in each.items():
+            jumps[name] = max(jumps.get(name, 0.0), jump)
+    for number, join in enumerate(joins):
+        wrong = {name: jump for name, jump in join.items() if not jump <= TOLERANCE}
+        faults += [
+            f"{name.replace('_', ' ')} jumps by {jump:.3g} at {begins[number + 1]:.2f} s"
+            for name, jump in wrong.items()
+        ]
+    peaks: dict[str, float] = {}
+    times: dict[str, float] = {}
+    for one, begin in zip(found, begins, strict=True):
+        for name, peak in one.peaks.items():
+            if not peak <= peaks.get(name, -np.inf):
+                peaks[name], times[name] = peak, one.peak_times[name] + begin
+    bound = [number for number, one in enumerate(found) if one.min_margin is not None]
+    whole = Certificate(
+        certified=not faults and all(one.certified for one in found),
+        peaks=peaks,
+        peak_times=times,
+        jumps=jumps,
+        faults=tuple(faults),
+        evaluations=sum(one.evaluations for one in found),
+    )
+    if not bound:
+        return whole
+    worst = min(bound, key=lambda number: found[number].min_margin or 0.0)
+    least = found[worst]
+    assert least.worst_time is not None
+    return replace(
+        whole,
+        min_margin=least.min_margin,
+        worst_time=least.worst_time + begins[worst],
+        worst_device=least.worst_device,
+        worst_zone=least.worst_zone,
+    )

@@ -1,0 +1,172 @@
+"""The plan of a timeline: its trajectory, what became of each activity, and what is proved of all."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from jaxplan.certificate import Certificate
+from jaxplan.model.status import Status
+from jaxplan.model.timeline import Timeline
+from jaxplan.runtime.display import as_table, shown
+from jaxplan.trajectory import Trajectory
+
+
+@shown("name", "kind", "start s", "end s")
+@dataclass(frozen=True, kw_only=True)
+class Segment:
+    """A part of the plan, a slew or what an activity does.
+
+    Attributes:
+        name: of the activity; of a slew, that of the activity to which it leads.
+        kind: "slew", "track", "attitude" or "idle".
+        start: s, from the timeline's start on.
+        end: s.
+    """
+
+    name: str
+    kind: str
+    start: float
+    end: float
+
+
+@shown("name", "status", "message", "start s", "end s", "slew s", "pointing_error deg")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlannedActivity:
+    """What became of an activity.
+
+    Attributes:
+        name: of the activity.
+        kind: "track", "point", "attitude" or "idle".
+        status: how its planning ended.
+        message: for the user, what is in the way and what to change; empty when all is well.
+        start: s, from the timeline's start on; None where it is not planned.
+        end: s; None likewise.
+        slew: s, how long the slew to it takes; None likewise.
+        pointing_error: rad, upper bound over all its time of the angle between any device and its target;
+            None where nothing is tracked.
+    """
+
+    name: str
+    kind: str
+    status: Status
+    message: str = ""
+    start: float | None = None
+    end: float | None = None
+    slew: float | None = None
+    pointing_error: float | None = None
+
+    @property
+    def ok(self) -> bool:
+        """Whether it is planned."""
+        return self.status is Status.OK
+
+
+@shown("status", "message", "activities", "trajectory.duration s", heading="Plan of {0.timeline.name}")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TimelinePlan:
+    """The answer to a timeline.
+
+    Attributes:
+        timeline: what was asked.
+        status: how it ended, that of the first activity that is not planned.
+        message: for the user; empty when all is well.
+        activities: what became of each, in the order in which they are done.
+        segments: slews and activities in order, without gaps.
+        trajectory: all of the motion as a function of time; None where nothing is planned.
+        certificate: what is proved of the trajectory.
+        timings: seconds by step, the one part that is not deterministic.
+    """
+
+    timeline: Timeline
+    status: Status
+    message: str = ""
+    activities: tuple[PlannedActivity, ...] = ()
+    segments: tuple[Segment, ...] = ()
+    trajectory: Trajectory | None = None
+    certificate: Certificate | None = None
+    timings: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def ok(self) -> bool:
+        """Whether all activities are planned, and the motion is certified."""
+        return self.status is Status.OK
+
+    @property
+    def scenario(self) -> Any:
+        """The scene: spacecraft, start, zones and settings."""
+        return self.timeline.scene
+
+    @property
+    def pointing_error(self) -> float | None:
+        """Largest of the activities' proved pointing errors, rad; None where nothing is tracked."""
+        known = [one.pointing_error for one in self.activities if one.pointing_error is not None]
+        return max(known, default=None)
+
+    def rows(self) -> list[tuple[str, str]]:
+        """The plan as (label, value) rows for a table; timings are left out."""
+        rows = [("status", self.status.name)]
+        if self.message:
+            rows.append(("", self.message))
+        planned = [one for one in self.activities if one.ok]
+        rows.append(("activities", f"{len(planned)} of {len(self.activities)} planned"))
+        slews = [one.slew for one in planned if one.slew]
+        if slews:
+            rows.append(("slews", f"{len(slews)}, {sum(slews):.1f} s in all, {max(slews):.1f} s the longest"))
+        if self.trajectory is not None:
+            rows.append(("duration", f"{self.trajectory.duration:.2f} s, C{self.trajectory.smoothness}"))
+        if self.pointing_error is not None:
+            rows.append(("pointing", f"within {np.rad2deg(self.pointing_error):.2g} deg of every target"))
+        if self.certificate is not None:
+            rows += self.certificate.rows()
+        return rows
+
+    def table(self) -> str:
+        """A line for each activity, with its times, slew and pointing error."""
+        wide = max((len(one.name) for one in self.activities), default=4)
+        lines = [
+            f"{'activity':<{wide}}  {'start s':>10}  {'end s':>10}  {'slew s':>7}  {'error deg':>9}  status"
+        ]
+        for one in self.activities:
+            cells = (
+                _cell(one.start, "10.2f"),
+                _cell(one.end, "10.2f"),
+                _cell(one.slew, "7.2f"),
+                _cell(None if one.pointing_error is None else np.rad2deg(one.pointing_error), "9.1e"),
+            )
+            lines.append(f"{one.name:<{wide}}  {'  '.join(cells)}  {one.status.name}")
+            if one.message:
+                lines.append(f"{'':<{wide}}  {one.message}")
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        rows = self.rows()
+        width = max(len(label) for label, _ in rows)
+        lines = [f"Plan of {self.timeline.name}"]
+        lines += [f"  {label:<{width}}  {value}" for label, value in rows]
+        return "\n".join([*lines, "", self.table()])
+
+    def _repr_html_(self) -> str:
+        return as_table(f"Plan of {self.timeline.name}", self.rows())
+
+
+def _cell(value: float | None, form: str) -> str:
+    """A number by a format, or a dash of the same width."""
+    width = int(form.split(".")[0])
+    return f"{'-':>{width}}" if value is None else f"{value:{form}}"
+
+
+class TimelineError(Exception):
+    """The error of `plan_timeline` where an activity cannot be planned.
+
+    Attributes:
+        plan: what was found before it failed.
+        status: why it failed.
+    """
+
+    def __init__(self, plan: TimelinePlan) -> None:
+        self.plan, self.status = plan, plan.status
+        super().__init__(plan)
+
+    def __str__(self) -> str:
+        return f"{self.status.name}: {self.status.value}. {self.plan.message}".strip()

@@ -1,0 +1,185 @@
+"""The motion with which devices follow their targets for a while, as a trajectory.
+
+The nodes of least energy (`least_motion`) are looked for from two first guesses: an attitude that stays as it
+is, and one that is carried along by the targets, which is near the answer where these go round. Between the
+nodes lies a spline. It is brought to where all targets are met at nodes twice as close together, with joints
+that follow, until every device points within a small part of its tolerance everywhere between; that holds at
+the instants looked at, and the certificate proves it for all.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.timeline import curves
+from jaxplan.timeline.least_motion import LeastMotion, Nodes, Wanted
+from jaxplan.timeline.pursuit import Pursuit
+from jaxplan.trajectory import Trajectory
+
+_FEWEST, _MOST = 12, 60  # intervals between the nodes of least energy
+_LONGEST = 120.0  # s between them, as far as there are enough
+_TURN = np.deg2rad(4.0)  # rad by which a target turns from node to node, as far as there are enough
+_FINEST = 4096  # intervals of the curve, beyond which it is not refined
+_PART = 0.05  # of the tolerance by which a device may be off its target between nodes
+_BETWEEN = 4  # instants looked at in each interval
+_FINE = 8  # steps from node to node in which attitudes are carried along
+_PLACES = 64  # at which it is measured how far targets turn
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """A state of the spacecraft with its first two derivatives by time.
+
+    Attributes:
+        attitude: (3, 3) body to inertial.
+        joints: (J,) rad.
+        velocity: (3,) rad/s, body axes.
+        rates: (J,) rad/s.
+        acceleration: (3,) rad/s^2, body axes.
+        bends: (J,) rad/s^2, accelerations of the joints.
+    """
+
+    attitude: np.ndarray
+    joints: np.ndarray
+    velocity: np.ndarray
+    rates: np.ndarray
+    acceleration: np.ndarray
+    bends: np.ndarray
+
+    @classmethod
+    def of(cls, trajectory: Trajectory, time: float) -> "State":
+        """The state of a trajectory at a time, s."""
+        at = trajectory.sample(time)
+        return cls(
+            attitude=at.attitude,
+            joints=at.joints,
+            velocity=at.angular_velocity,
+            rates=at.joint_rates,
+            acceleration=at.angular_acceleration,
+            bends=at.joint_accelerations,
+        )
+
+    @classmethod
+    def still(cls, attitude: np.ndarray, joints: np.ndarray) -> "State":
+        """The state at rest."""
+        zero = np.zeros(len(joints))
+        return cls(
+            attitude=attitude,
+            joints=joints,
+            velocity=np.zeros(3),
+            rates=zero,
+            acceleration=np.zeros(3),
+            bends=zero,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tracked:
+    """A motion that follows targets.
+
+    Attributes:
+        trajectory: from its start on, which is its zero.
+        nodes: of least energy, from which it was made.
+        broken: (K + 1,) rad, how far each node breaks a range or a constraint.
+    """
+
+    trajectory: Trajectory
+    nodes: Nodes
+    broken: np.ndarray
+
+    @property
+    def worst(self) -> int:
+        """Number of the node that breaks the most."""
+        return int(np.argmax(self.broken))
+
+
+def track(
+    pursuit: Pursuit,
+    wanted: Wanted,
+    free: tuple[int, ...],
+    guess: np.ndarray,
+    start: float,
+    end: float,
+    tolerance: float,
+) -> Tracked:
+    """Follow targets with the least motion.
+
+    Args:
+        pursuit: what must point where, and what must hold.
+        wanted: what the motion shall be near.
+        free: numbers of joints that are chosen, too.
+        guess: (1, 3, 3) attitude at the start, at which all devices can point at their targets; or those of
+            the nodes of an earlier answer.
+        start: s.
+        end: s.
+        tolerance: rad, by which a device may be off its target.
+    """
+    times = np.linspace(start, end, _intervals(pursuit, start, end) + 1)
+    search = LeastMotion(pursuit, wanted, free)
+    if len(guess) == len(times):
+        guesses = [guess]  # an earlier answer
+    else:
+        guesses = [make(pursuit, guess[0], times) for make in (_still, _carried)]
+        guesses.sort(key=lambda one: search.price(search.first(times, one, wanted.joints)))
+    best: Nodes | None = None
+    for one in guesses:
+        found = search.solve(times, one, wanted.joints)
+        if best is None or np.max(search.broken(found)) < np.max(search.broken(best)):
+            best = found
+        if np.max(search.broken(best)) <= 0:
+            break
+    assert best is not None
+    return Tracked(trajectory=_curve(pursuit, best, tolerance), nodes=best, broken=search.broken(best))
+
+
+def _intervals(pursuit: Pursuit, start: float, end: float) -> int:
+    """Number of intervals between nodes that targets and duration ask for."""
+    seen = pursuit.directions(np.linspace(start, end, _PLACES))
+    turned = np.sum(np.linalg.norm(np.diff(seen, axis=0), axis=-1), axis=0)
+    asked = max(float(np.max(turned, initial=0.0)) / _TURN, (end - start) / _LONGEST)
+    return int(np.clip(np.ceil(asked), _FEWEST, _MOST))
+
+
+def _still(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Attitudes (K + 1, 3, 3) that change only as targets ask for it, each from the one before."""
+    found = np.tile(attitude, (len(times), 1, 1))
+    if not pursuit.equations:
+        return found
+    for node in range(1, len(times)):
+        found[node] = pursuit.meeting(found[[node - 1]], times[[node]])[0]
+    return found
+
+
+def _carried(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Attitudes (K + 1, 3, 3) that turn along with all targets, as far as these turn alike."""
+    fine = np.linspace(times[0], times[-1], _FINE * (len(times) - 1) + 1)
+    seen = pursuit.directions(fine)
+    if not seen.shape[1]:
+        return np.tile(attitude, (len(times), 1, 1))
+    moved = np.diff(seen, axis=0).reshape(len(fine) - 1, -1)
+    across = -so3.hat(seen[:-1]).reshape(len(moved), -1, 3)  # e' = w x e, of the least w that does best
+    turns = so3.exp((np.linalg.pinv(across, rcond=1e-6) @ moved[..., None])[..., 0])
+    found = [attitude]
+    for turn in turns:
+        found.append(turn @ found[-1])
+    return np.stack(found[::_FINE])
+
+
+def _curve(pursuit: Pursuit, nodes: Nodes, tolerance: float) -> Trajectory:
+    """The trajectory through nodes, with as many more between as the tolerance asks for."""
+    own = nodes
+    while True:
+        curve = curves.through(own)
+        count = len(own.times) - 1
+        shares = (np.arange(_BETWEEN) + 0.5) / _BETWEEN
+        between = (own.times[:-1, None] + np.diff(own.times)[:, None] * shares).ravel()
+        at = curve.sample(np.clip(between - own.times[0], 0, curve.duration))
+        off = pursuit.errors(at.attitude, at.joints, between)
+        if np.max(off, initial=0.0) <= _PART * tolerance or 2 * count > _FINEST:
+            return curve
+        times = np.linspace(own.times[0], own.times[-1], 2 * count + 1)
+        at = curve.sample(np.clip(times - times[0], 0, curve.duration))
+        attitudes = pursuit.meeting(at.attitude, times)
+        joints = pursuit.unwrapped(pursuit.joints(attitudes, times, at.joints))
+        own = Nodes(times=times, attitudes=attitudes, joints=joints)
