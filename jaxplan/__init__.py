@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
     from jaxplan.report import report_html
     from jaxplan.runtime.cache import compilation_cache
-    from jaxplan.schema import ScenarioError, load_scenario, save_scenario
+    from jaxplan.schema import ScenarioError, load_scenario, load_timeline, save_scenario, save_timeline
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.timeline import TimelineError, TimelinePlan, plan_timeline
     from jaxplan.trajectory import Trajectory, measures
@@ -92,6 +92,7 @@ _HOMES = {
     "load_plan": "jaxplan.planner",
     "load_scenario": "jaxplan.schema",
     "load_study": "jaxplan.study",
+    "load_timeline": "jaxplan.schema",
     "paper_case": "jaxplan.cases",
     "plan": "jaxplan.planner",
     "plan_batch": "jaxplan.planner",
@@ -103,6 +104,7 @@ _HOMES = {
     "report_html": "jaxplan.report",
     "run_study": "jaxplan.study",
     "save_scenario": "jaxplan.schema",
+    "save_timeline": "jaxplan.schema",
     "tune": "jaxplan.tuning",
     "tune_search": "jaxplan.tuning",
     "walker": "jaxplan.constellation",
@@ -156,6 +158,7 @@ __all__ = [
     "load_plan",
     "load_scenario",
     "load_study",
+    "load_timeline",
     "measures",
     "paper_case",
     "plan",
@@ -169,6 +172,7 @@ __all__ = [
     "report_html",
     "run_study",
     "save_scenario",
+    "save_timeline",
     "sky",
     "tune",
     "tune_search",

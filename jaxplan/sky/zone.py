@@ -25,10 +25,8 @@ from jaxplan.sky.sights import (
 )
 
 ACCURACY = 1e-9  # rad: how far a path may be from the direction in the middle between two samples
-_FEWEST, _MOST = (
-    8,
-    4096,
-)  # intervals of a path to begin with, and most samples; intervals are halved until it is accurate
+_FEWEST = 8  # intervals of a path to begin with, which are halved until it is accurate
+_MOST = 32768  # samples of a path; a neighbour that crosses a low orbit's path takes 13,000 in a day
 _DIGITS = 1e9  # half angles are rounded up to 1e-9 deg, so that files hold them exactly
 
 
@@ -47,7 +45,7 @@ def path(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> 
         is within 1e-9 rad of `directions` in the middle between them.
 
     Raises:
-        ValueError: as `directions`; and if the target passes so close that 4,096 samples are not enough, as
+        ValueError: as `directions`; and if the target passes so close that 32,768 samples are not enough, as
             of an ephemeris with a burn.
         ImportError: if the extra ``orbit`` is needed and not installed.
 
