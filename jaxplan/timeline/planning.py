@@ -17,6 +17,7 @@ from jaxplan.model.timeline import CALM, Activity, Timeline
 from jaxplan.planner.validity import start_breaches
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import one_thread
+from jaxplan.schema.reading import take_in
 from jaxplan.timeline import curves, proving
 from jaxplan.timeline.motions import Doing, Motion, Refused
 from jaxplan.timeline.record import PlannedActivity, Segment, TimelineError, TimelinePlan
@@ -25,7 +26,7 @@ from jaxplan.timeline.tracking import State
 from jaxplan.timeline.wheels_then import holding
 from jaxplan.trajectory import Trajectory
 
-_FIRST = 20.0  # s, the first guess of the duration of a slew
+_REST = "rest until the end"  # name of what is done in the time that is left
 _SAME = 1e-9  # s, below which there is no time for a slew
 
 
@@ -57,6 +58,8 @@ def plan_timeline(
             if not day.do(activity) and not go_on:
                 break
             bar.update()
+        else:
+            day.rest()
         bar.step("proof")
         plan = day.result()
     if throw and not plan.ok:
@@ -78,10 +81,23 @@ def in_order(timeline: Timeline) -> list[Activity]:
     return done
 
 
+def taken_in(timeline: Timeline) -> Timeline:
+    """The timeline with the model's types; raises a ScenarioError for what no file may hold."""
+    scene = take_in(replace(timeline.scene, goal=timeline.scene.start))
+    activities = tuple(
+        one
+        if one.attitude is None
+        else replace(one, attitude=take_in(replace(scene, goal=one.attitude)).goal)  # type: ignore[arg-type]
+        for one in timeline.activities
+    )
+    return replace(timeline, scene=scene, activities=activities)
+
+
 class _Day:
     """A timeline under way: what is planned so far, and the state in which that ends."""
 
     def __init__(self, timeline: Timeline) -> None:
+        timeline = taken_in(timeline)
         scene, start = timeline.scene, timeline.scene.start
         self.timeline, self.scene = timeline, scene
         zero = np.zeros(len(start.joints))
@@ -114,6 +130,12 @@ class _Day:
             )
             return False
         return True
+
+    def rest(self) -> None:
+        """Rest until the timeline's end, if time is left."""
+        until = self.timeline.until
+        if until is not None and until > self.time + _SAME:
+            self.do(Activity(name=_REST, idle=True))
 
     def _do(self, activity: Activity) -> None:
         """Plan an activity; raises `Refused`."""
@@ -179,17 +201,15 @@ class _Day:
         waits = opens > self.time + _SAME
         if waits and self.timeline.slew == CALM:
             return self._calm(departure, doing, opens)
-        begin = doing.seen_from(self.time + _FIRST)
-        least = begin - self.time if begin > self.time + _FIRST else 0.0
         begun = clock.monotonic()
         spent = self.seconds["motions"]
 
         def goal_at(time: float) -> tuple[State, Motion]:
-            found = self._motion(doing, doing.seen_from(time))
+            found = self._motion(doing, time)
             return found.state, found
 
         try:
-            slew = departure.shortest(goal_at, least)
+            slew = departure.shortest(goal_at, doing.seen_from)
         except Refused:
             if not waits:
                 raise
@@ -229,7 +249,8 @@ class _Day:
         """Raise `Refused` if an activity would end too late."""
         activity = doing.activity
         end, latest = doing.ends(motion.begin), activity.latest
-        if activity.duration is None and doing.latest_end is not None and not end > motion.begin:
+        lasting = activity.duration is None and activity.kind != "point"
+        if lasting and doing.latest_end is not None and not end > motion.begin:
             late = motion.begin - doing.latest_end
             raise Refused(
                 Status.OUT_OF_WINDOW,

@@ -26,11 +26,12 @@ from jaxplan.timeline import curves
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory
 
-_ABOVE = 1.03  # times the bound: the first duration that is tried
+_ABOVE = (1.03, 1.08)  # times the bound: durations that are tried before the shortest motion is looked for
 _CLOSE = 1.004  # times the bound, below which a duration is not worth a try
 _SLACK = 1.01  # times the shortest time to a goal, that is given to reach the goal at another time
 _LONGER = 1.06  # from one try to the next, where neither fits
 _TRIES = 5
+_FIRST = 10.0  # s, for which the first goal is found
 _LEAST = 0.5  # s, of any slew
 _PAD = 60.0  # s beyond a span of time, for which directions are kept
 
@@ -79,21 +80,30 @@ class Departure:
         made = curves.bent(plan.trajectory, ends)
         return Slew(status=Status.OK, message=plan.message, trajectory=made, duration=made.duration)
 
-    def shortest(self, goal_at: Callable[[float], tuple[State, Any]], least: float = 0.0) -> Slew:
+    def shortest(
+        self, goal_at: Callable[[float], tuple[State, Any]], seen_from: Callable[[float], float]
+    ) -> Slew:
         """The slew of the shortest time to a goal that depends on when it is reached.
 
         Args:
             goal_at: function from a time, s, in the timeline's times, to the state then and whatever the
                 caller wants to have of it.
-            least: s, of the duration.
+            seen_from: function from such a time to the first one at or after it at which there is a goal.
         """
-        duration = max(least, _LEAST)
+
+        def admitted(duration: float) -> float:
+            return seen_from(self.time + max(duration, _LEAST)) - self.time
+
+        duration = admitted(_FIRST)
+        state, found = goal_at(self.time + duration)
+        duration = admitted(_ABOVE[0] * self.bound(state))
+        factors = list(_ABOVE[1:])
         failed: Slew | None = None
         for _ in range(_TRIES):
             state, found = goal_at(self.time + duration)
             bound = self.bound(state)
             if duration < _CLOSE * bound:
-                duration = max(_ABOVE * bound, least, _LEAST)
+                duration = admitted(_ABOVE[0] * bound)
                 state, found = goal_at(self.time + duration)
             slew = self.in_time(state, duration)
             if slew.trajectory is not None:
@@ -101,13 +111,16 @@ class Departure:
             failed = failed or slew
             if slew.status is not Status.LIMITS_TOO_TIGHT:
                 return slew
+            if factors:
+                duration = admitted(max(factors.pop(0) * bound, duration + _LEAST))
+                continue
             quickest = self._plan(state, MINIMUM)
             if quickest.trajectory is None or not quickest.ok:
                 return Slew(
                     status=quickest.status, message=quickest.message, trajectory=None, duration=duration
                 )
-            needed = max(_SLACK * quickest.trajectory.duration, least)
-            duration = needed if needed > duration else _LONGER * duration
+            needed = _SLACK * quickest.trajectory.duration
+            duration = admitted(needed if needed > duration else _LONGER * duration)
         assert failed is not None
         return failed
 
