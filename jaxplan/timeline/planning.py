@@ -15,8 +15,10 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.model.timeline import CALM, Activity, Timeline
 from jaxplan.planner.validity import start_breaches
+from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import one_thread
+from jaxplan.schema.faults import nearest
 from jaxplan.schema.reading import take_in
 from jaxplan.timeline import curves, proving
 from jaxplan.timeline.motions import Doing, Motion, Refused
@@ -31,12 +33,21 @@ _SAME = 1e-9  # s, below which there is no time for a slew
 
 
 def plan_timeline(
-    timeline: Timeline, *, throw: bool = True, go_on: bool = False, progress: bool = True
+    timeline: Timeline,
+    *,
+    after: TimelinePlan | None = None,
+    from_activity: str | None = None,
+    throw: bool = True,
+    go_on: bool = False,
+    progress: bool = True,
 ) -> TimelinePlan:
     """Plan all activities of a timeline, with the slews between them, and prove it safe.
 
     Args:
         timeline: what is to be done.
+        after: an earlier plan that is kept up to where the slew to `from_activity` begins. Until then the
+            timeline must be the same; from that activity on anything may differ.
+        from_activity: name of the first activity that is planned anew.
         throw: raise when an activity cannot be planned; otherwise return what was found.
         go_on: whether the rest is planned where an activity cannot be; else planning ends there.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
@@ -47,13 +58,19 @@ def plan_timeline(
     Raises:
         TimelineError: with ``status``, ``plan`` and a message that says which activity, what is in the way
             and what to change, if ``throw``.
+        ScenarioError: for what no timeline may have; the message lists every fault.
+        ValueError: if one of `after` and `from_activity` is given without the other, or no such activity is.
+
+    Example:
+        >>> day = jp.plan_timeline(timeline)
+        >>> changed = jp.plan_timeline(other, after=day, from_activity="lisbon")
     """
     with (
         one_thread(),
         progress_bar("planning", "activities", total=len(timeline.activities), shown=progress) as bar,
     ):
         day = _Day(timeline)
-        for activity in in_order(timeline):
+        for activity in day.left(after, from_activity):
             bar.step(activity.name)
             if not day.do(activity) and not go_on:
                 break
@@ -115,6 +132,30 @@ class _Day:
         self.activities: list[PlannedActivity] = []
         self.seconds = {"motions": 0.0, "slews": 0.0, "proof": 0.0}
         self.broken = start_breaches(replace(scene, goal=start))
+
+    def left(self, kept: TimelinePlan | None, name: str | None) -> list[Activity]:
+        """The activities that are to be planned; those before a name are taken from a plan that is kept."""
+        ordered = in_order(self.timeline)
+        if kept is None and name is None:
+            return ordered
+        if kept is None or name is None:
+            raise ValueError("after and from_activity: one needs the other")
+        expect("after", kept, TimelinePlan, "jp.plan_timeline makes one")
+        names = [one.name for one in ordered]
+        if name not in names:
+            raise ValueError(f"from_activity = {name!r}: no such activity, {nearest(name, names, 'names')}")
+        first = names.index(name)
+        before = kept.activities[:first]
+        if [one.name for one in before] != names[:first]:
+            raise ValueError(f"after: the activities before {name} are not those of the timeline")
+        for segment in kept.segments:
+            if segment.name not in names[:first]:
+                break
+            assert kept.trajectory is not None
+            own = curves.part(kept.trajectory, segment.start, segment.end)
+            self._add(segment.name, segment.kind, own)
+        self.activities += before
+        return ordered[first:]
 
     def do(self, activity: Activity) -> bool:
         """Plan an activity from the state so far on; returns whether it could be."""

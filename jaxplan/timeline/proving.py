@@ -22,8 +22,11 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.tabulation import tabulate
 from jaxplan.model.zones import KeepIn
+from jaxplan.timeline import curves
+from jaxplan.timeline.record import TimelinePlan
 from jaxplan.timeline.slews import at_time
 from jaxplan.timeline.tracking import State
+from jaxplan.timeline.wheels_then import holding
 from jaxplan.trajectory import Trajectory
 
 _CONE = 2.0  # times the tolerance: half angle of the cone about a target in which devices are proved to be
@@ -160,3 +163,43 @@ def _merged(
         worst_device=least.worst_device,
         worst_zone=least.worst_zone,
     )
+
+
+def certify_timeline(plan: TimelinePlan) -> Certificate:
+    """Certify the plan of a timeline anew, trusting nothing that it says but what was asked.
+
+    Args:
+        plan: with a trajectory.
+
+    Returns:
+        The certificate, which lists what could not be proved; that devices point within their tolerances is
+        among it.
+
+    Raises:
+        ValueError: if the plan has no trajectory.
+    """
+    if plan.trajectory is None:
+        raise ValueError(
+            f"the plan of {plan.timeline.name} has no trajectory: it ended as {plan.status.name}"
+        )
+    scene = plan.timeline.scene
+    asked = {one.name: one for one in plan.timeline.activities}
+    parts: list[tuple[float, Trajectory, Spacecraft]] = []
+    faults = []
+    for segment in plan.segments:
+        own = curves.part(plan.trajectory, segment.start, segment.end)
+        craft = scene.spacecraft
+        if craft.wheels and parts:
+            last = parts[-1][1]
+            craft = holding(craft, parts, State.of(last, last.duration))
+        parts.append((segment.start, own, craft))
+        activity = asked.get(segment.name)
+        if segment.kind == "track" and activity is not None and activity.track is not None:
+            error = pointing_error(scene, activity.track, own, segment.start)
+            if not error <= float(activity.track.tolerance):
+                most = np.rad2deg([error, float(activity.track.tolerance)])
+                faults.append(
+                    f"{segment.name}: devices point within {most[0]:.3g} deg, not {most[1]:.3g} deg"
+                )
+    found = certify_parts(scene, parts)
+    return replace(found, certified=found.certified and not faults, faults=(*found.faults, *faults))
