@@ -62,6 +62,11 @@ class Part:
     start: float
     end: float
 
+    @property
+    def shown(self) -> str:
+        """The name in files of ASCII."""
+        return self.name.replace("\u03b1", "?")
+
 
 @dataclass(frozen=True, kw_only=True)
 class FlownDay:
@@ -81,17 +86,20 @@ class FlownDay:
 
 
 def flown_day(
-    durations: tuple[float, ...] = (30.0, 900.0, 0.0, 45.0, 300.0, 25.0), epoch: str | None = EPOCH
+    durations: tuple[float, ...] = (30.0, 900.0, 0.0, 45.0, 300.0, 25.0),
+    epoch: str | None = EPOCH,
+    terminals: int = 2,
 ) -> FlownDay:
     """Slews and slow tracks by turns, with an activity that takes no time, as a day."""
     parts, plans, pieces, reached = [], [], [], 0.0
-    attitude, joints = np.eye(3), np.zeros(4)
+    attitude, joints = np.eye(3), np.zeros(2 * terminals)
     for number, duration in enumerate(durations):
         kind = "track" if duration > 100 else "slew"
         parts.append(Part(name=f"{kind} {number}, \u03b1", kind=kind, start=reached, end=reached + duration))
         if not duration:
             continue
-        own = manoeuvre(number, terminals=2, duration=duration, step=0.9 if kind == "slew" else 0.4)
+        step = 0.9 if kind == "slew" else 0.4
+        own = manoeuvre(number, terminals=terminals, duration=duration, step=step)
         begin, angles = attitudes_of(own, np.zeros(1))[0], joints_of(own, np.zeros(1))[0, 0]
         coefficients = own.joint_coefficients.copy()
         coefficients[:, 0] += joints - angles

@@ -56,6 +56,8 @@ class Proof(Protocol):
 class Day(Protocol):
     """A motion of many activities and slews, as exports need it.
 
+    It may have ``names``, an `ExportNames` or None, which files take unless told.
+
     Attributes:
         ok: whether it is certified.
         scene: with the name, the spacecraft and the epoch.
@@ -132,6 +134,7 @@ def flight_of(subject: Plan | Day) -> Flight:
         subject: with ``ok``.
 
     Raises:
+        TypeError: if its ``names`` are no `ExportNames`.
         UncertifiedError: if it is not certified, or has no trajectory.
         ValueError: if its segments have gaps, or are no such things.
     """
@@ -139,13 +142,16 @@ def flight_of(subject: Plan | Day) -> Flight:
     parts = () if isinstance(subject, Plan) else tuple(subject.segments)
     if trajectory is None or not subject.ok:
         raise UncertifiedError(ending(subject))
+    names = getattr(subject, "names", None)
+    if names is not None:
+        expect("names of the day", names, ExportNames)
     return Flight(
         name=scene.name,
         spacecraft=scene.spacecraft,
         trajectory=trajectory,
         start=scene.epoch,
         segments=_joined(parts, trajectory.duration),
-        names=getattr(subject, "names", None),
+        names=names,
     )
 
 
@@ -197,7 +203,7 @@ def _joined(parts: Sequence[Any], duration: float) -> tuple[Segment, ...]:
                 f"segments[{place}].end = {end!r} s: must lie in [{start!r}, {duration!r}] s, the start of "
                 "the segment and the end of the motion"
             )
-        end = max(end, reached)
+        end = min(max(end, reached), duration)
         segments.append(Segment(name=str(part.name), kind=str(part.kind), start=reached, end=end))
         reached = end
     if parts and not abs(reached - duration) <= APART:

@@ -124,19 +124,7 @@ def export(
     file_path("path", path)
     if names is not None:
         expect("names", names, ExportNames)
-    kind, start = FORMATS.get(str(format)), None
-    faults = [] if kind else [f"format = {format!r}: {nearest(str(format), tuple(FORMATS), 'formats')}"]
-    try:
-        start = _start(plan, epoch, format)
-    except ValueError as error:
-        faults.append(str(error))
-    if plan.trajectory is None or not plan.ok:
-        faults.append(ending(plan))
-    faults += _instant_faults(step_s, tolerance_deg)
-    if faults == [ending(plan)]:
-        raise UncertifiedError(*faults)
-    if faults or kind is None:
-        raise ValueError("\n  ".join([f"{len(faults)} faults:", *faults] if len(faults) > 1 else faults))
+    kind, start = _checked(plan, format, epoch, step_s, tolerance_deg)
     absent = [module for module in kind.needs if find_spec(module) is None]
     if absent:
         raise ValueError(f"format {format} needs {' and '.join(absent)}: pip install 'jaxplan[spice]'")
@@ -158,6 +146,31 @@ def export(
     with (replacing_folder if kind.parts else replacing_file)(target) as fresh:
         kind.write(sampling, fresh)
     return target
+
+
+def _checked(
+    plan: Plan | Day, format: str, epoch: str | None, step_s: float | None, tolerance_deg: float | None
+) -> tuple[Format, np.datetime64 | None]:
+    """The format, and UTC of time zero.
+
+    Raises:
+        UncertifiedError: if nothing is wrong but that the plan is not certified.
+        ValueError: with all that is wrong.
+    """
+    kind, start = FORMATS.get(str(format)), None
+    faults = [] if kind else [f"format = {format!r}: {nearest(str(format), tuple(FORMATS), 'formats')}"]
+    try:
+        start = _start(plan, epoch, format)
+    except ValueError as error:
+        faults.append(str(error))
+    if plan.trajectory is None or not plan.ok:
+        faults.append(ending(plan))
+    faults += _instant_faults(step_s, tolerance_deg)
+    if faults == [ending(plan)]:
+        raise UncertifiedError(*faults)
+    if faults or kind is None:
+        raise ValueError("\n  ".join([f"{len(faults)} faults:", *faults] if len(faults) > 1 else faults))
+    return kind, start
 
 
 def _steady(flight: Flight, step_s: float | None, tolerance_deg: float | None) -> np.ndarray | None:

@@ -4,9 +4,9 @@ A day of long tracks and short slews needs few instants in the first and many in
 so that what readers make of two neighbours stays within a tolerance of the motion, in between as well: the
 attitude and each device's frame on the body by the turn about one axis (CSPICE, STK) and by quaternions whose
 components are linear (CCSDS's LINEAR, tables), joints by angles that are linear, and for Basilisk the
-attitude by modified Rodrigues parameters that are linear. Errors are measured in the middle and at the
-quarters of each interval, where they are largest but for 3 percent while the motion is one polynomial, and at
-four instants of every piece of the trajectory that lies within it.
+attitude by modified Rodrigues parameters that are linear. Errors are measured in the middle of each
+interval, where that of an acceleration is largest, at two places nearer to its ends, where that of linear
+components is, and at four instants of every piece of the trajectory that lies within it.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,8 @@ TOLERANCES_DEG = (1e-6, 1.0)
 _SHARE = 0.85  # of the tolerance: what measured errors may be, since the largest may lie beside
 _WINDOW = 16  # intervals of at most LONGEST_STEP that are divided at once; more would take more memory
 _MOST_PARTS = 8  # that an interval is divided into at once, so that a slew within it is told from a track
-_QUARTERS = np.array([0.25, 0.5, 0.75])
+# Where in an interval errors are measured; no turn of a whole number of times shows as none at all of them.
+_INNER = np.array([0.2289, 0.5, 0.7873])
 _DIGITS = 6  # of a second, that chosen instants have
 
 
@@ -120,7 +121,7 @@ def chosen_instants(flight: Flight, tolerance: float, *, rodrigues: bool = False
 def _witnesses(flight: Flight) -> np.ndarray:
     """Four instants of each piece of the trajectory, s, rising; the first is its start."""
     breaks = np.union1d(flight.trajectory.breaks, flight.trajectory.joint_breaks)
-    within = breaks[:-1, None] + np.diff(breaks)[:, None] * np.append(0.0, _QUARTERS)
+    within = breaks[:-1, None] + np.diff(breaks)[:, None] * np.append(0.0, _INNER)
     return np.asarray(within.reshape(-1))
 
 
@@ -129,12 +130,12 @@ def _divided(readers: "_Readers", nodes: np.ndarray, witnesses: np.ndarray, limi
     left, right = nodes[:-1], nodes[1:]
     done = []
     while len(left):
-        inner = left[:, None] + (right - left)[:, None] * _QUARTERS
+        inner = left[:, None] + (right - left)[:, None] * _INNER
         owner = np.searchsorted(left, witnesses, side="right") - 1
         owned = (owner >= 0) & (witnesses < right[owner])
         witnesses, owner = witnesses[owned], owner[owned]
         times = np.concatenate([inner.reshape(-1), witnesses])
-        owner = np.concatenate([np.repeat(np.arange(len(left)), len(_QUARTERS)), owner])
+        owner = np.concatenate([np.repeat(np.arange(len(left)), len(_INNER)), owner])
         worst = np.zeros(len(left))
         np.maximum.at(worst, owner, readers.errors(left, right, owner, times))
         wrong = (worst > limit) & (right - left > 10 * APART)  # a jump between pieces stays what it is
