@@ -1,6 +1,7 @@
 """A day of several activities in every format, as other programs read it, against the motion by scipy."""
 
 import csv
+import tracemalloc
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -249,6 +250,19 @@ def test_a_step_of_a_day_has_the_ends_of_its_segments_besides(tmp_path):
     ends = [31.03, 231.03, 251.03]
     np.testing.assert_allclose(times, np.union1d(multiples, ends), rtol=0, atol=1e-12)
     np.testing.assert_array_equal(kinds, np.clip(np.searchsorted(ends, times, side="right"), 0, 2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["aem", "csv"])
+def test_memory_does_not_grow_with_the_rows(day, tmp_path, monkeypatch, name):
+    monkeypatch.setattr(sampled, "ROWS", 1000)
+    peaks = []
+    for step in (1.0, 0.2, 0.04):  # the first is to import what is needed
+        tracemalloc.start()
+        jp.export(day, tmp_path / f"{step}", format=name, step_s=step)
+        peaks.append(tracemalloc.get_traced_memory()[1] / 1e6)
+        tracemalloc.stop()
+    assert peaks[2] < peaks[1] + 3  # MB; as arrays the 32,500 rows would be 14 MB
 
 
 def test_an_uncertified_day_is_not_exported(day, tmp_path):

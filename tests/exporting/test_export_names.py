@@ -104,7 +104,16 @@ def test_the_command_line_takes_names_and_a_tolerance(tmp_path, capsys):
     scenario = make_scenario(2, 1)
     jp.plan(replace(scenario, goal=scenario.start)).save(tmp_path / "plan.json")
     words = ["--object-name", "EO-1", "--object-id", "2000-075A", "--originator", "ESA"]
-    words += ["--frame-name", "EO1_BUS", "--reference-frame", "GCRF", "--tolerance", "0.01"]
+    words += [
+        "--frame-name",
+        "EO1_BUS",
+        "--reference-frame",
+        "GCRF",
+        "--naif-id",
+        "-2000",
+        "--tolerance",
+        "0.01",
+    ]
     command = ["export", str(tmp_path / "plan.json"), "--format", "aem", "--epoch", EPOCH]
     assert main([*command, *words]) == 0
     text = (tmp_path / "plan.aem").read_text()
