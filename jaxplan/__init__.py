@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from jaxplan.gradients import differentiable
     from jaxplan.model.devices import Drive, Instrument, Mount, Terminal
     from jaxplan.model.directions import DirectionPath
+    from jaxplan.model.export_names import ExportNames
     from jaxplan.model.goals import GivenState, Targets, Wish
     from jaxplan.model.hidden import Hidden
     from jaxplan.model.robust import Robust
@@ -50,6 +51,7 @@ _HOMES = {
     "Constellation": "jaxplan.constellation",
     "DirectionPath": "jaxplan.model.directions",
     "Drive": "jaxplan.model.devices",
+    "ExportNames": "jaxplan.model.export_names",
     "FixedVector": "jaxplan.model.zones",
     "GivenState": "jaxplan.model.goals",
     "Hidden": "jaxplan.model.hidden",
@@ -114,6 +116,7 @@ __all__ = [
     "Constellation",
     "DirectionPath",
     "Drive",
+    "ExportNames",
     "FixedVector",
     "GivenState",
     "Hidden",
