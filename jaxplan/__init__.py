@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
     from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.model.status import Status
-    from jaxplan.model.timeline import Activity, Labels, Timeline
+    from jaxplan.model.timeline import Activity, Segment, Timeline
     from jaxplan.model.wheels import Wheel
     from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
@@ -59,7 +59,6 @@ _HOMES = {
     "JointBound": "jaxplan.model.zones",
     "KeepIn": "jaxplan.model.zones",
     "KeepOut": "jaxplan.model.zones",
-    "Labels": "jaxplan.model.timeline",
     "Mount": "jaxplan.model.devices",
     "Plan": "jaxplan.planner",
     "PlanFileError": "jaxplan.planner",
@@ -69,6 +68,7 @@ _HOMES = {
     "ScenarioError": "jaxplan.schema",
     "SearchSettings": "jaxplan.model.scenario",
     "SearchTuning": "jaxplan.tuning",
+    "Segment": "jaxplan.model.timeline",
     "Spacecraft": "jaxplan.model.spacecraft",
     "Status": "jaxplan.model.status",
     "Study": "jaxplan.study",
@@ -124,7 +124,6 @@ __all__ = [
     "JointBound",
     "KeepIn",
     "KeepOut",
-    "Labels",
     "Mount",
     "Plan",
     "PlanFileError",
@@ -134,6 +133,7 @@ __all__ = [
     "ScenarioError",
     "SearchSettings",
     "SearchTuning",
+    "Segment",
     "Spacecraft",
     "Status",
     "Study",

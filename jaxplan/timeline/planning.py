@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import CALM, Activity, Timeline
+from jaxplan.model.timeline import CALM, Activity, Segment, Timeline
 from jaxplan.planner.validity import start_breaches
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.progress import progress_bar
@@ -22,7 +22,7 @@ from jaxplan.schema.faults import nearest
 from jaxplan.schema.reading import take_in
 from jaxplan.timeline import curves, proving
 from jaxplan.timeline.motions import Doing, Motion, Refused
-from jaxplan.timeline.record import PlannedActivity, Segment, TimelineError, TimelinePlan
+from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan
 from jaxplan.timeline.slews import Departure, Slew
 from jaxplan.timeline.tracking import State
 from jaxplan.timeline.wheels_then import holding

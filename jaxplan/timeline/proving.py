@@ -21,9 +21,9 @@ from jaxplan.model.goals import Targets
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.tabulation import tabulate
+from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.model.zones import KeepIn
 from jaxplan.timeline import curves
-from jaxplan.timeline.record import TimelinePlan
 from jaxplan.timeline.slews import at_time
 from jaxplan.timeline.tracking import State
 from jaxplan.timeline.wheels_then import holding
@@ -165,29 +165,24 @@ def _merged(
     )
 
 
-def certify_timeline(plan: TimelinePlan) -> Certificate:
-    """Certify the plan of a timeline anew, trusting nothing that it says but what was asked.
+def certify_segments(timeline: Timeline, trajectory: Trajectory, segments: Sequence[Segment]) -> Certificate:
+    """Certify the motion of a timeline's plan, segment by segment.
 
     Args:
-        plan: with a trajectory.
+        timeline: what was asked.
+        trajectory: over all segments.
+        segments: slews and activities in order.
 
     Returns:
         The certificate, which lists what could not be proved; that devices point within their tolerances is
         among it.
-
-    Raises:
-        ValueError: if the plan has no trajectory.
     """
-    if plan.trajectory is None:
-        raise ValueError(
-            f"the plan of {plan.timeline.name} has no trajectory: it ended as {plan.status.name}"
-        )
-    scene = plan.timeline.scene
-    asked = {one.name: one for one in plan.timeline.activities}
+    scene = timeline.scene
+    asked = {one.name: one for one in timeline.activities}
     parts: list[tuple[float, Trajectory, Spacecraft]] = []
     faults = []
-    for segment in plan.segments:
-        own = curves.part(plan.trajectory, segment.start, segment.end)
+    for segment in segments:
+        own = curves.part(trajectory, segment.start, segment.end)
         craft = scene.spacecraft
         if craft.wheels and parts:
             last = parts[-1][1]
@@ -197,9 +192,7 @@ def certify_timeline(plan: TimelinePlan) -> Certificate:
         if segment.kind == "track" and activity is not None and activity.track is not None:
             error = pointing_error(scene, activity.track, own, segment.start)
             if not error <= float(activity.track.tolerance):
-                most = np.rad2deg([error, float(activity.track.tolerance)])
-                faults.append(
-                    f"{segment.name}: devices point within {most[0]:.3g} deg, not {most[1]:.3g} deg"
-                )
+                off, most = np.rad2deg([error, float(activity.track.tolerance)])
+                faults.append(f"{segment.name}: devices point within {off:.3g} deg, not {most:.3g} deg")
     found = certify_parts(scene, parts)
     return replace(found, certified=found.certified and not faults, faults=(*found.faults, *faults))
