@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from jaxplan.certificate import Certificate
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.model.timeline import CALM, Activity, Segment, Timeline
@@ -21,11 +22,11 @@ from jaxplan.runtime.workers import one_thread
 from jaxplan.schema.faults import nearest
 from jaxplan.schema.reading import take_in
 from jaxplan.timeline import curves, proving
+from jaxplan.timeline.later import holding
 from jaxplan.timeline.motions import Doing, Motion, Refused
 from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan
 from jaxplan.timeline.slews import Departure, Slew
 from jaxplan.timeline.tracking import State
-from jaxplan.timeline.wheels_then import holding
 from jaxplan.trajectory import Trajectory
 
 _REST = "rest until the end"  # name of what is done in the time that is left
@@ -128,6 +129,7 @@ class _Day:
         )
         self.time = 0.0
         self.parts: list[tuple[float, Trajectory, Spacecraft]] = []
+        self.proofs: list[tuple[float, Trajectory, Certificate]] = []
         self.segments: list[Segment] = []
         self.activities: list[PlannedActivity] = []
         self.seconds = {"motions": 0.0, "slews": 0.0, "proof": 0.0}
@@ -153,7 +155,8 @@ class _Day:
                 break
             assert kept.trajectory is not None
             own = curves.part(kept.trajectory, segment.start, segment.end)
-            self._add(segment.name, segment.kind, own)
+            proof = proving.certify_part(self.scene, segment.start, own, self._craft())
+            self._add(segment.name, segment.kind, own, proof)
         self.activities += before
         return ordered[first:]
 
@@ -188,18 +191,23 @@ class _Day:
             latest_end=activity.latest if activity.latest is not None else self.timeline.until,
         )
         slew, motion = self._slew(doing)
-        if slew.trajectory is not None:
-            self._add(activity.name, "slew", slew.trajectory)
         start = max(motion.begin, activity.earliest or 0.0)
-        error = None
+        error = proof = None
         if motion.trajectory is not None:
             begun = clock.monotonic()
+            proof = proving.certify_part(
+                self.scene, motion.begin, motion.trajectory, self._craft(slew.trajectory)
+            )
             if activity.track is not None:
                 error = proving.pointing_error(self.scene, activity.track, motion.trajectory, motion.begin)
             self.seconds["proof"] += clock.monotonic() - begun
-            self._add(activity.name, activity.kind, motion.trajectory)
-        else:
-            self.state = motion.state
+            if not proof.certified:
+                raise Refused(Status.UNCERTIFIED, "; ".join(proof.faults))
+        if slew.trajectory is not None and slew.proof is not None:
+            self._add(activity.name, "slew", slew.trajectory, slew.proof)
+        if motion.trajectory is not None and proof is not None:
+            self._add(activity.name, activity.kind, motion.trajectory, proof)
+        self.state = motion.state if motion.trajectory is None else self.state
         status, message = Status.OK, ""
         if error is not None and activity.track is not None and not error <= activity.track.tolerance:
             status = Status.UNCERTIFIED
@@ -220,19 +228,21 @@ class _Day:
             )
         )
 
-    def _add(self, name: str, kind: str, trajectory: Trajectory) -> None:
-        """Append a part of the motion, and go on from its end."""
+    def _add(self, name: str, kind: str, trajectory: Trajectory, proof: Certificate) -> None:
+        """Append a part of the motion with its certificate, and go on from its end."""
         self.parts.append((self.time, trajectory, self._craft()))
+        self.proofs.append((self.time, trajectory, proof))
         end = self.time + trajectory.duration
         self.segments.append(Segment(name=name, kind=kind, start=self.time, end=end))
         self.state, self.time = State.of(trajectory, trajectory.duration), end
 
-    def _craft(self, *, usable: bool = False) -> Spacecraft:
-        """The spacecraft with what its wheels hold now."""
-        craft = self.scene.usable if usable else self.scene.spacecraft
-        if not craft.wheels or not self.parts:
-            return craft
-        return holding(craft, self.parts, self.state)
+    def _craft(self, further: Trajectory | None = None) -> Spacecraft:
+        """The spacecraft with what its wheels hold now, or at the end of a further part."""
+        craft, parts, state = self.scene.spacecraft, self.parts, self.state
+        if further is not None:
+            parts = [*parts, (self.time, further, craft)]
+            state = State.of(further, further.duration)
+        return holding(craft, parts, state) if craft.wheels and parts else craft
 
     def _slew(self, doing: Doing) -> tuple[Slew, Motion]:
         """The slew to an activity, and the motion that follows; raises `Refused`."""
@@ -313,7 +323,7 @@ class _Day:
         if self.parts:
             begun = clock.monotonic()
             trajectory = curves.joined([(begin, part) for begin, part, _ in self.parts])
-            certificate = proving.certify_parts(self.scene, self.parts)
+            certificate = proving.merged(self.proofs)
             self.seconds["proof"] += clock.monotonic() - begun
             if not certificate.certified:
                 status, message = Status.UNCERTIFIED, "; ".join(certificate.faults)
