@@ -26,13 +26,14 @@ if TYPE_CHECKING:
     from jaxplan.gradients import differentiable
     from jaxplan.model.devices import Drive, Instrument, Mount, Terminal
     from jaxplan.model.directions import DirectionPath
+    from jaxplan.model.export_names import ExportNames
     from jaxplan.model.goals import GivenState, Targets, Wish
     from jaxplan.model.hidden import Hidden
     from jaxplan.model.robust import Robust
     from jaxplan.model.scenario import Scenario, SearchSettings, TrajectorySettings
     from jaxplan.model.spacecraft import Spacecraft
     from jaxplan.model.status import Status
-    from jaxplan.model.timeline import Activity, Labels, Timeline
+    from jaxplan.model.timeline import Activity, Segment, Timeline
     from jaxplan.model.wheels import Wheel
     from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
@@ -50,6 +51,7 @@ _HOMES = {
     "Constellation": "jaxplan.constellation",
     "DirectionPath": "jaxplan.model.directions",
     "Drive": "jaxplan.model.devices",
+    "ExportNames": "jaxplan.model.export_names",
     "FixedVector": "jaxplan.model.zones",
     "GivenState": "jaxplan.model.goals",
     "Hidden": "jaxplan.model.hidden",
@@ -57,7 +59,6 @@ _HOMES = {
     "JointBound": "jaxplan.model.zones",
     "KeepIn": "jaxplan.model.zones",
     "KeepOut": "jaxplan.model.zones",
-    "Labels": "jaxplan.model.timeline",
     "Mount": "jaxplan.model.devices",
     "Plan": "jaxplan.planner",
     "PlanFileError": "jaxplan.planner",
@@ -67,6 +68,7 @@ _HOMES = {
     "ScenarioError": "jaxplan.schema",
     "SearchSettings": "jaxplan.model.scenario",
     "SearchTuning": "jaxplan.tuning",
+    "Segment": "jaxplan.model.timeline",
     "Spacecraft": "jaxplan.model.spacecraft",
     "Status": "jaxplan.model.status",
     "Study": "jaxplan.study",
@@ -116,6 +118,7 @@ __all__ = [
     "Constellation",
     "DirectionPath",
     "Drive",
+    "ExportNames",
     "FixedVector",
     "GivenState",
     "Hidden",
@@ -123,7 +126,6 @@ __all__ = [
     "JointBound",
     "KeepIn",
     "KeepOut",
-    "Labels",
     "Mount",
     "Plan",
     "PlanFileError",
@@ -133,6 +135,7 @@ __all__ = [
     "ScenarioError",
     "SearchSettings",
     "SearchTuning",
+    "Segment",
     "Spacecraft",
     "Status",
     "Study",

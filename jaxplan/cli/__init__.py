@@ -244,7 +244,22 @@ def _add_plan_commands(commands: Any) -> None:
         metavar="UTC",
         help="of the start, such as 2026-01-01T00:00:00; that of the scene if absent",
     )
-    export.add_argument("--step", type=float, default=0.1, metavar="S", help="seconds between samples (0.1)")
+    export.add_argument("--step", type=float, metavar="S", help="seconds between samples (0.1)")
+    export.add_argument(
+        "--tolerance",
+        type=float,
+        metavar="DEG",
+        help="in place of a step: samples so that linear interpolation is off by less",
+    )
+    for name, metavar, words in (
+        ("object-name", "NAME", "of the spacecraft; that of the scene if absent"),
+        ("object-id", "ID", "of the spacecraft, such as 2000-075A (UNKNOWN)"),
+        ("originator", "NAME", "of the message (JAXPLAN)"),
+        ("frame-name", "NAME", "of the body's frame (SC_BODY_1 in messages, JAXPLAN_BUS in kernels)"),
+        ("reference-frame", "NAME", "of the inertial frame: EME2000 (the default), ICRF or GCRF"),
+    ):
+        export.add_argument(f"--{name}", metavar=metavar, help=words)
+    export.add_argument("--naif-id", type=int, metavar="N", help="SPICE's number of the spacecraft (-999)")
     export.add_argument("-o", "--out", metavar="PATH", help="where to; by default beside the plan")
     export.add_argument("--force", action="store_true", help="replace what an earlier export wrote there")
 

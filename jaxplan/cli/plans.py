@@ -8,7 +8,7 @@ import argparse
 import os
 import shlex
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -213,10 +213,12 @@ def report(options: argparse.Namespace) -> int:
 def export(options: argparse.Namespace) -> int:
     """Write the motion of a plan file as another tool reads it."""
     from jaxplan import exporting
+    from jaxplan.model.export_names import ExportNames
 
     plan = load_plan_file(options.plan)
     path = exporting.default_path(options.plan, options.format) if options.out is None else options.out
     try_folder_of(path)
+    given = {each.name: getattr(options, each.name) for each in fields(ExportNames)}
     try:
         written = exporting.export(
             plan,
@@ -224,6 +226,8 @@ def export(options: argparse.Namespace) -> int:
             format=options.format,
             epoch=options.epoch,
             step_s=options.step,
+            tolerance_deg=options.tolerance,
+            names=ExportNames(**{key: value for key, value in given.items() if value is not None}),
             overwrite=options.force,
         )
     except exporting.UncertifiedError as error:

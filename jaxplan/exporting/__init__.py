@@ -1,13 +1,23 @@
-"""Plans as files of other tools, reached as ``jp.export``.
+"""Plans and days as files of other tools, reached as ``jp.export``.
 
     >>> jp.export(plan, "slew.aem", format="aem", epoch="2026-01-01T00:00:00")
 
 All formats hold the same motion, sampled in steps of time: the attitude as quaternions that do not jump in
 sign, the angular velocity, and the joints where the format has room for them. What they differ in, such as
 the order of a quaternion or the frame of a rate, the writer of each says. The inertial frame is the
-scenario's, and files that must name one call it J2000 or EME2000.
+scenario's, and files that must name one call it J2000 or EME2000 unless `ExportNames` says otherwise.
 """
 
-from jaxplan.exporting.formats import FORMATS, UncertifiedError, default_path, ending, export, free_place
+from jaxplan.exporting.flight import Day, DaySegment, UncertifiedError, ending
+from jaxplan.exporting.formats import FORMATS, default_path, export, free_place
 
-__all__ = ["FORMATS", "UncertifiedError", "default_path", "ending", "export", "free_place"]
+__all__ = [
+    "FORMATS",
+    "Day",
+    "DaySegment",
+    "UncertifiedError",
+    "default_path",
+    "ending",
+    "export",
+    "free_place",
+]

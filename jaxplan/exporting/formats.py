@@ -1,4 +1,4 @@
-"""The export to all formats: it checks the arguments, certifies the plan anew, and writes all or nothing."""
+"""The export to all formats: it checks the arguments, certifies the motion, and writes all or nothing."""
 
 import errno
 import os
@@ -9,18 +9,33 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxplan.exporting.sampled import Sampled, instants, sample
+from jaxplan.exporting.aem import write_aem
+from jaxplan.exporting.flight import (
+    Day,
+    Flight,
+    UncertifiedError,
+    ending,
+    expect_motion,
+    flight_of,
+    proof_of,
+    scene_of,
+)
+from jaxplan.exporting.instants import chosen_instants, steady_instants, step_fault, tolerance_fault
+from jaxplan.exporting.sampled import Sampling
 from jaxplan.exporting.spice import write_spice
-from jaxplan.exporting.writers import write_aem, write_basilisk, write_csv, write_npz, write_stk
+from jaxplan.exporting.stk import write_stk
+from jaxplan.exporting.tables import write_basilisk, write_csv, write_npz
 from jaxplan.model.epochs import parse_epoch
-from jaxplan.planner import Plan, certify
+from jaxplan.model.export_names import ExportNames
+from jaxplan.planner import Plan
 from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file, replacing_folder
 from jaxplan.schema.faults import nearest
 
-
-class UncertifiedError(ValueError):
-    """A plan is not written, since its motion is not certified."""
+STEP_S = 0.1
+"""s: between samples of a plan, unless told."""
+TOLERANCE_DEG = 1e-4
+"""deg: below which interpolation between samples of a day is off, unless told."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,18 +43,20 @@ class Format:
     """A kind of file, or of folder with several files.
 
     Attributes:
-        write: function that writes a sampled motion to a path; for a folder, an empty one.
+        write: function that writes a motion to a path; for a folder, an empty one.
         suffix: of a name where the user gives none.
         parts: suffixes of the files of a folder, empty for a single file.
         dated: whether it cannot do without an epoch.
         needs: modules to be installed beyond the required ones.
+        rodrigues: whether its reader takes modified Rodrigues parameters for linear between samples.
     """
 
-    write: Callable[[Sampled, Path], None]
+    write: Callable[[Sampling, Path], None]
     suffix: str
     parts: tuple[str, ...] = ()
     dated: bool = False
     needs: tuple[str, ...] = ()
+    rodrigues: bool = False
 
 
 FORMATS = {
@@ -47,102 +64,154 @@ FORMATS = {
     "ck": Format(
         write=write_spice,
         suffix=".ck",
-        parts=(".bc", ".tf", ".tsc"),
+        parts=(".bc", ".tf", ".tsc", ".ti"),
         dated=True,
         needs=("spiceypy", "erfa"),
     ),
-    "stk": Format(write=write_stk, suffix=".stk", parts=(".a", ".sp"), dated=True),
-    "basilisk": Format(write=write_basilisk, suffix=".basilisk.csv"),
+    "stk": Format(write=write_stk, suffix=".stk", parts=(".a", ".sp", ".int"), dated=True),
+    "basilisk": Format(write=write_basilisk, suffix=".basilisk.csv", rodrigues=True),
     "csv": Format(write=write_csv, suffix=".csv"),
     "npz": Format(write=write_npz, suffix=".npz"),
 }
 
 
 def export(
-    plan: Plan,
+    plan: Plan | Day,
     path: str | os.PathLike[str],
     *,
     format: str,
     epoch: str | None = None,
-    step_s: float = 0.1,
+    step_s: float | None = None,
+    tolerance_deg: float | None = None,
+    names: ExportNames | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Write a plan as a file of another tool, or as a folder of them for ``"ck"`` and ``"stk"``.
+    """Write a plan or a day as a file of another tool, or as a folder of them for ``"ck"`` and ``"stk"``.
 
-    The plan is certified anew first; one that does not pass is not written. Numbers of an uncertified motion
-    come from ``plan.trajectory.sample``.
+    It is certified anew first; one that does not pass is not written. Numbers of an uncertified motion come
+    from ``plan.trajectory.sample``. A day is one file without gaps, in which its activities and slews are
+    told apart where the format can: as segments of ``"aem"``, as columns of ``"csv"``, arrays of ``"npz"``,
+    a list of intervals of ``"stk"``, and in the comments of ``"ck"``.
+
+        >>> jp.export(plan, "slew.aem", format="aem", epoch="2026-01-01T00:00:00")
+        >>> jp.export(day, "day.ck", format="ck", names=jp.ExportNames(naif_id=-2000, frame_name="EO1_BUS"))
 
     Args:
-        plan: a certified one.
+        plan: a certified one; or what has ``ok``, ``scene``, ``trajectory``, ``segments`` and ``certify()``
+            as a day of many activities has them.
         path: the file or folder. It appears whole or not at all.
         format: ``"aem"``, ``"ck"`` (extra ``spice``), ``"stk"``, ``"basilisk"``, ``"csv"`` or ``"npz"``.
         epoch: UTC of the start in ISO 8601, that of the scene unless told. The first three need it, in the
             last two it is noted, Basilisk counts from the start of its simulation.
-        step_s: between two samples, s; the end is one, too.
+        step_s: between two samples, s; the end is one, too, and the ends of segments.
+        tolerance_deg: in place of a step: samples are chosen so that linear interpolation between them, of
+            the attitude, of each device and of joints, is off by less. Of a plan there is one each 0.1 s, of
+            a day there are those for 1e-4 deg, unless one of the two is told.
+        names: what the files call the spacecraft and its frames; those of the day unless told.
         overwrite: whether an old file may be replaced, or a folder that holds files of this format only.
 
     Returns:
         The path.
 
     Raises:
-        TypeError: for what is no plan or path.
+        TypeError: for what is no plan, path or names.
         UncertifiedError: (a ValueError) if the plan is not certified, or its certificate, made anew, fails.
-        ValueError: if the format, epoch or step is no good or the scene has another epoch, all faults at
-            once; if an extra is missing.
+        ValueError: if the format, epoch, step or tolerance is no good or the scene has another epoch, all
+            faults at once; if there would be too many samples; if an extra is missing.
         FileExistsError: if there is something at the path.
     """
-    expect("plan", plan, Plan, "jp.load_plan reads one from a file")
+    expect_motion(plan)
     file_path("path", path)
-    faults = []
-    own, start, times, kind = plan.scenario.epoch, None, np.zeros(0), FORMATS.get(str(format))
-    if kind is None:
-        faults.append(f"format = {format!r}: {nearest(str(format), tuple(FORMATS), 'formats')}")
-    try:
-        start = own if epoch is None else parse_epoch(epoch)
-    except ValueError as error:
-        faults.append(str(error))
-    if start is not None and own is not None and start != own:
-        faults.append(f"epoch = {epoch!r}: the scene begins at {own}, and its zones and targets are of then")
-    if kind is not None and kind.dated and epoch is None and own is None:
-        faults.append(f"epoch: format {format} needs the UTC of the start, such as 2026-01-01T00:00:00")
-    if plan.trajectory is None or not plan.ok:
-        faults.append(ending(plan))
-    else:
-        try:
-            times = instants(plan.trajectory.duration, step_s)
-        except ValueError as error:
-            faults.append(str(error))
-    if faults == [ending(plan)]:
-        raise UncertifiedError(*faults)
-    if faults or kind is None:
-        raise ValueError("\n  ".join([f"{len(faults)} faults:", *faults] if len(faults) > 1 else faults))
+    if names is not None:
+        expect("names", names, ExportNames)
+    kind, start = _checked(plan, format, epoch, step_s, tolerance_deg)
     absent = [module for module in kind.needs if find_spec(module) is None]
     if absent:
         raise ValueError(f"format {format} needs {' and '.join(absent)}: pip install 'jaxplan[spice]'")
     target = free_place(path, kind.parts, overwrite=overwrite)
-    report = certify(plan)
-    if not report.certified:
-        reasons = "; ".join(report.faults)
-        raise UncertifiedError(
-            f"the plan of {plan.scenario.name} fails its certificate, made anew: {reasons}"
-        )
-    sampled = sample(plan, start, times)
+    flight = flight_of(plan)
+    steady = _steady(flight, step_s, tolerance_deg)
+    proof = proof_of(plan)
+    if not proof.certified:
+        reasons = "; ".join(proof.faults)
+        raise UncertifiedError(f"the plan of {flight.name} fails its certificate, made anew: {reasons}")
+    tolerance = float(np.deg2rad(TOLERANCE_DEG if tolerance_deg is None else tolerance_deg))
+    sampling = Sampling(
+        flight=flight,
+        start=start,
+        times=chosen_instants(flight, tolerance, rodrigues=kind.rodrigues) if steady is None else steady,
+        names=names or flight.names or ExportNames(),
+        tolerance=tolerance if steady is None else None,
+    )
     with (replacing_folder if kind.parts else replacing_file)(target) as fresh:
-        kind.write(sampled, fresh)
+        kind.write(sampling, fresh)
     return target
+
+
+def _checked(
+    plan: Plan | Day, format: str, epoch: str | None, step_s: float | None, tolerance_deg: float | None
+) -> tuple[Format, np.datetime64 | None]:
+    """The format, and UTC of time zero.
+
+    Raises:
+        UncertifiedError: if nothing is wrong but that the plan is not certified.
+        ValueError: with all that is wrong.
+    """
+    kind, start = FORMATS.get(str(format)), None
+    faults = [] if kind else [f"format = {format!r}: {nearest(str(format), tuple(FORMATS), 'formats')}"]
+    try:
+        start = _start(plan, epoch, format)
+    except ValueError as error:
+        faults.append(str(error))
+    if plan.trajectory is None or not plan.ok:
+        faults.append(ending(plan))
+    faults += _instant_faults(step_s, tolerance_deg)
+    if faults == [ending(plan)]:
+        raise UncertifiedError(*faults)
+    if faults or kind is None:
+        raise ValueError("\n  ".join([f"{len(faults)} faults:", *faults] if len(faults) > 1 else faults))
+    return kind, start
+
+
+def _steady(flight: Flight, step_s: float | None, tolerance_deg: float | None) -> np.ndarray | None:
+    """Instants (k,) s in equal steps, where a step is told or a plan has none told; None for chosen ones."""
+    if step_s is None and (tolerance_deg is not None or flight.segments):
+        return None
+    return steady_instants(flight.boundaries, STEP_S if step_s is None else step_s)
+
+
+def _start(plan: Plan | Day, epoch: str | None, format: str) -> np.datetime64 | None:
+    """UTC of time zero, from the scene or the argument.
+
+    Raises:
+        ValueError: if it is no time, another than the scene's, or absent where the format needs one.
+    """
+    own, kind = scene_of(plan).epoch, FORMATS.get(str(format))
+    start = own if epoch is None else parse_epoch(epoch)
+    if start is not None and own is not None and start != own:
+        raise ValueError(
+            f"epoch = {epoch!r}: the scene begins at {own}, and its zones and targets are of then"
+        )
+    if kind is not None and kind.dated and start is None:
+        raise ValueError(f"epoch: format {format} needs the UTC of the start, such as 2026-01-01T00:00:00")
+    return start
+
+
+def _instant_faults(step_s: object, tolerance_deg: object) -> list[str]:
+    """What is wrong with the two ways to say when samples are to be."""
+    faults = [
+        None if step_s is None else step_fault(step_s),
+        None if tolerance_deg is None else tolerance_fault(tolerance_deg),
+    ]
+    if step_s is not None and tolerance_deg is not None:
+        faults.append("step_s, tolerance_deg: one of them is enough, since both say when samples are")
+    return [fault for fault in faults if fault is not None]
 
 
 def default_path(plan_file: str | os.PathLike[str], format: str) -> Path:
     """Path beside a plan file that is named after it and the format, such as ``plan.aem``."""
     kind = FORMATS.get(format)
     return Path(plan_file).with_suffix(f".{format}" if kind is None else kind.suffix)
-
-
-def ending(plan: Plan) -> str:
-    """Message on what a plan that is not certified lacks, and how it ended."""
-    lack = "has no trajectory" if plan.trajectory is None else "is not certified"
-    ending = ": ".join(filter(None, [plan.status.name, plan.message]))
-    return f"the plan of {plan.scenario.name} {lack}; it ended as {ending}"
 
 
 def free_place(path: str | os.PathLike[str], parts: tuple[str, ...] = (), *, overwrite: bool) -> Path:

@@ -10,6 +10,7 @@ import warnings
 from datetime import UTC, datetime
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 _FIRST, _LAST = 1972, 2099  # years within which epochs must lie
 _TOO_FINE = re.compile(r"\.\d{6}\d*[1-9]")
@@ -47,7 +48,7 @@ def utc_texts(start: np.datetime64, times: np.ndarray) -> list[str]:
 
     Args:
         start: of the manoeuvre.
-        times: (k,) s after it, in order.
+        times: (k,) s after it, in order; they may be a part of a manoeuvre, long after its start.
 
     Returns:
         k texts; second 60 is a leap second.
@@ -55,7 +56,7 @@ def utc_texts(start: np.datetime64, times: np.ndarray) -> list[str]:
     stamps = start + np.round(times * 1e9).astype("timedelta64[ns]")
     half_year = stamps[-1].astype("datetime64[6M]")
     leap = np.zeros(len(stamps), bool)
-    if stamps[0].astype("datetime64[6M]") != half_year and leaps(stamps[-1]) > leaps(stamps[0]):
+    if start.astype("datetime64[6M]") != half_year and leaps(stamps[-1]) > leaps(start):
         midnight = half_year.astype("datetime64[ns]")
         late = stamps >= midnight
         leap = late & (stamps < midnight + _SECOND)
@@ -64,7 +65,7 @@ def utc_texts(start: np.datetime64, times: np.ndarray) -> list[str]:
     return [f"{text[:17]}60{text[19:]}" if odd else text for text, odd in zip(texts, leap, strict=True)]
 
 
-def elapsed(start: np.datetime64, stamp: np.datetime64) -> float:
+def seconds_between(start: np.datetime64, stamp: np.datetime64) -> float:
     """Seconds from one UTC time to another, leap seconds included; negative where it is before.
 
     Raises:
@@ -76,16 +77,24 @@ def elapsed(start: np.datetime64, stamp: np.datetime64) -> float:
     return seconds
 
 
-def ephemeris_time(start: np.datetime64) -> float:
+def ephemeris_time(start: np.datetime64, elapsed: ArrayLike = 0.0) -> np.ndarray:
     """SPICE's ephemeris time, seconds of TDB from J2000 on, as its own ``str2et`` finds it.
 
     TDB - TT is the one-term formula of SPICE's leap second kernels (constants K, EB, M), since whoever reads
-    a C-kernel asks at times that come from it; it is right to 3e-5 s.
+    a C-kernel asks at times that come from it; it is right to 3e-5 s. Over a day it changes by as much, so it
+    is taken at each instant.
+
+    Args:
+        start: UTC of a manoeuvre's start.
+        elapsed: (...) s after it.
+
+    Returns:
+        (...) s.
     """
     utc = float((start - _J2000) / np.timedelta64(1, "ns")) * 1e-9
-    dynamical = utc + leaps(start) + TT_MINUS_TAI
+    dynamical = utc + leaps(start) + TT_MINUS_TAI + np.asarray(elapsed, float)
     mean = 6.239996 + 1.99096871e-7 * dynamical
-    return dynamical + 1.657e-3 * float(np.sin(mean + 1.671e-2 * np.sin(mean)))
+    return np.asarray(dynamical + 1.657e-3 * np.sin(mean + 1.671e-2 * np.sin(mean)))
 
 
 def leaps(stamp: np.datetime64) -> float:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import jax
 
+from jaxplan.model.export_names import ExportNames
 from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.keys import key, keyed
 from jaxplan.model.sameness import same
@@ -68,23 +69,22 @@ class Activity:
         return self.track if self.track is not None else self.point
 
 
+@shown("name", "kind", "start s", "end s")
 @dataclass(frozen=True, kw_only=True)
-class Labels:
-    """Names and numbers by which other tools know the spacecraft.
+class Segment:
+    """A part of the plan, a slew or what an activity does.
 
     Attributes:
-        object_name: of the spacecraft; None for that of the timeline.
-        object_id: its international designator, such as "2026-042A".
-        originator: who made the file.
-        frame_name: of the body's frame.
-        naif_id: SPICE's number of the spacecraft, negative.
+        name: of the activity; of a slew, that of the activity to which it leads.
+        kind: "slew", "track", "attitude" or "idle".
+        start: s, from the timeline's start on.
+        end: s.
     """
 
-    object_name: str | None = keyed(None, "object_name", "the spacecraft's, in exported files")
-    object_id: str | None = keyed(None, "object_id", 'international designator, such as "2026-042A"')
-    originator: str | None = keyed(None, "originator", "who made the exported files")
-    frame_name: str | None = keyed(None, "frame_name", "of the body's frame, in exported files")
-    naif_id: int | None = keyed(None, "naif_id", "SPICE's number of the spacecraft", "[-999999, -1]")
+    name: str
+    kind: str
+    start: float
+    end: float
 
 
 @shown("name", "activities", "until s", "slew")
@@ -99,7 +99,7 @@ class Timeline:
         activities: in their order, but for what their `after` asks.
         until: s, when it ends; None at the end of the last activity.
         slew: "shortest" for slews in the shortest time, "calm" for slews in the time that there is.
-        labels: for exports.
+        names: what exported files call the spacecraft; None for what exports do without.
     """
 
     name: str = field(metadata=key("name", "for titles and tables"))
@@ -111,7 +111,9 @@ class Timeline:
     slew: str = keyed(
         SHORTEST, "slew", "whether slews take the shortest time, or all that there is", options=SLEWS
     )
-    labels: Labels = field(default_factory=Labels, metadata=key("labels", "names for other tools"))
+    names: ExportNames | None = field(
+        default=None, metadata=key("names", "what exported files call the spacecraft")
+    )
 
     def __eq__(self, other: object) -> bool:
         return same(self, other) if isinstance(other, Timeline) else NotImplemented

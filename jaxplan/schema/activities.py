@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.epochs import elapsed
+from jaxplan.model.epochs import seconds_between
 from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.timeline import Activity, in_order
@@ -226,7 +226,7 @@ def seconds_after(epoch: Any, stamp: np.datetime64, place: Place) -> Any:
             place.fault("needs the epoch, by [sky] or epoch_utc, from which seconds count")
         return WRONG
     try:
-        after = elapsed(epoch, stamp)
+        after = seconds_between(epoch, stamp)
     except ValueError as error:
         return place.fault(str(error))
     if after in _WITHIN:

@@ -22,7 +22,7 @@ _ROUNDING = 8 * np.finfo(float).eps  # by which a unit vector's length may diffe
 # By which entries of R^T R may differ from the identity; the certificate is stricter.
 ORTHONORMAL = 1e-6
 # Least and greatest length of an axis, by its name, where the first array that has it sets the length.
-LENGTHS = {"sample": (2, 50_000)} | dict.fromkeys(
+LENGTHS = {"sample": (2, 100_000)} | dict.fromkeys(
     ("pieces", "terms", "joint pieces", "joint terms"), (1, math.inf)
 )
 _MOST_FAULTS = 20  # faults of one array that are noted; a damaged one has thousands

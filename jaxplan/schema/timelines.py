@@ -15,9 +15,10 @@ import numpy as np
 
 from jaxplan import sky
 from jaxplan.model.directions import DirectionPath
+from jaxplan.model.export_names import REFERENCE_FRAMES, ExportNames, name_faults
 from jaxplan.model.keys import keyed
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.timeline import SHORTEST, SLEWS, Activity, Labels, Timeline
+from jaxplan.model.timeline import SHORTEST, SLEWS, Activity, Timeline
 from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import text as texts
@@ -36,7 +37,7 @@ from jaxplan.schema.declared import KINDS, declared
 from jaxplan.schema.directions import PATH, path_of
 from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError
 from jaxplan.schema.fields import check_zones
-from jaxplan.schema.kinds import Choice, Epoch, Text
+from jaxplan.schema.kinds import Choice, Epoch, Kind, Text
 from jaxplan.schema.layout import SCENARIO, split_scenario
 from jaxplan.schema.reading import PythonReading, count_terminals, read_file, with_epoch, with_start
 from jaxplan.schema.robust import check_robust
@@ -49,13 +50,29 @@ _SOURCE = "the timeline"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Heading(Labels):
-    """What stands in ``[timeline]``: when it ends, how it slews, and names for other tools."""
+class Heading:
+    """What stands in ``[timeline]``: when it ends, how it slews, and what exported files are to say."""
 
     until: float | None = keyed(None, "until_s", "when it ends; required if anything moves", "[0, 86400]")
     slew: str = keyed(
         SHORTEST, "slew", "whether slews take the shortest time, or all that there is", options=SLEWS
     )
+    object_name: str | None = keyed(
+        None, "object_name", "of the spacecraft in exported files; the timeline's name if absent"
+    )
+    object_id: str | None = keyed(None, "object_id", 'international designator, such as "2000-075A"')
+    originator: str | None = keyed(None, "originator", "who makes the exported files")
+    frame_name: str | None = keyed(None, "frame_name", "of the body's frame in exported files")
+    reference_frame: str | None = keyed(
+        None, "reference_frame", "of the inertial frame in exported files", options=REFERENCE_FRAMES
+    )
+    naif_id: int | None = keyed(None, "naif_id", "SPICE's number of the spacecraft", "[-2147482, -1]")
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The names for exports that are given, by attribute."""
+        values = {part.name: getattr(self, part.name) for part in fields(ExportNames)}
+        return {name: value for name, value in values.items() if value is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,18 +114,34 @@ def _make_parts(parts: dict[str, Any], place: Place) -> _Parts:
     return _Parts(name=parts["name"], scene=Scenario(goal=WRONG, **parts), **own)
 
 
-LABELS = declared(Labels)
+def _check_heading(heading: Heading, place: Place) -> None:
+    """Note names that exported files cannot have."""
+    given = {name: value for name, value in heading.given.items() if value is not WRONG}
+    for name, complaint in name_faults(given).items():
+        place[name].fault(complaint, given[name])
+
+
+class Names(Kind):
+    """What exported files call the spacecraft, as Python has it; its class checks it."""
+
+    wanted = "ExportNames"
+
+    def read(self, value: Any, place: Place) -> Any:
+        wrong = not isinstance(value, ExportNames)
+        return place.refuse(f"must be {self.wanted}", value) if wrong else value
+
+
+KINDS[ExportNames] = Names()
 _HEADING = table(Heading, KINDS)
-_UNTIL = [entry for entry in _HEADING.fields if entry.attribute in ("until", "slew")]
 HEADING = replace(
     _HEADING,
     fields=(
-        _UNTIL[0],
+        _HEADING.fields[0],
         Field("until_utc", Epoch(), "until_utc", "until_s as UTC", instead_of="until"),
-        _UNTIL[1],
-        *(entry for entry in _HEADING.fields if entry not in _UNTIL),
+        *_HEADING.fields[1:],
     ),
     make=_make_heading,
+    check=_check_heading,
 )
 GIVEN = Table(
     Given,
@@ -152,8 +185,9 @@ def _split_timeline(timeline: Timeline) -> dict[str, Any]:
         )
 
     activities = [split_activity(one, craft, name_of) for one in timeline.activities]
-    labels = {part.name: getattr(timeline.labels, part.name) for part in fields(Labels)}
-    heading = Heading(until=timeline.until, slew=timeline.slew, **labels)
+    heading = Heading(
+        until=timeline.until, slew=timeline.slew, **({} if timeline.names is None else vars(timeline.names))
+    )
     return split_scenario(timeline.scene) | {
         "kind": KIND,
         "name": timeline.name,
@@ -261,14 +295,14 @@ def _put_together(parts: _Parts, root: Place) -> Any:
     scene = replace(scene, goal=scene.start)
     read = [(place, one, before) for (place, before), one in zip(rows, activities, strict=True)]
     _check_together(scene, read, until, ends, root)
-    labels = {} if heading is WRONG else {part.name: getattr(heading, part.name) for part in fields(Labels)}
+    named = {} if heading is WRONG else heading.given
     return Timeline(
         name=parts.name,
         scene=scene,
         activities=tuple(activities),
         until=until,
         slew=SHORTEST if heading is WRONG else heading.slew,
-        labels=Labels(**labels),
+        names=ExportNames(**named) if named and not root.reading.faults else None,
     )
 
 

@@ -25,8 +25,8 @@ from jaxplan.sky.sights import (
 )
 
 ACCURACY = 1e-9  # rad: how far a path may be from the direction in the middle between two samples
-_FEWEST = 8  # intervals of a path to begin with, which are halved until it is accurate
-_MOST = 32768  # samples of a path; a neighbour that crosses a low orbit's path takes 13,000 in a day
+_FEWEST = 8  # intervals of a path to begin with; they are halved until it is accurate
+_MOST = 4096  # samples of a path, or one a second of a longer one
 _DIGITS = 1e9  # half angles are rounded up to 1e-9 deg, so that files hold them exactly
 
 
@@ -45,8 +45,8 @@ def path(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> 
         is within 1e-9 rad of `directions` in the middle between them.
 
     Raises:
-        ValueError: as `directions`; and if the target passes so close that 32,768 samples are not enough, as
-            of an ephemeris with a burn.
+        ValueError: as `directions`; and if the target passes so close that 4,096 samples, or one a second,
+            are not enough, as of an ephemeris with a burn.
         ImportError: if the extra ``orbit`` is needed and not installed.
 
     Example:
@@ -58,7 +58,8 @@ def path(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> 
     drift_times(observer, duration_s)  # for its errors
     times = np.linspace(0.0, duration_s, _FEWEST + 1)
     seen = directions(target, epoch=epoch, observer=observer, times=times)
-    while len(times) <= _MOST:
+    most = max(_MOST, int(duration_s))
+    while len(times) <= most:
         middle = (times[1:] + times[:-1]) / 2
         between = directions(target, epoch=epoch, observer=observer, times=middle)
         try:
@@ -74,7 +75,7 @@ def path(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> 
         times = np.concatenate([times, middle[rough]])[order]
         seen = np.concatenate([seen, between[rough]])[order]
     raise ValueError(
-        f"target: passes so close, or with such a jump of its velocity, that {_MOST} samples over "
+        f"target: passes so close, or with such a jump of its velocity, that {most} samples over "
         f"{duration_s:g} s do not follow it"
     )
 

@@ -2,8 +2,9 @@
 
 from typing import TYPE_CHECKING
 
+from jaxplan.model.timeline import Segment
 from jaxplan.runtime.late import late
-from jaxplan.timeline.record import PlannedActivity, Segment, TimelineError, TimelinePlan
+from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan
 
 if TYPE_CHECKING:
     from jaxplan.timeline.planning import plan_timeline

@@ -195,3 +195,31 @@ def joined(parts: Sequence[tuple[float, Trajectory]]) -> Trajectory:
         smoothness=2,
         method="timeline",
     )
+
+
+def part(trajectory: Trajectory, start: float, end: float) -> Trajectory:
+    """The part of a joined trajectory between two of its breaks, s; the start is its zero."""
+
+    def between(breaks: np.ndarray) -> slice:
+        first, last = (int(np.argmin(np.abs(breaks - time))) for time in (start, end))
+        return slice(first, max(last, first + 1))
+
+    own, joints = between(trajectory.breaks), between(trajectory.joint_breaks)
+
+    def shifted(breaks: np.ndarray, which: slice) -> np.ndarray:
+        found = breaks[which.start : which.stop + 1] - start
+        found[[0, -1]] = 0.0, end - start  # to the last bit
+        return np.asarray(found)
+
+    return Trajectory(
+        breaks=shifted(trajectory.breaks, own),
+        chart_attitude=trajectory.chart_attitude[own],
+        chart_start=trajectory.chart_start[own] - start,
+        chart_rate=trajectory.chart_rate[own],
+        coefficients=trajectory.coefficients[own],
+        joint_breaks=shifted(trajectory.joint_breaks, joints),
+        joint_coefficients=trajectory.joint_coefficients[joints],
+        node_times=np.array([0.0, end - start]),
+        smoothness=trajectory.smoothness,
+        method=trajectory.method,
+    )

@@ -247,13 +247,14 @@ class LeastMotion:
         slopes = self._slopes(nodes)
         residual, rows = self._residuals(nodes, slopes)
         basis = self._basis(nodes, slopes.shape[2])  # (K + 1, 3 + f, y)
-        reduced = np.einsum("rkd,kdy->rky", rows, basis).reshape(len(residual), -1)
+        reduced = np.einsum("rkd,kdy->rky", rows, basis)
+        reduced = reduced.reshape(len(residual), basis.shape[0] * basis.shape[2])
         hessian = reduced.T @ reduced + _TIE * np.eye(reduced.shape[1])
         pull = reduced.T @ residual
         if not len(pull):
             return np.zeros((len(nodes.times), slopes.shape[2]))
         found = _program(hessian, pull, *self._bounds(nodes, slopes, basis))
-        return np.einsum("kdy,ky->kd", basis, found.reshape(len(nodes.times), -1))
+        return np.einsum("kdy,ky->kd", basis, found.reshape(basis.shape[0], basis.shape[2]))
 
     def _basis(self, nodes: Nodes, size: int) -> np.ndarray:
         """Orthonormal directions (K + 1, 3 + f, y) of steps along which targets stay met."""
@@ -305,8 +306,12 @@ class LeastMotion:
                 slack.append((bound - sign * value)[near])
                 price.append(np.full(len(slack[-1]), _PRICE))
         stacked = np.concatenate(rows)
-        reduced = np.einsum("bkd,kdy->bky", stacked, basis).reshape(len(stacked), -1)
-        return reduced, np.concatenate(slack), np.concatenate(price)
+        reduced = np.einsum("bkd,kdy->bky", stacked, basis)
+        return (
+            reduced.reshape(len(stacked), count * basis.shape[2]),
+            np.concatenate(slack),
+            np.concatenate(price),
+        )
 
     def _margin_slopes(self, nodes: Nodes, left: np.ndarray, slopes: np.ndarray) -> np.ndarray:
         """Derivatives (K + 1, c', 3 + f) of the constraints' margins by turns and free joints."""

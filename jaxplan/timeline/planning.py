@@ -11,31 +11,44 @@ from dataclasses import replace
 
 import numpy as np
 
+from jaxplan.certificate import Certificate
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import CALM, Activity, Timeline
+from jaxplan.model.timeline import CALM, Activity, Segment, Timeline
 from jaxplan.planner.validity import start_breaches
+from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import one_thread
+from jaxplan.schema.faults import nearest
+from jaxplan.schema.reading import take_in
 from jaxplan.timeline import curves, proving
+from jaxplan.timeline.later import holding
 from jaxplan.timeline.motions import Doing, Motion, Refused
-from jaxplan.timeline.record import PlannedActivity, Segment, TimelineError, TimelinePlan
+from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan
 from jaxplan.timeline.slews import Departure, Slew
 from jaxplan.timeline.tracking import State
-from jaxplan.timeline.wheels_then import holding
 from jaxplan.trajectory import Trajectory
 
-_FIRST = 20.0  # s, the first guess of the duration of a slew
+_REST = "rest until the end"  # name of what is done in the time that is left
 _SAME = 1e-9  # s, below which there is no time for a slew
 
 
 def plan_timeline(
-    timeline: Timeline, *, throw: bool = True, go_on: bool = False, progress: bool = True
+    timeline: Timeline,
+    *,
+    after: TimelinePlan | None = None,
+    from_activity: str | None = None,
+    throw: bool = True,
+    go_on: bool = False,
+    progress: bool = True,
 ) -> TimelinePlan:
     """Plan all activities of a timeline, with the slews between them, and prove it safe.
 
     Args:
         timeline: what is to be done.
+        after: an earlier plan that is kept up to where the slew to `from_activity` begins. Until then the
+            timeline must be the same; from that activity on anything may differ.
+        from_activity: name of the first activity that is planned anew.
         throw: raise when an activity cannot be planned; otherwise return what was found.
         go_on: whether the rest is planned where an activity cannot be; else planning ends there.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
@@ -46,17 +59,25 @@ def plan_timeline(
     Raises:
         TimelineError: with ``status``, ``plan`` and a message that says which activity, what is in the way
             and what to change, if ``throw``.
+        ScenarioError: for what no timeline may have; the message lists every fault.
+        ValueError: if one of `after` and `from_activity` is given without the other, or no such activity is.
+
+    Example:
+        >>> day = jp.plan_timeline(timeline)
+        >>> changed = jp.plan_timeline(other, after=day, from_activity="lisbon")
     """
     with (
         one_thread(),
         progress_bar("planning", "activities", total=len(timeline.activities), shown=progress) as bar,
     ):
         day = _Day(timeline)
-        for activity in in_order(timeline):
+        for activity in day.left(after, from_activity):
             bar.step(activity.name)
             if not day.do(activity) and not go_on:
                 break
             bar.update()
+        else:
+            day.rest()
         bar.step("proof")
         plan = day.result()
     if throw and not plan.ok:
@@ -78,10 +99,23 @@ def in_order(timeline: Timeline) -> list[Activity]:
     return done
 
 
+def taken_in(timeline: Timeline) -> Timeline:
+    """The timeline with the model's types; raises a ScenarioError for what no file may hold."""
+    scene = take_in(replace(timeline.scene, goal=timeline.scene.start))
+    activities = tuple(
+        one
+        if one.attitude is None
+        else replace(one, attitude=take_in(replace(scene, goal=one.attitude)).goal)  # type: ignore[arg-type]
+        for one in timeline.activities
+    )
+    return replace(timeline, scene=scene, activities=activities)
+
+
 class _Day:
     """A timeline under way: what is planned so far, and the state in which that ends."""
 
     def __init__(self, timeline: Timeline) -> None:
+        timeline = taken_in(timeline)
         scene, start = timeline.scene, timeline.scene.start
         self.timeline, self.scene = timeline, scene
         zero = np.zeros(len(start.joints))
@@ -95,10 +129,36 @@ class _Day:
         )
         self.time = 0.0
         self.parts: list[tuple[float, Trajectory, Spacecraft]] = []
+        self.proofs: list[tuple[float, Trajectory, Certificate]] = []
         self.segments: list[Segment] = []
         self.activities: list[PlannedActivity] = []
         self.seconds = {"motions": 0.0, "slews": 0.0, "proof": 0.0}
         self.broken = start_breaches(replace(scene, goal=start))
+
+    def left(self, kept: TimelinePlan | None, name: str | None) -> list[Activity]:
+        """The activities that are to be planned; those before a name are taken from a plan that is kept."""
+        ordered = in_order(self.timeline)
+        if kept is None and name is None:
+            return ordered
+        if kept is None or name is None:
+            raise ValueError("after and from_activity: one needs the other")
+        expect("after", kept, TimelinePlan, "jp.plan_timeline makes one")
+        names = [one.name for one in ordered]
+        if name not in names:
+            raise ValueError(f"from_activity = {name!r}: no such activity, {nearest(name, names, 'names')}")
+        first = names.index(name)
+        before = kept.activities[:first]
+        if [one.name for one in before] != names[:first]:
+            raise ValueError(f"after: the activities before {name} are not those of the timeline")
+        for segment in kept.segments:
+            if segment.name not in names[:first]:
+                break
+            assert kept.trajectory is not None
+            own = curves.part(kept.trajectory, segment.start, segment.end)
+            proof = proving.certify_part(self.scene, segment.start, own, self._craft())
+            self._add(segment.name, segment.kind, own, proof)
+        self.activities += before
+        return ordered[first:]
 
     def do(self, activity: Activity) -> bool:
         """Plan an activity from the state so far on; returns whether it could be."""
@@ -115,6 +175,12 @@ class _Day:
             return False
         return True
 
+    def rest(self) -> None:
+        """Rest until the timeline's end, if time is left."""
+        until = self.timeline.until
+        if until is not None and until > self.time + _SAME:
+            self.do(Activity(name=_REST, idle=True))
+
     def _do(self, activity: Activity) -> None:
         """Plan an activity; raises `Refused`."""
         doing = Doing(
@@ -125,18 +191,23 @@ class _Day:
             latest_end=activity.latest if activity.latest is not None else self.timeline.until,
         )
         slew, motion = self._slew(doing)
-        if slew.trajectory is not None:
-            self._add(activity.name, "slew", slew.trajectory)
         start = max(motion.begin, activity.earliest or 0.0)
-        error = None
+        error = proof = None
         if motion.trajectory is not None:
             begun = clock.monotonic()
+            proof = proving.certify_part(
+                self.scene, motion.begin, motion.trajectory, self._craft(slew.trajectory)
+            )
             if activity.track is not None:
                 error = proving.pointing_error(self.scene, activity.track, motion.trajectory, motion.begin)
             self.seconds["proof"] += clock.monotonic() - begun
-            self._add(activity.name, activity.kind, motion.trajectory)
-        else:
-            self.state = motion.state
+            if not proof.certified:
+                raise Refused(Status.UNCERTIFIED, "; ".join(proof.faults))
+        if slew.trajectory is not None and slew.proof is not None:
+            self._add(activity.name, "slew", slew.trajectory, slew.proof)
+        if motion.trajectory is not None and proof is not None:
+            self._add(activity.name, activity.kind, motion.trajectory, proof)
+        self.state = motion.state if motion.trajectory is None else self.state
         status, message = Status.OK, ""
         if error is not None and activity.track is not None and not error <= activity.track.tolerance:
             status = Status.UNCERTIFIED
@@ -157,19 +228,21 @@ class _Day:
             )
         )
 
-    def _add(self, name: str, kind: str, trajectory: Trajectory) -> None:
-        """Append a part of the motion, and go on from its end."""
+    def _add(self, name: str, kind: str, trajectory: Trajectory, proof: Certificate) -> None:
+        """Append a part of the motion with its certificate, and go on from its end."""
         self.parts.append((self.time, trajectory, self._craft()))
+        self.proofs.append((self.time, trajectory, proof))
         end = self.time + trajectory.duration
         self.segments.append(Segment(name=name, kind=kind, start=self.time, end=end))
         self.state, self.time = State.of(trajectory, trajectory.duration), end
 
-    def _craft(self, *, usable: bool = False) -> Spacecraft:
-        """The spacecraft with what its wheels hold now."""
-        craft = self.scene.usable if usable else self.scene.spacecraft
-        if not craft.wheels or not self.parts:
-            return craft
-        return holding(craft, self.parts, self.state)
+    def _craft(self, further: Trajectory | None = None) -> Spacecraft:
+        """The spacecraft with what its wheels hold now, or at the end of a further part."""
+        craft, parts, state = self.scene.spacecraft, self.parts, self.state
+        if further is not None:
+            parts = [*parts, (self.time, further, craft)]
+            state = State.of(further, further.duration)
+        return holding(craft, parts, state) if craft.wheels and parts else craft
 
     def _slew(self, doing: Doing) -> tuple[Slew, Motion]:
         """The slew to an activity, and the motion that follows; raises `Refused`."""
@@ -179,17 +252,15 @@ class _Day:
         waits = opens > self.time + _SAME
         if waits and self.timeline.slew == CALM:
             return self._calm(departure, doing, opens)
-        begin = doing.seen_from(self.time + _FIRST)
-        least = begin - self.time if begin > self.time + _FIRST else 0.0
         begun = clock.monotonic()
         spent = self.seconds["motions"]
 
         def goal_at(time: float) -> tuple[State, Motion]:
-            found = self._motion(doing, doing.seen_from(time))
+            found = self._motion(doing, time)
             return found.state, found
 
         try:
-            slew = departure.shortest(goal_at, least)
+            slew = departure.shortest(goal_at, doing.seen_from)
         except Refused:
             if not waits:
                 raise
@@ -229,7 +300,8 @@ class _Day:
         """Raise `Refused` if an activity would end too late."""
         activity = doing.activity
         end, latest = doing.ends(motion.begin), activity.latest
-        if activity.duration is None and doing.latest_end is not None and not end > motion.begin:
+        lasting = activity.duration is None and activity.kind != "point"
+        if lasting and doing.latest_end is not None and not end > motion.begin:
             late = motion.begin - doing.latest_end
             raise Refused(
                 Status.OUT_OF_WINDOW,
@@ -251,7 +323,7 @@ class _Day:
         if self.parts:
             begun = clock.monotonic()
             trajectory = curves.joined([(begin, part) for begin, part, _ in self.parts])
-            certificate = proving.certify_parts(self.scene, self.parts)
+            certificate = proving.merged(self.proofs)
             self.seconds["proof"] += clock.monotonic() - begun
             if not certificate.certified:
                 status, message = Status.UNCERTIFIED, "; ".join(certificate.faults)

@@ -15,14 +15,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from jaxplan.certificate import Certificate, Claim, EndState, certify_batch, prove_margins
+from jaxplan.certificate import Certificate, Claim, EndState, certify, prove_margins
 from jaxplan.certificate.limits import TOLERANCE
 from jaxplan.model.goals import Targets
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.tabulation import tabulate
+from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.model.zones import KeepIn
-from jaxplan.timeline.slews import at_time
+from jaxplan.timeline import curves
+from jaxplan.timeline.later import at_time, holding
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory
 
@@ -69,29 +71,27 @@ def pointing_error(scene: Scenario, targets: Targets, trajectory: Trajectory, be
     return float("inf") if len(bounds) < len(zones) else half - min(bounds)
 
 
-def certify_parts(scene: Scenario, parts: Sequence[tuple[float, Trajectory, Spacecraft]]) -> Certificate:
-    """Prove a motion that is given in parts, each after the time (s) at which it begins, with the spacecraft.
+def certify_part(scene: Scenario, begin: float, trajectory: Trajectory, craft: Spacecraft) -> Certificate:
+    """Prove a part of a motion.
 
-    The first one must start as the scene does; wheels of each spacecraft store what they hold then.
+    Args:
+        scene: zones and settings, in the timeline's times. A part that begins at zero must start as it does.
+        begin: s, of the part.
+        trajectory: of the part, from its start on.
+        craft: the spacecraft, whose wheels store what they hold then.
     """
-    claims = []
-    for number, (begin, trajectory, craft) in enumerate(parts):
-        moved = replace(at_time(scene, begin, trajectory.duration), spacecraft=craft)
-        names = [moved.zones[zone].name for zone in moved.stated.zone if zone >= 0]
-        claims.append(
-            Claim(
-                trajectory=trajectory,
-                spacecraft=craft,
-                cones=moved.stated,
-                zone_names=names,
-                sight_names=moved.sight_names,
-                robust=moved.robust,
-                start=_start(scene) if number == 0 else None,
-            )
+    moved = replace(at_time(scene, begin, trajectory.duration), spacecraft=craft)
+    return certify(
+        Claim(
+            trajectory=trajectory,
+            spacecraft=craft,
+            cones=moved.stated,
+            zone_names=[moved.zones[zone].name for zone in moved.stated.zone if zone >= 0],
+            sight_names=moved.sight_names,
+            robust=moved.robust,
+            start=None if begin > 0 else _start(scene),
         )
-    begins = [begin for begin, _, _ in parts]
-    jumps = [jumps_between(one, other) for (_, one, _), (_, other, _) in pairwise(parts)]
-    return _merged(certify_batch(claims), begins, jumps)
+    )
 
 
 def _start(scene: Scenario) -> EndState:
@@ -114,10 +114,14 @@ def jumps_between(before: Trajectory, after: Trajectory) -> dict[str, float]:
     }
 
 
-def _merged(
-    found: Sequence[Certificate], begins: Sequence[float], joins: Sequence[dict[str, float]]
-) -> Certificate:
-    """One certificate of those of parts, which begin at given times (s), and of the jumps between them."""
+def merged(parts: Sequence[tuple[float, Trajectory, Certificate]]) -> Certificate:
+    """The certificate of a motion from those of its parts, each given after the time (s) at which it begins.
+
+    The jumps from part to part are looked at, too.
+    """
+    begins = [begin for begin, _, _ in parts]
+    found = [proof for _, _, proof in parts]
+    joins = [jumps_between(one, other) for (_, one, _), (_, other, _) in pairwise(parts)]
     faults = [
         f"{fault}, in the part that begins at {begin:.2f} s"
         for one, begin in zip(found, begins, strict=True)
@@ -160,3 +164,38 @@ def _merged(
         worst_device=least.worst_device,
         worst_zone=least.worst_zone,
     )
+
+
+def certify_segments(timeline: Timeline, trajectory: Trajectory, segments: Sequence[Segment]) -> Certificate:
+    """Certify the motion of a timeline's plan, segment by segment.
+
+    Args:
+        timeline: what was asked.
+        trajectory: over all segments.
+        segments: slews and activities in order.
+
+    Returns:
+        The certificate, which lists what could not be proved; that devices point within their tolerances is
+        among it.
+    """
+    scene = timeline.scene
+    asked = {one.name: one for one in timeline.activities}
+    parts: list[tuple[float, Trajectory, Spacecraft]] = []
+    proofs: list[tuple[float, Trajectory, Certificate]] = []
+    faults = []
+    for segment in segments:
+        own = curves.part(trajectory, segment.start, segment.end)
+        craft = scene.spacecraft
+        if craft.wheels and parts:
+            last = parts[-1][1]
+            craft = holding(craft, parts, State.of(last, last.duration))
+        parts.append((segment.start, own, craft))
+        proofs.append((segment.start, own, certify_part(scene, segment.start, own, craft)))
+        activity = asked.get(segment.name)
+        if segment.kind == "track" and activity is not None and activity.track is not None:
+            error = pointing_error(scene, activity.track, own, segment.start)
+            if not error <= float(activity.track.tolerance):
+                off, most = np.rad2deg([error, float(activity.track.tolerance)])
+                faults.append(f"{segment.name}: devices point within {off:.3g} deg, not {most:.3g} deg")
+    found = merged(proofs)
+    return replace(found, certified=found.certified and not faults, faults=(*found.faults, *faults))

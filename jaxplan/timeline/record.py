@@ -1,33 +1,17 @@
 """The plan of a timeline: its trajectory, what became of each activity, and what is proved of all."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from jaxplan.certificate import Certificate
+from jaxplan.model.export_names import ExportNames
+from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import Timeline
+from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.runtime.display import as_table, shown
+from jaxplan.timeline.proving import certify_segments
 from jaxplan.trajectory import Trajectory
-
-
-@shown("name", "kind", "start s", "end s")
-@dataclass(frozen=True, kw_only=True)
-class Segment:
-    """A part of the plan, a slew or what an activity does.
-
-    Attributes:
-        name: of the activity; of a slew, that of the activity to which it leads.
-        kind: "slew", "track", "attitude" or "idle".
-        start: s, from the timeline's start on.
-        end: s.
-    """
-
-    name: str
-    kind: str
-    start: float
-    end: float
 
 
 @shown("name", "status", "message", "start s", "end s", "slew s", "pointing_error deg")
@@ -93,9 +77,30 @@ class TimelinePlan:
         return self.status is Status.OK
 
     @property
-    def scenario(self) -> Any:
-        """The scene: spacecraft, start, zones and settings."""
+    def scene(self) -> Scenario:
+        """Spacecraft, start, zones and settings."""
         return self.timeline.scene
+
+    @property
+    def names(self) -> ExportNames | None:
+        """What exported files call the spacecraft; None for what exports do without."""
+        return self.timeline.names
+
+    def certify(self) -> Certificate:
+        """Certify the plan anew, trusting nothing that it says but what was asked.
+
+        Returns:
+            The certificate, which lists what could not be proved; that devices point within their tolerances
+            is among it.
+
+        Raises:
+            ValueError: if the plan has no trajectory.
+        """
+        if self.trajectory is None:
+            raise ValueError(
+                f"the plan of {self.timeline.name} has no trajectory: it ended as {self.status.name}"
+            )
+        return certify_segments(self.timeline, self.trajectory, self.segments)
 
     @property
     def pointing_error(self) -> float | None:

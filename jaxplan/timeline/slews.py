@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.model.directions import DirectionPath
+from jaxplan.certificate import Certificate
 from jaxplan.model.duration_bound import duration_bound
 from jaxplan.model.goals import GivenState
 from jaxplan.model.scenario import MINIMUM, Scenario
@@ -22,17 +22,18 @@ from jaxplan.model.status import Status
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan
 from jaxplan.planner.rounds import plan_in_rounds
-from jaxplan.timeline import curves
+from jaxplan.timeline import curves, proving
+from jaxplan.timeline.later import at_time
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory
 
-_ABOVE = 1.03  # times the bound: the first duration that is tried
+_ABOVE = (1.03, 1.08)  # times the bound: durations that are tried before the shortest motion is looked for
 _CLOSE = 1.004  # times the bound, below which a duration is not worth a try
 _SLACK = 1.01  # times the shortest time to a goal, that is given to reach the goal at another time
 _LONGER = 1.06  # from one try to the next, where neither fits
 _TRIES = 5
+_FIRST = 10.0  # s, for which the first goal is found
 _LEAST = 0.5  # s, of any slew
-_PAD = 60.0  # s beyond a span of time, for which directions are kept
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,6 +46,7 @@ class Slew:
         trajectory: from its start on, which is its zero; None where it failed.
         duration: s, planned or asked for; of a failed one what is needed at least, as far as it is known.
         goal: what follows, by the function that says it.
+        proof: the certificate of the trajectory.
     """
 
     status: Status
@@ -52,6 +54,7 @@ class Slew:
     trajectory: Trajectory | None
     duration: float
     goal: Any = None
+    proof: Certificate | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,37 +80,53 @@ class Departure:
             return Slew(status=plan.status, message=plan.message, trajectory=None, duration=duration)
         ends = (self.state.acceleration, self.state.bends), (goal.acceleration, goal.bends)
         made = curves.bent(plan.trajectory, ends)
-        return Slew(status=Status.OK, message=plan.message, trajectory=made, duration=made.duration)
+        proof = proving.certify_part(self.scene, self.time, made, self.craft)
+        if not proof.certified:
+            text = "; ".join(proof.faults)
+            return Slew(status=Status.UNCERTIFIED, message=text, trajectory=None, duration=duration)
+        return Slew(status=Status.OK, message="", trajectory=made, duration=made.duration, proof=proof)
 
-    def shortest(self, goal_at: Callable[[float], tuple[State, Any]], least: float = 0.0) -> Slew:
+    def shortest(
+        self, goal_at: Callable[[float], tuple[State, Any]], seen_from: Callable[[float], float]
+    ) -> Slew:
         """The slew of the shortest time to a goal that depends on when it is reached.
 
         Args:
             goal_at: function from a time, s, in the timeline's times, to the state then and whatever the
                 caller wants to have of it.
-            least: s, of the duration.
+            seen_from: function from such a time to the first one at or after it at which there is a goal.
         """
-        duration = max(least, _LEAST)
+
+        def admitted(duration: float) -> float:
+            return seen_from(self.time + max(duration, _LEAST)) - self.time
+
+        duration = admitted(_FIRST)
+        state, found = goal_at(self.time + duration)
+        duration = admitted(_ABOVE[0] * self.bound(state))
+        factors = list(_ABOVE[1:])
         failed: Slew | None = None
         for _ in range(_TRIES):
             state, found = goal_at(self.time + duration)
             bound = self.bound(state)
             if duration < _CLOSE * bound:
-                duration = max(_ABOVE * bound, least, _LEAST)
+                duration = admitted(_ABOVE[0] * bound)
                 state, found = goal_at(self.time + duration)
             slew = self.in_time(state, duration)
             if slew.trajectory is not None:
                 return replace(slew, goal=found)
             failed = failed or slew
-            if slew.status is not Status.LIMITS_TOO_TIGHT:
+            if slew.status not in _PERHAPS_TOO_SHORT:
                 return slew
+            if factors:
+                duration = admitted(max(factors.pop(0) * bound, duration + _LEAST))
+                continue
             quickest = self._plan(state, MINIMUM)
             if quickest.trajectory is None or not quickest.ok:
                 return Slew(
                     status=quickest.status, message=quickest.message, trajectory=None, duration=duration
                 )
-            needed = max(_SLACK * quickest.trajectory.duration, least)
-            duration = needed if needed > duration else _LONGER * duration
+            needed = _SLACK * quickest.trajectory.duration
+            duration = admitted(needed if needed > duration else _LONGER * duration)
         assert failed is not None
         return failed
 
@@ -137,6 +156,7 @@ class Departure:
         return plan_in_rounds([scenario], [Clock(scenario.search.time_limit)])[0]
 
 
+_PERHAPS_TOO_SHORT = (Status.LIMITS_TOO_TIGHT, Status.UNCERTIFIED)
 _BOUND = ("attitude", "joints", "velocity", "rates")
 
 
@@ -147,28 +167,4 @@ def _given(state: State) -> GivenState:
         joints=state.joints,
         angular_velocity=state.velocity,
         joint_rates=state.rates,
-    )
-
-
-def at_time(scene: Scenario, time: float, duration: float | None = None) -> Scenario:
-    """The scene as it is from a time, s, on: what moves is known from there on, for a duration if given.
-
-    Directions are those of the scene to the last bit, as far as they are kept.
-    """
-    last = np.inf if duration is None else time + duration + _PAD
-
-    def shifted(path: DirectionPath) -> DirectionPath:
-        first = max(0, int(np.searchsorted(path.times, time - _PAD)) - 2)
-        beyond = int(np.searchsorted(path.times, last)) + 3
-        own = slice(first, beyond)
-        return replace(path, times=path.times[own] - time, samples=path.samples[own], slopes=path.slopes[own])
-
-    def moved(zone: Any) -> Any:
-        return replace(zone, direction=shifted(zone.direction)) if zone.moves else zone
-
-    return replace(
-        scene,
-        keep_out=tuple(moved(zone) for zone in scene.keep_out),
-        keep_in=tuple(moved(zone) for zone in scene.keep_in),
-        epoch=None,
     )

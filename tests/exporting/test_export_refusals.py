@@ -16,7 +16,10 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan.cli import main
 from jaxplan.exporting import FORMATS, formats
-from jaxplan.exporting.sampled import instants, labels, sample
+from jaxplan.exporting.flight import Flight
+from jaxplan.exporting.instants import steady_instants
+from jaxplan.exporting.sampled import Sampling
+from jaxplan.exporting.texts import labels
 from jaxplan.geometry import quaternion
 from jaxplan.model.epochs import parse_epoch, utc_texts
 
@@ -26,6 +29,11 @@ STEP = 0.05
 @pytest.fixture(scope="module")
 def plan() -> jp.Plan:
     return flown_plan()
+
+
+def instants(duration: float, step: float) -> np.ndarray:
+    """Those of a single manoeuvre."""
+    return steady_instants(np.unique([0.0, duration]), step)
 
 
 def test_the_instants_are_multiples_of_the_step_and_the_end():
@@ -152,19 +160,22 @@ def test_values_that_are_no_motion_are_refused_before_any_writer(plan):
     good = plan.trajectory.sample(times)
 
     def spoiled(name: str, change: float) -> object:
-        """A plan whose trajectory has one wrong number, at 25 s."""
+        """The table of a trajectory that has one wrong number, at 25 s."""
         array = np.array(getattr(good, name))
         array[500].flat[0] += change
         values = replace(good, **{name: array})
-        return SimpleNamespace(scenario=plan.scenario, trajectory=SimpleNamespace(sample=lambda t: values))
+        flown = SimpleNamespace(sample=lambda t: values)
+        flight = Flight(name="", spacecraft=plan.scenario.spacecraft, trajectory=flown, start=None)
+        return Sampling(flight=flight, start=None, times=times)
 
-    assert sample(spoiled("joints", 0.0), None, times).times is times
+    (block,) = spoiled("joints", 0.0).blocks()
+    np.testing.assert_array_equal(block.times, times)
     for name in ("attitude", "angular_velocity", "angular_acceleration", "joints", "joint_rates"):
         for wrong in (np.nan, np.inf):
             with pytest.raises(ValueError, match=f"{name} is not finite at 25 s"):
-                sample(spoiled(name, wrong), None, times)
+                list(spoiled(name, wrong).blocks())
     with pytest.raises(ValueError, match="attitude is not a rotation at 25 s"):
-        sample(spoiled("attitude", 1e-6), None, times)
+        list(spoiled("attitude", 1e-6).blocks())
 
 
 def content(folder: Path) -> dict[Path, bytes]:

@@ -1,0 +1,213 @@
+"""What is exported: a motion of a spacecraft from an epoch on, of one plan or of a day made of many.
+
+A `Flight` is made of a plan, which is one manoeuvre and has no segments, or of a `Day`, whatever class that
+is: anything with the few attributes that are named there.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from jaxplan.model.export_names import ExportNames
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.planner import Plan, certify
+from jaxplan.runtime.arguments import expect, number
+from jaxplan.trajectory import Trajectory
+
+APART = 1e-6  # s: nearer instants would coincide in files that count seconds from the year 2000
+
+
+class UncertifiedError(ValueError):
+    """A plan is not written, since its motion is not certified."""
+
+
+class DaySegment(Protocol):
+    """A part of a day.
+
+    Attributes:
+        name: of the activity, or of the slew.
+        kind: in a word, such as ``"slew"`` or ``"track"``.
+        start: s from the epoch.
+        end: s from the epoch.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def kind(self) -> str: ...  # noqa: D102
+    @property
+    def start(self) -> float: ...  # noqa: D102
+    @property
+    def end(self) -> float: ...  # noqa: D102
+
+
+class Proof(Protocol):
+    """What certifying gives: whether all is proved, and what is not."""
+
+    @property
+    def certified(self) -> bool: ...  # noqa: D102
+    @property
+    def faults(self) -> Sequence[str]: ...  # noqa: D102
+
+
+class Day(Protocol):
+    """A motion of many activities and slews, as exports need it.
+
+    It may have ``names``, an `ExportNames` or None, which files take unless told.
+
+    Attributes:
+        ok: whether it is certified.
+        scene: with the name, the spacecraft and the epoch.
+        trajectory: over all of it, None where there is none.
+        segments: its parts in order, the next one beginning where one ends, from 0 to the duration.
+    """
+
+    @property
+    def ok(self) -> bool: ...  # noqa: D102
+    @property
+    def scene(self) -> Scenario: ...  # noqa: D102
+    @property
+    def trajectory(self) -> Trajectory | None: ...  # noqa: D102
+    @property
+    def segments(self) -> Sequence[DaySegment]: ...  # noqa: D102
+
+    def certify(self) -> Proof:
+        """Prove the motion anew, trusting nothing that the day says."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segment:
+    """A part of a flight, of which it has a name for readers.
+
+    Attributes:
+        name: of the activity, or of the slew.
+        kind: in a word, such as ``"slew"`` or ``"track"``.
+        start: s from the epoch.
+        end: s from the epoch; never before the start.
+    """
+
+    name: str
+    kind: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Flight:
+    """A motion to be exported.
+
+    Attributes:
+        name: of the scenario.
+        spacecraft: that flies it.
+        trajectory: the motion.
+        start: UTC of time zero, None where that is not known.
+        segments: without gaps from 0 to the duration; none of a single manoeuvre.
+        names: what files are to call things where the user does not say.
+    """
+
+    name: str
+    spacecraft: Spacecraft
+    trajectory: Trajectory
+    start: np.datetime64 | None
+    segments: tuple[Segment, ...] = ()
+    names: ExportNames | None = None
+
+    @property
+    def boundaries(self) -> np.ndarray:
+        """(b,) s, where segments begin and the last one ends, rising; those that coincide are there once."""
+        ends = (each.end for each in self.segments)
+        times = np.unique([0.0, *ends, self.trajectory.duration])
+        kept = times[np.concatenate([[True], np.diff(times) > APART])]
+        if len(kept) > 1:
+            kept[-1] = self.trajectory.duration
+        return np.asarray(kept)
+
+
+def flight_of(subject: Plan | Day) -> Flight:
+    """What is exported of a plan or of a day; whether it is certified anew is not looked at.
+
+    Args:
+        subject: with ``ok``.
+
+    Raises:
+        TypeError: if its ``names`` are no `ExportNames`.
+        UncertifiedError: if it is not certified, or has no trajectory.
+        ValueError: if its segments have gaps, or are no such things.
+    """
+    scene, trajectory = scene_of(subject), subject.trajectory
+    parts = () if isinstance(subject, Plan) else tuple(subject.segments)
+    if trajectory is None or not subject.ok:
+        raise UncertifiedError(ending(subject))
+    names = getattr(subject, "names", None)
+    if names is not None:
+        expect("names of the day", names, ExportNames)
+    return Flight(
+        name=scene.name,
+        spacecraft=scene.spacecraft,
+        trajectory=trajectory,
+        start=scene.epoch,
+        segments=_joined(parts, trajectory.duration),
+        names=names,
+    )
+
+
+def proof_of(subject: Plan | Day) -> Proof:
+    """The certificate of a plan or a day, made anew."""
+    return certify(subject) if isinstance(subject, Plan) else subject.certify()
+
+
+def scene_of(subject: Plan | Day) -> Scenario:
+    """The scenario with the name and the epoch of a plan or a day."""
+    return subject.scenario if isinstance(subject, Plan) else subject.scene
+
+
+def expect_motion(subject: object) -> None:
+    """Raise a TypeError for what is neither a plan nor has the attributes of a `Day`."""
+    names = ("ok", "scene", "trajectory", "segments", "certify")
+    if isinstance(subject, type) or not all(hasattr(subject, name) for name in names):
+        expect("plan", subject, Plan, "jp.load_plan reads one from a file")
+
+
+def ending(subject: Plan | Day) -> str:
+    """Message on what a plan or a day that is not certified lacks, and how it ended."""
+    lack = "has no trajectory" if subject.trajectory is None else "is not certified"
+    status, message = (getattr(subject, name, "") for name in ("status", "message"))
+    how = ": ".join(filter(None, [getattr(status, "name", str(status)), str(message)]))
+    return f"the plan of {scene_of(subject).name} {lack}" + (f"; it ended as {how}" if how else "")
+
+
+def _joined(parts: Sequence[Any], duration: float) -> tuple[Segment, ...]:
+    """The parts of a day as segments that meet exactly.
+
+    Raises:
+        ValueError: if one does not begin where the one before ends, to 1e-6 s, or ends before it begins; if
+            the last one does not end with the motion.
+    """
+    segments: list[Segment] = []
+    reached = 0.0
+    for place, part in enumerate(parts):
+        start, end = (
+            number(f"segments[{place}].{key}", getattr(part, key), "a number of seconds")
+            for key in ("start", "end")
+        )
+        if not abs(start - reached) <= APART:
+            raise ValueError(
+                f"segments[{place}].start = {start!r} s: must be {reached!r} s, where the one before ends"
+            )
+        if not start - APART <= end <= duration + APART:
+            raise ValueError(
+                f"segments[{place}].end = {end!r} s: must lie in [{start!r}, {duration!r}] s, the start of "
+                "the segment and the end of the motion"
+            )
+        end = min(max(end, reached), duration)
+        segments.append(Segment(name=str(part.name), kind=str(part.kind), start=reached, end=end))
+        reached = end
+    if parts and not abs(reached - duration) <= APART:
+        raise ValueError(
+            f"segments[{len(parts) - 1}].end = {reached!r} s: must be {duration!r} s, the end of the motion"
+        )
+    return tuple(segments)

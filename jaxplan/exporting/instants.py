@@ -1,0 +1,223 @@
+"""When a file has a motion: in equal steps, or as far apart as a reader's interpolation allows.
+
+A day of long tracks and short slews needs few instants in the first and many in the second. They are chosen
+so that what readers make of two neighbours stays within a tolerance of the motion, in between as well: the
+attitude and each device's frame on the body by the turn about one axis (CSPICE, STK) and by quaternions whose
+components are linear (CCSDS's LINEAR, tables), joints by angles that are linear, and for Basilisk the
+attitude by modified Rodrigues parameters that are linear. Errors are measured in the middle of each
+interval, where that of an acceleration is largest, at two places nearer to its ends, where that of linear
+components is, and at four instants of every piece of the trajectory that lies within it.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from jaxplan.exporting.flight import APART, Flight
+from jaxplan.exporting.sampled import device_frames
+from jaxplan.geometry import quaternion
+from jaxplan.runtime.arguments import show
+
+MOST_SAMPLES = 10_000_000
+"""Most samples of a file."""
+LONGEST_STEP = 60.0
+"""s: samples are no further apart, for readers who interpolate otherwise or draw."""
+TOLERANCES_DEG = (1e-6, 1.0)
+"""deg: least and greatest tolerance. Pieces of a trajectory may be 1e-8 rad apart where they meet."""
+_SHARE = 0.85  # of the tolerance: what measured errors may be, since the largest may lie beside
+_WINDOW = 16  # intervals of at most LONGEST_STEP that are divided at once; more would take more memory
+_MOST_PARTS = 8  # that an interval is divided into at once, so that a slew within it is told from a track
+# Where in an interval errors are measured; no turn of a whole number of times shows as none at all of them.
+_INNER = np.array([0.2289, 0.5, 0.7873])
+_DIGITS = 6  # of a second, that chosen instants have
+
+
+def step_fault(step: object) -> str | None:
+    """What is wrong with a step in seconds, None if nothing is."""
+    if isinstance(step, bool) or not isinstance(step, int | float | np.integer | np.floating):
+        return f"step_s = {show(step)}: must be a number of seconds"
+    if not APART <= step < np.inf:
+        return f"step_s = {step}: must lie in [{APART:g}, inf)"
+    return None
+
+
+def tolerance_fault(tolerance: object) -> str | None:
+    """What is wrong with a tolerance in degrees, None if nothing is."""
+    least, most = TOLERANCES_DEG
+    if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | np.integer | np.floating):
+        return f"tolerance_deg = {show(tolerance)}: must be a number of degrees"
+    if not least <= tolerance <= most:
+        return f"tolerance_deg = {tolerance}: must lie in [{least:g}, {most:g}]"
+    return None
+
+
+def steady_instants(boundaries: np.ndarray, step: float) -> np.ndarray:
+    """Times (k,) s: multiples of a step, and boundaries in the place of those close to them.
+
+    Args:
+        boundaries: (b,) s, from 0 to the duration, rising.
+        step: s.
+
+    Raises:
+        ValueError: if they would be too many.
+    """
+    duration = float(boundaries[-1])
+    if not duration / step < MOST_SAMPLES:
+        raise ValueError(
+            f"step_s = {step:g}: must be more than {duration / MOST_SAMPLES:.3g} for a manoeuvre of "
+            f"{duration:.2f} s, since a file holds at most {MOST_SAMPLES} samples"
+        )
+    if not duration > 0:
+        return np.zeros(1)
+    grid = step * np.arange(int(duration / step) + 1)
+    apart = max(1e-3 * min(step, duration), APART)
+    after = np.searchsorted(boundaries, grid)
+    near = np.minimum(
+        np.abs(grid - boundaries[np.minimum(after, len(boundaries) - 1)]),
+        np.abs(grid - boundaries[np.maximum(after - 1, 0)]),
+    )
+    return np.union1d(grid[(near >= apart) & (grid < duration)], boundaries)
+
+
+def chosen_instants(flight: Flight, tolerance: float, *, rodrigues: bool = False) -> np.ndarray:
+    """Times (k,) s, between which linear interpolation is off by less than a tolerance, see the module.
+
+    Args:
+        flight: the motion; all ends of its segments are among the times.
+        tolerance: rad.
+        rodrigues: whether attitudes are interpolated as Basilisk does it, too.
+
+    Raises:
+        ValueError: if they would be too many.
+    """
+    boundaries = flight.boundaries
+    if len(boundaries) == 1:
+        return boundaries
+    starts = [
+        np.linspace(begin, end, int(np.ceil((end - begin) / LONGEST_STEP)) + 1)[:-1]
+        for begin, end in pairwise(boundaries)
+    ]
+    nodes = np.append(np.concatenate(starts), boundaries[-1])
+    witnesses = _witnesses(flight)
+    limit = _SHARE * tolerance
+    found: list[np.ndarray] = []
+    for first in range(0, len(nodes) - 1, _WINDOW):
+        window = nodes[first : first + _WINDOW + 1]
+        inside = witnesses[slice(*np.searchsorted(witnesses, window[[0, -1]]))]
+        found.append(_divided(_Readers(flight, rodrigues), window, inside, limit))
+        if sum(map(len, found)) >= MOST_SAMPLES:
+            raise ValueError(
+                f"tolerance_deg = {np.rad2deg(tolerance):g}: must be larger for a motion of "
+                f"{boundaries[-1]:.2f} s, since a file holds at most {MOST_SAMPLES} samples"
+            )
+    # ends of segments stay as they are
+    tidy = np.round(np.concatenate(found), _DIGITS)
+    after = np.minimum(np.searchsorted(boundaries, tidy), len(boundaries) - 1)
+    near = np.minimum(np.abs(tidy - boundaries[after]), np.abs(tidy - boundaries[np.maximum(after - 1, 0)]))
+    return np.union1d(tidy[near > APART], boundaries)
+
+
+def _witnesses(flight: Flight) -> np.ndarray:
+    """Four instants of each piece of the trajectory, s, rising; the first is its start."""
+    breaks = np.union1d(flight.trajectory.breaks, flight.trajectory.joint_breaks)
+    within = breaks[:-1, None] + np.diff(breaks)[:, None] * np.append(0.0, _INNER)
+    return np.asarray(within.reshape(-1))
+
+
+def _divided(readers: "_Readers", nodes: np.ndarray, witnesses: np.ndarray, limit: float) -> np.ndarray:
+    """Starts (k,) s of intervals between nodes (n + 1,) s, divided until errors are within a limit, rad."""
+    left, right = nodes[:-1], nodes[1:]
+    done = []
+    while len(left):
+        inner = left[:, None] + (right - left)[:, None] * _INNER
+        owner = np.searchsorted(left, witnesses, side="right") - 1
+        owned = (owner >= 0) & (witnesses < right[owner])
+        witnesses, owner = witnesses[owned], owner[owned]
+        times = np.concatenate([inner.reshape(-1), witnesses])
+        owner = np.concatenate([np.repeat(np.arange(len(left)), len(_INNER)), owner])
+        worst = np.zeros(len(left))
+        np.maximum.at(worst, owner, readers.errors(left, right, owner, times))
+        wrong = (worst > limit) & (right - left > 10 * APART)  # a jump between pieces stays what it is
+        done.append(left[~wrong])
+        parts = np.clip(np.ceil(np.sqrt(worst[wrong] / limit)), 2, _MOST_PARTS).astype(int)
+        place = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+        width = np.repeat((right - left)[wrong] / parts, parts)
+        begin, last = np.repeat(left[wrong], parts), place == np.repeat(parts, parts) - 1
+        end = np.where(last, np.repeat(right[wrong], parts), begin + (place + 1) * width)
+        left, right = begin + place * width, end
+    return np.sort(np.concatenate(done))
+
+
+@dataclass(frozen=True)
+class _Readers:
+    """What readers make of a flight between two of its instants, against what it is."""
+
+    flight: Flight
+    rodrigues: bool
+
+    def errors(self, left: np.ndarray, right: np.ndarray, owner: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Largest errors (k,) rad at times (k,) s, from the ends of the intervals (n,) that own them."""
+        share = ((times - left[owner]) / (right - left)[owner])[:, None]
+        starts, start_joints = self._poses(left)
+        ends, end_joints = self._poses(right)
+        truth, joints = self._poses(times)
+        begin, end = starts[owner], ends[owner]
+        end = np.where(np.sum(begin * end, axis=-1, keepdims=True) < 0, -end, end)
+        guesses = [(g, truth) for g in _quaternions_between(begin, end, share[..., None])]
+        if self.rodrigues:
+            guesses.append((_rodrigues_between(begin[:, 0], end[:, 0], share), truth[:, 0]))
+        off = [_angles(guess, true).reshape(len(times), -1).max(axis=1) for guess, true in guesses]
+        if joints.shape[1]:
+            linear = start_joints[owner] + share * (end_joints - start_joints)[owner]
+            off.append(np.abs(linear - joints).max(axis=1))
+        return np.max(off, axis=0)
+
+    def _poses(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Quaternions (k, 1 + g, 4) of body and devices, and joints (k, J) rad, at times (k,) s."""
+        values, craft = self.flight.trajectory.sample(times), self.flight.spacecraft
+        devices = [device_frames(craft, values.joints, number) for number in range(craft.gimbals.count)]
+        return np.asarray(
+            quaternion.from_matrix(np.stack([values.attitude, *devices], axis=1))
+        ), values.joints
+
+
+def _quaternions_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> list[np.ndarray]:
+    """Unit quaternions (..., 4) between two by the turn about one axis, and by linear components."""
+    half = 2 * np.arcsin(np.clip(np.linalg.norm(end - begin, axis=-1, keepdims=True) / 2, 0, 1))
+    still = half < 1e-9
+    sine = np.where(still, 1.0, np.sin(half))
+    linear = begin + share * (end - begin)
+    turned = (np.sin((1 - share) * half) * begin + np.sin(share * half) * end) / sine
+    return [_unit(np.where(still, linear, turned)), _unit(linear)]
+
+
+def _rodrigues_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Quaternions (..., 4) between two whose modified Rodrigues parameters Basilisk takes for linear.
+
+    Each end is given by its parameters of length at most 1, and the second by the others where the two are
+    more than 1 apart.
+    """
+    first, second = (_rodrigues(np.where(q[..., :1] < 0, -q, q)) for q in (begin, end))
+    far = np.linalg.norm(second - first, axis=-1, keepdims=True) > 1
+    square = np.sum(second**2, axis=-1, keepdims=True)
+    second = np.where(far, -second / np.where(far, square, 1.0), second)
+    sigma = first + share * (second - first)
+    square = np.sum(sigma**2, axis=-1, keepdims=True)
+    return np.concatenate([1 - square, 2 * sigma], axis=-1) / (1 + square)
+
+
+def _rodrigues(quaternions: np.ndarray) -> np.ndarray:
+    """Modified Rodrigues parameters (..., 3) of quaternions (..., 4) whose scalar part is not negative."""
+    return np.asarray(quaternions[..., 1:] / (1 + quaternions[..., :1]))
+
+
+def _unit(quaternions: np.ndarray) -> np.ndarray:
+    """The quaternions (..., 4) at unit length."""
+    return np.asarray(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True))
+
+
+def _angles(guess: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Angles (...) rad between attitudes, from quaternions (..., 4) of any sign."""
+    apart = np.minimum(np.linalg.norm(guess - truth, axis=-1), np.linalg.norm(guess + truth, axis=-1))
+    return np.asarray(4 * np.arcsin(np.clip(apart / 2, 0, 1)))

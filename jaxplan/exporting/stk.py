@@ -1,0 +1,92 @@
+"""STK's attitude file of the platform, sensor files of the devices with joints, and a list of intervals."""
+
+import re
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from jaxplan.exporting.flight import Segment
+from jaxplan.exporting.sampled import Sampling, continued, device_frames
+from jaxplan.exporting.texts import labels, table_lines
+
+_MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
+_AXES = {"EME2000": "J2000", "ICRF": "ICRF", "GCRF": "ICRF"}  # STK's names of the inertial frames
+
+
+def write_stk(sampling: Sampling, folder: Path) -> None:
+    """Write ``platform.a``, a sensor file of each terminal, ``terminal-1.sp``, and perhaps ``segments.int``.
+
+    Quaternions turn the reference axes into the object's in STK's sense, which is ours of object to
+    reference, with the scalar last. The reference is inertial for the platform, and for a device with joints
+    the platform's body axes, which is what STK takes where a sensor file names none. A sensor's boresight is
+    its z axis. Attitude files have no place for names of segments, so these are a list of intervals, each
+    with its kind and name as its data.
+
+    Args:
+        sampling: with a start.
+        folder: an empty one.
+    """
+    assert sampling.start is not None
+    craft, count = sampling.spacecraft, sampling.spacecraft.gimbals.count
+    inertial = ("CentralBody Earth", f"CoordinateAxes {_AXES[sampling.names.reference_frame]}")
+    names = [f"{name}.sp" for name in labels(craft.device_names[:count], taken=(), longest=100)]
+    with ExitStack() as stack:
+        files = [
+            stack.enter_context((folder / name).open("w", encoding="ascii"))
+            for name in ("platform.a", *names)
+        ]
+        for file, axes in zip(files, (inertial, *[()] * count), strict=True):
+            file.writelines(_header(sampling, axes))
+        before: list[np.ndarray | None] = [None] * count
+        for block in sampling.blocks():
+            _write_rows(files[0], block.times, block.quaternions)
+            for number, file in enumerate(files[1:]):
+                matrices = device_frames(craft, block.values.joints, number)
+                quaternions = continued(matrices, before[number])
+                before[number] = quaternions[-1]
+                _write_rows(file, block.times, quaternions)
+        for file in files:
+            file.write("END Attitude\n")
+    if sampling.flight.segments:
+        lines = _intervals(sampling.flight.segments, sampling.start)
+        (folder / "segments.int").write_text("".join(lines), encoding="ascii")
+
+
+def _header(sampling: Sampling, axes: tuple[str, ...]) -> Iterator[str]:
+    """Yield the lines in front of the rows of an attitude file; `axes` name what it is relative to."""
+    assert sampling.start is not None
+    lines = (
+        "stk.v.11.0",
+        "BEGIN Attitude",
+        f"NumberOfAttitudePoints {len(sampling.times)}",
+        f"ScenarioEpoch {_epoch(sampling.start)}",
+        "InterpolationOrder 1",
+        *axes,
+        "AttitudeTimeQuaternions",
+    )
+    yield from (f"{line}\n" for line in lines)
+
+
+def _write_rows(file: TextIO, times: np.ndarray, quaternions: np.ndarray) -> None:
+    """Write rows of times (k,) s and quaternions (k, 4), scalar first."""
+    file.writelines(table_lines([times, np.roll(quaternions, -1, axis=1)]))
+
+
+def _intervals(segments: tuple[Segment, ...], start: np.datetime64) -> Iterator[str]:
+    """Yield the lines of an interval list; a segment that takes no time is none."""
+    yield f"stk.v.11.0\nBEGIN IntervalList\nScenarioEpoch {_epoch(start)}\nBEGIN Intervals\n"
+    for each in segments:
+        if each.end > each.start:
+            words = (re.sub(r"[^A-Za-z0-9.-]+", "_", text).strip("_") for text in (each.kind, each.name))
+            label = "/".join(filter(None, words))
+            yield f"{each.start:.9f} {each.end:.9f} {label}\n"
+    yield "END Intervals\nEND IntervalList\n"
+
+
+def _epoch(start: np.datetime64) -> str:
+    """Gregorian UTC as STK writes it, ``1 Jan 2026 00:00:00.000000``."""
+    moment = start.astype("datetime64[us]").item()
+    return f"{moment.day} {_MONTHS[moment.month - 1]} {moment:%Y %H:%M:%S.%f}"
