@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from jaxplan.runtime.cache import compilation_cache
     from jaxplan.schema import ScenarioError, load_scenario, load_timeline, save_scenario, save_timeline
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
-    from jaxplan.timeline import TimelineError, TimelinePlan, plan_timeline
+    from jaxplan.timeline import TimelineError, TimelinePlan, load_timeline_plan, plan_timeline
     from jaxplan.trajectory import Trajectory, measures
     from jaxplan.tuning import SearchTuning, Tuning, tune, tune_search
     from jaxplan.warming import warm_up
@@ -95,6 +95,7 @@ _HOMES = {
     "load_scenario": "jaxplan.schema",
     "load_study": "jaxplan.study",
     "load_timeline": "jaxplan.schema",
+    "load_timeline_plan": "jaxplan.timeline",
     "paper_case": "jaxplan.cases",
     "plan": "jaxplan.planner",
     "plan_batch": "jaxplan.planner",
@@ -162,6 +163,7 @@ __all__ = [
     "load_scenario",
     "load_study",
     "load_timeline",
+    "load_timeline_plan",
     "measures",
     "paper_case",
     "plan",
