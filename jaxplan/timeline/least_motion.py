@@ -136,7 +136,7 @@ class LeastMotion:
         return self._nodes(nodes.times, nodes.attitudes @ so3.exp(step[:, :3]), rest)
 
     def _left(self, nodes: Nodes) -> np.ndarray:
-        """What is left (K + 1, c) rad of ranges, first all low ends, then all high ones, and of constraints."""
+        """What is left (K + 1, c) rad of low ends of ranges, then of high ones, and of constraints."""
         low, high = self.pursuit.craft.joint_ranges.T
         margins = self.pursuit.margins(nodes.attitudes, nodes.joints, nodes.times)
         return np.concatenate([nodes.joints - low, high - nodes.joints, margins], axis=1)

@@ -32,8 +32,8 @@ from jaxplan.trajectory import Trajectory
 _ABOVE = 1.03  # times the bound: the first duration that is tried
 _CLOSE = 1.004  # times the bound, below which a duration is not worth a try
 _SLACK = 1.003  # times what is needed to a goal, that is given to reach the goal of another time
-_LONGER, _STEP = 1.03, 0.05  # times, and by s: how much longer at least the next try is
-_TRIES = 10
+_GROWTH = (1.02, 1.04, 1.08, 1.15, 1.3, 1.6)  # times: how much longer at least the next try is
+_STEP = 0.05  # s: likewise
 _FIRST = 10.0  # s, for which the first goal is found
 _LEAST = 0.5  # s, of any slew
 
@@ -122,7 +122,7 @@ class Departure:
         state, found = goal_at(self.time + duration)
         duration = admitted(_ABOVE * self.bound(state))
         failed: Slew | None = None
-        for _ in range(_TRIES):
+        for growth in _GROWTH:
             state, found = goal_at(self.time + duration)
             bound = self.bound(state)
             if duration < _CLOSE * bound:
@@ -137,7 +137,7 @@ class Departure:
             needed = slew.needed
             if needed is None and slew.status is Status.LIMITS_TOO_TIGHT:
                 needed = self._shortest_to(state)
-            duration = admitted(max(_SLACK * (needed or 0.0), _LONGER * duration, duration + _STEP))
+            duration = admitted(max(_SLACK * (needed or 0.0), growth * duration, duration + _STEP))
         assert failed is not None
         return failed
 
