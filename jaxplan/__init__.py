@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
     from jaxplan.report import report_html
     from jaxplan.runtime.cache import compilation_cache
+    from jaxplan.scheduling import SlewTimes, load_slew_times, slew_times
     from jaxplan.schema import ScenarioError, load_scenario, save_scenario
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.trajectory import Trajectory, measures
@@ -63,6 +64,7 @@ _HOMES = {
     "ScenarioError": "jaxplan.schema",
     "SearchSettings": "jaxplan.model.scenario",
     "SearchTuning": "jaxplan.tuning",
+    "SlewTimes": "jaxplan.scheduling",
     "Spacecraft": "jaxplan.model.spacecraft",
     "Status": "jaxplan.model.status",
     "Study": "jaxplan.study",
@@ -84,6 +86,7 @@ _HOMES = {
     "link_switch": "jaxplan.constellation",
     "load_plan": "jaxplan.planner",
     "load_scenario": "jaxplan.schema",
+    "load_slew_times": "jaxplan.scheduling",
     "load_study": "jaxplan.study",
     "paper_case": "jaxplan.cases",
     "plan": "jaxplan.planner",
@@ -95,6 +98,7 @@ _HOMES = {
     "report_html": "jaxplan.report",
     "run_study": "jaxplan.study",
     "save_scenario": "jaxplan.schema",
+    "slew_times": "jaxplan.scheduling",
     "tune": "jaxplan.tuning",
     "tune_search": "jaxplan.tuning",
     "walker": "jaxplan.constellation",
@@ -121,6 +125,7 @@ __all__ = [
     "ScenarioError",
     "SearchSettings",
     "SearchTuning",
+    "SlewTimes",
     "Spacecraft",
     "Status",
     "Study",
@@ -142,6 +147,7 @@ __all__ = [
     "link_switch",
     "load_plan",
     "load_scenario",
+    "load_slew_times",
     "load_study",
     "measures",
     "paper_case",
@@ -156,6 +162,7 @@ __all__ = [
     "run_study",
     "save_scenario",
     "sky",
+    "slew_times",
     "tune",
     "tune_search",
     "walker",
