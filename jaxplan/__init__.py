@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
     from jaxplan.report import report_html
     from jaxplan.runtime.cache import compilation_cache
+    from jaxplan.scheduling import SlewTimes, load_slew_times, slew_times
     from jaxplan.schema import ScenarioError, load_scenario, save_scenario
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.timeline import TimelineError, TimelinePlan, plan_timeline
@@ -69,6 +70,7 @@ _HOMES = {
     "SearchSettings": "jaxplan.model.scenario",
     "SearchTuning": "jaxplan.tuning",
     "Segment": "jaxplan.model.timeline",
+    "SlewTimes": "jaxplan.scheduling",
     "Spacecraft": "jaxplan.model.spacecraft",
     "Status": "jaxplan.model.status",
     "Study": "jaxplan.study",
@@ -93,6 +95,7 @@ _HOMES = {
     "link_switch": "jaxplan.constellation",
     "load_plan": "jaxplan.planner",
     "load_scenario": "jaxplan.schema",
+    "load_slew_times": "jaxplan.scheduling",
     "load_study": "jaxplan.study",
     "paper_case": "jaxplan.cases",
     "plan": "jaxplan.planner",
@@ -105,6 +108,7 @@ _HOMES = {
     "report_html": "jaxplan.report",
     "run_study": "jaxplan.study",
     "save_scenario": "jaxplan.schema",
+    "slew_times": "jaxplan.scheduling",
     "tune": "jaxplan.tuning",
     "tune_search": "jaxplan.tuning",
     "walker": "jaxplan.constellation",
@@ -134,6 +138,7 @@ __all__ = [
     "SearchSettings",
     "SearchTuning",
     "Segment",
+    "SlewTimes",
     "Spacecraft",
     "Status",
     "Study",
@@ -158,6 +163,7 @@ __all__ = [
     "link_switch",
     "load_plan",
     "load_scenario",
+    "load_slew_times",
     "load_study",
     "measures",
     "paper_case",
@@ -173,6 +179,7 @@ __all__ = [
     "run_study",
     "save_scenario",
     "sky",
+    "slew_times",
     "tune",
     "tune_search",
     "walker",
