@@ -40,9 +40,9 @@ if TYPE_CHECKING:
     from jaxplan.report import report_html
     from jaxplan.runtime.cache import compilation_cache
     from jaxplan.scheduling import SlewTimes, load_slew_times, slew_times
-    from jaxplan.schema import ScenarioError, load_scenario, save_scenario
+    from jaxplan.schema import ScenarioError, load_scenario, load_timeline, save_scenario, save_timeline
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
-    from jaxplan.timeline import TimelineError, TimelinePlan, plan_timeline
+    from jaxplan.timeline import TimelineError, TimelinePlan, load_timeline_plan, plan_timeline
     from jaxplan.trajectory import Trajectory, measures
     from jaxplan.tuning import SearchTuning, Tuning, tune, tune_search
     from jaxplan.warming import warm_up
@@ -97,6 +97,8 @@ _HOMES = {
     "load_scenario": "jaxplan.schema",
     "load_slew_times": "jaxplan.scheduling",
     "load_study": "jaxplan.study",
+    "load_timeline": "jaxplan.schema",
+    "load_timeline_plan": "jaxplan.timeline",
     "paper_case": "jaxplan.cases",
     "plan": "jaxplan.planner",
     "plan_batch": "jaxplan.planner",
@@ -108,6 +110,7 @@ _HOMES = {
     "report_html": "jaxplan.report",
     "run_study": "jaxplan.study",
     "save_scenario": "jaxplan.schema",
+    "save_timeline": "jaxplan.schema",
     "slew_times": "jaxplan.scheduling",
     "tune": "jaxplan.tuning",
     "tune_search": "jaxplan.tuning",
@@ -165,6 +168,8 @@ __all__ = [
     "load_scenario",
     "load_slew_times",
     "load_study",
+    "load_timeline",
+    "load_timeline_plan",
     "measures",
     "paper_case",
     "plan",
@@ -178,6 +183,7 @@ __all__ = [
     "report_html",
     "run_study",
     "save_scenario",
+    "save_timeline",
     "sky",
     "slew_times",
     "tune",

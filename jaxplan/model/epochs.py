@@ -65,6 +65,18 @@ def utc_texts(start: np.datetime64, times: np.ndarray) -> list[str]:
     return [f"{text[:17]}60{text[19:]}" if odd else text for text, odd in zip(texts, leap, strict=True)]
 
 
+def seconds_between(start: np.datetime64, stamp: np.datetime64) -> float:
+    """Seconds from one UTC time to another, leap seconds included; negative where it is before.
+
+    Raises:
+        ValueError: if leap seconds may lie between, and pyerfa is not installed.
+    """
+    seconds = float((stamp - start) / np.timedelta64(1, "ns")) / 1e9
+    if stamp.astype("datetime64[6M]") != start.astype("datetime64[6M]"):
+        seconds += leaps(stamp) - leaps(start)
+    return seconds
+
+
 def ephemeris_time(start: np.datetime64, elapsed: ArrayLike = 0.0) -> np.ndarray:
     """SPICE's ephemeris time, seconds of TDB from J2000 on, as its own ``str2et`` finds it.
 

@@ -3,6 +3,7 @@
 Times are seconds from the timeline's start on, which is the scene's `epoch`; files have them as UTC.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import jax
@@ -10,10 +11,12 @@ import jax
 from jaxplan.model.export_names import ExportNames
 from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.keys import key, keyed
+from jaxplan.model.sameness import same
 from jaxplan.model.scenario import Scenario
 from jaxplan.runtime.display import shown
 
 SHORTEST, CALM = SLEWS = ("shortest", "calm")
+_SPAN = "[0, 86400]"  # s, of all times of a timeline
 
 
 @shown("name", "kind", "duration s", "earliest s", "latest s", "after")
@@ -38,14 +41,20 @@ class Activity:
     """
 
     name: str = field(metadata=key("name", "unique", static=True))
-    track: Targets | None = field(default=None, metadata=key("track"))
-    point: Targets | None = field(default=None, metadata=key("point"))
-    attitude: GivenState | None = field(default=None, metadata=key("attitude"))
+    track: Targets | None = keyed(None, "track", "targets that devices follow all the time")
+    point: Targets | None = keyed(None, "point", "targets at which devices point at one instant")
+    attitude: GivenState | None = keyed(None, "attitude", "the state to be held, at rest")
     idle: bool = keyed(False, "idle", "nothing is asked", static=True)
-    duration: float | None = keyed(None, "for_s", "how long; until until_utc if absent", "[0, 86400]")
-    earliest: float | None = keyed(None, "from_s", "not before", "[0, 86400]")
-    latest: float | None = keyed(None, "until_s", "ended by", "[0, 86400]")
-    after: str = keyed("", "after", "name of an activity that must have ended before", static=True)
+    duration: float | None = keyed(
+        None, "for_s", "how long; if absent until its window ends, the last one until timeline.until_s", _SPAN
+    )
+    earliest: float | None = keyed(
+        None, "from_s", "it does not begin before; if absent as soon as can be after the one in front", _SPAN
+    )
+    latest: float | None = keyed(None, "until_s", "it has ended by then", _SPAN)
+    after: str = keyed(
+        "", "after", "name of an activity that must have ended before", kind="activity name", static=True
+    )
 
     @property
     def kind(self) -> str:
@@ -93,9 +102,38 @@ class Timeline:
         names: what exported files call the spacecraft; None for what exports do without.
     """
 
-    name: str
-    scene: Scenario
-    activities: tuple[Activity, ...]
-    until: float | None = None
-    slew: str = SHORTEST
-    names: ExportNames | None = None
+    name: str = field(metadata=key("name", "for titles and tables"))
+    scene: Scenario = field(metadata=key("scene", "spacecraft, start, zones, settings and epoch"))
+    activities: tuple[Activity, ...] = field(metadata=key("activity", "what is to be done, in order"))
+    until: float | None = keyed(
+        None, "until_s", "when it ends; if absent at the end of the last activity", _SPAN
+    )
+    slew: str = keyed(
+        SHORTEST, "slew", "whether slews take the shortest time, or all that there is", options=SLEWS
+    )
+    names: ExportNames | None = field(
+        default=None, metadata=key("names", "what exported files call the spacecraft")
+    )
+
+    def __eq__(self, other: object) -> bool:
+        return same(self, other) if isinstance(other, Timeline) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.name)  # the same for equal ones
+
+
+def in_order(activities: Iterable[Activity]) -> list[Activity]:
+    """The activities as they are done: in their order, but none before the one that it comes after.
+
+    Raises:
+        ValueError: if some come after each other, with their names.
+    """
+    left, done = list(activities), list[Activity]()
+    while left:
+        names = {one.name for one in left}
+        first = next((one for one in left if one.after not in names), None)
+        if first is None:
+            raise ValueError(f"activities that come after each other: {', '.join(sorted(names))}")
+        done.append(first)
+        left.remove(first)
+    return done

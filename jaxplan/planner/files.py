@@ -76,7 +76,7 @@ _SANE = Number(Interval("[-1e6, 1e6]"))
 _SECONDS = Number(Interval("[0, 1e12]"))
 
 
-def _table(model: type, make: Any = None, **kinds: Kind) -> Table:
+def record_table(model: type, make: Any = None, **kinds: Kind) -> Table:
     """A table whose keys are attributes of the model, each with its kind, all of which must be there.
 
     Args:
@@ -104,7 +104,7 @@ def _times(*shape: int | str) -> Array:
 
 def _path(edges: str) -> Table:
     """Table of a path, with the name of its number of edges."""
-    return _table(
+    return record_table(
         Path,
         edge_costs=Array((edges,), _POSITIVE),
         attitudes=_rotations(f"{edges} + 1"),
@@ -112,6 +112,37 @@ def _path(edges: str) -> Table:
     )
 
 
+def trajectory_table(*methods: str) -> Table:
+    """Table of a trajectory that one of some methods made; the reading must know the number of joints."""
+    return record_table(
+        Trajectory,
+        breaks=_times("pieces + 1"),
+        chart_attitude=_rotations("pieces"),
+        chart_start=_times("pieces"),
+        chart_rate=_array("pieces", 3),
+        coefficients=_array("pieces", "terms", 3),
+        joint_breaks=_times("joint pieces + 1"),
+        joint_coefficients=_array("joint pieces", "joint terms", "joint"),
+        node_times=_times("edges + 1"),
+        smoothness=Integer(Interval(f"[0, {SMOOTHNESS}]")),
+        method=Choice(methods),
+    )
+
+
+CERTIFICATE = record_table(
+    Certificate,
+    certified=YesNo(),
+    min_margin=Nullable(Number(Interval("[-3.1416, 3.1416]"))),
+    worst_time=Nullable(_POSITIVE),
+    worst_device=Nullable(Name("device")),
+    worst_zone=Nullable(Name("zone")),
+    peaks=ByName(_POSITIVE),
+    peak_times=ByName(_POSITIVE),
+    jumps=ByName(_POSITIVE),
+    faults=Several(Text(empty=True)),
+    evaluations=_COUNT,
+)
+"""Table of a certificate; the reading must know the names of devices and zones."""
 # What is stored of a goal where nothing moves: time and rates are the scenario's.
 _STILL_GOAL = {
     "attitude": _rotations(),
@@ -125,7 +156,7 @@ _MOVING_GOAL = _STILL_GOAL | {
 }
 _SEARCH_STATUSES = ("OK", "NO_PATH", "NODE_LIMIT", "TIME_LIMIT")
 _STEP_KINDS = {
-    "search": _table(
+    "search": record_table(
         SearchResult,
         status=Choice(_SEARCH_STATUSES, Status.__members__),
         path=Nullable(_path("found edges")),
@@ -133,39 +164,15 @@ _STEP_KINDS = {
         queue_expansions=Several(_COUNT),
     ),
     "path": _path("edges"),
-    "trajectory": _table(
-        Trajectory,
-        breaks=_times("pieces + 1"),
-        chart_attitude=_rotations("pieces"),
-        chart_start=_times("pieces"),
-        chart_rate=_array("pieces", 3),
-        coefficients=_array("pieces", "terms", 3),
-        joint_breaks=_times("joint pieces + 1"),
-        joint_coefficients=_array("joint pieces", "joint terms", "joint"),
-        node_times=_times("edges + 1"),
-        smoothness=Integer(Interval(f"[0, {SMOOTHNESS}]")),
-        method=Choice(TRAJECTORY_METHODS),
-    ),
-    "report": _table(
-        Certificate,
-        certified=YesNo(),
-        min_margin=Nullable(Number(Interval("[-3.1416, 3.1416]"))),
-        worst_time=Nullable(_POSITIVE),
-        worst_device=Nullable(Name("device")),
-        worst_zone=Nullable(Name("zone")),
-        peaks=ByName(_POSITIVE),
-        peak_times=ByName(_POSITIVE),
-        jumps=ByName(_POSITIVE),
-        faults=Several(Text(empty=True)),
-        evaluations=_COUNT,
-    ),
+    "trajectory": trajectory_table(*TRAJECTORY_METHODS),
+    "report": CERTIFICATE,
 }
 
 
 def _plan_table(moving: bool) -> Table:
     """Table of a plan file without version and scenario; if `moving`, its goals have time and rates."""
-    steps = {"goal": _table(Goal, **(_MOVING_GOAL if moving else _STILL_GOAL)), **_STEP_KINDS}
-    return _table(
+    steps = {"goal": record_table(Goal, **(_MOVING_GOAL if moving else _STILL_GOAL)), **_STEP_KINDS}
+    return record_table(
         dict,
         lambda parts, place: parts,
         status=Choice(tuple(Status.__members__), Status.__members__),
@@ -312,7 +319,7 @@ def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
         "scenario": scenario_to_dict(plan.scenario),
         "status": plan.status.name,
         "message": plan.message,
-        **{key: _plain(getattr(plan, key)) for key in STEPS},
+        **{key: plain(getattr(plan, key)) for key in STEPS},
     }
     if plan.goal is not None and not moves(plan.scenario):
         content["goal"] = {key: content["goal"][key] for key in _STILL_GOAL}
@@ -390,19 +397,19 @@ def _timings_file(path: FilePath) -> FilePath:
     return path.with_name(path.name.removesuffix(".json") + _TIMINGS)
 
 
-def _plain(record: Any) -> Any:
+def plain(record: Any) -> Any:
     """A dataclass, array or mapping as dicts, lists, texts and numbers, which JSON has."""
     if isinstance(record, np.ndarray | np.generic):
         return record.tolist()
     if isinstance(record, Status):
         return record.name
     if isinstance(record, Mapping):
-        return {key: _plain(value) for key, value in record.items()}
+        return {key: plain(value) for key, value in record.items()}
     if isinstance(record, tuple | list):
-        return [_plain(value) for value in record]
+        return [plain(value) for value in record]
     if record is None or isinstance(record, bool | int | float | str):
         return record
-    return {field.name: _plain(getattr(record, field.name)) for field in fields(record)}
+    return {field.name: plain(getattr(record, field.name)) for field in fields(record)}
 
 
 @contextmanager

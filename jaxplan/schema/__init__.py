@@ -1,9 +1,9 @@
-"""Scenario files: reading, writing and checking; their dataclasses are those of `jaxplan.model.scenario`.
+"""Scenario and timeline files: reading, writing and checking; their dataclasses are those of `jaxplan.model`.
 
 What a file may hold is declared with the fields of these dataclasses. `kinds` and `arrays` read single
 values, `tables` makes tables of dataclasses, and `layout` adds what no field can say. `checks` knows what
-must go together, `sky` what bodies and satellites stand for. `reading` has the entry points, `text` is TOML
-and has words for every key, and `numbers` finds numbers that may be tuned.
+must go together, `sky` what bodies and satellites stand for. `reading` and `timelines` have the entry points,
+`text` is TOML and has words for every key, and `numbers` finds numbers that may be tuned.
 """
 
 from jaxplan.schema.faults import ScenarioError
@@ -16,14 +16,30 @@ from jaxplan.schema.reading import (
     scenario_to_dict,
     with_settings,
 )
+from jaxplan.schema.timelines import (
+    dump_timeline,
+    load_timeline,
+    parse_timeline,
+    save_timeline,
+    take_in_timeline,
+    timeline_from_dict,
+    timeline_to_dict,
+)
 
 __all__ = [
     "ScenarioError",
     "dump_scenario",
+    "dump_timeline",
     "load_scenario",
+    "load_timeline",
     "parse_scenario",
+    "parse_timeline",
     "save_scenario",
+    "save_timeline",
     "scenario_from_dict",
     "scenario_to_dict",
+    "take_in_timeline",
+    "timeline_from_dict",
+    "timeline_to_dict",
     "with_settings",
 ]

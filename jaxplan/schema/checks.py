@@ -317,7 +317,7 @@ def _check_zone(key: str, zone: Any, place: Place) -> None:
 def check_targets(goal: Any, place: Place) -> None:
     """Note faults of a goal: what is held or wished beside a target, a wish twice, rates beside paths."""
     names = place.reading.names
-    aimed = goal.devices or names.get("terminal") or ()
+    aimed = () if goal.devices is WRONG else goal.devices or names.get("terminal") or ()
     for i, name in enumerate(goal.hold if goal.hold is not WRONG else ()):
         if name is not WRONG and name in aimed:
             place["hold"][i].fault("has a target, so it cannot keep its joints", name)

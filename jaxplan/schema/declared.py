@@ -21,7 +21,7 @@ from jaxplan.schema.arrays import (
     units,
 )
 from jaxplan.schema.inertias import Moments, inertia
-from jaxplan.schema.kinds import ByName, Epoch, FromZero, Interval, Kind, Name, Names, Number
+from jaxplan.schema.kinds import ByName, Epoch, FromZero, Interval, Kind, Name, Names, Number, Text
 from jaxplan.schema.tables import Table, table
 
 ANGLE = Number(Interval("[-1e3, 1e3]"))
@@ -67,6 +67,7 @@ KINDS: dict[Any, Any] = {
     "half angle": lambda told: FromZero(Interval(told.range), degrees=True),
     "factors": _of_number(lambda each: ByName(each, "gimbal")),
     "epoch": Epoch(),
+    "activity name": Text(empty=True),
     "samples": Array(("sample", 3), noun="unit vectors of 3 numbers, one a time", rule=units),
     "slopes": Array(("sample", 3), noun="vectors of 3 numbers, one a time"),
     "sample times": _of_number(

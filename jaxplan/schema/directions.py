@@ -54,6 +54,8 @@ class Axis(Kind):
         return DIRECTION.read(value, place)
 
     def write(self, value: Any) -> Any:
+        if isinstance(value, Followed):
+            return value.name
         if not isinstance(value, DirectionPath):
             return DIRECTION.write(value)
         return PATH.write(value) if value.moves else DIRECTION.write(value.samples[0])
@@ -144,7 +146,15 @@ def path_of(parts: dict[str, Any], place: Place) -> Any:
 
 
 def _taken_path(path: DirectionPath, place: Place) -> Any:
-    """Check a path made in Python, and make it anew from its samples, as a file's is."""
+    """Check a path made in Python, and make it anew as a file's is; if many have it, that is done once."""
+    taken = place.reading.taken
+    if id(path) not in taken:
+        taken[id(path)] = path, _path_anew(path, place)
+    return taken[id(path)][1]
+
+
+def _path_anew(path: DirectionPath, place: Place) -> Any:
+    """The path through another's samples; `WRONG` after noting what is wrong with it."""
     parts = {
         entry.attribute: entry.kind.read(getattr(path, entry.attribute), place[entry.key])
         for entry in PATH.attributes

@@ -104,6 +104,8 @@ class Reading:
         terminals: how many there must be, None where that cannot be told.
         ranges: (J, 2) rad, of the joints; None where that cannot be told.
         folder: to which paths in the file are relative.
+        taken: what objects of Python that many others may have were read to, by their `id`; each stands
+            beside, so that it lives as long.
     """
 
     python = False
@@ -121,6 +123,7 @@ class Reading:
         self.sizes: dict[str, int | None] = dict(sizes or {"terminal": None, "joint": None})
         self.terminals: int | None = None
         self.ranges: Any = None
+        self.taken: dict[int, tuple[Any, Any]] = {}
 
     def spelled(self, steps: Sequence[str | int]) -> Spelled:
         """How messages name the place that keys and indices (`steps`) lead to."""

@@ -129,7 +129,7 @@ def _make_scenario(parts: dict[str, Any], place: Place) -> tuple[Scenario, Any]:
     return Scenario(**parts), view
 
 
-def _split_scenario(scenario: Scenario) -> dict[str, Any]:
+def split_scenario(scenario: Scenario) -> dict[str, Any]:
     """Values of a scenario's keys in a file, by attribute."""
     terminals = len(scenario.spacecraft.terminals)
     ends = {
@@ -154,5 +154,9 @@ SCENARIO = declared(
         ),
     },
     make=_make_scenario,
-    split=_split_scenario,
+    split=split_scenario,
+    refused=dict.fromkeys(
+        ("kind", "timeline", "activity", "direction"),
+        "is of a timeline, which load_timeline and jaxplan timeline read",
+    ),
 )

@@ -12,10 +12,10 @@ units. Required keys are written, and settings that differ from their default.
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pkgutil import resolve_name
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -28,24 +28,35 @@ from jaxplan.schema import text as texts
 from jaxplan.schema.checks import ZONES, check_count, check_parts, check_paths
 from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError, Spelled, quote, spell_path
 from jaxplan.schema.fields import check_zones
-from jaxplan.schema.kinds import Kind
+from jaxplan.schema.kinds import Epoch, Kind
 from jaxplan.schema.layout import SCENARIO, SPACECRAFT
 from jaxplan.schema.robust import check_robust
 from jaxplan.schema.sky import View, resolve
 from jaxplan.schema.states import Pointing
+from jaxplan.schema.tables import Table
+
+Read = TypeVar("Read")
 
 _POINTING = "jaxplan.goal.start:pointing_state"  # of a package that this one may not import
 SETTINGS_TABLES = ("search", "trajectory", "robust")
 
 
 class PythonReading(Reading):
-    """Reading of a scenario made in Python, whose faults name attributes, in the model's units."""
+    """Reading of what was made in Python, whose faults name attributes, in the model's units.
+
+    Args:
+        layout: the table by which it is read.
+        root: what messages call it.
+    """
 
     python = True
-    root = "the scenario"
+
+    def __init__(self, layout: Table = SCENARIO, root: str = "the scenario") -> None:
+        super().__init__()
+        self.layout, self.root = layout, root
 
     def spelled(self, steps: Sequence[str | int]) -> Spelled:
-        kind: Kind = SCENARIO
+        kind: Kind = self.layout
         path: list[str | int] = []
         unit = ""
         for step in steps:
@@ -74,13 +85,26 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     Raises:
         ScenarioError: the file cannot be read or is no scenario; the message lists every fault.
     """
+    return read_file(path, parse_scenario)
+
+
+def read_file(
+    path: str | os.PathLike[str], parse: Callable[..., Read], largest: int = texts.LARGEST_FILE
+) -> Read:
+    """Read a file of at most so many bytes; raises what `load_scenario` does.
+
+    Args:
+        path: of the file.
+        parse: function of its text, and of its `folder`, that returns what it holds.
+        largest: bytes.
+    """
     file_path("path", path)
     try:
         with open(path, "rb") as file:
-            content = file.read(texts.LARGEST_FILE + 1)
-        if len(content) > texts.LARGEST_FILE:
-            raise texts.too_large()
-        return parse_scenario(content.decode("utf-8-sig"), folder=os.path.dirname(path))
+            content = file.read(largest + 1)
+        if len(content) > largest:
+            raise texts.too_large(largest)
+        return parse(content.decode("utf-8-sig"), folder=os.path.dirname(path))
     except OSError as error:
         faults = [f"cannot be read: {error.strerror or error}"]
     except UnicodeDecodeError as error:
@@ -125,14 +149,10 @@ def scenario_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
     if check_count([given.get(key) for key in ZONES], root):
         scenario, view = SCENARIO.read(given, root)
         check_parts(scenario, root)
-        if isinstance(view, View) and isinstance(view.epoch, np.datetime64):
-            if scenario.epoch not in (None, WRONG, view.epoch):
-                complaint = f"is not that of [sky], {view.epoch}: give one of them"
-                root["epoch_utc"].fault(complaint, given["epoch_utc"])
-            scenario = replace(scenario, epoch=view.epoch)
+        scenario = with_epoch(scenario, view, root)
         scenario = resolve(scenario, view, root)
         check_robust(scenario, root)
-        scenario = _with_start(scenario, root)
+        scenario = with_start(scenario, root)
         check_paths(scenario, root)
         check_zones(scenario, root)
     if root.reading.faults:
@@ -140,7 +160,18 @@ def scenario_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
     return scenario
 
 
-def _with_start(scenario: Scenario, root: Place) -> Scenario:
+def with_epoch(scenario: Scenario, view: Any, root: Place) -> Scenario:
+    """The scenario with the epoch of ``[sky]``, noting a fault if it has another one of its own."""
+    if not (isinstance(view, View) and isinstance(view.epoch, np.datetime64)):
+        return scenario
+    own: Any = scenario.epoch
+    if own not in (None, WRONG, view.epoch):
+        complaint = f"is not that of [sky], {view.epoch}: give one of them"
+        root["epoch_utc"].fault(complaint, Epoch().write(own))
+    return replace(scenario, epoch=view.epoch)
+
+
+def with_start(scenario: Scenario, root: Place) -> Scenario:
     """Find the state of a start that the file gives by targets, noting a fault if there is none."""
     asked: Any = scenario.start
     if not isinstance(asked, Pointing) or root.reading.faults:
@@ -179,7 +210,7 @@ def _taken(given: object) -> tuple[Any, Reading]:
     """Read a scenario made in Python; returns it, as far as it could be read, and what was noted."""
     scenario = expect("scenario", given, Scenario)
     root = Place(PythonReading())
-    root.reading.terminals = _terminals(scenario)
+    root.reading.terminals = count_terminals(scenario)
     taken: Any = None
     if check_count([getattr(scenario, name) for name in ZONES.values()], root):
         taken = SCENARIO.read(scenario, root)
@@ -205,7 +236,7 @@ def checked_spacecraft(given: object) -> Spacecraft:
     return taken
 
 
-def _terminals(scenario: Scenario) -> int | None:
+def count_terminals(scenario: Scenario) -> int | None:
     """Number of terminals that start and goal are for; None where they do not agree, or it cannot be told."""
     start, goal, craft = scenario.start, scenario.goal, scenario.spacecraft
     if getattr(goal, "devices", ()) or getattr(craft, "drives", ()):

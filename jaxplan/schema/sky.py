@@ -123,16 +123,46 @@ class Known:
         view: with a number for its duration.
         things: satellites and points of the ground by name.
         occulters: what hides targets beside the Earth.
+        found: paths by name, and whether they are of targets, since many may follow the same.
     """
 
     view: View
     things: Mapping[str, sky.Satellite | sky.GroundPoint]
     occulters: tuple[sky.Occulter, ...] = ()
+    found: dict[tuple[str, bool], Any] = field(default_factory=dict)
 
 
 _KINDS: dict[Any, Any] = {"orbit": Orbit(), "epoch": Epoch()}
 _KINDS |= {row: table(row, _KINDS) for row in (Satellite, Ground, Sphere)}
 SKY = table(View, _KINDS)
+
+
+@dataclass(frozen=True)
+class Aim:
+    """Targets and wishes, maybe by names of ``[sky]``, and where they stand.
+
+    Attributes:
+        targets: whatever was read there; what is no `Targets` has no names.
+        place: of the table that has them.
+        key: of the targets in this table.
+    """
+
+    targets: Any
+    place: Place
+    key: str = "targets"
+
+
+@dataclass(frozen=True)
+class Lasting:
+    """What says how long names of ``[sky]`` are followed where ``for_duration_s`` does not.
+
+    Attributes:
+        seconds: how long at least; None where that is no number.
+        key: of the file.
+    """
+
+    seconds: float | None
+    key: str
 
 
 def resolve(scenario: Scenario, view: View | None, root: Place) -> Scenario:
@@ -146,48 +176,70 @@ def resolve(scenario: Scenario, view: View | None, root: Place) -> Scenario:
     Returns:
         The scenario, with names left where ``[sky]`` has faults.
     """
+    duration = getattr(scenario.trajectory, "duration", None)
+    lasting = Lasting(duration if isinstance(duration, float) else None, "trajectory.duration_s")
+    ends = [Aim(getattr(scenario, name), root[name]) for name in ("start", "goal")]
+    scenario, (start, goal) = resolve_all(scenario, ends, view, lasting, root)
+    return replace(scenario, start=start, goal=goal)
+
+
+def resolve_all(
+    scenario: Scenario, aims: Sequence[Aim], view: View | None, lasting: Lasting, root: Place
+) -> tuple[Scenario, list[Any]]:
+    """Put directions in the place of names, as `resolve` does, in zones and in any number of targets.
+
+    Args:
+        scenario: whose zones may have names.
+        aims: targets and wishes that may.
+        view: as of `resolve`.
+        lasting: how long they are followed.
+        root: as of `resolve`.
+
+    Returns:
+        The scenario, and for each of the aims its targets.
+    """
     zones = {kind: placed(getattr(scenario, kind), root[kind]) for kind in ("keep_out", "keep_in")}
     looked_up = [(place[axis.key], axis) for rows in zones.values() for place, _, axis in _followed(rows)]
-    ends = {name: getattr(scenario, name) for name in ("start", "goal")}
-    looked_up += [one for name, end in ends.items() for one in _aims(end, root[name])]
+    named = [list(_names(aim)) for aim in aims]
+    looked_up += [one for each in named for one in each]
     if view is None:
         for place, axis in looked_up:
             vector = "must be a unit vector of 3 numbers; a name " * (axis.key == "direction")
             place.fault(f"{vector}needs [sky], with epoch_utc and observer", axis.name)
-    seen = _known(view, scenario.trajectory, root["sky"]) if view is not None and looked_up else None
+    seen = _known(view, lasting, root["sky"]) if view is not None and looked_up else None
     if seen is None:
-        return scenario
+        return scenario, [aim.targets for aim in aims]
     for kind, rows in zones.items():
         found = {id(zone): _zone(zone, axis, place, seen) for place, zone, axis in _followed(rows)}
         given = getattr(scenario, kind)
         if found:
             changed: dict[str, Any] = {kind: tuple(found.get(id(zone), zone) for zone in given)}
             scenario = replace(scenario, **changed)
-    aimed: dict[str, Any] = {
-        name: _aimed(end, root[name], seen) for name, end in ends.items() if any(_aims(end, root[name]))
-    }
-    return replace(scenario, **aimed) if aimed else scenario
+    aimed = [_aimed(aim, seen) if own else aim.targets for aim, own in zip(aims, named, strict=True)]
+    return scenario, aimed
 
 
-def _aims(end: Any, place: Place) -> Iterator[tuple[Place, Followed]]:
-    """Yield the targets and wishes of a start or goal that are names of ``[sky]``, each after its place."""
-    if not isinstance(end, Targets):
+def _names(aim: Aim) -> Iterator[tuple[Place, Followed]]:
+    """Yield the targets and wishes of an aim that are names of ``[sky]``, each after its place."""
+    if not isinstance(aim.targets, Targets):
         return
-    directions = end.directions if isinstance(end.directions, tuple) else ()  # else none is a name
-    names: Sequence[str | int] = end.devices or range(len(directions))
-    for name, target in zip(names, directions, strict=False):
+    directions = aim.targets.directions  # else than in a tuple none is a name
+    each = directions if isinstance(directions, tuple) else ()
+    names: Sequence[str | int] = aim.targets.devices or range(len(each))
+    for name, target in zip(names, each, strict=False):
         if isinstance(target, Followed):
-            yield place["targets"][name], target
-    for here, wish in placed(end.prefer, place["prefer"]):
+            yield aim.place[aim.key][name], target
+    for here, wish in placed(aim.targets.prefer, aim.place["prefer"]):
         if isinstance(wish.direction, Followed):
             yield here["direction"], wish.direction
 
 
-def _aimed(end: Targets, place: Place, seen: Known) -> Targets:
-    """Find directions for the targets and wishes of a start or goal that are names; notes faults."""
+def _aimed(aim: Aim, seen: Known) -> Targets:
+    """Find directions for the targets and wishes of an aim that are names; notes faults."""
+    end, place = aim.targets, aim.place
     names: Sequence[str | int] = end.devices or range(len(end.directions))
     directions = tuple(
-        direction_by_name(target.name, place["targets"][name], seen, target=True)
+        direction_by_name(target.name, place[aim.key][name], seen, target=True)
         if isinstance(target, Followed)
         else target
         for name, target in zip(names, end.directions, strict=True)
@@ -248,6 +300,8 @@ def direction_by_name(name: str, place: Place, seen: Known, *, target: bool = Fa
         seen: the view with what its names stand for.
         target: whether it is looked at, so that it matters when it is hidden.
     """
+    if (name, target) in seen.found:
+        return seen.found[name, target]
     names = [*seen.things, *sky.BODIES, *sky.LOCAL]
     if name not in names:
         kinds = "satellite, ground point, body or direction"
@@ -260,7 +314,10 @@ def direction_by_name(name: str, place: Place, seen: Known, *, target: bool = Fa
     if target:
         asked |= {"name": name, "atmosphere_km": seen.view.atmosphere, "occulters": seen.occulters}
     thing = seen.things.get(name, name)
-    return _tried(partial(sky.target if target else sky.path, thing, **asked), place, name)
+    path = _tried(partial(sky.target if target else sky.path, thing, **asked), place, name)
+    if path is not WRONG:
+        seen.found[name, target] = path
+    return path
 
 
 def _tried(make: Callable[[], Any], place: Place, *value: object) -> Any:
@@ -271,12 +328,12 @@ def _tried(make: Callable[[], Any], place: Place, *value: object) -> Any:
         return place.fault(str(error), *value)
 
 
-def _known(view: View, settings: Any, place: Place) -> Known | None:
+def _known(view: View, lasting: Lasting, place: Place) -> Known | None:
     """Find what the view's names stand for; None, after noting why, if a part of it is wrong.
 
     Args:
         view: as far as it could be read.
-        settings: of the trajectory, likewise, for the duration.
+        lasting: how long it is seen, where it does not say.
         place: of the view.
     """
     if _is_wrong(view) or any(_is_wrong(row) for rows in _rows(view).values() for row in rows):
@@ -291,15 +348,14 @@ def _known(view: View, settings: Any, place: Place) -> Known | None:
             things[row.name] = row.orbit if isinstance(row, Satellite) else row.thing
     check_unique(placed(view.spheres, place["occulter"]))
     spheres = [_sphere(row, things, place["occulter"][i]) for i, row in enumerate(view.spheres)]
-    duration = getattr(settings, "duration", None)
-    number = duration if isinstance(duration, float) else None
-    wanted = number if view.for_duration is None else view.for_duration
+    wanted = lasting.seconds if view.for_duration is None else view.for_duration
     if wanted is None:
-        complaint = "missing, must be a number of seconds, since trajectory.duration_s is not one"
+        complaint = f"missing, must be a number of seconds, since {lasting.key} is not one"
         place["for_duration_s"].fault(complaint)
         return None
-    if number is not None and wanted < number:
-        place["for_duration_s"].fault(f"must be at least trajectory.duration_s = {number}", wanted)
+    if lasting.seconds is not None and wanted < lasting.seconds:
+        complaint = f"must be at least {lasting.key} = {lasting.seconds}"
+        place["for_duration_s"].fault(complaint, wanted)
         return None
     there = _tried(
         partial(sky.positions, view.observer, epoch=view.epoch, times=[0.0, wanted]), place["observer"]

@@ -22,7 +22,7 @@ from jaxplan.schema.tables import Either, Field, Table
 _JOINT_PARTS = ("yaws", "pitches", "drives")
 
 
-def _make_state(parts: dict[str, Any], place: Place) -> GivenState:
+def make_state(parts: dict[str, Any], place: Place) -> GivenState:
     """Make a state from what was read, by attribute, noting faults.
 
     Its joints are yaws, pitches and angles of drives, or angles by names of devices.
@@ -76,7 +76,7 @@ class StateOf:
     terminals: int
 
 
-def _split_state(given: StateOf) -> dict[str, Any]:
+def split_state(given: StateOf) -> dict[str, Any]:
     """Values of a state's keys in a file, by attribute: its joints as yaws, pitches and angles of drives."""
     parts = _without_zero_rates(given.state)
     ends = [given.terminals, 2 * given.terminals]
@@ -152,10 +152,10 @@ _QUATERNION = Field(
 STATE = declared(
     GivenState,
     before={"angular_velocity_rad_s": (_QUATERNION, *_ANGLES)},
-    make=_make_state,
-    split=_split_state,
+    make=make_state,
+    split=split_state,
 )
-_STATE_KEYS = ["attitude", *(entry.key for entry in (_QUATERNION, *_ANGLES))]
+STATE_KEYS = ["attitude", *(entry.key for entry in (_QUATERNION, *_ANGLES))]
 WISH = declared(Wish)
 
 
@@ -178,7 +178,7 @@ def _make_pointing(parts: dict[str, Any], place: Place) -> Pointing:
     """
     by_name = parts.pop("joints_by_name", None)
     joints = None if by_name is None else _joints_by_name(by_name, place.reading)
-    targets = _make_targets(parts, place)
+    targets = make_targets(parts, place)
     if isinstance(by_name, dict) and joints is not WRONG:
         asked = targets.devices or place.reading.names["terminal"] or ()
         wished = [wish.device for wish in targets.prefer or () if wish is not WRONG]
@@ -187,7 +187,7 @@ def _make_pointing(parts: dict[str, Any], place: Place) -> Pointing:
     return Pointing(**vars(targets) | {"joints": joints})
 
 
-def _make_targets(parts: dict[str, Any], place: Place) -> Targets:
+def make_targets(parts: dict[str, Any], place: Place) -> Targets:
     """Make targets from what was read, by attribute; a file may have them by names of devices."""
     if isinstance(parts.get("directions"), tuple) and len(parts["directions"]) == 2:
         names, directions = parts["directions"]
@@ -206,11 +206,11 @@ def _split_targets(targets: Targets) -> dict[str, Any]:
 
 TARGETS = declared(
     Targets,
-    make=_make_targets,
+    make=make_targets,
     split=_split_targets,
     check=check_targets,
     refused=dict.fromkeys(
-        _STATE_KEYS, "the goal has targets, from which attitude and joints are found; give either"
+        STATE_KEYS, "the goal has targets, from which attitude and joints are found; give either"
     ),
 )
 POINTING = replace(
@@ -224,7 +224,7 @@ POINTING = replace(
     ],
     make=_make_pointing,
     refused=dict.fromkeys(
-        (key for key in _STATE_KEYS if key != "joints_deg"),
+        (key for key in STATE_KEYS if key != "joints_deg"),
         "the start has targets, from which attitude and joints are found; give either",
     ),
 )
@@ -271,7 +271,7 @@ class Goal(Either):
             if isinstance(value, GivenState | Targets):
                 return (STATE if isinstance(value, GivenState) else TARGETS).read(value, place)
             return place.refuse("must be Targets or a GivenState", value)
-        if isinstance(value, dict) and not value.keys() & {"targets", *_STATE_KEYS}:
+        if isinstance(value, dict) and not value.keys() & {"targets", *STATE_KEYS}:
             alone = "; a wish comes after targets: what it is alone is a target" * ("prefer" in value)
             place.fault(f"must be {self.wanted}{alone}")
             return _UNDECIDED.read(value, place)

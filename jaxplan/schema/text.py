@@ -21,6 +21,7 @@ from jaxplan.schema.layout import SCENARIO
 from jaxplan.schema.tables import Either, Field, Rows, Table
 
 LARGEST_FILE = 2**20  # bytes
+LARGEST_TIMELINE = 2**26  # bytes; the path of a neighbour takes 0.8 MB for a day
 _DEEPEST = 16  # most nested brackets, or dots in a key; a scenario needs four
 _LONGEST_WORD = 1000  # most characters of a bare key or a number
 _WIDEST_LINE = 100  # characters; a longer array is written with an item a line
@@ -41,14 +42,14 @@ _HEADER = re.compile(r"(#?)\[+([\w.]+)\]+")
 _LINE = re.compile(r"#?(\w+) = .*")
 
 
-def parse(text: str) -> dict[str, Any]:
-    """Parse a TOML document; returns nested dicts and lists.
+def parse(text: str, largest: int = LARGEST_FILE) -> dict[str, Any]:
+    """Parse a TOML document of at most so many characters; returns nested dicts and lists.
 
     Raises:
         ScenarioError: where the text is no TOML, or no document of sane size, with line and column.
     """
-    if len(text) > LARGEST_FILE:
-        raise too_large()
+    if len(text) > largest:
+        raise too_large(largest)
     _refuse_bombs(text)
     try:
         return tomllib.loads(text)
@@ -61,9 +62,10 @@ def parse(text: str) -> dict[str, Any]:
     raise ScenarioError([f"{_position(text, len(text))}: not TOML, {_uncapitalised(reason)}"])
 
 
-def too_large() -> ScenarioError:
-    """Make the error for a file that is too large to be a scenario or a plan."""
-    return ScenarioError([f"larger than {LARGEST_FILE >> 20} MiB, which no scenario is"])
+def too_large(largest: int = LARGEST_FILE) -> ScenarioError:
+    """Make the error for a file that is larger than so many bytes."""
+    what = "scenario" if largest == LARGEST_FILE else "timeline"
+    return ScenarioError([f"larger than {largest >> 20} MiB, which no {what} is"])
 
 
 def _refuse_bombs(text: str) -> None:

@@ -4,11 +4,18 @@ from typing import TYPE_CHECKING
 
 from jaxplan.model.timeline import Segment
 from jaxplan.runtime.late import late
-from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan
+from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan, load_timeline_plan
 
 if TYPE_CHECKING:
     from jaxplan.timeline.planning import plan_timeline
 
-__all__ = ["PlannedActivity", "Segment", "TimelineError", "TimelinePlan", "plan_timeline"]
+__all__ = [
+    "PlannedActivity",
+    "Segment",
+    "TimelineError",
+    "TimelinePlan",
+    "load_timeline_plan",
+    "plan_timeline",
+]
 
 __getattr__ = late(__name__, {"plan_timeline": "jaxplan.timeline.planning:plan_timeline"})

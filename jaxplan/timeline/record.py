@@ -1,6 +1,8 @@
 """The plan of a timeline: its trajectory, what became of each activity, and what is proved of all."""
 
+import os
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -9,7 +11,9 @@ from jaxplan.model.export_names import ExportNames
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.model.timeline import Segment, Timeline
+from jaxplan.planner.record import report_summary
 from jaxplan.runtime.display import as_table, shown
+from jaxplan.timeline.files import read_plan, save_plan
 from jaxplan.timeline.proving import certify_segments
 from jaxplan.trajectory import Trajectory
 
@@ -102,6 +106,10 @@ class TimelinePlan:
             )
         return certify_segments(self.timeline, self.trajectory, self.segments)
 
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the plan to one compressed file, see `jaxplan.timeline.files`; its timings are left out."""
+        save_plan(self, path)
+
     @property
     def pointing_error(self) -> float | None:
         """Largest of the activities' proved pointing errors, rad; None where nothing is tracked."""
@@ -125,6 +133,23 @@ class TimelinePlan:
         if self.certificate is not None:
             rows += self.certificate.rows()
         return rows
+
+    def summary(self) -> dict[str, Any]:
+        """The plan as a dict in the units of files, for machines; timings included."""
+        return {
+            "name": self.timeline.name,
+            "status": self.status.name,
+            "message": self.message,
+            "activities": [_summary(one) for one in self.activities],
+            "segments": [
+                {"name": one.name, "kind": one.kind, "start_s": one.start, "end_s": one.end}
+                for one in self.segments
+            ],
+            "duration_s": None if self.trajectory is None else self.trajectory.duration,
+            "pointing_error_deg": _degrees(self.pointing_error),
+            **report_summary(self.certificate),
+            "timings_s": dict(self.timings),
+        }
 
     def table(self) -> str:
         """A line for each activity, with its times, slew and pointing error."""
@@ -153,6 +178,51 @@ class TimelinePlan:
 
     def _repr_html_(self) -> str:
         return as_table(f"Plan of {self.timeline.name}", self.rows())
+
+
+def load_timeline_plan(path: str | os.PathLike[str]) -> TimelinePlan:
+    """Read a plan of a timeline that `TimelinePlan.save` wrote.
+
+    Args:
+        path: of the file.
+
+    Returns:
+        The plan, with the same bits in its trajectory and without timings.
+
+    Raises:
+        PlanFileError: if the file is missing, too large, or not a plan of a timeline.
+
+    Example:
+        >>> day = jp.load_timeline_plan("out/plan.npz")
+        >>> day.certify().certified
+    """
+    read = read_plan(path)
+    return TimelinePlan(
+        **read
+        | {
+            "activities": tuple(PlannedActivity(**one) for one in read["activities"]),
+            "segments": tuple(Segment(**one) for one in read["segments"]),
+        }
+    )
+
+
+def _summary(one: PlannedActivity) -> dict[str, Any]:
+    """What became of an activity as a dict in the units of files."""
+    return {
+        "name": one.name,
+        "kind": one.kind,
+        "status": one.status.name,
+        "message": one.message,
+        "start_s": one.start,
+        "end_s": one.end,
+        "slew_s": one.slew,
+        "pointing_error_deg": _degrees(one.pointing_error),
+    }
+
+
+def _degrees(angle: float | None) -> float | None:
+    """An angle in degrees; None for none, and for an infinite one, which JSON has no number for."""
+    return None if angle is None or not np.isfinite(angle) else float(np.rad2deg(angle))
 
 
 def _cell(value: float | None, form: str) -> str:

@@ -1,0 +1,449 @@
+"""Timelines from files and Python objects, and back to files, with all faults reported at once.
+
+A timeline's file is a scenario's without a goal: spacecraft, start, ``[sky]``, zones and settings are read by
+the same tables. Beside them stand ``[timeline]``, the activities, and paths by name (``[[direction]]``), so
+that a path which many activities follow is in the file once; of a name of ``[sky]``, too, it is found once.
+Times count from the epoch on. What concerns single activities is in `activities`.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from jaxplan import sky
+from jaxplan.model.directions import DirectionPath
+from jaxplan.model.export_names import REFERENCE_FRAMES, ExportNames, name_faults
+from jaxplan.model.keys import keyed
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.timeline import SHORTEST, SLEWS, Activity, Timeline
+from jaxplan.runtime.arguments import expect, file_path
+from jaxplan.runtime.files import replacing_file
+from jaxplan.schema import text as texts
+from jaxplan.schema.activities import (
+    ACTIVITY,
+    check_order,
+    check_windows,
+    paths_of,
+    seconds_after,
+    split_activity,
+    timed,
+    with_paths,
+)
+from jaxplan.schema.checks import ZONES, check_count, check_parts, check_unique, placed
+from jaxplan.schema.declared import KINDS, declared
+from jaxplan.schema.directions import PATH, path_of
+from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError
+from jaxplan.schema.fields import check_zones
+from jaxplan.schema.kinds import Choice, Epoch, Kind, Text
+from jaxplan.schema.layout import SCENARIO, split_scenario
+from jaxplan.schema.reading import PythonReading, count_terminals, read_file, with_epoch, with_start
+from jaxplan.schema.robust import check_robust
+from jaxplan.schema.sky import Aim, Followed, Lasting, View, resolve_all
+from jaxplan.schema.tables import Field, Rows, Table, table
+
+KIND = "timeline"
+MOST_ACTIVITIES = 5000  # more are refused before they are read
+_SOURCE = "the timeline"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heading:
+    """What stands in ``[timeline]``: when it ends, how it slews, and what exported files are to say."""
+
+    until: float | None = keyed(None, "until_s", "when it ends; required if anything moves", "[0, 86400]")
+    slew: str = keyed(
+        SHORTEST, "slew", "whether slews take the shortest time, or all that there is", options=SLEWS
+    )
+    object_name: str | None = keyed(
+        None, "object_name", "of the spacecraft in exported files; the timeline's name if absent"
+    )
+    object_id: str | None = keyed(None, "object_id", 'international designator, such as "2000-075A"')
+    originator: str | None = keyed(None, "originator", "who makes the exported files")
+    frame_name: str | None = keyed(None, "frame_name", "of the body's frame in exported files")
+    reference_frame: str | None = keyed(
+        None, "reference_frame", "of the inertial frame in exported files", options=REFERENCE_FRAMES
+    )
+    naif_id: int | None = keyed(None, "naif_id", "SPICE's number of the spacecraft", "[-2147482, -1]")
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The names for exports that are given, by attribute."""
+        values = {part.name: getattr(self, part.name) for part in fields(ExportNames)}
+        return {name: value for name, value in values.items() if value is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Parts:
+    """A timeline as a file has it, before names stand for directions and times are seconds."""
+
+    name: Any
+    scene: Any
+    view: Any
+    heading: Any
+    directions: Any
+    activities: Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class Given:
+    """A path by name, to which targets and wishes of activities refer."""
+
+    name: str
+    path: DirectionPath
+
+
+def _make_heading(parts: dict[str, Any], place: Place) -> Heading:
+    """Make the heading of what was read; its end may be in UTC."""
+    utc = parts.pop("until_utc", None)
+    return Heading(**parts | ({} if utc is None else {"until": utc}))
+
+
+def _make_given(parts: dict[str, Any], place: Place) -> Given:
+    """Make a path by name of what was read."""
+    name = parts.pop("name")
+    return Given(name=name, path=path_of(parts, place))
+
+
+def _make_parts(parts: dict[str, Any], place: Place) -> _Parts:
+    """Sort what was read of a file, by attribute."""
+    del parts["schema_version"], parts["kind"]
+    own = {name: parts.pop(name, usual) for name, usual in _USUAL.items()}
+    return _Parts(name=parts["name"], scene=Scenario(goal=WRONG, **parts), **own)
+
+
+def _check_heading(heading: Heading, place: Place) -> None:
+    """Note names that exported files cannot have."""
+    given = {name: value for name, value in heading.given.items() if value is not WRONG}
+    for name, complaint in name_faults(given).items():
+        place[name].fault(complaint, given[name])
+
+
+class Names(Kind):
+    """What exported files call the spacecraft, as Python has it; its class checks it."""
+
+    wanted = "ExportNames"
+
+    def read(self, value: Any, place: Place) -> Any:
+        wrong = not isinstance(value, ExportNames)
+        return place.refuse(f"must be {self.wanted}", value) if wrong else value
+
+
+KINDS[ExportNames] = Names()
+_HEADING = table(Heading, KINDS)
+HEADING = replace(
+    _HEADING,
+    fields=(
+        _HEADING.fields[0],
+        Field("until_utc", Epoch(), "until_utc", "until_s as UTC", instead_of="until"),
+        *_HEADING.fields[1:],
+    ),
+    make=_make_heading,
+    check=_check_heading,
+)
+GIVEN = Table(
+    Given,
+    [
+        Field("name", Text(), "name", "by which targets and wishes of activities refer to it", required=True),
+        *PATH.fields,
+    ],
+    make=_make_given,
+    split=lambda given: {"name": given.name, **vars(given.path), "hidden": given.path.hidden or None},
+)
+_USUAL: dict[str, Any] = {"view": None, "heading": Heading(), "directions": (), "activities": WRONG}
+_OWN = {
+    "name": (Field("kind", Choice((KIND,)), "kind", "of the file", required=True),),
+    "spacecraft": (Field("timeline", HEADING, "heading", "when it ends, and names for other tools"),),
+    "keep_out": (
+        Field("direction", Rows(GIVEN), "directions", "paths that activities refer to by their names"),
+    ),
+}
+
+
+def _fields() -> list[Field]:
+    """The keys of a timeline's file: those of a scenario but its goal, and its own."""
+    found: list[Field] = []
+    for entry in SCENARIO.fields:
+        found += _OWN.get(entry.key, ())
+        if entry.key != "goal":
+            found.append(replace(entry, attribute="view") if entry.key == "sky" else entry)
+    return [*found, Field("activity", Rows(ACTIVITY), "activities", "what is to be done", required=True)]
+
+
+def _split_timeline(timeline: Timeline) -> dict[str, Any]:
+    """Values of a timeline's keys in a file, by attribute; each path that activities follow has a name."""
+    craft = timeline.scene.spacecraft
+    names: dict[int, Given] = {}
+
+    def name_of(direction: Any) -> Any:
+        if not isinstance(direction, DirectionPath) or not direction.moves:
+            return direction
+        return Followed(
+            names.setdefault(id(direction), Given(name=f"path-{len(names) + 1}", path=direction)).name
+        )
+
+    activities = [split_activity(one, craft, name_of) for one in timeline.activities]
+    heading = Heading(
+        until=timeline.until, slew=timeline.slew, **({} if timeline.names is None else vars(timeline.names))
+    )
+    return split_scenario(timeline.scene) | {
+        "kind": KIND,
+        "name": timeline.name,
+        "heading": None if heading == Heading() else heading,
+        "directions": tuple(names.values()) or None,
+        "activities": activities,
+    }
+
+
+TIMELINE = Table(
+    Scenario,
+    _fields(),
+    make=_make_parts,
+    split=_split_timeline,
+    refused={"goal": "a timeline has none: what devices point at stands in each [[activity]]"},
+)
+"""The table of a timeline's file."""
+MADE = declared(Timeline)
+"""The table of a timeline that is made in Python."""
+
+
+def load_timeline(path: str | os.PathLike[str]) -> Timeline:
+    """Read a timeline's file.
+
+    Args:
+        path: of a TOML file in UTF-8.
+
+    Returns:
+        The timeline in radians and seconds from its start on.
+
+    Raises:
+        ScenarioError: the file cannot be read or is no timeline; the message lists every fault.
+
+    Example:
+        >>> day = jp.plan_timeline(jp.load_timeline("day.toml"))
+    """
+    return read_file(path, parse_timeline, texts.LARGEST_TIMELINE)
+
+
+def parse_timeline(text: str, *, folder: str | os.PathLike[str] = "") -> Timeline:
+    """Read a timeline from the text of a file.
+
+    Args:
+        text: TOML.
+        folder: to which paths in it are relative; that of the process unless given.
+
+    Returns:
+        The timeline in radians and seconds from its start on.
+
+    Raises:
+        ScenarioError: the text is no timeline; the message lists every fault.
+    """
+    return timeline_from_dict(texts.parse(text, texts.LARGEST_TIMELINE), folder=folder)
+
+
+def timeline_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[str] = "") -> Timeline:
+    """Make a timeline from the tables of a file.
+
+    Args:
+        tables: dicts, lists and numbers with the keys and units of a file, as TOML or JSON give them.
+        folder: to which paths in it are relative; that of the process unless given.
+
+    Returns:
+        The timeline in radians and seconds from its start on.
+
+    Raises:
+        ScenarioError: it is no timeline; the message lists every fault.
+    """
+    root = Place(Reading())
+    root.reading.folder, root.reading.root = folder, "the file"
+    given = dict(tables)
+    timeline: Any = None
+    if check_count([given.get(key) for key in ZONES], root) and _check_number(given.get("activity"), root):
+        timeline = _put_together(TIMELINE.read(given, root), root)
+    if root.reading.faults:
+        raise ScenarioError(root.reading.faults, _SOURCE)
+    return timeline
+
+
+def _check_number(activities: Any, root: Place) -> bool:
+    """Note a fault if there are more activities than are read, or none; returns whether they can be read."""
+    count = len(activities) if isinstance(activities, list | tuple) else 1
+    if count > MOST_ACTIVITIES:
+        root.fault(f"{count} activities, more than the {MOST_ACTIVITIES} that are allowed")
+    elif not count:
+        root["activity"].fault("must have an activity at least")
+    return count <= MOST_ACTIVITIES
+
+
+def _put_together(parts: _Parts, root: Place) -> Any:
+    """Make the timeline of what was read of a file, with directions for names and seconds for UTC."""
+    scene, heading, ends = parts.scene, parts.heading, root["timeline"]["until_s"]
+    check_parts(scene, root)
+    scene = with_epoch(scene, parts.view, root)
+    until: Any = None if heading is WRONG else heading.until
+    if isinstance(until, np.datetime64):
+        ends = root["timeline"]["until_utc"]
+        until = seconds_after(scene.epoch, until, ends)
+    rows = placed(parts.activities, root["activity"])
+    activities = [timed(one, place, scene.epoch) for place, one in rows]
+    scene, activities = _seen(parts, scene, activities, until, root)
+    check_robust(scene, root)
+    scene = with_start(scene, root)
+    check_zones(scene, root)
+    scene = replace(scene, goal=scene.start)
+    read = [(place, one, before) for (place, before), one in zip(rows, activities, strict=True)]
+    _check_together(scene, read, until, ends, root)
+    named = {} if heading is WRONG else heading.given
+    return Timeline(
+        name=parts.name,
+        scene=scene,
+        activities=tuple(activities),
+        until=until,
+        slew=SHORTEST if heading is WRONG else heading.slew,
+        names=ExportNames(**named) if named and not root.reading.faults else None,
+    )
+
+
+def _seen(
+    parts: _Parts, scene: Scenario, activities: list[Activity], until: Any, root: Place
+) -> tuple[Scenario, list[Activity]]:
+    """Scene and activities with directions in the place of names, of the file and of ``[sky]``."""
+    given = _given(parts, root)
+    aims = [Aim(scene.start, root["start"])]
+    kinds = ["point" if one.point is not None else "track" for one in activities]
+    places = [place for place, _ in placed(parts.activities, root["activity"])]
+    for place, one, kind in zip(places, activities, kinds, strict=True):
+        aims.append(Aim(with_paths(getattr(one, kind), given), place, kind))
+    lasting = Lasting(until if isinstance(until, float) else None, "timeline.until_s")
+    view = parts.view
+    if until is WRONG and isinstance(view, View) and view.for_duration is None:
+        return scene, activities  # how long names are followed cannot be told
+    scene, found = resolve_all(scene, aims, view, lasting, root)
+    start, *targets = found
+    scene = replace(scene, start=start)
+    changed: list[dict[str, Any]] = [{kind: own} for kind, own in zip(kinds, targets, strict=True)]
+    return scene, [replace(one, **own) for one, own in zip(activities, changed, strict=True)]
+
+
+def _given(parts: _Parts, root: Place) -> dict[str, DirectionPath]:
+    """The paths that the file gives by name, noting names that something else has."""
+    rows = placed(parts.directions, root["direction"])
+    check_unique(rows)
+    view = parts.view
+    things = () if not isinstance(view, View) else (*view.satellites, *view.ground)
+    taken = {getattr(one, "name", None) for one in things} | {*sky.BODIES, *sky.LOCAL}
+    for place, one in rows:
+        if one.name in taken and one.name is not WRONG:
+            place["name"].fault("is that of a body, a direction, or something in [sky]", one.name)
+    return {one.name: one.path for _, one in rows if WRONG not in (one.name, one.path)}
+
+
+def _check_together(
+    scene: Scenario, read: list[tuple[Place, Any, Any]], until: Any, ends: Place, root: Place
+) -> None:
+    """Note what does not go together in a timeline: order, windows, and how long directions are known.
+
+    Args:
+        scene: as far as it could be read.
+        read: place and activity, and the activity before its window was in seconds.
+        until: s, of the end; None for that of the last activity.
+        ends: its place.
+        root: the place of the timeline.
+    """
+    ordered = check_order([(place, one) for place, one, _ in read])
+    check_windows(read, until, ends, ordered[-1] if ordered else None)
+    if root.reading.faults:
+        return  # paths may be wrong, or belong to names that are
+    zones = (*scene.keep_out, *scene.keep_in)
+    moving: list[tuple[str, Any]] = [(f"zone {zone.name}", zone.direction) for zone in zones if zone.moves]
+    for _, one, _ in read:
+        moving += paths_of(one, scene.spacecraft)
+    if moving and until is None:
+        ends.fault(f"missing, must be a number of seconds, since {moving[0][0]} moves")
+    elif moving:
+        words, path = min(moving, key=lambda one: float(one[1].times[-1]))
+        if not path.covers(until):
+            ends.fault(f"must be at most {path.times[-1]:.10g}, until when {words} is known", until)
+
+
+def take_in_timeline(given: object) -> Timeline:
+    """Check a timeline made in Python, and give it the model's types: float64 arrays, tuples and floats.
+
+    Args:
+        given: a `Timeline`. Its scene may have any goal, in whose place its start is put; a path that several
+            activities have is the same object for all of them afterwards, too.
+
+    Returns:
+        The timeline, whose scene has its name.
+
+    Raises:
+        TypeError: if it is no timeline.
+        ScenarioError: if an attribute is one that no file may hold, has the wrong type or shape, or does not
+            go with others; the message lists every fault.
+    """
+    timeline = expect("timeline", given, Timeline)
+    root = Place(PythonReading(MADE, _SOURCE))
+    asked, scene = timeline, getattr(timeline, "scene", None)  # whatever stands there
+    if isinstance(scene, Scenario):
+        root.reading.terminals = count_terminals(replace(scene, goal=scene.start))
+        name: Any = timeline.name
+        own = replace(scene, name=name if isinstance(name, str) else scene.name, goal=scene.start)
+        asked = replace(timeline, scene=own)
+    taken: Any = None
+    zones = [getattr(scene, name, ()) for name in ZONES.values()]
+    if check_count(zones, root) and _check_number(timeline.activities, root):
+        taken = MADE.read(asked, root)
+        if taken.scene is not WRONG:
+            _check_scene(taken.scene, root["scene"])
+            read = [(place, one, one) for place, one in placed(taken.activities, root["activity"])]
+            _check_together(taken.scene, read, taken.until, root["until_s"], root)
+    if root.reading.faults:
+        raise ScenarioError(root.reading.faults, _SOURCE)
+    done: Timeline = taken
+    return done
+
+
+def _check_scene(scene: Scenario, place: Place) -> None:
+    """Note what does not go together in the scene of a timeline made in Python."""
+    check_parts(scene, place)
+    check_zones(scene, place)
+    check_robust(scene, place)
+
+
+def timeline_to_dict(timeline: Timeline) -> dict[str, Any]:
+    """Make the tables of the timeline's file.
+
+    Args:
+        timeline: in radians and seconds.
+
+    Returns:
+        Dicts, lists, numbers and strings with the keys and units of a file, ready for TOML or JSON. What
+        moves has its samples, each path of activities once, so that it means the same without ``[sky]``.
+
+    Raises:
+        ScenarioError: if it could not be read again; the message lists every fault.
+    """
+    return TIMELINE.write(take_in_timeline(timeline))
+
+
+def dump_timeline(timeline: Timeline) -> str:
+    """Make the text, TOML, of the timeline's file; see `timeline_to_dict`."""
+    return texts.write(timeline_to_dict(timeline))
+
+
+def save_timeline(timeline: Timeline, path: str | os.PathLike[str]) -> None:
+    """Write the timeline's file, whole or not at all.
+
+    Args:
+        timeline: in radians and seconds.
+        path: of the file; one that is there is replaced.
+
+    Raises:
+        ScenarioError: if it could not be read again; the message lists every fault.
+        OSError: the file cannot be written; one that was there is left as it was.
+    """
+    text = dump_timeline(timeline)
+    with replacing_file(file_path("path", path)) as temporary:
+        temporary.write_bytes(text.encode())

@@ -1,0 +1,340 @@
+"""Save and load plans of timelines: one compressed file with the numbers as they are.
+
+A day has some 10,000 pieces of polynomials, so the file is a zip archive like `numpy.savez_compressed` makes:
+an ``.npy`` entry for each array of the trajectory and for each long list of numbers in the timeline, and
+``plan.json`` with all else. `numpy.load` opens it. The same plan has the same bytes on the same machine; its
+timings, which differ, are not kept.
+
+Nothing in a file is executed, and nothing is taken on trust: entries are numbers in float64 or text, never
+pickled objects; the timeline goes through the checks of its own file, all else through those of its table,
+and what contradicts itself is refused. The stored certificate is only a record; ``jaxplan check`` makes it
+anew.
+"""
+
+import io
+import json
+import math
+import os
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxplan.model.status import Status
+from jaxplan.model.timeline import Timeline, in_order
+from jaxplan.planner.files import CERTIFICATE, PlanFileError, plain, record_table, trajectory_table
+from jaxplan.runtime.arguments import file_path
+from jaxplan.runtime.files import replacing_file
+from jaxplan.schema import ScenarioError, timeline_from_dict, timeline_to_dict
+from jaxplan.schema.faults import Place, Reading
+from jaxplan.schema.kinds import Choice, Interval, Name, Nullable, Number, Several, Text
+from jaxplan.trajectory import Trajectory
+
+SCHEMA_VERSION = 1
+KIND = "plan of a timeline"
+LARGEST = 2**30
+"""Bytes of all entries together, unpacked; a day of a spacecraft with eight joints has 10 MB."""
+_CONTENT = "plan.json"
+_LONG = 32  # numbers of a list, from which on it is an entry by itself
+_ENTRY = "entry"  # key of a dict that stands in the place of such a list
+_MADE = (1980, 1, 1, 0, 0, 0)  # when entries say that they were made, which must not differ
+_ROUNDING = 1e-9  # s by which times may differ that are the same
+_SECONDS = Number(Interval("[0, 1e6]"))
+_ARRAYS = (
+    "breaks",
+    "chart_attitude",
+    "chart_start",
+    "chart_rate",
+    "coefficients",
+    "joint_breaks",
+    "joint_coefficients",
+    "node_times",
+)
+_STATUS = Choice(tuple(Status.__members__), Status.__members__)
+
+
+def _as_read(parts: dict[str, Any], place: Place) -> dict[str, Any]:
+    """What was read of a table, by its keys."""
+    return parts
+
+
+_SEGMENT = record_table(
+    dict,
+    _as_read,
+    name=Text(),
+    kind=Choice(("slew", "track", "attitude", "idle")),
+    start=_SECONDS,
+    end=_SECONDS,
+)
+_ACTIVITY = record_table(
+    dict,
+    _as_read,
+    name=Name("activity"),
+    kind=Choice(("track", "point", "attitude", "idle")),
+    status=_STATUS,
+    message=Text(empty=True),
+    start=Nullable(_SECONDS),
+    end=Nullable(_SECONDS),
+    slew=Nullable(_SECONDS),
+    pointing_error=Nullable(Number(Interval("[0, inf)"), words={"inf": math.inf})),
+)
+_PLAN = record_table(
+    dict,
+    _as_read,
+    status=_STATUS,
+    message=Text(empty=True),
+    activities=Several(_ACTIVITY),
+    segments=Several(_SEGMENT),
+    trajectory=Nullable(trajectory_table("timeline", "tracking", "global")),
+    certificate=Nullable(CERTIFICATE),
+)
+
+
+def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
+    """Write a timeline's plan to one file, whole or not at all.
+
+    Args:
+        plan: a `jaxplan.timeline.TimelinePlan`, also one that failed.
+        path: of the file, usually ``.npz``; one that is there is replaced.
+
+    Raises:
+        ScenarioError: if the timeline could not be read again.
+        OSError: the file cannot be written; one that was there is left as it was.
+    """
+    target = file_path("path", path)
+    arrays: dict[str, np.ndarray] = {}
+    content = {
+        "schema_version": SCHEMA_VERSION,
+        "kind": KIND,
+        "timeline": _packed(timeline_to_dict(plan.timeline), "timeline", arrays),
+        "status": plan.status.name,
+        "message": plan.message,
+        "activities": [plain(one) for one in plan.activities],
+        "segments": [plain(one) for one in plan.segments],
+        "trajectory": None,
+        "certificate": plain(plan.certificate),
+    }
+    for one in content["activities"]:
+        if one["pointing_error"] == math.inf:
+            one["pointing_error"] = "inf"
+    if plan.trajectory is not None:
+        own = plain(plan.trajectory)
+        for name in _ARRAYS:
+            arrays[f"trajectory.{name}"] = np.asarray(getattr(plan.trajectory, name), float)
+            own[name] = {_ENTRY: f"trajectory.{name}"}
+        content["trajectory"] = own
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    with replacing_file(target) as file, zipfile.ZipFile(file, "w") as archive:
+        _add(archive, _CONTENT, text.encode())
+        for name, array in arrays.items():
+            _add(archive, f"{name}.npy", _bytes(array))
+
+
+def _packed(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
+    """Tables with the name of an entry in the place of each long list of numbers, which goes to `arrays`."""
+    if isinstance(value, dict):
+        return {key: _packed(inner, f"{name}.{key}", arrays) for key, inner in value.items()}
+    if not isinstance(value, list):
+        return value
+    if len(value) >= _LONG and _is_array(value):
+        arrays[name] = np.array(value)
+        return {_ENTRY: name}
+    return [_packed(inner, f"{name}.{number}", arrays) for number, inner in enumerate(value)]
+
+
+def _is_array(rows: list[Any]) -> bool:
+    """Whether a list has floats alone, or rows of floats, each as long as the first."""
+    if all(type(row) is float for row in rows):
+        return True
+    return all(
+        isinstance(row, list) and len(row) == len(rows[0]) and all(type(number) is float for number in row)
+        for row in rows
+    )
+
+
+def _bytes(array: np.ndarray) -> bytes:
+    """An array as an ``.npy`` file."""
+    file = io.BytesIO()
+    np.lib.format.write_array(file, np.ascontiguousarray(array, "<f8"), version=(1, 0), allow_pickle=False)
+    return file.getvalue()
+
+
+def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
+    """Add an entry whose bytes tell nothing of when and where it was made."""
+    entry = zipfile.ZipInfo(name, _MADE)
+    entry.compress_type, entry.create_system, entry.external_attr = zipfile.ZIP_DEFLATED, 3, 0o644 << 16
+    archive.writestr(entry, content)
+
+
+def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read the attributes of a timeline's plan from a file that `save_plan` wrote.
+
+    Args:
+        path: of the file.
+
+    Returns:
+        By attribute; activities and segments are dicts of theirs.
+
+    Raises:
+        PlanFileError: if the file is missing, too large, no such archive, or not a plan of a timeline.
+    """
+    source = file_path("path", path)
+    try:
+        with zipfile.ZipFile(source) as archive:
+            entries = _entries(archive)
+        content = json.loads(entries.pop(_CONTENT).decode(), parse_constant=_refuse)
+        if not isinstance(content, dict) or content.get("kind") != KIND:
+            raise ValueError(f"its {_CONTENT} has no kind = {KIND!r}")
+        arrays = {name.removesuffix(".npy"): _array(name, entry) for name, entry in entries.items()}
+        return _parts(_unpacked(content, arrays))
+    except ScenarioError as error:
+        raise PlanFileError(str(ScenarioError(error.faults, os.fspath(path)))) from error
+    except OSError as error:
+        raise PlanFileError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (
+        ValueError,
+        KeyError,
+        EOFError,
+        RecursionError,
+        RuntimeError,  # of entries that are encrypted, or compressed in ways that zipfile does not know
+        zipfile.BadZipFile,
+        zlib.error,
+    ) as error:
+        raise PlanFileError(f"{path}: not a plan of a timeline ({error})") from error
+
+
+def is_plan(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is an archive with the content of a timeline's plan; its numbers are not looked at."""
+    try:
+        with zipfile.ZipFile(Path(path)) as archive:
+            return _CONTENT in archive.namelist()
+    except (OSError, zipfile.BadZipFile):
+        return False
+
+
+def _refuse(word: str) -> float:
+    raise ValueError(f"{word} is not allowed")
+
+
+def _entries(archive: zipfile.ZipFile) -> dict[str, bytes]:
+    """The content of all entries of an archive by name; raises ValueError if they are too large."""
+    listed = archive.infolist()
+    if sum(entry.file_size for entry in listed) > LARGEST:
+        raise ValueError(f"unpacked it is larger than {LARGEST >> 20} MiB")
+    names = [entry.filename for entry in listed]
+    if len(set(names)) < len(names) or _CONTENT not in names:
+        raise ValueError(f"it needs one {_CONTENT}, and no entry twice")
+    return {entry.filename: archive.read(entry) for entry in listed}
+
+
+def _array(name: str, content: bytes) -> np.ndarray:
+    """The array of an ``.npy`` entry; raises ValueError if it is none of float64."""
+    file = io.BytesIO(content)
+    try:
+        array: np.ndarray = np.lib.format.read_array(file, allow_pickle=False)
+    except (ValueError, MemoryError, OverflowError) as error:
+        raise ValueError(f"{name}: no array of numbers, {error}") from error
+    if array.dtype != np.dtype("<f8") or file.read(1):
+        raise ValueError(f"{name}: must be one array of float64")
+    return array
+
+
+def _unpacked(value: Any, arrays: Mapping[str, np.ndarray]) -> Any:
+    """Tables with lists of numbers in the place of the names of their entries; raises KeyError."""
+    if isinstance(value, dict):
+        if value.keys() == {_ENTRY}:
+            if value[_ENTRY] not in arrays:
+                raise KeyError(f"no entry {value[_ENTRY]}.npy")
+            return arrays[value[_ENTRY]].tolist()
+        return {key: _unpacked(inner, arrays) for key, inner in value.items()}
+    return [_unpacked(inner, arrays) for inner in value] if isinstance(value, list) else value
+
+
+def _parts(content: dict[str, Any]) -> dict[str, Any]:
+    """Read the attributes of a plan from a file's content; raises ScenarioError with all faults."""
+    root = Place(Reading())
+    Choice((SCHEMA_VERSION,)).read(content.pop("schema_version", None), root["schema_version"])
+    tables = content.pop("timeline", None)
+    if not isinstance(tables, dict):
+        root["timeline"].fault("must be a table", tables)
+    if root.reading.faults:
+        raise ScenarioError(root.reading.faults)
+    try:
+        timeline = timeline_from_dict(tables)
+    except ScenarioError as error:
+        raise ScenarioError([f"timeline: {fault}" for fault in error.faults]) from error
+    scene = timeline.scene
+    names = {
+        "activity": tuple(one.name for one in timeline.activities),
+        "device": scene.sight_names,
+        "zone": tuple(zone.name for zone in scene.zones),
+    }
+    root = Place(Reading(names, {"joint": scene.spacecraft.joint_count}))
+    del content["kind"]
+    read: dict[str, Any] = _PLAN.read(content, root)
+    if not root.reading.faults:
+        _check_agreement(read, timeline, root)
+    if root.reading.faults:
+        raise ScenarioError(root.reading.faults)
+    return {"timeline": timeline, **read}
+
+
+def _check_agreement(read: Mapping[str, Any], timeline: Timeline, root: Place) -> None:
+    """Note where parts of a plan that are valid by themselves contradict each other, or the timeline."""
+    trajectory, certificate = read["trajectory"], read["certificate"]
+    if (trajectory is None) != (certificate is None):
+        root["certificate"].fault("must be there where a trajectory is, and only there")
+        return
+    ordered = in_order(timeline.activities)
+    for number, (one, asked) in enumerate(zip(read["activities"], ordered, strict=False)):
+        if (one["name"], one["kind"]) != (asked.name, asked.kind):
+            root["activities"][number]["name"].fault(f"must be {asked.name}, {asked.kind}", one["name"])
+    failed = next((one["status"] for one in read["activities"] if one["status"] is not Status.OK), None)
+    if read["status"] is Status.OK and (
+        failed is not None
+        or len(read["activities"]) < len(ordered)
+        or (certificate is not None and not certificate.certified)
+    ):
+        complaint = "cannot be, since not all activities are planned and certified"
+        root["status"].fault(complaint, read["status"].name)
+    _check_segments(read["segments"], trajectory, root["segments"])
+    for number, one in enumerate(read["activities"]):
+        _check_done(one, read["segments"], root["activities"][number])
+
+
+def _check_segments(segments: Any, trajectory: Trajectory | None, place: Place) -> None:
+    """Note segments that are not one after the other from the start of the trajectory to its end."""
+    end = 0.0
+    for number, one in enumerate(segments):
+        if one["start"] != end:
+            place[number]["start"].fault(f"must be the end of the one before, {end:.10g}", one["start"])
+        if not one["start"] < one["end"]:
+            place[number]["end"].fault(f"must be later than its start, {one['start']:.10g}", one["end"])
+        end = one["end"]
+    last = 0.0 if trajectory is None else trajectory.duration
+    if end != last:
+        place.fault(f"must end with the trajectory, at {last:.10g} s, and end at {end:.10g} s")
+    if trajectory is not None:
+        starts = [one["start"] for one in segments]
+        for name in ("breaks", "joint_breaks"):
+            if not np.isin(starts, getattr(trajectory, name)).all():
+                place.fault(f"must begin at {name} of the trajectory")
+
+
+def _check_done(one: Mapping[str, Any], segments: Any, place: Place) -> None:
+    """Note times of an activity that miss, do not rise, or for which its segment is not there."""
+    start, end = one["start"], one["end"]
+    if one["status"] is Status.OK and (start is None or end is None):
+        place["start"].fault("must be a number, as the end must, of what is planned", start)
+    if start is None or end is None:
+        return
+    if not start <= end + _ROUNDING:
+        place["end"].fault(f"must not be before its start, {start:.10g}", end)
+    if end - start <= _ROUNDING or one["kind"] == "point":
+        return
+    own = [seg for seg in segments if seg["name"] == one["name"] and seg["kind"] == one["kind"]]
+    if not any(seg["start"] <= start + _ROUNDING and seg["end"] >= end - _ROUNDING for seg in own):
+        place["name"].fault("has no segment over its time", one["name"])
