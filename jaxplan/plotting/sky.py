@@ -99,7 +99,7 @@ def sphere(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
         TypeError: if it is no plan.
         ValueError: if more than one axes is given.
     """
-    expect_plan(plan)
+    plan = expect_plan(plan)
     (axes,) = panels(ax, 1, SPHERE_SIZE)
     tidy(axes)
     axes.spines[["top", "right"]].set_visible(True)
@@ -140,7 +140,7 @@ def globe(
         TypeError: if it is no plan.
         ValueError: if more than one axes is given.
     """
-    expect_plan(plan)
+    plan = expect_plan(plan)
     (axes,) = panels(ax, 1, GLOBE_SIZE)
     seen = view_of(plan, view)
     draw_ball(axes, seen)

@@ -108,7 +108,7 @@ def figures(plan: Plan, frequencies: Sequence[float] = ()) -> Iterator[tuple[str
         TypeError: if it is no plan.
         ValueError: if a frequency is not positive.
     """
-    expect_plan(plan)
+    plan = expect_plan(plan)
     asked = expect_frequencies(frequencies, zero=False)
     moves, craft = plan.trajectory is not None, plan.scenario.spacecraft
     loads = len(limited_loads(craft))
