@@ -31,6 +31,7 @@ _ROOM = 3.0  # points that a bar is longer than the name in it
 _TURNED, _SIZE = 6.0, 7.0  # points: size of names turned by 90 deg, and of upright ones
 _ENOUGH = 0.75  # of the names that have room where they are turned: so many make them upright
 _TALLEST = 60.0  # points of a name for which rows are made higher
+_NARROW = 0.006  # of the day: shorter bars have no white edge
 _PALE = 0.35  # opacity of bars before a window opens
 _KINDS: dict[str, str] = {"track": "0.35", "point": "0.35", "attitude": "0.55", "idle": "0.75"}
 _HIDDEN: Look = {"facecolor": "none", "edgecolor": "0.6", "hatch": "/////", "linewidth": 0.0}
@@ -115,7 +116,7 @@ def devices(plan: TimelinePlan) -> list[int]:
 
 
 def draw_rows(axes: Axes, plan: TimelinePlan, end: float) -> Entries:
-    """Draw the rows of a timeline on one panel whose time ends at `end`, s; returns its legend entries."""
+    """Draw the rows of a timeline, but for names, on a panel up to `end`, s; returns legend entries."""
     names = plan.timeline.scene.spacecraft.device_names
     rows = devices(plan)
     labels = name_lines(axes, ["activity", *(names[device] for device in rows)])
@@ -128,9 +129,11 @@ def draw_rows(axes: Axes, plan: TimelinePlan, end: float) -> Entries:
     hidden = _draw_hidden(axes, plan, end)
     bars = list(_bars(plan, end))
     for bar in bars:
-        axes.broken_barh([(bar.start, bar.end - bar.start)], (bar.row - _BAR / 2, _BAR), **bar.look)
+        look = bar.look
+        if bar.end - bar.start < _NARROW * end and look is not _FAILED:  # all of it would be edge
+            look = {**look, "edgecolor": look["facecolor"]}
+        axes.broken_barh([(bar.start, bar.end - bar.start)], (bar.row - _BAR / 2, _BAR), **look)
     _draw_points(axes, plan)
-    _write_names(axes, bars, end)
     entries += [(Patch(**_HIDDEN), "target hidden")] * hidden
     entries += [(Patch(**_FAILED), "not planned")] * any(not one.ok for one in plan.activities)
     if any(bar.waiting for bar in bars):
@@ -217,15 +220,20 @@ def _draw_hidden(axes: Axes, plan: TimelinePlan, end: float) -> bool:
     return drawn
 
 
-def _write_names(axes: Axes, bars: Sequence[_Bar], end: float) -> None:
+def write_names(axes: Axes, plan: TimelinePlan, end: float, size: tuple[float, float]) -> None:
     """Write the names of bars into them or beside them, of a row all upright or all turned.
 
     A name that has no room is left out; turned are those of rows where this names many more.
+
+    Args:
+        axes: with the rows.
+        plan: of the timeline.
+        end: s, of the panel.
+        size: width and height of the panel, points.
     """
-    box = axes.get_window_extent()
-    width = box.width * 72 / axes.figure.dpi / end if end > 0 else 0.0  # points a second
     low, high = sorted(axes.get_ylim())
-    height = box.height * 72 / axes.figure.dpi / (high - low) * _BAR  # points
+    width, height = size[0] / end, size[1] / (high - low) * _BAR
+    bars = list(_bars(plan, end))
     for row in {bar.row for bar in bars}:
         own = sorted((bar for bar in bars if bar.row == row), key=lambda bar: bar.start)
         upright, turned = (list(_placed(own, width, height, end, turned)) for turned in (False, True))

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 
 from jaxplan.geometry.vectors import separation
@@ -21,6 +22,7 @@ from jaxplan.plotting.schedule import (
     followings,
     row_height,
     shade_slews,
+    write_names,
 )
 from jaxplan.plotting.style import (
     GREY,
@@ -47,11 +49,13 @@ from jaxplan.runtime.arguments import expect
 from jaxplan.timeline.record import TimelinePlan
 
 _WIDTH = 12.0  # inches
-_ROW, _HEAD, _PANEL = 0.27, 0.35, 1.35  # inches of a row, above the rows, and of a panel
-_ACROSS = 0.78 * _WIDTH * 72  # points of a panel, about
+_ROW, _HEAD, _PANEL, _FOOT = 0.27, 0.35, 1.35, 0.6  # inches of a row, above the rows, of a panel, below all
+_SHARE, _LAID_OUT = 0.78, 0.93  # of the figure's width and of its own height that the layout leaves a panel
 _ZONES = ("#B2182B", "#0B6394", "#8C510A", "#7A3E9D", "#1B7837", "#E08214", "#000000", "#C51B7D")
 _NAMED = len(_ZONES)  # zones with the least margins that have a colour; others are grey
 _TIGHT = 1e-2  # share of the least error proved, or asked for, below which errors are not told apart
+_SHORT = 0.006  # of the day: what is followed for less has a dot instead of a curve of its error
+_PEAK: Look = {"markersize": 3.0, "markeredgewidth": 0.0}
 _PROVED: Look = {"color": "black", "linewidth": 1.0, "linestyle": (0, (1, 1))}
 
 
@@ -91,7 +95,9 @@ def timeline(plan: TimelinePlan, ax: Canvas = None, *, legend: bool = True) -> l
     moves = None if plan.trajectory is None else motion(plan)
     shown = _panels(plan, moves)
     heights = [panel.height for panel in shown]
-    grid = panels(ax, len(shown), timeline_size(plan), heights=heights)
+    size = _WIDTH, _FOOT + sum(heights)
+    new = ax is None or isinstance(ax, Figure | SubFigure)
+    grid = panels(ax, len(shown), size, heights=heights)
     for axes, panel in zip(grid, shown, strict=True):
         entries = panel.draw(axes)
         if axes is not grid[0]:
@@ -99,6 +105,7 @@ def timeline(plan: TimelinePlan, ax: Canvas = None, *, legend: bool = True) -> l
             axes.set_ylabel(axes.get_ylabel().replace(" (", "\n("))
         if legend:
             legend_beside(axes, entries)
+    write_names(grid[0], plan, _end(plan), _extent(grid[0], heights[0] / size[1] if new else None))
     _title(grid[0], plan)
     if moves is not None:
         time_axis(grid, moves)
@@ -110,7 +117,7 @@ def timeline(plan: TimelinePlan, ax: Canvas = None, *, legend: bool = True) -> l
 def timeline_size(plan: TimelinePlan) -> tuple[float, float]:
     """Width and height of the figure, inches."""
     moves = None if plan.trajectory is None else motion(plan)
-    return _WIDTH, 0.6 + sum(panel.height for panel in _panels(plan, moves))
+    return _WIDTH, _FOOT + sum(panel.height for panel in _panels(plan, moves))
 
 
 def _title(axes: Axes, plan: TimelinePlan) -> None:
@@ -124,7 +131,7 @@ def _title(axes: Axes, plan: TimelinePlan) -> None:
 def _panels(plan: TimelinePlan, moves: Motion | None) -> list[_Panel]:
     """The panels that a plan has."""
     end = _end(plan)
-    row = max(_ROW, row_height(plan, _ACROSS, end) / 72)
+    row = max(_ROW, row_height(plan, _SHARE * _WIDTH * 72, end) / 72)
     found = [_Panel(_HEAD + row * (1 + len(devices(plan))), lambda axes: draw_rows(axes, plan, end))]
     if moves is None:
         return found
@@ -139,6 +146,14 @@ def _panels(plan: TimelinePlan, moves: Motion | None) -> list[_Panel]:
         own = expect_plan(plan)
         found.append(_Panel(_PANEL, lambda axes: draw_wheel_momenta(axes, own, moves)))
     return found
+
+
+def _extent(axes: Axes, share: float | None) -> tuple[float, float]:
+    """Width and height, points, of a panel as it is, or will be with a share of its figure's height."""
+    figure = axes.get_figure(root=False)
+    assert figure is not None
+    box = axes.get_window_extent() if share is None else figure.bbox.shrunk(_SHARE, share * _LAID_OUT)
+    return box.width * 72 / figure.dpi, box.height * 72 / figure.dpi
 
 
 def _end(plan: TimelinePlan) -> float:
@@ -178,12 +193,18 @@ def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
     axes.set_ylabel("pointing error (deg)", fontsize=TEXT)
     craft = plan.timeline.scene.spacecraft
     errors: dict[int, np.ndarray] = {}
+    peaks: dict[int, list[tuple[float, float]]] = {}  # of those too short for a curve
     proved, asked = list[tuple[float, float, float]](), list[tuple[float, float, float]]()
     for own in followings(plan):
         within = (moves.times >= own.begin) & (moves.times <= own.end)
         line = errors.setdefault(own.device, np.full(len(moves.times), np.nan))
         seen = np.asarray(own.path.at(moves.times[within]))
-        line[within] = np.rad2deg(separation(moves.boresights[within, own.device], seen))
+        off = np.rad2deg(separation(moves.boresights[within, own.device], seen))
+        if own.end - own.begin > _SHORT * moves.times[-1]:
+            line[within] = off
+        else:
+            highest = float(np.max(off, initial=0.0))
+            peaks.setdefault(own.device, []).append(((own.begin + own.end) / 2, highest))
         asked.append((own.begin, own.end, float(np.rad2deg(own.tolerance))))
         if own.planned.pointing_error is not None:
             proved.append((own.begin, own.end, float(np.rad2deg(own.planned.pointing_error))))
@@ -192,6 +213,11 @@ def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
     for device, line in errors.items():
         style = device_style(device)
         curve(axes, moves.times, np.maximum(line, _TIGHT * least), **{**style, "linewidth": 1.2})
+    for device, dots in peaks.items():
+        times, values = np.array(dots).T
+        axes.plot(
+            times, np.maximum(values, _TIGHT * least), "o", color=device_style(device)["color"], **_PEAK
+        )
     axes.set_yscale("log")
     if one:
         axes.axhline(asked[0][2], color=GREY, **barrier(1))
@@ -201,6 +227,9 @@ def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
         (Line2D([], [], **{**device_style(device), "linewidth": 1.2}), craft.device_names[device])
         for device in sorted(errors)
     ]
+    entries += [
+        (Line2D([], [], marker="o", color=GREY, linestyle="none", **_PEAK), "largest of a short one")
+    ] * bool(peaks)
     entries.append((Line2D([], [], color=GREY, **barrier(1)), "tolerance"))
     if proved:
         axes.plot(*_steps(proved), **_PROVED)
