@@ -1,4 +1,4 @@
-"""What happens on a planned day, in order of time: events, as tuples, as a table and as rows of a file.
+"""What happens on a planned day, in order of time.
 
 Activities and slews begin and end. Targets of activities are hidden and seen again, whether they are followed
 then or not. A device comes near to a keep-out zone and leaves it, and each zone has an instant of its least
@@ -8,7 +8,7 @@ once holds its most. Instants are found from samples of the motion every few sec
 and extrema to 1e-5 s.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,6 @@ import numpy as np
 
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.epochs import utc_texts
 from jaxplan.model.wheel_shares import wheel_loads
 from jaxplan.model.zones import KeepOut
 from jaxplan.runtime.arguments import expect, number
@@ -291,52 +290,3 @@ def _of_wheels(plan: TimelinePlan, trajectory: Trajectory, times: np.ndarray) ->
         held = f"{share * wheel.momentum:.4g} of {wheel.momentum:.6g} N m s"
         text = f"{wheel.name} holds its most, {held}, {100 * share:.1f} %"
         yield Event(time=time, kind="wheel_peak", what=wheel.name, text=text)
-
-
-def utc_stamps(epoch: np.datetime64, times: Sequence[float]) -> list[str]:
-    """UTC of times, s after an epoch and in any order, to the millisecond, as in ``2026-06-20T09:30:00.000``.
-
-    Args:
-        epoch: of the start.
-        times: k of them.
-    """
-    given = np.round(np.asarray(times, float), 3)
-    order = np.argsort(given, kind="stable")
-    texts = utc_texts(epoch.astype("datetime64[ns]"), given[order]) if len(given) else []
-    found = [""] * len(given)
-    for place, text in zip(order.tolist(), texts, strict=True):
-        found[place] = text[:23]
-    return found
-
-
-def event_rows(found: Iterable[Event], epoch: np.datetime64 | None = None) -> list[list[str]]:
-    """Rows of a CSV file of events, the first one its head.
-
-    Args:
-        found: of `events`.
-        epoch: UTC of the timeline's start; without it the column of UTC is left out.
-
-    Example:
-        >>> with open("events.csv", "w", newline="") as file:
-        ...     csv.writer(file).writerows(event_rows(events(plan), plan.scenario.epoch))
-    """
-    every = list(found)
-    rows = [[f"{event.time:.6f}", event.kind, event.what, event.text] for event in every]
-    head = ["time_s", "kind", "what", "text"]
-    if epoch is not None:
-        stamps = utc_stamps(epoch, [event.time for event in every])
-        rows = [[row[0], stamp, *row[1:]] for row, stamp in zip(rows, stamps, strict=True)]
-        head.insert(1, "utc")
-    return [head, *rows]
-
-
-def events_table(found: Iterable[Event], epoch: np.datetime64 | None = None) -> str:
-    """Events as a table of text, a line each; arguments as of `event_rows`."""
-    lines: list[str] = []
-    for row in event_rows(found, epoch):
-        time, *others = row
-        cells = [f"{time if not lines else f'{float(time):.3f}':>12}"]
-        if epoch is not None:
-            cells.append(f"{others.pop(0):<23}")
-        lines.append("  ".join([*cells, f"{others[0]:<15}", others[-1]]))
-    return "\n".join(lines)
