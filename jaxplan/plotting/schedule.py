@@ -3,7 +3,8 @@
 The uppermost row has the activities by their names, the others have a device each, with a bar while it
 follows a target. A bar is pale while the target is followed before its activity's window opens. Hatched is
 when the target of the activity that is under way, or comes next, is hidden; after the last one it is that of
-the last. An activity that could not be planned is outlined in red over the time in which it was allowed.
+the last. Activities that could not be planned have a row, in which they are outlined in red over the time in
+which they were allowed, each after the one before it.
 
 A name stands in its bar or, where it does not fit, beside it, and in a crowd turned by 90 deg.
 """
@@ -33,6 +34,7 @@ _ENOUGH = 0.75  # of the names that have room where they are turned: so many mak
 _TALLEST = 60.0  # points of a name for which rows are made higher
 _NARROW = 0.006  # of the day: shorter bars have no white edge
 _PALE = 0.35  # opacity of bars before a window opens
+_NOT_PLANNED = "not planned"
 _KINDS: dict[str, str] = {"track": "0.35", "point": "0.35", "attitude": "0.55", "idle": "0.75"}
 _HIDDEN: Look = {"facecolor": "none", "edgecolor": "0.6", "hatch": "/////", "linewidth": 0.0}
 _FAILED: Look = {"facecolor": to_rgba(KEEP_OUT, 0.10), "edgecolor": KEEP_OUT, "linewidth": 1.0}
@@ -72,9 +74,8 @@ class Following:
 
     @property
     def name(self) -> str:
-        """Name of the target where it is known, else that of the activity."""
-        names = {span.target for span in self.path.hidden} - {"target"}
-        return min(names, default=self.planned.name)
+        """Name of the target where its path has one, else nothing."""
+        return min({span.target for span in self.path.hidden} - {"target"}, default="")
 
 
 def followings(plan: TimelinePlan) -> list[Following]:
@@ -97,6 +98,17 @@ def followings(plan: TimelinePlan) -> list[Following]:
     return found
 
 
+def device_rows(plan: TimelinePlan) -> dict[int, int]:
+    """Numbers of devices that have a row, with those of their rows."""
+    first = 1 + any(one.start is None for one in plan.activities)
+    return {device: row for row, device in enumerate(devices(plan), first)}
+
+
+def row_count(plan: TimelinePlan) -> int:
+    """Number of rows: of activities, of those that are not planned if there are any, and of devices."""
+    return 1 + any(one.start is None for one in plan.activities) + len(devices(plan))
+
+
 def slews(plan: TimelinePlan) -> list[Span]:
     """Spans of all slews, s."""
     return [(one.start, one.end) for one in plan.segments if one.kind == "slew"]
@@ -117,10 +129,12 @@ def devices(plan: TimelinePlan) -> list[int]:
 
 def draw_rows(axes: Axes, plan: TimelinePlan, end: float) -> Entries:
     """Draw the rows of a timeline, but for names, on a panel up to `end`, s; returns legend entries."""
-    names = plan.timeline.scene.spacecraft.device_names
-    rows = devices(plan)
-    labels = name_lines(axes, ["activity", *(names[device] for device in rows)])
-    for device, label in zip(rows, labels[1:], strict=True):
+    craft, rows = plan.timeline.scene.spacecraft, device_rows(plan)
+    failed = [_NOT_PLANNED] * (row_count(plan) - 1 - len(rows))
+    labels = name_lines(axes, ["activity", *failed, *(craft.device_names[device] for device in rows)])
+    for label in labels[1 : 1 + len(failed)]:
+        label.set_color(KEEP_OUT)
+    for device, label in zip(rows, labels[1 + len(failed) :], strict=True):
         label.set_color(device_style(device)["color"])
     axes.set_xlim(0, end)
     axes.grid(False, axis="y")
@@ -135,7 +149,8 @@ def draw_rows(axes: Axes, plan: TimelinePlan, end: float) -> Entries:
         axes.broken_barh([(bar.start, bar.end - bar.start)], (bar.row - _BAR / 2, _BAR), **look)
     _draw_points(axes, plan)
     entries += [(Patch(**_HIDDEN), "target hidden")] * hidden
-    entries += [(Patch(**_FAILED), "not planned")] * any(not one.ok for one in plan.activities)
+    off = any(not one.ok and one.start is not None for one in plan.activities)
+    entries += [(Patch(**_FAILED), "not certified")] * off
     if any(bar.waiting for bar in bars):
         entries.append((Patch(color=GREY, alpha=_PALE), "followed before\nits window"))
     if any(one.kind == "point" and one.ok for one in plan.activities):
@@ -158,12 +173,12 @@ class _Bar:
 def _bars(plan: TimelinePlan, end: float) -> Iterator[_Bar]:
     """Yield the bars of all rows."""
     asked = {activity.name: activity for activity in plan.timeline.activities}
-    rows = {device: row for row, device in enumerate(devices(plan), 1)}
-    before = 0.0
+    rows, before = device_rows(plan), 0.0
     for one in plan.activities:
         if one.start is None or one.end is None:
             start, last = _allowed(asked[one.name], before, end)
-            yield _Bar(row=0, start=start, end=last, name=one.name, look=_FAILED)
+            yield _Bar(row=1, start=start, end=last, name=one.name, look=_FAILED)
+            before = max(before, last)
             continue
         before = one.end
         look = {"facecolor": _KINDS[one.kind], "edgecolor": "white", "linewidth": 0.5}
@@ -190,7 +205,7 @@ def _allowed(activity: Activity, before: float, end: float) -> Span:
 
 def _draw_points(axes: Axes, plan: TimelinePlan) -> None:
     """Mark the instants of activities that point at one."""
-    rows = {device: row for row, device in enumerate(devices(plan), 1)}
+    rows = device_rows(plan)
     for own in followings(plan):
         if own.planned.kind == "point":
             look = {"color": device_style(own.device)["color"], "markeredgecolor": "white", **_POINT}
@@ -202,7 +217,7 @@ def _draw_points(axes: Axes, plan: TimelinePlan) -> None:
 def _draw_hidden(axes: Axes, plan: TimelinePlan, end: float) -> bool:
     """Hatch when each device's target is hidden; returns whether any is."""
     every, drawn = followings(plan), False
-    for row, device in enumerate(devices(plan), 1):
+    for device, row in device_rows(plan).items():
         own, spans = [one for one in every if one.device == device], list[Span]()
         before = 0.0
         for one in own:

@@ -14,12 +14,13 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 
 from jaxplan.geometry.vectors import separation
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.plotting import margin_panels
 from jaxplan.plotting.margin_panels import margins_over_time
 from jaxplan.plotting.schedule import (
-    devices,
     draw_rows,
     followings,
+    row_count,
     row_height,
     shade_slews,
     write_names,
@@ -132,7 +133,7 @@ def _panels(plan: TimelinePlan, moves: Motion | None) -> list[_Panel]:
     """The panels that a plan has."""
     end = _end(plan)
     row = max(_ROW, row_height(plan, _SHARE * _WIDTH * 72, end) / 72)
-    found = [_Panel(_HEAD + row * (1 + len(devices(plan))), lambda axes: draw_rows(axes, plan, end))]
+    found = [_Panel(_HEAD + row * row_count(plan), lambda axes: draw_rows(axes, plan, end))]
     if moves is None:
         return found
     craft = plan.timeline.scene.spacecraft
@@ -140,7 +141,7 @@ def _panels(plan: TimelinePlan, moves: Motion | None) -> list[_Panel]:
         found.append(_Panel(_PANEL, lambda axes: _draw_margins(axes, plan, moves)))
     if followings(plan):
         found.append(_Panel(_PANEL, lambda axes: _draw_errors(axes, plan, moves)))
-    found.append(_Panel(_PANEL, lambda axes: draw_platform_rate(axes, moves, craft)))
+    found.append(_Panel(_PANEL, lambda axes: _draw_rate(axes, moves, craft)))
     found += [_Panel(_PANEL, draw) for draw in joint_panels(craft, moves)]
     if craft.wheels:
         own = expect_plan(plan)
@@ -186,6 +187,13 @@ def _draw_margins(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
         entries.append((Line2D([], [], color="0.7", linewidth=0.7), f"{len(order) - _NAMED} others"))
     margin_panels.span(axes, list(of_zones.values()))
     return [*entries, (Line2D([], [], color=KEEP_OUT, **barrier(-1)), "limit: below it\na zone is broken")]
+
+
+def _draw_rate(axes: Axes, moves: Motion, craft: Spacecraft) -> Entries:
+    """Draw the platform's angular velocity by body axes; returns legend entries."""
+    entries = draw_platform_rate(axes, moves, craft)
+    axes.set_ylabel("platform rate (deg/s)", fontsize=TEXT)
+    return entries
 
 
 def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:

@@ -170,7 +170,7 @@ def inline_figures(
     yield "globe", _address(ball)
     for name, figure in figures(plan, frequencies):
         if name != "overview" and (names is None or name in names):
-            yield name, _address(figure)
+            yield name, _address(figure, hatched=name == "timeline")
 
 
 def write_png(figure: Figure, file: str | os.PathLike[str], software: str) -> None:
@@ -190,9 +190,11 @@ def write_png(figure: Figure, file: str | os.PathLike[str], software: str) -> No
     picture.save(file, format="png", dpi=dots, pnginfo=said, compress_level=_QUICKLY)
 
 
-def _address(figure: Figure) -> str:
-    """The picture of a figure as a ``data:`` address, SVG or PNG."""
-    kind, content = "svg+xml", _picture(figure, "svg", {"Date": None, "Creator": None})
+def _address(figure: Figure, *, hatched: bool = False) -> str:
+    """The picture of a figure as a ``data:`` address, SVG or PNG; of one known to be hatched not both."""
+    kind, content = "svg+xml", b"<pattern"
+    if not hatched:
+        content = _picture(figure, "svg", {"Date": None, "Creator": None})
     # hatches lose their transparency in SVG, so that zones print solid; many small surfaces are an image
     if b"<pattern" in content or b"<image" in content:
         kind, content = "png", _picture(figure, "png", {"Software": None})

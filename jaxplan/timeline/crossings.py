@@ -14,6 +14,7 @@ Values: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 _PARTS = 8  # into which the span about a change of sign, or about an extremum, is cut at a time
 _ROUNDS = 11  # of cutting: of 60 s at a change to 7e-9 s, at an extremum, where two parts stay, to 1e-5 s
+_FAR = 1e9  # what stands for a value that is no number
 _DEEP = 2.0  # steps of a function to the samples before and after, by which it may dip deeper between
 
 
@@ -36,7 +37,7 @@ def changes(table: np.ndarray, times: np.ndarray, values: Values) -> Changes:
     Returns:
         The changes, to 1e-6 s, column by column. A zero counts as positive.
     """
-    known = np.where(np.isnan(table), np.inf, table)
+    known = np.where(np.isfinite(table), table, _FAR)
     negative = known < 0
     place, column = np.nonzero(negative[1:] != negative[:-1])
     low, high, columns = times[place], times[place + 1], column
@@ -66,7 +67,7 @@ def _turned(
     sign = np.where(middle < 0, -1.0, 1.0)
     alike = (np.sign(before) * sign >= 0) & (np.sign(after) * sign >= 0)
     turning = alike & (sign * middle <= sign * before) & (sign * middle <= sign * after)
-    turning &= np.isfinite(middle)
+    turning &= middle < _FAR
     steps = np.maximum(np.abs(before - middle), np.abs(after - middle))
     turning &= np.abs(middle) < _DEEP * steps  # else it cannot come to zero between
     place, column = np.nonzero(turning)
