@@ -12,8 +12,9 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.model.goals import GivenState
 from jaxplan.model.path import Goal
+from jaxplan.model.timeline import Segment
 from jaxplan.planner import Plan
-from jaxplan.timeline.record import Segment, TimelinePlan
+from jaxplan.timeline.record import TimelinePlan
 
 _INSTANTS = 3072  # of a day, about, as long as it has not more segments than a quarter of this
 _FEWEST = 4  # instants of a segment
