@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
     from jaxplan.report import report_html
     from jaxplan.runtime.cache import compilation_cache
+    from jaxplan.scheduling import SlewTimes, load_slew_times, slew_times
     from jaxplan.schema import ScenarioError, load_scenario, load_timeline, save_scenario, save_timeline
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.timeline import TimelineError, TimelinePlan, load_timeline_plan, plan_timeline
@@ -69,6 +70,7 @@ _HOMES = {
     "SearchSettings": "jaxplan.model.scenario",
     "SearchTuning": "jaxplan.tuning",
     "Segment": "jaxplan.model.timeline",
+    "SlewTimes": "jaxplan.scheduling",
     "Spacecraft": "jaxplan.model.spacecraft",
     "Status": "jaxplan.model.status",
     "Study": "jaxplan.study",
@@ -94,6 +96,7 @@ _HOMES = {
     "link_switch": "jaxplan.constellation",
     "load_plan": "jaxplan.planner",
     "load_scenario": "jaxplan.schema",
+    "load_slew_times": "jaxplan.scheduling",
     "load_study": "jaxplan.study",
     "load_timeline": "jaxplan.schema",
     "load_timeline_plan": "jaxplan.timeline",
@@ -109,6 +112,7 @@ _HOMES = {
     "run_study": "jaxplan.study",
     "save_scenario": "jaxplan.schema",
     "save_timeline": "jaxplan.schema",
+    "slew_times": "jaxplan.scheduling",
     "tune": "jaxplan.tuning",
     "tune_search": "jaxplan.tuning",
     "walker": "jaxplan.constellation",
@@ -138,6 +142,7 @@ __all__ = [
     "SearchSettings",
     "SearchTuning",
     "Segment",
+    "SlewTimes",
     "Spacecraft",
     "Status",
     "Study",
@@ -163,6 +168,7 @@ __all__ = [
     "link_switch",
     "load_plan",
     "load_scenario",
+    "load_slew_times",
     "load_study",
     "load_timeline",
     "load_timeline_plan",
@@ -181,6 +187,7 @@ __all__ = [
     "save_scenario",
     "save_timeline",
     "sky",
+    "slew_times",
     "tune",
     "tune_search",
     "walker",

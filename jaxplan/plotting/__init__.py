@@ -28,6 +28,7 @@ from jaxplan.plotting.spectrum import spectrum
 from jaxplan.plotting.study_figures import distribution, outcomes, study, success_rates
 from jaxplan.plotting.study_figures import study_figure as study_figure
 from jaxplan.plotting.time_panels import accelerations, angles, rates, torque
+from jaxplan.plotting.timeline import timeline
 from jaxplan.plotting.tuning_panels import tuning
 from jaxplan.plotting.whole_plan import FIGURE_NAMES as FIGURE_NAMES
 from jaxplan.plotting.whole_plan import figures, overview
@@ -57,6 +58,7 @@ __all__ = [
     "study",
     "success_rates",
     "table4",
+    "timeline",
     "torque",
     "tuning",
 ]

@@ -67,7 +67,8 @@ def joint_map(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axe
         TypeError: if it is no plan.
         ValueError: if the spacecraft has no terminals, or another number of axes is given.
     """
-    craft = expect_plan(plan).scenario.spacecraft
+    plan = expect_plan(plan)
+    craft = plan.scenario.spacecraft
     count = len(craft.terminals)
     if not count:
         raise ValueError(

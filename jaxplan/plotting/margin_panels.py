@@ -7,7 +7,6 @@ matter, and logarithmic beyond, so that half a degree and 130 deg are both read 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import chain
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -17,9 +16,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.ticker import Locator
 
-from jaxplan.model.constraints import chosen_entries, state_margins
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.tabulation import bound_by
 from jaxplan.planner import Plan
 from jaxplan.plotting.style import (
     GREY,
@@ -44,6 +41,7 @@ from jaxplan.plotting.style import (
     plain_numbers,
     time_axis,
 )
+from jaxplan.trajectory.zone_margins import ZoneMargins
 
 _WIDTHS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0])  # deg, within which the scale may be linear
 _DEGREES = [digit * 10.0**power for power in (-2, -1, 0, 1, 2) for digit in range(1, 10)]
@@ -179,7 +177,7 @@ def draw(axes: Axes, plan: Plan, moves: Motion) -> tuple[Entries, Entries]:
         curve(axes, moves.times, line.values, **device_style(device), linewidth=2)
     proved = _proved(plan)
     marks = [(time, bound) for time, bound, _ in proved]
-    _span(axes, [*(bound for _, bound in marks), *(np.rad2deg(margin.values) for margin in found)])
+    span(axes, [*(bound for _, bound in marks), *(np.rad2deg(margin.values) for margin in found)])
     _name_zones(axes, moves.times, smallest, marks)
     names = device_entries(plan.scenario.sight_names)
     kinds: Entries = [
@@ -209,7 +207,7 @@ def _smallest(own: Sequence[Margin]) -> _Smallest:
     return _Smallest(values, lowest, own[int(np.nanargmin(table[:, lowest]))].zone)
 
 
-def _span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
+def span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
     """Scale the vertical axis to all values drawn, deg, and draw the limit at zero and the red area below."""
     before = [] if axes.get_autoscaley_on() else axes.get_ylim()  # of a panel that shares the axis
     values = np.concatenate([np.ravel(one) for one in (*before, *drawn)])
@@ -281,23 +279,10 @@ def margins_over_time(scenario: Scenario, moves: Motion) -> list[Margin]:
         scenario: whose zones are meant; one that moves is taken where it is at each instant.
         moves: the motion.
     """
-    rows, craft, values = scenario.constraints, scenario.spacecraft, moves.values
-    sights = rows.sights(craft.gimbals, craft.fixed_boresights)
-    table = state_margins(rows, sights, values.attitude, values.joints, moves.times)  # (k, Z, S)
-    chosen = chosen_entries(rows, np.min(table, axis=-1, initial=np.inf)) == rows.entry  # (k, Z)
-    table = np.where(chosen[..., None] & rows.bound, table, np.nan)
-    owners = np.array(bound_by(scenario.zones, craft).owners)  # the edges of a field are of its device
-    single, found = rows.single, []
-    for leader in np.unique(rows.group[rows.zone >= 0]):
-        zone = scenario.zones[rows.zone[leader]]
-        members = [[row] for row in np.flatnonzero(rows.group == leader)]
-        if not single[leader]:
-            members = [list(chain(*members))]
-        for own in members:
-            bound = np.any(rows.bound[own], axis=0)
-            for device in np.unique(owners[bound]):
-                least = np.fmin.reduce(table[:, own][:, :, owners == device], axis=(1, 2))
-                if not np.all(np.isnan(least)):  # of an entry that is never the best
-                    name = zone.name if single[leader] else zone.any_of or zone.name
-                    found.append(Margin(device=int(device), zone=name, values=least))
-    return found
+    margins = ZoneMargins(scenario)
+    table = margins.at(moves.times, moves.values.attitude, moves.values.joints)
+    return [
+        Margin(device=pair.device, zone=pair.zone, values=values)
+        for pair, values in zip(margins.pairs, table.T, strict=True)
+        if not np.all(np.isnan(values))  # of an entry that is never the best
+    ]

@@ -19,6 +19,7 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.planner import Plan
+from jaxplan.plotting.day import DayPlan
 from jaxplan.plotting.joint_map import field_outlines
 from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, circle, grid_lines
 from jaxplan.plotting.style import (
@@ -51,6 +52,8 @@ from jaxplan.plotting.zones import (
     zone_tracks,
     zones_at,
 )
+from jaxplan.runtime.arguments import number
+from jaxplan.timeline.record import TimelinePlan
 
 SPHERE_SIZE, GLOBE_SIZE = (11.0, 4.9), (8.2, 6.4)  # inches
 # The square is open, and the star fits into it, so that both show where a device does not move.
@@ -70,13 +73,16 @@ _WISH: Look = {
     "fillstyle": "none",
     "markeredgewidth": 1.1,
 }
+_NOW: Look = {"marker": "o", "markersize": 7, "linestyle": "none", "markeredgewidth": 0.8}
 _NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
 _FAINT: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}  # edge of a moving zone at its last place
 _FIELD: Look = {"linewidth": 1.0, "zorder": 3.1}  # outline of a field of view
 _ZONE_TRACK: Look = {"linewidth": 1.1, "zorder": 1.7}
 
 
-def sphere(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
+def sphere(
+    plan: Plan | TimelinePlan, ax: Canvas = None, *, at: float | None = None, legend: bool = True
+) -> Axes:
     """Draw the zones and the track of every device's boresight on the unfolded sphere.
 
     Keep-out zones are hatched with a solid outline, keep-in zones have a dashed one, or a dotted one if they
@@ -85,11 +91,13 @@ def sphere(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
     fainter, its edge at last. Where the plan bears errors, dotted lines bound how far they may move each
     boresight. Targets that devices have by their names are marked, and what devices without
     a target would rather point at as wishes. A plan that failed is drawn as far as it came: the path instead
-    of the trajectory, start and goal without a path, and the targets where no goal was found.
+    of the trajectory, start and goal without a path, and the targets where no goal was found. A timeline's
+    plan is drawn from its start to its end.
 
     Args:
-        plan: of any status.
+        plan: of any status, or that of a timeline.
         ax: axes, a figure to put them in, or None for a new one.
+        at: s, an instant at which zones are drawn instead, with a dot where each device looks then.
         legend: whether to name devices and marks beside the map.
 
     Returns:
@@ -97,9 +105,10 @@ def sphere(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
 
     Raises:
         TypeError: if it is no plan.
-        ValueError: if more than one axes is given.
+        ValueError: if more than one axes is given, or the instant is not within the plan's trajectory.
     """
-    expect_plan(plan)
+    plan = expect_plan(plan)
+    _expect_instant(plan, at)
     (axes,) = panels(ax, 1, SPHERE_SIZE)
     tidy(axes)
     axes.spines[["top", "right"]].set_visible(True)
@@ -109,17 +118,18 @@ def sphere(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
     axes.add_artist(Rectangle((-180, -90), 360, 180, facecolor="white", edgecolor="0.6", zorder=0.5))
     axes.set_xlabel("inertial azimuth (deg)", fontsize=TEXT)
     axes.set_ylabel("inertial elevation (deg)", fontsize=TEXT)
-    _draw_plan(axes, plan, FlatMap(), legend)
+    _draw_plan(axes, plan, FlatMap(), legend, at)
     if not plan.scenario.spacecraft.device_names:
         note(axes, "no devices")
     return axes
 
 
 def globe(
-    plan: Plan,
+    plan: Plan | TimelinePlan,
     ax: Canvas = None,
     *,
     view: tuple[float, float] | None = None,
+    at: float | None = None,
     legend: bool = True,
 ) -> Axes:
     """Draw the zones and the track of every device's boresight on the sphere of directions, seen in space.
@@ -128,9 +138,10 @@ def globe(
     as far as it came.
 
     Args:
-        plan: of any status.
+        plan: of any status, or that of a timeline.
         ax: axes, a figure to put them in, or None for a new one.
         view: inertial azimuth and elevation of the eye, deg; None for one that most of the tracks face.
+        at: s, an instant, as of `sphere`.
         legend: whether to name devices and marks beside the globe.
 
     Returns:
@@ -138,13 +149,14 @@ def globe(
 
     Raises:
         TypeError: if it is no plan.
-        ValueError: if more than one axes is given.
+        ValueError: if more than one axes is given, or the instant is not within the plan's trajectory.
     """
-    expect_plan(plan)
+    plan = expect_plan(plan)
+    _expect_instant(plan, at)
     (axes,) = panels(ax, 1, GLOBE_SIZE)
     seen = view_of(plan, view)
     draw_ball(axes, seen)
-    _draw_plan(axes, plan, seen, legend)
+    _draw_plan(axes, plan, seen, legend, at)
     return axes
 
 
@@ -170,10 +182,22 @@ def draw_ball(axes: Axes, view: GlobeView) -> None:
     axes.text(0, -1.1, text, fontsize=SMALL, color=GREY, ha="center", va="top")
 
 
-def _draw_plan(axes: Axes, plan: Plan, projection: Projection, legend: bool) -> None:
-    """Draw all that a projection shows of a plan, with title and legend."""
+def _expect_instant(plan: Plan, at: float | None) -> None:
+    """Raise a ValueError for an instant, s, that is not within the plan's trajectory."""
+    if at is None:
+        return
+    time, trajectory = number("at", at, "a number of s"), plan.trajectory
+    if trajectory is None or not 0 <= time <= trajectory.duration:
+        known = (
+            "there is no trajectory" if trajectory is None else f"must lie in [0, {trajectory.duration:g}] s"
+        )
+        raise ValueError(f"at = {at}: {known}")
+
+
+def _draw_plan(axes: Axes, plan: Plan, projection: Projection, legend: bool, at: float | None) -> None:
+    """Draw all that a projection shows of a plan, with title and legend; zones perhaps at an instant, s."""
     scenario, craft = plan.scenario, plan.scenario.spacecraft
-    draw_zones(axes, plan, projection, zones_at(scenario, 0.0))
+    draw_zones(axes, plan, projection, zones_at(scenario, 0.0 if at is None else at), last=at is None)
     entries = device_entries(craft.device_names)
     tracks, tubes = boresight_tracks(plan), Entries()
     if tracks is not None:
@@ -186,6 +210,8 @@ def _draw_plan(axes: Axes, plan: Plan, projection: Projection, legend: bool) -> 
             look = {"color": device_style(device)["color"], "zorder": 3.2, **_NODE}
             _draw_points(axes, projection, points, look)
         entries.append((Line2D([], [], color=GREY, **_NODE), "node of the path"))
+    if at is not None:
+        entries += _draw_instant(axes, plan, projection, at)
     entries += [*draw_ends(axes, plan, projection), *_draw_fields(axes, plan, projection), *tubes]
     if legend:
         legend_beside(axes, [*entries, *zone_entries(scenario)])
@@ -202,13 +228,34 @@ def _draw_fields(axes: Axes, plan: Plan, projection: Projection) -> Entries:
     return [(Line2D([], [], color=GREY, **_FIELD), "field of view")] if drawn else []
 
 
-def draw_zones(axes: Axes, plan: Plan, projection: Projection, zones: Sequence[Cone]) -> None:
-    """Draw zones with their names, the tracks of those that move, and the plan's title."""
+def _draw_instant(axes: Axes, plan: Plan, projection: Projection, at: float) -> Entries:
+    """Mark where each device looks at an instant, s; returns the legend entry."""
+    assert plan.trajectory is not None
+    state = plan.trajectory.sample(at)
+    looks = np.asarray(plan.scenario.spacecraft.boresights(state.attitude, state.joints))
+    for device, point in enumerate(looks):
+        own = {"color": device_style(device)["color"], "markeredgecolor": "white", "zorder": 4.4, **_NOW}
+        _draw_points(axes, projection, point[None], own)
+    when = f"at {at:.6g} s"
+    if plan.scenario.epoch is not None:
+        stamp = plan.scenario.epoch.astype("datetime64[ms]") + np.timedelta64(round(1e3 * at), "ms")
+        when = f"at {np.datetime_as_string(stamp, unit='s').replace('T', ' ')} UTC"
+    return [(Line2D([], [], color=GREY, **_NOW), f"{when},\nas the zones are")]
+
+
+def draw_zones(
+    axes: Axes, plan: Plan, projection: Projection, zones: Sequence[Cone], *, last: bool = True
+) -> None:
+    """Draw zones with their names, the tracks of those that move, and the plan's title.
+
+    With `last` those that move have a fainter edge at their last places, too.
+    """
     for zone in zones:
         draw_zone(axes, projection, zone)
-    for last, track in zone_tracks(plan):
-        look = zone_outline(last)
-        draw_line(axes, projection, circle(last.axis_at(), last.half_angle), look | _FAINT)
+    for there, track in zone_tracks(plan):
+        look = zone_outline(there)
+        if last:
+            draw_line(axes, projection, circle(there.axis_at(), there.half_angle), look | _FAINT)
         draw_line(axes, projection, track, {"color": look["color"], **_ZONE_TRACK})
     tracks, craft = boresight_tracks(plan), plan.scenario.spacecraft
     drawn = [NOTHING] if tracks is None else [tracks.reshape(-1, 3)]
@@ -285,8 +332,8 @@ def end_marks(plan: Plan) -> list[Marks]:
     marks = [Marks(_START, "start", every, _given(scenario, scenario.start))]
     if plan.goal is not None:
         points = craft.boresights(plan.goal.attitude, plan.goal.joints)
-        marks.append(Marks(_END, "goal", every, np.asarray(points)))
-    elif isinstance(goal, GivenState):
+        marks.append(Marks(_END, "end" if isinstance(plan, DayPlan) else "goal", every, np.asarray(points)))
+    elif isinstance(goal, GivenState) and not isinstance(plan, DayPlan):
         marks.append(Marks(_END, "goal", every, _given(scenario, goal)))
     if not isinstance(goal, GivenState):
         then = 0.0 if plan.goal is None else plan.goal.time

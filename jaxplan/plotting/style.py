@@ -17,7 +17,6 @@ A name stands at the first of some places where it covers no other name, and the
 Arguments that cannot be drawn raise an error that names them.
 """
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -29,19 +28,19 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.registry import BackendFilter, backend_registry
-from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
-from matplotlib.path import Path
 from matplotlib.patheffects import withStroke, withTickedStroke
 from matplotlib.text import Text
-from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
-from matplotlib.transforms import IdentityTransform
+from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import ArrayLike
 
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.planner import Plan
+from jaxplan.plotting.day import DayPlan, as_plan
+from jaxplan.plotting.time_axis import EndLocator, day_axis, mark_nodes, seconds
 from jaxplan.runtime.arguments import as_floats, expect, show
+from jaxplan.timeline.record import TimelinePlan
 from jaxplan.trajectory import Trajectory
 from jaxplan.trajectory.curve import Samples
 
@@ -71,7 +70,6 @@ HALO: Look = {  # of a name at a place
 }
 _LEGEND_ROWS = 14  # entries in a column of a legend, beyond which it gets another column
 INSTANTS = 1024  # times of the grid of a motion; the paper's manoeuvres have 14 to 50 nodes
-_NODE_TICK, _DOWNWARD = 3.0, Path([(0, 0), (0, -1)])  # length of the mark of a node in points, and its shape
 _STILL = 1e-3  # share of a limit below which curves count as standing still
 
 
@@ -299,8 +297,11 @@ def _touch(one: Box, other: Box) -> bool:
 
 
 def expect_plan(plan: object) -> Plan:
-    """Return a plan of any status as it is; raise a TypeError for anything else."""
-    return expect("plan", plan, Plan, "jp.plan makes one, jp.load_plan reads one")
+    """Return a plan of any status as figures take it, see `as_plan`; raise a TypeError for anything else."""
+    if isinstance(plan, TimelinePlan):
+        return as_plan(plan)
+    advice = "jp.plan makes one, jp.load_plan reads one, jp.plan_timeline makes that of a timeline"
+    return expect("plan", plan, Plan, advice)
 
 
 def expect_trajectories(given: object, spacecraft: object) -> None:
@@ -334,34 +335,43 @@ class Motion:
         values: the trajectory there.
         boresights: (k, D, 3) inertial unit vectors of the D devices.
         node_times: (m + 1,) s, at which it passes the nodes of a path of m edges.
+        day: whether it is that of a timeline, whose axis of time is that of `day_axis`.
+        epoch: UTC of the start of a timeline; None where it is not known.
     """
 
     times: np.ndarray
     values: Samples
     boresights: np.ndarray
     node_times: np.ndarray
+    day: bool = False
+    epoch: np.datetime64 | None = None
 
 
-def motion(plan: Plan) -> Motion:
-    """Sample a plan's trajectory at `INSTANTS` equidistant times.
+def motion(plan: Plan | TimelinePlan) -> Motion:
+    """Sample a plan's trajectory at `INSTANTS` equidistant times, a timeline's at the instants of its day.
 
     Raises:
         TypeError: if it is no plan.
         ValueError: if the plan has no trajectory.
     """
-    trajectory = expect_plan(plan).trajectory
+    plan = expect_plan(plan)
+    trajectory, day = plan.trajectory, isinstance(plan, DayPlan)
     if trajectory is None:
         ending = ": ".join(filter(None, [plan.status.name, plan.message]))
         raise ValueError(
             f"the plan of {plan.scenario.name!r} has no trajectory to draw; it ended as {ending}"
         )
     times = np.linspace(0.0, trajectory.duration, INSTANTS if trajectory.duration > 0 else 1)
+    if isinstance(plan, DayPlan):
+        times = plan.instants
     values = trajectory.sample(times)
     return Motion(
         times=times,
         values=values,
         boresights=plan.scenario.spacecraft.boresights(values.attitude, values.joints),
         node_times=np.asarray(trajectory.node_times),
+        day=day,
+        epoch=plan.scenario.epoch if day else None,
     )
 
 
@@ -372,7 +382,12 @@ def curve(axes: Axes, times: np.ndarray, values: np.ndarray, **style: Any) -> No
 
 
 def time_axis(grid: Sequence[Axes], moves: Motion) -> None:
-    """Let panels, from top to bottom, show the time of a motion, s, as `time_span` does."""
+    """Let panels, from top to bottom, show the time of a motion, s, as `time_span` or `day_axis` does."""
+    if moves.day:
+        for axes in grid:
+            tidy(axes)
+        day_axis(grid, float(moves.times[-1]), moves.epoch)
+        return
     time_span(grid, float(moves.times[-1]), moves.node_times)
 
 
@@ -384,50 +399,12 @@ def time_span(grid: Sequence[Axes], end: float, node_times: ArrayLike = ()) -> N
     lowest = grid[-1]
     for axes in grid:
         tidy(axes)
-        _mark_nodes(axes, np.asarray(node_times))
+        mark_nodes(axes, np.asarray(node_times))
         if end > 0:
             axes.set_xlim(0, end)
-            axes.xaxis.set_major_locator(_EndLocator(end))
-            axes.xaxis.set_major_formatter(FuncFormatter(partial(_seconds, end)))
+            axes.xaxis.set_major_locator(EndLocator(end))
+            axes.xaxis.set_major_formatter(FuncFormatter(partial(seconds, end)))
         else:
             axes.set(xlim=(-1, 1), xticks=[0])
         shared = axes is not lowest and axes.get_shared_x_axes().joined(axes, lowest)
         axes.set_xlabel("" if shared else "time (s)", fontsize=TEXT)
-
-
-def _mark_nodes(axes: Axes, times: np.ndarray) -> None:
-    """Mark times (k,) s below a panel, by one artist: minor ticks would take half of the time to draw it."""
-    marks = PathCollection(
-        [_DOWNWARD],
-        sizes=[_NODE_TICK**2],
-        offsets=np.stack([times, np.zeros_like(times)], axis=1),
-        offset_transform=axes.get_xaxis_transform(),
-        transform=IdentityTransform(),
-        edgecolors=GREY,
-        linewidths=0.6,
-        clip_on=False,
-        zorder=2.01,
-    )
-    marks.set_in_layout(False)
-    axes.add_collection(marks, autolim=False)
-
-
-class _EndLocator(MaxNLocator):
-    """Locator of ticks at round times and at the duration."""
-
-    def __init__(self, end: float) -> None:
-        super().__init__(nbins=8, steps=[1, 2, 2.5, 5, 10])
-        self.end = end
-
-    def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
-        """The ticks of a view, less those whose labels would run into that of the end."""
-        ticks = np.asarray(super().tick_values(vmin, vmax), dtype=float)
-        return [*ticks[np.abs(ticks - self.end) > 0.08 * (vmax - vmin)].tolist(), self.end]
-
-
-def _seconds(end: float, time: float, _: int | None = None) -> str:
-    """Label of a tick at a time, s; that of the duration `end` has three digits, or whole seconds."""
-    if time != end:
-        return f"{time:.6g}"
-    text = f"{end:.{max(0, 2 - math.floor(math.log10(end)))}f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text

@@ -7,7 +7,7 @@ A limit far from all curves of its panel is written above it instead of drawn, s
 to a line. Inside are radians and seconds, on the axes degrees and seconds.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +33,7 @@ from jaxplan.plotting.style import (
     curve,
     device_entries,
     device_style,
+    expect_plan,
     legend_beside,
     limit_lines,
     motion,
@@ -202,6 +203,7 @@ def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
         TypeError: if it is no plan.
         ValueError: if the plan has no trajectory, or another number of axes is given.
     """
+    plan = expect_plan(plan)
     moves, craft = motion(plan), plan.scenario.spacecraft
     values = moves.values.kinematics(craft)
     shown = [_joint_panel(craft, values, 0, kind) for kind in joint_kinds(craft)]
@@ -320,6 +322,27 @@ def draw_platform_rate(axes: Axes, moves: Motion, craft: Spacecraft) -> Entries:
     """Draw the platform's angular velocity by body axis on one panel; returns its legend entries."""
     panel = _platform_panel(craft, moves.values.kinematics(craft), SPIN[0])
     return [*_axis_entries(craft, SPIN[0]), *panel.draw(axes, moves)]
+
+
+def joint_panels(craft: Spacecraft, moves: Motion) -> list[Callable[[Axes], Entries]]:
+    """What draws the angles of each kind of joints with their ranges on one panel; returns legend entries."""
+    values = moves.values.kinematics(craft)
+    found: list[Callable[[Axes], Entries]] = []
+    for kind in joint_kinds(craft):
+        panel = _joint_panel(craft, values, 0, kind)
+        owners = device_entries(craft.device_names)[kind.device : kind.device + len(panel.styles)]
+        found.append(lambda axes, panel=panel, owners=owners: [*owners, *panel.draw(axes, moves)])  # type: ignore[misc]
+    return found
+
+
+def draw_wheel_momenta(axes: Axes, plan: Plan, moves: Motion) -> Entries:
+    """Draw what each wheel of a plan's spacecraft holds on one panel; returns its legend entries."""
+    craft = plan.scenario.usable
+    total = None if plan.trajectory is None else total_momentum(plan.trajectory, craft)
+    values = moves.values.kinematics(craft, total)
+    (held,) = (quantity for quantity in QUANTITIES if quantity.of_wheels and quantity.power == 1)
+    panel = _platform_panel(craft, values, held)
+    return [*device_entries([wheel.name for wheel in craft.wheels]), *panel.draw(axes, moves)]
 
 
 def _movers(craft: Spacecraft) -> Entries:

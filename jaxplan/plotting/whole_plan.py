@@ -34,10 +34,13 @@ from jaxplan.plotting.time_panels import (
     size,
     torque,
 )
+from jaxplan.plotting.timeline import timeline, timeline_size
+from jaxplan.timeline.record import TimelinePlan
 from jaxplan.trajectory.spectrum import expect_frequencies
 
 OVERVIEW_SIZE = (11.0, 9.0)  # inches
 FIGURE_NAMES = (
+    "timeline",
     "overview",
     "spacecraft",
     "sphere",
@@ -92,13 +95,14 @@ def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
     return [top, *joints, *others]
 
 
-def figures(plan: Plan, frequencies: Sequence[float] = ()) -> Iterator[tuple[str, Figure]]:
+def figures(plan: Plan | TimelinePlan, frequencies: Sequence[float] = ()) -> Iterator[tuple[str, Figure]]:
     """Draw every figure that a plan has, one after the other; none of them belongs to pyplot.
 
     Args:
-        plan: of any status. Without a trajectory only spacecraft and sphere are drawn, without devices no
-            spacecraft, without joints no angles, without zones no margins, without masks no joint map, and
-            torque only where it, the momentum or the jerk has a limit.
+        plan: of any status, or that of a timeline, which alone has a figure of that name. Without a
+            trajectory only spacecraft and sphere are drawn, without devices no spacecraft, without joints no
+            angles, without zones no margins, without masks no joint map, and torque only where it, the
+            momentum or the jerk has a limit.
         frequencies: Hz, for a spectrum with a line at each; without them there is none.
 
     Yields:
@@ -108,7 +112,8 @@ def figures(plan: Plan, frequencies: Sequence[float] = ()) -> Iterator[tuple[str
         TypeError: if it is no plan.
         ValueError: if a frequency is not positive.
     """
-    expect_plan(plan)
+    day = plan if isinstance(plan, TimelinePlan) else None
+    plan = expect_plan(plan)
     asked = expect_frequencies(frequencies, zero=False)
     moves, craft = plan.trajectory is not None, plan.scenario.spacecraft
     loads = len(limited_loads(craft))
@@ -130,8 +135,12 @@ def figures(plan: Plan, frequencies: Sequence[float] = ()) -> Iterator[tuple[str
         ),
     }
     for name in FIGURE_NAMES:
-        draw, inches, there = drawings[name]
-        if there:
+        draw, inches, there = drawings.get(name, (timeline, OVERVIEW_SIZE, False))
+        if name == "timeline" and day is not None:
+            figure = Figure(figsize=timeline_size(day), layout="constrained")
+            timeline(day, ax=figure)
+            yield name, figure
+        elif there:
             figure = Figure(figsize=inches, layout="constrained")
             draw(plan, ax=figure)
             yield name, figure
@@ -142,12 +151,15 @@ def _at_start(plan: Plan, ax: Figure) -> None:
     spacecraft(plan.scenario.spacecraft, joints=plan.scenario.start.joints, ax=ax)
 
 
-def inline_figures(plan: Plan, frequencies: Sequence[float] = ()) -> Iterator[tuple[str, str]]:
+def inline_figures(
+    plan: Plan | TimelinePlan, frequencies: Sequence[float] = (), names: Sequence[str] | None = None
+) -> Iterator[tuple[str, str]]:
     """Draw the globe and the figures of a plan but the overview, which repeats the others.
 
     Args:
         plan: of any status; see `figures` for those that it has.
         frequencies: Hz, as of `figures`.
+        names: of those that are wanted, as far as there are any; None for all.
 
     Yields:
         The figure's name and its picture as a ``data:`` address, the same for the same plan: SVG with text as
@@ -157,8 +169,8 @@ def inline_figures(plan: Plan, frequencies: Sequence[float] = ()) -> Iterator[tu
     globe(plan, ax=ball)
     yield "globe", _address(ball)
     for name, figure in figures(plan, frequencies):
-        if name != "overview":
-            yield name, _address(figure)
+        if name != "overview" and (names is None or name in names):
+            yield name, _address(figure, hatched=name == "timeline")
 
 
 def write_png(figure: Figure, file: str | os.PathLike[str], software: str) -> None:
@@ -178,9 +190,11 @@ def write_png(figure: Figure, file: str | os.PathLike[str], software: str) -> No
     picture.save(file, format="png", dpi=dots, pnginfo=said, compress_level=_QUICKLY)
 
 
-def _address(figure: Figure) -> str:
-    """The picture of a figure as a ``data:`` address, SVG or PNG."""
-    kind, content = "svg+xml", _picture(figure, "svg", {"Date": None, "Creator": None})
+def _address(figure: Figure, *, hatched: bool = False) -> str:
+    """The picture of a figure as a ``data:`` address, SVG or PNG; of one known to be hatched not both."""
+    kind, content = "svg+xml", b"<pattern"
+    if not hatched:
+        content = _picture(figure, "svg", {"Date": None, "Creator": None})
     # hatches lose their transparency in SVG, so that zones print solid; many small surfaces are an image
     if b"<pattern" in content or b"<image" in content:
         kind, content = "png", _picture(figure, "png", {"Software": None})

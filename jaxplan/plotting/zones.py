@@ -36,7 +36,8 @@ from jaxplan.plotting.style import (
 Cone = KeepOut | KeepIn
 
 _EDGE: Look = {"linewidth": 1.1, "zorder": 1.6}  # of a zone's edge
-_TRACK_POINTS = 33  # of the track of a zone's axis
+_TRACK_POINTS, _MOST_POINTS = 33, 2000  # of the track of a zone's axis
+_TRACK_TURN = 0.05  # rad between them, as far as they are not too many
 _CROWD = 20  # number of zones beyond which their names are smaller and do not say what they bind
 # Where a zone's name may stand, the best first: shares of the zone's half width and half height.
 _SPOTS = np.array([(across, up) for across in (0, 0.6, -0.6, 1.2, -1.2) for up in (0, 0.5, -0.5, 0.8, -0.8)])
@@ -223,5 +224,7 @@ def zone_tracks(plan: Plan) -> list[tuple[Cone, np.ndarray]]:
         if path is not None and path.moves:
             last = float(path.times[-1]) if plan.goal is None else plan.goal.time
             there = replace(zone, direction=zone.axis_at(last))
-            tracks.append((there, path.at(np.linspace(0.0, last, _TRACK_POINTS))))
+            turned = path.largest_rate(0.0, last) * last
+            points = int(np.clip(turned / _TRACK_TURN, _TRACK_POINTS, _MOST_POINTS))
+            tracks.append((there, path.at(np.linspace(0.0, last, points))))
     return tracks

@@ -8,7 +8,6 @@ found, and here it is put together: head, verdict, and the parts in the order of
 
 import os
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 
 from jaxplan.certificate import Certificate
@@ -17,17 +16,20 @@ from jaxplan.model.status import STEPS, Status
 from jaxplan.planner import Plan
 from jaxplan.planner.proving import certify, check_margins
 from jaxplan.report import tables
+from jaxplan.report.day import day_page
+from jaxplan.report.document import document
 from jaxplan.report.markup import Markup, degrees, facts, number, section, tag
 from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import dump_scenario
+from jaxplan.timeline.record import TimelinePlan
 from jaxplan.version import __version__
 
 __all__ = ["report_html"]
 
 
 def report_html(
-    plan: Plan,
+    plan: Plan | TimelinePlan,
     path: str | os.PathLike[str],
     *,
     overwrite: bool = False,
@@ -37,13 +39,15 @@ def report_html(
 
     It shows scenario, goal, path, trajectory, the certificate with every margin and peak, figures, timings,
     and the scenario file to plan it again. The certificate is made anew for it. Of a plan that failed it says
-    at which step and what to change.
+    at which step and what to change. That of a timeline's plan has its activities, events and figures, with
+    the certificate as the plan has it.
 
     Args:
-        plan: of any status.
+        plan: of any status, or that of a timeline.
         path: the file. It appears whole or not at all; its folder is made.
         overwrite: whether an old file may be replaced.
-        frequencies: Hz, at which the spectrum of the torque is told and drawn; none by default.
+        frequencies: Hz, at which the spectrum of the torque is told and drawn, of a single manoeuvre; none by
+            default.
 
     Returns:
         The path.
@@ -53,17 +57,15 @@ def report_html(
         ValueError: if the path is empty, or a folder, or a frequency is not positive.
         FileExistsError: if there is a file at the path, and it may not be replaced.
     """
-    expect("plan", plan, Plan, "jp.plan makes one of a scenario")
+    if not isinstance(plan, TimelinePlan):
+        expect("plan", plan, Plan, "jp.plan makes one of a scenario, jp.plan_timeline that of a timeline")
     file_path("path", path)
     target = free_place(path, overwrite=overwrite)
-    text = page(plan, frequencies)
+    text = day_page(plan) if isinstance(plan, TimelinePlan) else page(plan, frequencies)
     with replacing_file(target) as fresh:
         fresh.write_text(text, encoding="utf-8")
     return target
 
-
-# What a browser may load: pictures and looks that are in the page itself.
-_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 
 _CAPTIONS = {
     "globe": "The sphere of directions, with zones and the ways of all boresights; what is behind is pale.",
@@ -97,17 +99,7 @@ def page(plan: Plan, frequencies: Sequence[float] = ()) -> str:
         *_parts(plan, certificate, pictures),
         tag("footer", tag("p", colophon)),
     )
-    style = Markup(files("jaxplan.report").joinpath("page.css").read_text(encoding="utf-8"))
-    head = tag(
-        "head",
-        tag("meta", charset="utf-8"),
-        tag("meta", http_equiv="Content-Security-Policy", content=_POLICY),
-        tag("meta", name_="viewport", content="width=device-width, initial-scale=1"),
-        tag("meta", name_="color-scheme", content="light dark"),
-        tag("title", f"{plan.scenario.name} \N{EN DASH} {_word(status)}"),
-        tag("style", style),
-    )
-    return f"<!DOCTYPE html>\n{tag('html', head, tag('body', main), lang='en')}\n"
+    return document(f"{plan.scenario.name} \N{EN DASH} {_word(status)}", main)
 
 
 def _verdict(plan: Plan, certificate: Certificate | None) -> tuple[Status, str]:

@@ -28,8 +28,8 @@ _STEPS = 12  # most steps; some four are usual
 _SETTLED = 5e-3  # share of the energy; a step that gains no more is the last
 _STILL = 1e-6  # rad; so is one that changes nothing by more
 _DIFFERENCE = 1e-6  # rad, for slopes by differences
-_TRUST = 0.35  # rad, most that a step changes anything
-_NEAR = 0.4  # rad; constraints with larger margins do not matter to a step
+_TRUST = 0.5  # rad, most by which a step moves any device
+_NEAR = 1.2  # rad; constraints with larger margins do not matter to a step
 _HARD = np.deg2rad(0.05)  # rad, that nodes keep from constraints and ends of ranges, so that curves do
 _ROOM = np.deg2rad(1.0)  # rad, that they keep where it costs little, so that slews have room at both ends
 _SHARE = 0.9  # of limits of rate and acceleration that nodes may use
@@ -136,11 +136,10 @@ class LeastMotion:
         return self._nodes(nodes.times, nodes.attitudes @ so3.exp(step[:, :3]), rest)
 
     def _left(self, nodes: Nodes) -> np.ndarray:
-        """What is left (K + 1, c) rad of ranges, first all low ends, then all high ones, and constraints."""
+        """What is left (K + 1, c) rad of low ends of ranges, then of high ones, and of constraints."""
         low, high = self.pursuit.craft.joint_ranges.T
         margins = self.pursuit.margins(nodes.attitudes, nodes.joints, nodes.times)
-        own = margins[:, np.all(np.isfinite(margins), axis=0)] if margins.size else margins
-        return np.concatenate([nodes.joints - low, high - nodes.joints, own], axis=1)
+        return np.concatenate([nodes.joints - low, high - nodes.joints, margins], axis=1)
 
     def price(self, nodes: Nodes) -> float:
         """The energy of nodes and the price of what they break."""
@@ -254,7 +253,9 @@ class LeastMotion:
         if not len(pull):
             return np.zeros((len(nodes.times), slopes.shape[2]))
         found = _program(hessian, pull, *self._bounds(nodes, slopes, basis))
-        return np.einsum("kdy,ky->kd", basis, found.reshape(basis.shape[0], basis.shape[2]))
+        step = np.einsum("kdy,ky->kd", basis, found.reshape(basis.shape[0], basis.shape[2]))
+        moved = np.linalg.norm(step[:, :3], axis=1) + np.max(np.abs(step[:, 3:]), axis=1, initial=0.0)
+        return np.asarray(step * min(1.0, _TRUST / max(float(np.max(moved)), 1e-300)))
 
     def _basis(self, nodes: Nodes, size: int) -> np.ndarray:
         """Orthonormal directions (K + 1, 3 + f, y) of steps along which targets stay met."""
@@ -364,4 +365,4 @@ def _program(
         if not np.all(np.isfinite(multipliers)):
             break
         found = free + turned.T @ multipliers
-    return np.asarray(found * min(1.0, _TRUST / max(float(np.max(np.abs(found))), 1e-300)))
+    return np.asarray(found)

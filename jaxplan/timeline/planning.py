@@ -20,7 +20,7 @@ from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import one_thread
 from jaxplan.schema.faults import nearest
-from jaxplan.schema.reading import take_in
+from jaxplan.schema.timelines import take_in_timeline
 from jaxplan.timeline import curves, proving
 from jaxplan.timeline.later import holding
 from jaxplan.timeline.motions import Doing, Motion, Refused
@@ -99,23 +99,11 @@ def in_order(timeline: Timeline) -> list[Activity]:
     return done
 
 
-def taken_in(timeline: Timeline) -> Timeline:
-    """The timeline with the model's types; raises a ScenarioError for what no file may hold."""
-    scene = take_in(replace(timeline.scene, goal=timeline.scene.start))
-    activities = tuple(
-        one
-        if one.attitude is None
-        else replace(one, attitude=take_in(replace(scene, goal=one.attitude)).goal)  # type: ignore[arg-type]
-        for one in timeline.activities
-    )
-    return replace(timeline, scene=scene, activities=activities)
-
-
 class _Day:
     """A timeline under way: what is planned so far, and the state in which that ends."""
 
     def __init__(self, timeline: Timeline) -> None:
-        timeline = taken_in(timeline)
+        timeline = take_in_timeline(timeline)
         scene, start = timeline.scene, timeline.scene.start
         self.timeline, self.scene = timeline, scene
         zero = np.zeros(len(start.joints))

@@ -169,13 +169,16 @@ class Pursuit:
         return smooth
 
     def margins(self, attitudes: np.ndarray, joints: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Margins (K, Z) rad of all constraints, +inf of rows that do not lead theirs."""
+        """Margins (K, p) rad of all that must hold: of pairs of row and sight, and of the best of a group."""
         rows, sights = self.rows, self.sights
         seen = sights.in_body(joints)
         values = joint_values(rows, sights.gimbals, joints) if rows.inner else None
         axes = axes_in_body(rows, self._at(times)[1] @ attitudes, seen)
         table = pair_margins(rows, seen, axes, values)
-        return np.asarray(best_entries(self.rows, np.min(table, axis=-1, initial=np.inf)))
+        row, sight = np.nonzero(rows.bound & rows.single[:, None])
+        groups = np.flatnonzero((rows.group == np.arange(len(rows.group))) & ~rows.single)
+        best = best_entries(rows, np.min(table, axis=-1, initial=np.inf))[:, groups]
+        return np.asarray(np.concatenate([table[:, row, sight], best], axis=1))
 
     def errors(self, attitudes: np.ndarray, joints: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Angles (K, k) rad between the devices' boresights and their targets."""

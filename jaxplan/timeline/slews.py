@@ -1,9 +1,10 @@
 """Slews between the motions of activities: they end in the state, rates and accelerations of what follows.
 
-A slew is planned from one state to another at given times, as any manoeuvre. Its duration is the time that
-there is, or the shortest, which is looked for from the strict lower bound on: first in a time a little above
-that, then by the shortest motion itself. The state in which it ends depends on when that is, so that each
-duration has a goal of its own.
+A slew leads from one state to another at given times. It is fitted along the straight path first, and where
+that cannot be proved it is planned with a search, as any manoeuvre. Its duration is the time that there is,
+or the shortest, which is looked for from the strict lower bound on: first in a time a little above that, then
+in what the fit says is needed. The state in which it ends depends on when that is, so that each duration has
+a goal of its own.
 """
 
 from collections.abc import Callable
@@ -16,22 +17,23 @@ from jaxplan import so3
 from jaxplan.certificate import Certificate
 from jaxplan.model.duration_bound import duration_bound
 from jaxplan.model.goals import GivenState
+from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import MINIMUM, Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.planner.clock import Clock
-from jaxplan.planner.record import Plan
 from jaxplan.planner.rounds import plan_in_rounds
+from jaxplan.planner.steps import fit
 from jaxplan.timeline import curves, proving
 from jaxplan.timeline.later import at_time
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory
 
-_ABOVE = (1.03, 1.08)  # times the bound: durations that are tried before the shortest motion is looked for
+_ABOVE = 1.03  # times the bound: the first duration that is tried
 _CLOSE = 1.004  # times the bound, below which a duration is not worth a try
-_SLACK = 1.01  # times the shortest time to a goal, that is given to reach the goal at another time
-_LONGER = 1.06  # from one try to the next, where neither fits
-_TRIES = 5
+_SLACK = 1.003  # times what is needed to a goal, that is given to reach the goal of another time
+_GROWTH = (1.02, 1.04, 1.08, 1.15, 1.3, 1.6)  # times: how much longer at least the next try is
+_STEP = 0.05  # s: likewise
 _FIRST = 10.0  # s, for which the first goal is found
 _LEAST = 0.5  # s, of any slew
 
@@ -43,16 +45,18 @@ class Slew:
     Attributes:
         status: how it ended.
         message: what is in the way, and what to change.
+        duration: s, planned or asked for.
+        needed: s, that are long enough where that duration is too short; None where that is not known.
         trajectory: from its start on, which is its zero; None where it failed.
-        duration: s, planned or asked for; of a failed one what is needed at least, as far as it is known.
         goal: what follows, by the function that says it.
         proof: the certificate of the trajectory.
     """
 
     status: Status
     message: str
-    trajectory: Trajectory | None
     duration: float
+    needed: float | None = None
+    trajectory: Trajectory | None = None
     goal: Any = None
     proof: Certificate | None = None
 
@@ -74,16 +78,30 @@ class Departure:
     time: float
 
     def in_time(self, goal: State, duration: float) -> Slew:
-        """The slew to a state in a given duration, s."""
-        plan = self._plan(goal, float(duration))
+        """The slew to a state in a given duration, s; of one that is too short it says what is needed."""
+        scenario = self._scenario(goal, duration)
+        straight = fit(scenario, _straight(self.state, goal), _goal(self.state, goal, duration))
+        if straight.status is Status.LIMITS_TOO_TIGHT:
+            needed = straight.needed_duration
+            text = straight.message
+            return Slew(status=straight.status, message=text, duration=duration, needed=needed)
+        if straight.status is Status.OK and straight.trajectory is not None:
+            slew = self._proved(goal, straight.trajectory)
+            if slew.trajectory is not None:
+                return slew
+        plan = plan_in_rounds([scenario], [Clock(scenario.search.time_limit)])[0]
         if plan.trajectory is None or not plan.ok:
-            return Slew(status=plan.status, message=plan.message, trajectory=None, duration=duration)
+            return Slew(status=plan.status, message=plan.message, duration=duration)
+        return self._proved(goal, plan.trajectory)
+
+    def _proved(self, goal: State, fitted: Trajectory) -> Slew:
+        """A slew that was fitted, with the accelerations of both ends, and its certificate."""
         ends = (self.state.acceleration, self.state.bends), (goal.acceleration, goal.bends)
-        made = curves.bent(plan.trajectory, ends)
+        made = curves.bent(fitted, ends)
         proof = proving.certify_part(self.scene, self.time, made, self.craft)
         if not proof.certified:
             text = "; ".join(proof.faults)
-            return Slew(status=Status.UNCERTIFIED, message=text, trajectory=None, duration=duration)
+            return Slew(status=Status.UNCERTIFIED, message=text, duration=made.duration)
         return Slew(status=Status.OK, message="", trajectory=made, duration=made.duration, proof=proof)
 
     def shortest(
@@ -102,14 +120,13 @@ class Departure:
 
         duration = admitted(_FIRST)
         state, found = goal_at(self.time + duration)
-        duration = admitted(_ABOVE[0] * self.bound(state))
-        factors = list(_ABOVE[1:])
+        duration = admitted(_ABOVE * self.bound(state))
         failed: Slew | None = None
-        for _ in range(_TRIES):
+        for growth in _GROWTH:
             state, found = goal_at(self.time + duration)
             bound = self.bound(state)
             if duration < _CLOSE * bound:
-                duration = admitted(_ABOVE[0] * bound)
+                duration = admitted(_ABOVE * bound)
                 state, found = goal_at(self.time + duration)
             slew = self.in_time(state, duration)
             if slew.trajectory is not None:
@@ -117,43 +134,44 @@ class Departure:
             failed = failed or slew
             if slew.status not in _PERHAPS_TOO_SHORT:
                 return slew
-            if factors:
-                duration = admitted(max(factors.pop(0) * bound, duration + _LEAST))
-                continue
-            quickest = self._plan(state, MINIMUM)
-            if quickest.trajectory is None or not quickest.ok:
-                return Slew(
-                    status=quickest.status, message=quickest.message, trajectory=None, duration=duration
-                )
-            needed = _SLACK * quickest.trajectory.duration
-            duration = admitted(needed if needed > duration else _LONGER * duration)
+            needed = slew.needed
+            if needed is None and slew.status is Status.LIMITS_TOO_TIGHT:
+                needed = self._shortest_to(state)
+            duration = admitted(max(_SLACK * (needed or 0.0), growth * duration, duration + _STEP))
         assert failed is not None
         return failed
+
+    def _shortest_to(self, goal: State) -> float | None:
+        """Duration, s, of the shortest motion to a state; None where there is none."""
+        scenario = self._scenario(goal, MINIMUM)
+        plan = plan_in_rounds([scenario], [Clock(scenario.search.time_limit)])[0]
+        return plan.trajectory.duration if plan.trajectory is not None and plan.ok else None
 
     def bound(self, goal: State) -> float:
         """Strict lower bound, s, of the duration of slews to a state; it knows no zones."""
         pairs = [(getattr(self.state, name), getattr(goal, name)) for name in _BOUND]
         return duration_bound(self.craft, *(np.stack(pair) for pair in pairs)).seconds
 
-    def _plan(self, goal: State, duration: Any) -> Plan:
-        """The plan of a slew to a state in a duration."""
+    def _scenario(self, goal: State, duration: Any) -> Scenario:
+        """The problem of a slew to a state in a duration, s, or the shortest."""
         scene = at_time(self.scene, self.time, None if isinstance(duration, str) else duration)
-        scenario = replace(
+        tube = scene.trajectory.node_tube
+        settings = replace(
+            scene.trajectory,
+            duration=duration,
+            method="global",
+            end_acceleration="zero",
+            node_tube=np.inf if tube is None else tube,
+            first_guesses=0,
+        )
+        return replace(
             scene,
             name=f"slew at {self.time:.2f} s",
             spacecraft=self.craft,
             start=_given(self.state),
             goal=_given(goal),
-            trajectory=replace(
-                scene.trajectory,
-                duration=duration,
-                method="global",
-                end_acceleration="zero",
-                node_tube=np.inf if scene.trajectory.node_tube is None else scene.trajectory.node_tube,
-                first_guesses=0,
-            ),
+            trajectory=settings,
         )
-        return plan_in_rounds([scenario], [Clock(scenario.search.time_limit)])[0]
 
 
 _PERHAPS_TOO_SHORT = (Status.LIMITS_TOO_TIGHT, Status.UNCERTIFIED)
@@ -167,4 +185,25 @@ def _given(state: State) -> GivenState:
         joints=state.joints,
         angular_velocity=state.velocity,
         joint_rates=state.rates,
+    )
+
+
+def _goal(start: State, state: State, time: float) -> Goal:
+    """A state as the goal of a slew of `time` s."""
+    return Goal(
+        attitude=state.attitude,
+        joints=state.joints,
+        slew_angle=float(so3.distance(start.attitude, state.attitude)),
+        time=time,
+        angular_velocity=state.velocity,
+        joint_rates=state.rates,
+    )
+
+
+def _straight(start: State, goal: State) -> Path:
+    """The path of a single edge."""
+    return Path(
+        attitudes=np.stack([start.attitude, goal.attitude]),
+        joints=np.stack([start.joints, goal.joints]),
+        edge_costs=np.ones(1),
     )

@@ -1,0 +1,336 @@
+"""The rows of a timeline: what is done when, and which device follows which target.
+
+The uppermost row has the activities by their names, the others have a device each, with a bar while it
+follows a target. A bar is pale while the target is followed before its activity's window opens. Hatched is
+when the target of the activity that is under way, or comes next, is hidden; after the last one it is that of
+the last. Activities that could not be planned have a row, in which they are outlined in red over the time in
+which they were allowed, each after the one before it.
+
+A name stands in its bar or, where it does not fit, beside it, and in a crowd turned by 90 deg.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb, to_rgba
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from jaxplan.model.directions import DirectionPath
+from jaxplan.model.timeline import Activity
+from jaxplan.plotting.style import GREY, HALO, KEEP_OUT, Entries, Look, device_style, name_lines, plain
+from jaxplan.timeline.record import PlannedActivity, TimelinePlan
+
+Span = tuple[float, float]
+
+_BAR = 0.74  # of a row: height of bars
+_LETTER = 0.56  # width of a letter in units of its size
+_ROOM = 3.0  # points that a bar is longer than the name in it
+_TURNED, _SIZE = 6.0, 7.0  # points: size of names turned by 90 deg, and of upright ones
+_ENOUGH = 0.75  # of the names that have room where they are turned: so many make them upright
+_TALLEST = 60.0  # points of a name for which rows are made higher
+_NARROW = 0.006  # of the day: shorter bars have no white edge
+_PALE = 0.35  # opacity of bars before a window opens
+_NOT_PLANNED = "not planned"
+_KINDS: dict[str, str] = {"track": "0.35", "point": "0.35", "attitude": "0.55", "idle": "0.75"}
+_HIDDEN: Look = {"facecolor": "none", "edgecolor": "0.6", "hatch": "/////", "linewidth": 0.0}
+_FAILED: Look = {"facecolor": to_rgba(KEEP_OUT, 0.10), "edgecolor": KEEP_OUT, "linewidth": 1.0}
+_SLEW: Look = {"facecolor": "0.92", "edgecolor": "0.84", "linewidth": 0.5, "zorder": 0.7}
+_POINT: Look = {"marker": "D", "markersize": 5.5, "linestyle": "none", "markeredgewidth": 0.6}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Following:
+    """A device that follows a target for an activity.
+
+    Attributes:
+        planned: the activity as it is planned, with its times.
+        device: number of the device.
+        path: of the target.
+        begin: s, from when on the device follows it, perhaps before the activity's window opens.
+        tolerance: rad, that was asked for.
+    """
+
+    planned: PlannedActivity
+    device: int
+    path: DirectionPath
+    begin: float
+    tolerance: float
+
+    @property
+    def start(self) -> float:
+        """When the activity begins, s."""
+        assert self.planned.start is not None
+        return self.planned.start
+
+    @property
+    def end(self) -> float:
+        """When it ends, s."""
+        assert self.planned.end is not None
+        return self.planned.end
+
+    @property
+    def name(self) -> str:
+        """Name of the target where its path has one, else nothing."""
+        return min({span.target for span in self.path.hidden} - {"target"}, default="")
+
+
+def followings(plan: TimelinePlan) -> list[Following]:
+    """All that devices follow on a day, in order; those of planned activities alone."""
+    asked = {activity.name: activity for activity in plan.timeline.activities}
+    begins = {segment.name: segment.start for segment in plan.segments if segment.kind != "slew"}
+    craft = plan.timeline.scene.spacecraft
+    found = []
+    for planned in plan.activities:
+        targets = asked[planned.name].targets
+        if planned.start is None or planned.end is None or targets is None:
+            continue
+        begin = min(planned.start, begins.get(planned.name, planned.start))
+        for device, path in zip(targets.numbers(craft), targets.paths, strict=True):
+            found.append(
+                Following(
+                    planned=planned, device=device, path=path, begin=begin, tolerance=float(targets.tolerance)
+                )
+            )
+    return found
+
+
+def device_rows(plan: TimelinePlan) -> dict[int, int]:
+    """Numbers of devices that have a row, with those of their rows."""
+    first = 1 + any(one.start is None for one in plan.activities)
+    return {device: row for row, device in enumerate(devices(plan), first)}
+
+
+def row_count(plan: TimelinePlan) -> int:
+    """Number of rows: of activities, of those that are not planned if there are any, and of devices."""
+    return 1 + any(one.start is None for one in plan.activities) + len(devices(plan))
+
+
+def slews(plan: TimelinePlan) -> list[Span]:
+    """Spans of all slews, s."""
+    return [(one.start, one.end) for one in plan.segments if one.kind == "slew"]
+
+
+def shade_slews(axes: Axes, plan: TimelinePlan) -> None:
+    """Shade the slews behind the data of a panel; a short one on a long axis is a hairline."""
+    spans = [(start, end - start) for start, end in slews(plan)]
+    axes.broken_barh(spans, (0, 1), transform=axes.get_xaxis_transform(), **_SLEW)
+
+
+def devices(plan: TimelinePlan) -> list[int]:
+    """Numbers of the devices that any activity has a target for; each has a row."""
+    craft = plan.timeline.scene.spacecraft
+    asked = [one.targets.numbers(craft) for one in plan.timeline.activities if one.targets is not None]
+    return sorted(set(chain.from_iterable(asked)))
+
+
+def draw_rows(axes: Axes, plan: TimelinePlan, end: float) -> Entries:
+    """Draw the rows of a timeline, but for names, on a panel up to `end`, s; returns legend entries."""
+    craft, rows = plan.timeline.scene.spacecraft, device_rows(plan)
+    failed = [_NOT_PLANNED] * (row_count(plan) - 1 - len(rows))
+    labels = name_lines(axes, ["activity", *failed, *(craft.device_names[device] for device in rows)])
+    for label in labels[1 : 1 + len(failed)]:
+        label.set_color(KEEP_OUT)
+    for device, label in zip(rows, labels[1 + len(failed) :], strict=True):
+        label.set_color(device_style(device)["color"])
+    axes.set_xlim(0, end)
+    axes.grid(False, axis="y")
+    shade_slews(axes, plan)
+    entries: Entries = [(Patch(**_SLEW), "slew")]
+    hidden = _draw_hidden(axes, plan, end)
+    bars = list(_bars(plan, end))
+    for bar in bars:
+        look = bar.look
+        if bar.end - bar.start < _NARROW * end and look is not _FAILED:  # all of it would be edge
+            look = {**look, "edgecolor": look["facecolor"]}
+        axes.broken_barh([(bar.start, bar.end - bar.start)], (bar.row - _BAR / 2, _BAR), **look)
+    _draw_points(axes, plan)
+    entries += [(Patch(**_HIDDEN), "target hidden")] * hidden
+    off = any(not one.ok and one.start is not None for one in plan.activities)
+    entries += [(Patch(**_FAILED), "not certified")] * off
+    if any(bar.waiting for bar in bars):
+        entries.append((Patch(color=GREY, alpha=_PALE), "followed before\nits window"))
+    if any(one.kind == "point" and one.ok for one in plan.activities):
+        entries.append((Line2D([], [], color=GREY, **_POINT), "instant"))
+    return entries
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Bar:
+    """A bar in a row, from `start` to `end`, s, with a name in it."""
+
+    row: int
+    start: float
+    end: float
+    name: str
+    look: Look
+    waiting: bool = False
+
+
+def _bars(plan: TimelinePlan, end: float) -> Iterator[_Bar]:
+    """Yield the bars of all rows."""
+    asked = {activity.name: activity for activity in plan.timeline.activities}
+    rows, before = device_rows(plan), 0.0
+    for one in plan.activities:
+        if one.start is None or one.end is None:
+            start, last = _allowed(asked[one.name], before, end)
+            yield _Bar(row=1, start=start, end=last, name=one.name, look=_FAILED)
+            before = max(before, last)
+            continue
+        before = one.end
+        look = {"facecolor": _KINDS[one.kind], "edgecolor": "white", "linewidth": 0.5}
+        if not one.ok:
+            look |= _FAILED
+        yield _Bar(row=0, start=one.start, end=one.end, name=one.name, look=look)
+    for own in followings(plan):
+        colour, start = device_style(own.device)["color"], own.start
+        look = {"facecolor": colour, "edgecolor": "white", "linewidth": 0.5}
+        if own.begin < start:
+            pale = {**look, "facecolor": to_rgba(colour, _PALE)}
+            yield _Bar(row=rows[own.device], start=own.begin, end=start, name="", look=pale, waiting=True)
+        yield _Bar(row=rows[own.device], start=start, end=own.end, name=own.name, look=look)
+
+
+def _allowed(activity: Activity, before: float, end: float) -> Span:
+    """The time, s, in which an activity that is not planned was allowed, within the day."""
+    start = min(max(before, activity.earliest or 0.0), end)
+    last = activity.latest
+    if last is None:
+        last = start + (activity.duration or 0.0)
+    return start, float(np.clip(last, start, end))
+
+
+def _draw_points(axes: Axes, plan: TimelinePlan) -> None:
+    """Mark the instants of activities that point at one."""
+    rows = device_rows(plan)
+    for own in followings(plan):
+        if own.planned.kind == "point":
+            look = {"color": device_style(own.device)["color"], "markeredgecolor": "white", **_POINT}
+            axes.plot([own.start], [rows[own.device]], **look)
+    times = np.array([one.start for one in plan.activities if one.kind == "point" and one.ok], float)
+    axes.plot(times, np.zeros(len(times)), color=_KINDS["point"], markeredgecolor="white", **_POINT)
+
+
+def _draw_hidden(axes: Axes, plan: TimelinePlan, end: float) -> bool:
+    """Hatch when each device's target is hidden; returns whether any is."""
+    every, drawn = followings(plan), False
+    for device, row in device_rows(plan).items():
+        own, spans = [one for one in every if one.device == device], list[Span]()
+        before = 0.0
+        for one in own:
+            last = end if one is own[-1] else one.end
+            spans += [
+                (max(before, span.start), min(last, span.end))
+                for span in one.path.hidden
+                if span.start < last and span.end > before
+            ]
+            before = one.end
+        if spans:
+            widths = [(start, last - start) for start, last in spans]
+            axes.broken_barh(widths, (row - _BAR / 2, _BAR), zorder=0.9, **_HIDDEN)
+            drawn = True
+    return drawn
+
+
+def write_names(axes: Axes, plan: TimelinePlan, end: float, size: tuple[float, float]) -> None:
+    """Write the names of bars into them or beside them, of a row all upright or all turned.
+
+    A name that has no room is left out; turned are those of rows where this names many more.
+
+    Args:
+        axes: with the rows.
+        plan: of the timeline.
+        end: s, of the panel.
+        size: width and height of the panel, points.
+    """
+    low, high = sorted(axes.get_ylim())
+    width, height = size[0] / end, size[1] / (high - low) * _BAR
+    bars = list(_bars(plan, end))
+    for row in {bar.row for bar in bars}:
+        own = sorted((bar for bar in bars if bar.row == row), key=lambda bar: bar.start)
+        upright, turned = (list(_placed(own, width, height, end, turned)) for turned in (False, True))
+        for place in upright if len(upright) >= _ENOUGH * len(turned) else turned:
+            _write(axes, place)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Place:
+    """Where a bar's name stands: at a time, s, which is its left end, middle or right end (`side`)."""
+
+    bar: _Bar
+    time: float
+    side: str
+    turned: bool
+
+
+def _placed(bars: Sequence[_Bar], width: float, height: float, end: float, turned: bool) -> Iterator[_Place]:
+    """Yield where names of bars of a row stand, of those that have room.
+
+    Args:
+        bars: of the row, by time.
+        width: points that a second takes.
+        height: points, of a bar.
+        end: s, of the panel.
+        turned: whether names are turned by 90 deg.
+    """
+    taken = 0.0  # s, until when the row is
+    for number, bar in enumerate(bars):
+        length = len(bar.name) * _LETTER * (_TURNED if turned else _SIZE)
+        needed = _TURNED if turned else length + _ROOM
+        if not bar.name or (turned and length > height):
+            taken = bar.end
+            continue
+        after = bars[number + 1].start if number + 1 < len(bars) else end
+        gap = _ROOM / 2 / width
+        place: tuple[float, str] | None = None
+        if needed <= (bar.end - bar.start) * width:
+            place = (bar.start + bar.end) / 2, "center"
+        elif needed <= (after - bar.end) * width:
+            place = bar.end + gap, "left"
+        elif needed <= (bar.start - taken) * width:
+            place = bar.start - gap, "right"
+        taken = bar.end
+        if place is not None:
+            yield _Place(bar=bar, time=place[0], side=place[1], turned=turned)
+            if place[1] == "left":
+                taken += needed / width
+
+
+def _write(axes: Axes, place: _Place) -> None:
+    """Write a bar's name, dark on light and light on dark."""
+    bar = place.bar
+    red, green, blue = to_rgb(bar.look["facecolor"])
+    dark = place.side == "center" and bar.look is not _FAILED and 0.3 * red + 0.59 * green + 0.11 * blue < 0.6
+    text = axes.text(
+        place.time,
+        bar.row,
+        bar.name,
+        ha=place.side,
+        va="center",
+        rotation=90 if place.turned else 0,
+        fontsize=_TURNED if place.turned else _SIZE,
+        color=KEEP_OUT if bar.look is _FAILED else "white" if dark else "black",
+        clip_on=True,
+        zorder=4,
+        path_effects=HALO["path_effects"] if place.side != "center" else None,
+    )
+    plain(text)
+
+
+def row_height(plan: TimelinePlan, width: float, end: float) -> float:
+    """Points that a row needs, so that names of activities that only fit where they are turned have room.
+
+    Args:
+        plan: of the timeline.
+        width: points, of the panel.
+        end: s, of the panel.
+    """
+    bars = sorted((bar for bar in _bars(plan, end) if bar.row == 0), key=lambda bar: bar.start)
+    fitting = len(list(_placed(bars, width / max(end, 1e-9), np.inf, end, turned=False)))
+    if fitting >= _ENOUGH * len(bars):
+        return 0.0
+    longest = max(len(bar.name) for bar in bars) * _LETTER * _TURNED
+    return (longest + _ROOM) / _BAR if longest <= _TALLEST else 0.0

@@ -1,0 +1,253 @@
+"""A timeline's plan as one figure: rows of what is done, and below them what it costs, on one axis of time.
+
+The panels from top to bottom: rows of activities and devices (`jaxplan.plotting.schedule`), the smallest
+margin to each zone, the pointing error of each device beside its tolerance, the platform's angular velocity,
+the angles of joints, and what wheels hold. Slews are grey in all of them.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
+
+from jaxplan.geometry.vectors import separation
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.plotting import margin_panels
+from jaxplan.plotting.margin_panels import margins_over_time
+from jaxplan.plotting.schedule import (
+    draw_rows,
+    followings,
+    row_count,
+    row_height,
+    shade_slews,
+    write_names,
+)
+from jaxplan.plotting.style import (
+    GREY,
+    KEEP_OUT,
+    LINE_STYLES,
+    TEXT,
+    Canvas,
+    Entries,
+    Look,
+    Motion,
+    barrier,
+    curve,
+    device_style,
+    expect_plan,
+    legend_beside,
+    motion,
+    note,
+    panels,
+    plain,
+    time_axis,
+)
+from jaxplan.plotting.time_panels import draw_platform_rate, draw_wheel_momenta, joint_panels
+from jaxplan.runtime.arguments import expect
+from jaxplan.timeline.record import TimelinePlan
+
+_WIDTH = 12.0  # inches
+_ROW, _HEAD, _PANEL, _FOOT = 0.27, 0.35, 1.35, 0.6  # inches of a row, above the rows, of a panel, below all
+_SHARE, _LAID_OUT = 0.78, 0.93  # of the figure's width and of its own height that the layout leaves a panel
+_ZONES = ("#B2182B", "#0B6394", "#8C510A", "#7A3E9D", "#1B7837", "#E08214", "#000000", "#C51B7D")
+_NAMED = len(_ZONES)  # zones with the least margins that have a colour; others are grey
+_TIGHT = 1e-2  # share of the least error proved, or asked for, below which errors are not told apart
+_SHORT = 0.006  # of the day: what is followed for less has a dot instead of a curve of its error
+_PEAK: Look = {"markersize": 3.0, "markeredgewidth": 0.0}
+_PROVED: Look = {"color": "black", "linewidth": 1.0, "linestyle": (0, (1, 1))}
+
+
+class _Panel(NamedTuple):
+    """A panel: its height in inches, and what draws it and returns legend entries."""
+
+    height: float
+    draw: Callable[[Axes], Entries]
+
+
+def timeline(plan: TimelinePlan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
+    """Draw a timeline's plan: what is done, and margins, pointing, rates, joints and wheels over the day.
+
+    A row for each device has bars while it follows a target, with the target's name where it is known;
+    where the target is hidden the row is hatched. Slews are grey throughout. Below stand the smallest margin
+    to each zone, the pointing errors beside tolerances and what is proved of them, the platform's angular
+    velocity, the angles of joints with their ranges, and what wheels hold, as far as there are any. The axis
+    of time is in UTC where the scene has an epoch.
+
+    Args:
+        plan: of a timeline, of any status; without a trajectory the rows stand alone.
+        ax: as many axes as there are panels, a figure to put them in, or None for a new one.
+        legend: whether to name curves beside the panels.
+
+    Returns:
+        The axes, from top to bottom.
+
+    Raises:
+        TypeError: if it is no plan of a timeline.
+        ValueError: if another number of axes is given.
+
+    Example:
+        >>> day = jp.plan_timeline(timeline)
+        >>> jp.plot.timeline(day)[0].figure.savefig("day.png")
+    """
+    expect("plan", plan, TimelinePlan, "jp.plan_timeline makes one")
+    moves = None if plan.trajectory is None else motion(plan)
+    shown = _panels(plan, moves)
+    heights = [panel.height for panel in shown]
+    size = _WIDTH, _FOOT + sum(heights)
+    new = ax is None or isinstance(ax, Figure | SubFigure)
+    grid = panels(ax, len(shown), size, heights=heights)
+    for axes, panel in zip(grid, shown, strict=True):
+        entries = panel.draw(axes)
+        if axes is not grid[0]:
+            shade_slews(axes, plan)
+            axes.set_ylabel(axes.get_ylabel().replace(" (", "\n("))
+        if legend:
+            legend_beside(axes, entries)
+    write_names(grid[0], plan, _end(plan), _extent(grid[0], heights[0] / size[1] if new else None))
+    _title(grid[0], plan)
+    if moves is not None:
+        time_axis(grid, moves)
+        grid[0].grid(False, axis="y")
+        grid[0].tick_params(axis="y", length=0)
+    return grid
+
+
+def timeline_size(plan: TimelinePlan) -> tuple[float, float]:
+    """Width and height of the figure, inches."""
+    moves = None if plan.trajectory is None else motion(plan)
+    return _WIDTH, _FOOT + sum(panel.height for panel in _panels(plan, moves))
+
+
+def _title(axes: Axes, plan: TimelinePlan) -> None:
+    """Write above the rows what the timeline is called, and how it ended."""
+    done = sum(one.ok for one in plan.activities)
+    words = f"{plan.timeline.name}: {done} of {len(plan.timeline.activities)} activities planned"
+    outcome = "" if plan.ok else f", {plan.status.name}"
+    plain(axes.set_title(words + outcome, fontsize=TEXT + 1, loc="left"))
+
+
+def _panels(plan: TimelinePlan, moves: Motion | None) -> list[_Panel]:
+    """The panels that a plan has."""
+    end = _end(plan)
+    row = max(_ROW, row_height(plan, _SHARE * _WIDTH * 72, end) / 72)
+    found = [_Panel(_HEAD + row * row_count(plan), lambda axes: draw_rows(axes, plan, end))]
+    if moves is None:
+        return found
+    craft = plan.timeline.scene.spacecraft
+    if plan.timeline.scene.zones:
+        found.append(_Panel(_PANEL, lambda axes: _draw_margins(axes, plan, moves)))
+    if followings(plan):
+        found.append(_Panel(_PANEL, lambda axes: _draw_errors(axes, plan, moves)))
+    found.append(_Panel(_PANEL, lambda axes: _draw_rate(axes, moves, craft)))
+    found += [_Panel(_PANEL, draw) for draw in joint_panels(craft, moves)]
+    if craft.wheels:
+        own = expect_plan(plan)
+        found.append(_Panel(_PANEL, lambda axes: draw_wheel_momenta(axes, own, moves)))
+    return found
+
+
+def _extent(axes: Axes, share: float | None) -> tuple[float, float]:
+    """Width and height, points, of a panel as it is, or will be with a share of its figure's height."""
+    figure = axes.get_figure(root=False)
+    assert figure is not None
+    box = axes.get_window_extent() if share is None else figure.bbox.shrunk(_SHARE, share * _LAID_OUT)
+    return box.width * 72 / figure.dpi, box.height * 72 / figure.dpi
+
+
+def _end(plan: TimelinePlan) -> float:
+    """When the day ends, s; of one without a trajectory when its last window closes."""
+    if plan.trajectory is not None:
+        return plan.trajectory.duration
+    ends = [one.latest for one in plan.timeline.activities if one.latest is not None]
+    return max([plan.timeline.until or 0.0, *ends, 1.0])
+
+
+def _draw_margins(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
+    """Draw the smallest margin of any device to each zone; returns legend entries."""
+    axes.set_ylabel("margin (deg)", fontsize=TEXT)
+    of_zones: dict[str, np.ndarray] = {}
+    for margin in margins_over_time(plan.timeline.scene, moves):
+        values = np.rad2deg(margin.values)
+        of_zones[margin.zone] = np.fmin(of_zones.get(margin.zone, np.full_like(values, np.nan)), values)
+    if not of_zones:
+        note(axes, "no margins")
+        return []
+    order = sorted(of_zones, key=lambda name: float(np.nanmin(of_zones[name])))
+    entries: Entries = []
+    for number, name in reversed(list(enumerate(order))):
+        look: Look = {"color": "0.7", "linewidth": 0.7}
+        if number < _NAMED:
+            look = {"color": _ZONES[number], "linestyle": LINE_STYLES[number % 4], "linewidth": 1.4}
+            entries.insert(0, (Line2D([], [], **look), name))
+        curve(axes, moves.times, of_zones[name], **look)
+    if len(order) > _NAMED:
+        entries.append((Line2D([], [], color="0.7", linewidth=0.7), f"{len(order) - _NAMED} others"))
+    margin_panels.span(axes, list(of_zones.values()))
+    return [*entries, (Line2D([], [], color=KEEP_OUT, **barrier(-1)), "limit: below it\na zone is broken")]
+
+
+def _draw_rate(axes: Axes, moves: Motion, craft: Spacecraft) -> Entries:
+    """Draw the platform's angular velocity by body axes; returns legend entries."""
+    entries = draw_platform_rate(axes, moves, craft)
+    axes.set_ylabel("platform rate (deg/s)", fontsize=TEXT)
+    return entries
+
+
+def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
+    """Draw the angle of each device from its target, with tolerances and what is proved."""
+    axes.set_ylabel("pointing error (deg)", fontsize=TEXT)
+    craft = plan.timeline.scene.spacecraft
+    errors: dict[int, np.ndarray] = {}
+    peaks: dict[int, list[tuple[float, float]]] = {}  # of those too short for a curve
+    proved, asked = list[tuple[float, float, float]](), list[tuple[float, float, float]]()
+    for own in followings(plan):
+        within = (moves.times >= own.begin) & (moves.times <= own.end)
+        line = errors.setdefault(own.device, np.full(len(moves.times), np.nan))
+        seen = np.asarray(own.path.at(moves.times[within]))
+        off = np.rad2deg(separation(moves.boresights[within, own.device], seen))
+        if own.end - own.begin > _SHORT * moves.times[-1]:
+            line[within] = off
+        else:
+            highest = float(np.max(off, initial=0.0))
+            peaks.setdefault(own.device, []).append(((own.begin + own.end) / 2, highest))
+        asked.append((own.begin, own.end, float(np.rad2deg(own.tolerance))))
+        if own.planned.pointing_error is not None:
+            proved.append((own.begin, own.end, float(np.rad2deg(own.planned.pointing_error))))
+    least, most = (pick(value for *_, value in (*asked, *proved)) for pick in (min, max))
+    one = len({value for *_, value in asked}) == 1
+    for device, line in errors.items():
+        style = device_style(device)
+        curve(axes, moves.times, np.maximum(line, _TIGHT * least), **{**style, "linewidth": 1.2})
+    for device, dots in peaks.items():
+        times, values = np.array(dots).T
+        axes.plot(
+            times, np.maximum(values, _TIGHT * least), "o", color=device_style(device)["color"], **_PEAK
+        )
+    axes.set_yscale("log")
+    if one:
+        axes.axhline(asked[0][2], color=GREY, **barrier(1))
+    else:
+        axes.plot(*_steps(asked), color=GREY, linewidth=1)
+    entries: Entries = [
+        (Line2D([], [], **{**device_style(device), "linewidth": 1.2}), craft.device_names[device])
+        for device in sorted(errors)
+    ]
+    entries += [
+        (Line2D([], [], marker="o", color=GREY, linestyle="none", **_PEAK), "largest of a short one")
+    ] * bool(peaks)
+    entries.append((Line2D([], [], color=GREY, **barrier(1)), "tolerance"))
+    if proved:
+        axes.plot(*_steps(proved), **_PROVED)
+        entries.append((Line2D([], [], **_PROVED), "proved for all time"))
+    axes.set_ylim(_TIGHT * least / 2, 4 * most)
+    return entries
+
+
+def _steps(levels: list[tuple[float, float, float]]) -> tuple[Any, Any]:
+    """Times and values of level lines, each from a start to an end, with gaps between."""
+    starts, ends, values = np.array(levels).T
+    gaps = np.full(len(levels), np.nan)
+    return np.stack([starts, ends, gaps], axis=1).ravel(), np.stack([values, values, gaps], axis=1).ravel()

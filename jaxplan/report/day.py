@@ -1,0 +1,177 @@
+"""The page on a timeline's plan: summary, activities, events, figures and certificate of the day."""
+
+import numpy as np
+
+from jaxplan.model.status import Status
+from jaxplan.report import tables
+from jaxplan.report.document import document
+from jaxplan.report.markup import Markup, degrees, facts, number, section, table, tag
+from jaxplan.timeline.events import Event, events
+from jaxplan.timeline.listing import activity_rows, clock, stamps
+from jaxplan.timeline.record import TimelinePlan
+from jaxplan.version import __version__
+
+_CAPTIONS = {
+    "timeline": "What is done when: a row for each device, with a bar while it follows a target, hatched "
+    "where that is hidden; slews are grey. Below: smallest margin to each zone, pointing error and what is "
+    "proved of it, the platform's angular velocity, angles of joints, and what wheels hold.",
+    "globe": "The sphere of directions with the ways of all boresights over the day; zones are where they "
+    "are at the start, and their fainter edges where they are at the end.",
+    "sphere": "The same unfolded: inertial azimuth and elevation.",
+    "spacecraft": "The spacecraft in its body axes: how devices are mounted, what they reach, and where they "
+    "look at the start. Where on the platform they stand is not known, and lengths mean nothing.",
+    "accelerations": "Angular acceleration of the platform in body axes, and accelerations of the joints.",
+    "torque": "What the actuators must give, in body axes or wheel by wheel, with their limits.",
+}
+_MOST_EVENTS = 2000  # rows of the table of events
+
+
+def day_page(plan: TimelinePlan) -> str:
+    """The HTML of the page on a timeline's plan of any status; see `jaxplan.report.report_html`."""
+    found, pictures = events(plan), dict(_pictures(plan))
+    colophon = (
+        f"Made by jaxplan {__version__}. The certificate is the one of the plan, from its trajectory alone. "
+        "Attitudes map body to inertial axes."
+    )
+    main = tag("main", _header(plan), *_parts(plan, found, pictures), tag("footer", tag("p", colophon)))
+    return document(f"{plan.timeline.name} \N{EN DASH} {_word(plan.status)}", main)
+
+
+def _word(status: Status) -> str:
+    """A status in words, such as "Goal unreachable"."""
+    return "Certified" if status is Status.OK else status.name.replace("_", " ").capitalize()
+
+
+def _header(plan: TimelinePlan) -> Markup:
+    """Head of the page: title, verdict, and the numbers that matter most."""
+    text = f"{plan.status.value[:1].upper()}{plan.status.value[1:]}."
+    if plan.ok:
+        text = "Every zone and every limit holds at every instant, and every device follows its target."
+    told = [tag("strong", _word(plan.status)), tag("p", text)]
+    for label, words in (("What happened", plan.message), ("What to change", plan.status.advice)):
+        if words:
+            told.append(tag("p", tag("b", f"{label}: "), words))
+    return tag(
+        "header",
+        tag("p", "Plan of a timeline", class_="kicker"),
+        tag("h1", plan.timeline.name),
+        tag("div", *told, class_="verdict good" if plan.ok else "verdict bad"),
+        tag("dl", *_tiles(plan), class_="tiles"),
+    )
+
+
+def _tiles(plan: TimelinePlan) -> list[Markup]:
+    """Activities planned, duration, slews, pointing error, smallest margin and highest peak, as known."""
+    done = sum(one.ok for one in plan.activities)
+    found = [("activities planned", f"{done} of {len(plan.timeline.activities)}", "")]
+    slews = [one.end - one.start for one in plan.segments if one.kind == "slew"]
+    if plan.trajectory is not None:
+        found.append(("duration", duration_text(plan.trajectory.duration), "h:min:s"))
+        found.append((f"in {len(slews)} slews", duration_text(sum(slews)), "h:min:s"))
+    if plan.pointing_error is not None:
+        found.append(("pointing, within", degrees_text(plan.pointing_error), "deg"))
+    certificate = plan.certificate
+    if certificate is not None and certificate.min_margin is not None:
+        found.append(("smallest margin", degrees(certificate.min_margin), "deg"))
+    if certificate is not None and certificate.peaks:
+        quantity, percent = tables.highest_peak(certificate, plan.timeline.scene.spacecraft)
+        found.append((f"of its limit: {quantity}", percent, "%"))
+    return [
+        tag("div", tag("dt", label), tag("dd", value, " ", tag("span", unit, class_="unit")))
+        for label, value, unit in found
+    ]
+
+
+def duration_text(seconds: float) -> str:
+    """Hours, minutes and seconds of a duration, s, as in "1:02:03"."""
+    whole = round(seconds)
+    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+
+
+def degrees_text(angle: float) -> str:
+    """Text of a small angle, rad, in degrees with two digits that tell."""
+    return f"{float(np.rad2deg(angle)):.2g}"
+
+
+def _parts(plan: TimelinePlan, found: tuple[Event, ...], pictures: dict[str, Markup]) -> list[Markup]:
+    """The sections of the page, as far as the plan came."""
+
+    def shown(*names: str) -> list[Markup]:
+        return [pictures[name] for name in names if name in pictures]
+
+    scene = plan.timeline.scene
+    parts = [
+        section("day", "The day", *shown("timeline")),
+        section("activities", "Activities", activities_table(plan)),
+    ]
+    if found:
+        parts.append(section("events", "Events", events_listed(plan, found)))
+    if plan.trajectory is not None:
+        parts.append(section("motion", "The motion", *shown("globe", "sphere", "accelerations", "torque")))
+    if plan.certificate is not None:
+        parts.append(section("certificate", "Certificate", *_certificate(plan)))
+    setting = (
+        *shown("spacecraft"),
+        tables.spacecraft_tables(scene.spacecraft),
+        tables.zones_table(scene),
+        tables.tube_table(scene),
+    )
+    parts.append(section("scene", "Scene", *setting))
+    if plan.timings:
+        rows = [[name, number(seconds, 3)] for name, seconds in plan.timings.items()]
+        timings = table(["Step", "Time|s"], rows, "Time spent planning")
+        parts.append(section("timings", "Timings", timings))
+    return parts
+
+
+def activities_table(plan: TimelinePlan) -> Markup:
+    """Table of what became of each activity."""
+    when, (head, *rows) = clock(plan), activity_rows(plan)
+    titles = ["Activity", "Kind", "Start|", "End|", "Slew|s", "Error, at most|deg", "Status", "Message"]
+    tried = {one.name for one in plan.activities}
+    left = [one.name for one in plan.timeline.activities if one.name not in tried]
+    rest = f"; not tried: {', '.join(left)}" if left else ""
+    return table(
+        titles[: len(head)], rows, f"Activities, in the order in which they are done; times in {when}{rest}"
+    )
+
+
+def events_listed(plan: TimelinePlan, found: tuple[Event, ...]) -> Markup:
+    """Table of events; of very many the first."""
+    kept = found[:_MOST_EVENTS]
+    rows = [
+        [stamp, f"{event.text[:1].upper()}{event.text[1:]}"]
+        for stamp, event in zip(stamps(plan, [event.time for event in kept]), kept, strict=True)
+    ]
+    more = "" if len(kept) == len(found) else f", the first {len(kept)} of {len(found)}"
+    return table(["Time", "Event"], rows, f"What happens, in order of time{more}; times in {clock(plan)}")
+
+
+def _certificate(plan: TimelinePlan) -> list[Markup]:
+    """Facts and tables of the certificate."""
+    proof, scene = plan.certificate, plan.timeline.scene
+    assert proof is not None
+    rows = [
+        ("Certificate", "holds at every instant" if proof.certified else "does not hold"),
+        ("Instants evaluated", f"{proof.evaluations:,}"),
+    ]
+    if proof.min_margin is not None and proof.worst_time is not None:
+        when = stamps(plan, [proof.worst_time])[0]
+        least = f"{degrees(proof.min_margin, 3)} deg, {proof.worst_device} to {proof.worst_zone}"
+        rows.append(("Smallest margin, at least", f"{least} at {when} ({clock(plan)})"))
+    content = [facts(rows, "Proof"), tables.faults_list(proof)]
+    if proof.peaks:
+        content.append(tables.peaks_table(proof, scene.usable))
+    return content
+
+
+def _pictures(plan: TimelinePlan) -> list[tuple[str, Markup]]:
+    """Draw the figures of the page; returns names and HTML."""
+    from jaxplan.plotting import inline_figures  # only here: the rest does without matplotlib
+
+    found = []
+    for name, address in inline_figures(plan, names=tuple(_CAPTIONS)):
+        caption = _CAPTIONS[name]
+        image = tag("img", src=address, alt=caption)
+        found.append((name, tag("figure", image, tag("figcaption", caption), id=f"figure-{name}")))
+    return found

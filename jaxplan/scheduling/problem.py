@@ -1,0 +1,312 @@
+"""The planning problems between goals: in which state a slew leaves a goal, and what it goes to.
+
+A **state** belongs to each goal at each departure. That of a `GivenState` is itself. That of `Targets` is
+found by step 1 from the reference: of all states that meet them it is the one turned least from the
+reference's attitude, unless the targets name another criterion, and devices without a target keep the
+reference's joints where zones let them. It follows from goal, reference and zones alone, never from the goal
+before. So slews can be put one after another.
+
+**What moves** is known over times from 0 on, the time of the scene. A slew that departs at ``t`` sees it
+``t`` later: all paths are shifted by ``-t``, and the epoch is ``t`` later. The state of targets that move is
+the one at departure, at the rates with which these go on. Targets that stand still have one state for all
+departures, found among the zones that stand still: plans say whether the others let it be.
+
+A slew **goes to** the state of its goal. Where targets move, or free ones are asked for, it goes to any state
+that meets them when it ends. Radians, seconds, body to inertial.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from jax.typing import ArrayLike
+
+from jaxplan import so3
+from jaxplan.model.directions import DirectionPath
+from jaxplan.model.goals import LEAST_ROTATION, GivenState, Targets
+from jaxplan.model.hidden import Hidden
+from jaxplan.model.scenario import Scenario, paths
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Zone
+from jaxplan.planner.record import Plan, end_rates
+from jaxplan.planner.runs import as_filed
+from jaxplan.planner.steps import find_goals
+from jaxplan.planner.validity import start_breaches
+from jaxplan.runtime.arguments import expect, expect_any, floats, several
+from jaxplan.schema import with_settings
+from jaxplan.schema.reading import checked_spacecraft
+
+AnyZone = TypeVar("AnyZone", KeepOut, KeepIn, JointBound)
+AnyCone = TypeVar("AnyCone", KeepOut, KeepIn)
+_MOST_PAIRS = 2**31  # of a study, which numbers its scenes with 32 bits
+
+
+class Unmet(NamedTuple):
+    """A goal without a state: the name of a `Status`, and the message that says why."""
+
+    status: str
+    message: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SlewProblem:
+    """Goals of a spacecraft among zones, between which slews are to be planned.
+
+    Attributes:
+        scene: spacecraft, zones, settings and epoch; its start is the reference from which states are found.
+        names: (n,) of the goals.
+        goals: (n,) what they are.
+        departures: (k,) s, when slews depart; None where they depart at the scene's time 0 alone.
+        free: whether slews go to any state that meets the targets of their goal.
+    """
+
+    scene: Scenario
+    names: tuple[str, ...]
+    goals: tuple[GivenState | Targets, ...]
+    departures: np.ndarray | None
+    free: bool
+
+    @property
+    def times(self) -> np.ndarray:
+        """(k,) s, of the departures, the scene's time 0 alone where none are given."""
+        return np.zeros(1) if self.departures is None else self.departures
+
+    @cached_property
+    def scenes(self) -> tuple[Scenario, ...]:
+        """The scene as it is at each of the k departures."""
+        return tuple(later(self.scene, float(time)) for time in self.times)
+
+    @cached_property
+    def states(self) -> tuple[tuple[GivenState | Unmet, ...], ...]:
+        """The state of each goal at each departure, k rows of n; or why there is none."""
+        quiet = _still(self.scene)
+        fixed = [None if goal.moves else _state(quiet, goal) for goal in self.goals]
+        return tuple(
+            tuple(
+                _state(scene, later_goal(goal, float(time))) if own is None else own
+                for goal, own in zip(self.goals, fixed, strict=True)
+            )
+            for scene, time in zip(self.scenes, self.times, strict=True)
+        )
+
+    def goes_to(self, departure: int, goal: int) -> GivenState | Targets | Unmet:
+        """What slews to a goal go to, by the numbers of departure and goal."""
+        asked = self.goals[goal]
+        if isinstance(asked, Targets) and (self.free or asked.moves):
+            return later_goal(asked, float(self.times[departure]))
+        return self.states[departure][goal]
+
+    def unmet(self, departure: int, first: int, second: int) -> Unmet | None:
+        """Why there is no planning problem for a pair; None where there is one."""
+        for name, end in (
+            (self.names[first], self.states[departure][first]),
+            (self.names[second], self.goes_to(departure, second)),
+        ):
+            if isinstance(end, Unmet):
+                return Unmet(end.status, f"{name}: {end.message}")
+        return None
+
+    def scenario(self, departure: int, first: int, second: int) -> Scenario:
+        """The planning problem of a pair of goals at a departure, by numbers; `unmet` says if it has one."""
+        start, goal = self.states[departure][first], self.goes_to(departure, second)
+        assert not isinstance(start, Unmet)
+        assert not isinstance(goal, Unmet)
+        when = "" if self.departures is None else f" at {self.departures[departure]:g} s"
+        name = f"{self.names[first]} to {self.names[second]}{when}"
+        return replace(self.scenes[departure], name=name, start=start, goal=goal)
+
+    def stay(self, departure: int, goal: int) -> Unmet | None:
+        """Why the spacecraft may not be in the state of a goal at a departure; None where it may."""
+        state = self.states[departure][goal]
+        if isinstance(state, Unmet):
+            return self.unmet(departure, goal, goal)
+        broken = start_breaches(replace(self.scenes[departure], start=state, goal=state))
+        return Unmet("INVALID_START", f"{self.names[goal]}: {'; '.join(broken)}") if broken else None
+
+
+def _state(scene: Scenario, goal: GivenState | Targets) -> GivenState | Unmet:
+    """The state of a goal at the time 0 of a scene, found by step 1 from the scene's start; or why not."""
+    if isinstance(goal, GivenState):
+        return goal
+    asked = replace(scene, goal=replace(goal, criterion=goal.criterion or LEAST_ROTATION))
+    found = find_goals(asked, 0.0)
+    if isinstance(found, Plan):
+        return Unmet(found.status.name, found.message)
+    spin, rates = end_rates(asked, found[0])
+    return GivenState(
+        rotation_vector=np.asarray(so3.log(found[0].attitude)),
+        joints=np.asarray(found[0].joints),
+        angular_velocity=np.asarray(spin),
+        joint_rates=np.asarray(rates),
+    )
+
+
+def _still(scene: Scenario) -> Scenario:
+    """The scene without the zones that move, and without the groups in which one does."""
+    every: tuple[Zone, ...] = (*scene.keep_out, *scene.keep_in, *scene.joint_bounds)
+    moving = {zone.any_of for zone in every if zone.moves}
+
+    def still(zones: Iterable[AnyZone]) -> tuple[AnyZone, ...]:
+        alone = (zone for zone in zones if not zone.moves)
+        return tuple(zone for zone in alone if zone.any_of is None or zone.any_of not in moving)
+
+    return replace(
+        scene,
+        keep_out=still(scene.keep_out),
+        keep_in=still(scene.keep_in),
+        joint_bounds=still(scene.joint_bounds),
+    )
+
+
+def later(scene: Scenario, time: float) -> Scenario:
+    """The scene of a slew that departs at a time, s: what moves, and the epoch, counted from there on."""
+    if time == 0.0:
+        return scene
+    epoch = scene.epoch
+    if epoch is not None:
+        epoch = epoch + np.timedelta64(round(time * 1e9), "ns")
+
+    def moved(zones: Iterable[AnyCone]) -> tuple[AnyCone, ...]:
+        return tuple(replace(zone, direction=_later(zone.direction, time)) for zone in zones)
+
+    return replace(scene, epoch=epoch, keep_out=moved(scene.keep_out), keep_in=moved(scene.keep_in))
+
+
+def later_goal(goal: GivenState | Targets, time: float) -> GivenState | Targets:
+    """The goal of a slew that departs at a time, s: targets and wishes that move, counted from there on."""
+    if isinstance(goal, GivenState) or not goal.moves or time == 0.0:
+        return goal
+    wishes = tuple(replace(wish, direction=_later(wish.direction, time)) for wish in goal.prefer)
+    directions: Any = goal.directions
+    if isinstance(directions, list | tuple):
+        directions = tuple(_later(direction, time) for direction in directions)
+    return replace(goal, directions=directions, prefer=wishes)
+
+
+def _later(direction: Any, time: float) -> Any:
+    """A direction as it is counted from a time on, s: a path is shifted, all else stays."""
+    if not isinstance(direction, DirectionPath) or not direction.moves:
+        return direction
+    hidden = tuple(
+        Hidden(target=span.target, by=span.by, start=span.start - time, end=span.end - time)
+        for span in direction.hidden
+    )
+    return replace(direction, times=np.asarray(direction.times) - time, hidden=hidden)
+
+
+def make_problem(
+    problem: Spacecraft | Scenario,
+    goals: Mapping[str, Any] | Sequence[Any],
+    *,
+    zones: Mapping[str, Sequence[Any]],
+    departures: ArrayLike | None,
+    start: GivenState | None,
+    free: bool,
+    settings: Mapping[str, Any] | None,
+) -> SlewProblem:
+    """Check the arguments of `slew_times` and make its problem; they are those of `slew_times`.
+
+    Raises:
+        TypeError: for what is none of what an argument may be.
+        ScenarioError: for values that a scenario file may not have, with every fault.
+        ValueError: for zones beside those of a scenario, departures at which something is not known, and a
+            duration that is given.
+    """
+    if not isinstance(free, bool):
+        raise TypeError(f"free must be True or False, not {free!r}")
+    scene = _scene(problem, zones, start)
+    scene = with_settings(scene, {"trajectory.duration_s": "minimum", **_dict(settings)})
+    if scene.trajectory.timed:
+        raise ValueError(
+            f"settings: trajectory.duration_s = {scene.trajectory.duration:g}: "
+            'must be "minimum" or "stretched", since the times are to be found'
+        )
+    named = _named(goals)
+    checked = [_checked(scene, name, goal) for name, goal in named.items()]
+    when = None if departures is None else _departures(scene, named, checked, departures)
+    pairs = len(checked) * (len(checked) - 1) * (1 if when is None else len(when))
+    if pairs >= _MOST_PAIRS:
+        raise ValueError(f"goals and departures make {pairs} pairs: must be less than {_MOST_PAIRS}")
+    return SlewProblem(scene=scene, names=tuple(named), goals=tuple(checked), departures=when, free=free)
+
+
+def _dict(settings: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    """Settings as a dict, empty for None; raises a TypeError for what is none."""
+    if settings is not None and not isinstance(settings, Mapping):
+        raise TypeError(
+            f'settings must be a dict such as {{"search.seed": 1}}, not {type(settings).__name__}'
+        )
+    return settings or {}
+
+
+def _scene(
+    problem: Spacecraft | Scenario, zones: Mapping[str, Sequence[Any]], start: GivenState | None
+) -> Scenario:
+    """The checked scene: the scenario's, or one of a spacecraft and zones; its goal is its start."""
+    expect_any("problem", problem, (Spacecraft, Scenario), "a Spacecraft or a Scenario")
+    if start is not None:
+        expect("start", start, GivenState, "jp.point makes one that points somewhere")
+    every: dict[str, Any] = {name: tuple(several(name, each, "zones")) for name, each in zones.items()}
+    if isinstance(problem, Scenario):
+        given = [name for name, each in every.items() if each]
+        if given:
+            raise ValueError(f"{given[0]}: the scenario has zones of its own; give these to it")
+        reference = problem.start if start is None else start
+        return as_filed("problem", replace(problem, start=reference, goal=reference))
+    craft = checked_spacecraft(problem)
+    rest = np.clip(np.zeros(craft.joint_count), *craft.joint_ranges.T)
+    reference = GivenState(rotation_vector=np.zeros(3), joints=rest) if start is None else start
+    scene = Scenario(name="slew times", spacecraft=craft, start=reference, goal=reference, **every)
+    return as_filed("the arguments", scene)
+
+
+def _named(goals: Mapping[str, Any] | Sequence[Any]) -> dict[str, Any]:
+    """Goals by name, those of a sequence by numbers; raises for none, and for names that are no text."""
+    if isinstance(goals, Mapping):
+        named = dict(goals)
+        for name in named:
+            expect("a name in goals", name, str)
+            if not name or len(name) > 100 or not name.isprintable():
+                raise ValueError(f"goals: the name {name[:100]!r} must have 1 to 100 characters that print")
+    else:
+        named = {str(place): goal for place, goal in enumerate(several("goals", goals, "goals"))}
+    if not named:
+        raise ValueError("goals is empty: there is nothing to go to")
+    return named
+
+
+def _checked(scene: Scenario, name: str, goal: Any) -> GivenState | Targets:
+    """A goal as a scenario file would hold it; raises with the name of the goal for what none may hold."""
+    where = f"goals[{name!r}]"
+    expect_any(where, goal, (GivenState, Targets, Mapping), "a GivenState, Targets, or a dict by devices")
+    asked = Targets.of(goal) if isinstance(goal, Mapping) else goal
+    return as_filed(where, replace(scene, goal=asked)).goal
+
+
+def _departures(
+    scene: Scenario,
+    named: Iterable[str],
+    goals: Sequence[GivenState | Targets],
+    departures: ArrayLike,
+) -> np.ndarray:
+    """Departures as (k,) s; raises a ValueError where they do not rise, or something is not known then."""
+    times = floats("departures", departures, "an array of numbers of seconds")
+    if times.ndim != 1 or not len(times):
+        raise ValueError(f"departures: must be of shape (k,) with k at least 1, not {times.shape}")
+    known = dict(paths(scene))
+    for name, goal in zip(named, goals, strict=True):
+        known |= {f"{what}, of goal {name}": path for what, path in paths(replace(scene, goal=goal))}
+    for place, time in enumerate(times):
+        if not 0 <= time <= 1e7:
+            raise ValueError(f"departures[{place}] = {time:g}: must lie in [0, 1e7] s")
+        if place and not time > times[place - 1]:
+            raise ValueError(f"departures[{place}] = {time:g}: must be later than {times[place - 1]:g}")
+        for what, path in known.items():
+            if not time < path.times[-1]:
+                raise ValueError(
+                    f"departures[{place}] = {time:g}: must be earlier than {path.times[-1]:g} s, until "
+                    f"when {what} is known"
+                )
+    return times

@@ -1,0 +1,115 @@
+"""A planned day as rows of text: activities for tables, events for tables and files, and stamps of UTC."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from jaxplan.model.epochs import utc_texts
+from jaxplan.timeline.events import Event
+from jaxplan.timeline.record import TimelinePlan
+
+NONE = "\N{EN DASH}"
+"""What stands where nothing is known."""
+
+
+def utc_stamps(epoch: np.datetime64, times: Sequence[float]) -> list[str]:
+    """UTC of times, s after an epoch and in any order, to the millisecond, as in ``2026-06-20T09:30:00.000``.
+
+    Args:
+        epoch: of the start.
+        times: k of them.
+    """
+    given = np.round(np.asarray(times, float), 3)
+    order = np.argsort(given, kind="stable")
+    texts = utc_texts(epoch.astype("datetime64[ns]"), given[order]) if len(given) else []
+    found = [""] * len(given)
+    for place, text in zip(order.tolist(), texts, strict=True):
+        found[place] = text[:23]
+    return found
+
+
+def clock(plan: TimelinePlan) -> str:
+    """What `stamps` are in: "UTC", with the date where all of the plan is on one, or "s"."""
+    epoch = plan.timeline.scene.epoch
+    if epoch is None:
+        return "s"
+    date = _date(plan)
+    return "UTC" if date is None else f"UTC, {date}"
+
+
+def _date(plan: TimelinePlan) -> str | None:
+    """The date in UTC on which all of a plan is, if there is one."""
+    epoch = plan.timeline.scene.epoch
+    if epoch is None:
+        return None
+    end = 0.0 if plan.trajectory is None else plan.trajectory.duration
+    first, last = (stamp[:10] for stamp in utc_stamps(epoch, [0.0, end]))
+    return first if first == last else None
+
+
+def stamps(plan: TimelinePlan, times: Iterable[float | None]) -> list[str]:
+    """Texts of times, s, as `clock` says what they are in; a dash for None."""
+    given = list(times)
+    known = [time for time in given if time is not None]
+    epoch, cut = plan.timeline.scene.epoch, 0 if _date(plan) is None else len("2026-06-20 ")
+    if epoch is None:
+        texts = iter([f"{time:.2f}" for time in known])
+    else:
+        texts = iter([stamp.replace("T", " ")[cut:] for stamp in utc_stamps(epoch, known)])
+    return [NONE if time is None else next(texts) for time in given]
+
+
+def activity_rows(plan: TimelinePlan) -> list[list[str]]:
+    """Rows of a table of what became of each activity, the first one its head.
+
+    Columns are name, kind, start, end, duration of the slew in s, largest pointing error in deg and status;
+    the message comes last where there is any.
+
+    Args:
+        plan: of a timeline.
+    """
+    told = any(one.message for one in plan.activities)
+    starts = stamps(plan, [one.start for one in plan.activities])
+    ends = stamps(plan, [one.end for one in plan.activities])
+    rows = []
+    for one, start, end in zip(plan.activities, starts, ends, strict=True):
+        slew = NONE if one.slew is None else f"{one.slew:.2f}"
+        error = NONE if one.pointing_error is None else f"{np.rad2deg(one.pointing_error):.2g}"
+        row = [one.name, one.kind, start, end, slew, error, one.status.name]
+        rows.append([*row, one.message] if told else row)
+    when = clock(plan)
+    head = ["activity", "kind", f"start, {when}", f"end, {when}", "slew, s", "error, deg", "status"]
+    return [[*head, "message"] if told else head, *rows]
+
+
+def event_rows(found: Iterable[Event], epoch: np.datetime64 | None = None) -> list[list[str]]:
+    """Rows of a CSV file of events, the first one its head.
+
+    Args:
+        found: of `events`.
+        epoch: UTC of the timeline's start; without it the column of UTC is left out.
+
+    Example:
+        >>> with open("events.csv", "w", newline="") as file:
+        ...     csv.writer(file).writerows(event_rows(events(plan), plan.scenario.epoch))
+    """
+    every = list(found)
+    rows = [[f"{event.time:.6f}", event.kind, event.what, event.text] for event in every]
+    head = ["time_s", "kind", "what", "text"]
+    if epoch is not None:
+        stamps = utc_stamps(epoch, [event.time for event in every])
+        rows = [[row[0], stamp, *row[1:]] for row, stamp in zip(rows, stamps, strict=True)]
+        head.insert(1, "utc")
+    return [head, *rows]
+
+
+def events_table(found: Iterable[Event], epoch: np.datetime64 | None = None) -> str:
+    """Events as a table of text, a line each; arguments as of `event_rows`."""
+    lines: list[str] = []
+    for row in event_rows(found, epoch):
+        time, *others = row
+        cells = [f"{time if not lines else f'{float(time):.3f}':>12}"]
+        if epoch is not None:
+            cells.append(f"{others.pop(0):<23}")
+        lines.append("  ".join([*cells, f"{others[0]:<15}", others[-1]]))
+    return "\n".join(lines)

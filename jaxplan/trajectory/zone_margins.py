@@ -1,0 +1,116 @@
+"""Margins of devices to zones over a motion, as figures and lists of events have them.
+
+A *pair* is a device (or a further direction that zones bind) with a zone, or with a group of zones of which
+one entry must hold. Its margin at an instant is that of the zone, or of the group's best entry then, as far
+as this binds the device; where it does not there is none, which is NaN. So the least of all margins at an
+instant is that of the scene.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
+
+import numpy as np
+
+from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
+from jaxplan.model.directions import Sights
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.tabulation import bound_by
+from jaxplan.model.zones import Zone
+
+_BLOCK = 2**21  # numbers of a table that are computed at once
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """A device and what it must keep.
+
+    Attributes:
+        device: number of the device, or beyond these of a further direction that zones bind, as of
+            `Scenario.sight_names`; edges of a field of view count as their device.
+        zone: name of the zone or of the group.
+        leader: the zone, or of a group its first one.
+        rows: numbers of the rows of the scenario's constraints that it is made of.
+    """
+
+    device: int
+    zone: str
+    leader: Zone
+    rows: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ZoneMargins:
+    """The margins of a scenario's devices to its zones.
+
+    Attributes:
+        scenario: whose zones are meant, with the errors that it bears taken off.
+    """
+
+    scenario: Scenario
+
+    @cached_property
+    def _rows(self) -> Constraints:
+        return self.scenario.constraints
+
+    @cached_property
+    def _sights(self) -> Sights:
+        craft = self.scenario.spacecraft
+        return self._rows.sights(craft.gimbals, craft.fixed_boresights)
+
+    @cached_property
+    def _owners(self) -> np.ndarray:
+        """(S,) numbers of the devices whose margins those of sights count as."""
+        return np.array(bound_by(self.scenario.zones, self.scenario.spacecraft).owners, int)
+
+    @cached_property
+    def pairs(self) -> tuple[Pair, ...]:
+        """All pairs of devices and zones that bind them, zone by zone."""
+        rows, found = self._rows, []
+        for leader in np.unique(rows.group[rows.zone >= 0]):
+            zone = self.scenario.zones[rows.zone[leader]]
+            members = [[int(row)] for row in np.flatnonzero(rows.group == leader)]
+            single = bool(rows.single[leader])
+            if not single:
+                members = [list(chain(*members))]
+            for own in members:
+                bound = np.any(rows.bound[own], axis=0)
+                name = zone.name if single else zone.any_of or zone.name
+                found += [
+                    Pair(device=int(device), zone=name, leader=zone, rows=tuple(own))
+                    for device in np.unique(self._owners[bound])
+                ]
+        return tuple(found)
+
+    def at(self, times: np.ndarray, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """The margins in states of a motion.
+
+        Args:
+            times: (k,) s, at which zones that move are taken.
+            attitudes: (k, 3, 3) body to inertial.
+            joints: (k, 2n + d) rad.
+
+        Returns:
+            (k, p) rad, one a pair, zero or more is clear; NaN where a group's best entry does not bind it.
+
+        Raises:
+            ValueError: at a time at which a zone that moves is not known.
+        """
+        rows = self._rows
+        count = len(times)
+        step = max(1, _BLOCK // max(1, len(rows.zone) * max(len(rows.zone), rows.bound.shape[1])))
+        parts = [slice(first, first + step) for first in range(0, count, step)]
+        found = [self._table(times[own], attitudes[own], joints[own]) for own in parts]
+        return np.concatenate([np.zeros((0, len(self.pairs))), *found])
+
+    def _table(self, times: np.ndarray, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """What `at` returns, at once."""
+        rows = self._rows
+        table = np.asarray(state_margins(rows, self._sights, attitudes, joints, times))  # (k, Z, S)
+        chosen = chosen_entries(rows, np.min(table, axis=-1, initial=np.inf)) == rows.entry  # (k, Z)
+        table = np.where(chosen[..., None] & rows.bound, table, np.nan)
+        found = np.empty((len(times), len(self.pairs)))
+        for place, pair in enumerate(self.pairs):
+            own = table[:, list(pair.rows)][:, :, self._owners == pair.device]
+            found[:, place] = np.fmin.reduce(own, axis=(1, 2))
+        return found

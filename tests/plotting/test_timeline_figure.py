@@ -1,0 +1,259 @@
+"""The figure of a timeline, and the other figures of its plan: what stands where, not pixels."""
+
+from dataclasses import replace
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from days import END, ERROR, RATE, TOLERANCE, day, zone
+from matplotlib.figure import Figure
+from reference import angle, direction
+from wheels import INERTIA, random_wheels
+
+import jaxplan as jp
+from jaxplan.model.status import Status
+from jaxplan.plotting import schedule
+from jaxplan.plotting.day import DayPlan, as_plan, instants
+from jaxplan.plotting.style import device_style, motion
+from jaxplan.plotting.timeline import timeline_size
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return day(zone("sun", 90, 20, 10), zone("moon", 205, -30, 5))
+
+
+@pytest.fixture(scope="module")
+def grid(plan):
+    return jp.plot.timeline(plan)
+
+
+def _labels(axes):
+    return [label.get_text() for label in axes.get_yticklabels()]
+
+
+def _spans(axes):
+    """The bars of a panel of rows: (start, end, row), by colour."""
+    found = {}
+    for bars in axes.collections:
+        for path in bars.get_paths():
+            (left, bottom), (right, top) = path.get_extents().get_points()
+            colour = mpl.colors.to_hex(bars.get_facecolor()[0]) if len(bars.get_facecolor()) else "none"
+            found.setdefault(colour, []).append((left, right, (bottom + top) / 2))
+    return found
+
+
+def _lines(axes, length=None):
+    return [line for line in axes.lines if len(line.get_xdata()) == length or (length is None)]
+
+
+def test_rows_are_the_activities_and_the_devices_that_follow_something(grid):
+    assert _labels(grid[0]) == ["activity", "not planned", "telescope"]
+    texts = [text.get_text() for text in grid[0].texts]
+    assert texts.count("image") == 1
+    assert {"lost", "rest", "site"} <= set(texts)
+    assert grid[0].get_title(loc="left") == "day: 2 of 3 activities planned, GOAL_UNREACHABLE"
+
+
+def test_bars_stand_where_targets_are_followed_and_are_pale_before_the_window(grid):
+    spans = _spans(grid[0])
+    colour = device_style(1)["color"].lower()  # of the telescope, which is the second device
+    own = sorted(spans[colour])
+    np.testing.assert_allclose(own, [(100, 120, 2), (120, 400, 2)])
+    failed = [bar for bars in spans.values() for bar in bars if bar[2] == 1]
+    np.testing.assert_allclose(failed, [(410, 480, 1)])
+
+
+def test_hidden_targets_are_hatched_until_the_next_activity_and_after_the_last(grid):
+    hatched = [bars for bars in grid[0].collections if bars.get_hatch()]
+    spans = [path.get_extents().get_points()[:, 0].tolist() for bars in hatched for path in bars.get_paths()]
+    np.testing.assert_allclose(sorted(spans), [(0, 90), (450, 600), (590, 650)])
+
+
+def test_slews_are_shaded_in_every_panel(grid):
+    for axes in grid:
+        spans = [bar[:2] for bars in _spans(axes).values() for bar in bars]
+        assert (0.0, 100.0) in spans
+        assert (400.0, 500.0) in spans
+
+
+def test_panels_are_those_that_the_spacecraft_has(plan, grid):
+    words = [axes.get_ylabel().replace("\n", " ") for axes in grid[1:]]
+    assert words == [
+        "margin (deg)",
+        "pointing error (deg)",
+        "platform rate (deg/s)",
+        "yaw (deg)",
+        "pitch (deg)",
+    ]
+    craft = replace(plan.timeline.scene.spacecraft, inertia=INERTIA, wheels=random_wheels(4, 3))
+    more = jp.plot.timeline(day(craft=craft))
+    words = [axes.get_ylabel().replace("\n", " ") for axes in more[1:]]
+    assert words[0] == "pointing error (deg)"  # there are no zones
+    assert words[-1].startswith("wheel momenta")
+    (label,) = {axes.get_xlabel() for axes in more} - {""}
+    assert label.startswith("UTC")
+
+
+def test_the_smallest_margins_are_those_of_the_motion(plan, grid):
+    times = motion(plan).times
+    looks = direction(RATE * times, np.zeros(len(times)))
+    for name, line in zip(("moon", "sun"), _lines(grid[1], len(times)), strict=True):
+        own = next(one for one in plan.timeline.scene.keep_out if one.name == name)
+        wanted = np.rad2deg(angle(looks, own.direction) - own.half_angle)
+        np.testing.assert_allclose(line.get_ydata(), wanted, atol=1e-9)
+    names = [text.get_text() for text in grid[1].get_legend().get_texts()]
+    assert names[:2] == ["sun", "moon"]
+
+
+def test_pointing_errors_stand_beside_tolerance_and_what_is_proved(plan, grid):
+    times = motion(plan).times
+    (line,) = _lines(grid[2], len(times))
+    within = (times >= 100) & (times <= 400)
+    np.testing.assert_allclose(line.get_ydata()[within], np.rad2deg(ERROR), rtol=1e-5)
+    assert np.all(np.isnan(line.get_ydata()[~within]))
+    levels = {
+        round(float(line.get_ydata()[0]), 9) for line in grid[2].lines if len(line.get_ydata()) in (2, 3)
+    }
+    assert levels == {round(float(np.rad2deg(value)), 9) for value in (TOLERANCE, 1.1 * ERROR)}
+    assert grid[2].get_yscale() == "log"
+
+
+def test_what_is_followed_for_a_short_while_has_a_dot_of_its_largest_error():
+    plan = day()
+    image, *others = plan.activities
+    short = replace(plan, activities=(replace(image, end=123.0), *others))
+    short = replace(
+        short,
+        segments=tuple(
+            replace(one, start=120.0, end=123.0) if one.kind == "track" else one for one in plan.segments
+        ),
+    )
+    axes = jp.plot.timeline(short)[1]
+    (dots,) = [line for line in axes.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(dots.get_xdata(), [121.5])
+    np.testing.assert_allclose(dots.get_ydata(), [np.rad2deg(ERROR)], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("epoch", "labels", "axis"),
+    [
+        (
+            np.datetime64("2026-06-20T23:55:00"),
+            ["23:55", "23:56", "23:57", "23:58", "23:59", "00:00\n2026-06-21", "00:01"],
+            "UTC (h:min) from 2026-06-20 on",
+        ),
+        (None, ["00:00", "00:01", "00:02"], "time from the start (h:min)"),
+    ],
+)
+def test_the_axis_of_time_is_in_utc_where_there_is_an_epoch(epoch, labels, axis):
+    axes = jp.plot.timeline(day(epoch=epoch))[-1]
+    ticks = axes.get_xticks()
+    form = axes.xaxis.get_major_formatter()
+    assert [form(tick) for tick in ticks][: len(labels)] == labels
+    assert axes.get_xlabel() == axis
+    assert (ticks[0], ticks[-1]) == (0.0, END)
+
+
+def test_an_epoch_between_minutes_has_ticks_at_whole_ones():
+    axes = jp.plot.timeline(day(epoch=np.datetime64("2026-06-20T09:30:40.5")))[-1]
+    ticks, form = axes.get_xticks(), axes.xaxis.get_major_formatter()
+    assert ticks[0] == pytest.approx(19.5)
+    assert form(ticks[0]) == "09:31"
+
+
+def test_names_are_shown_letter_by_letter_and_only_where_they_fit():
+    name = "$x_1$ of a very long day, far too long for its bar, whichever way it is turned or put aside"
+    axes = jp.plot.timeline(day(name="$d$", image=name))[0]
+    assert not any(text.get_parse_math() for text in axes.texts)
+    assert name not in [text.get_text() for text in axes.texts]
+    assert axes.get_title(loc="left").startswith("$d$")
+
+
+def test_crowded_names_are_turned_and_in_between_stand_beside():
+    bars = [schedule._Bar(row=0, start=10.0 * k, end=10.0 * k + 1, name="image", look={}) for k in range(10)]
+    wide = list(schedule._placed(bars, 10.0, 50.0, 100.0, turned=False))
+    assert [place.side for place in wide] == ["left"] * 10
+    assert not list(schedule._placed(bars, 1.0, 50.0, 100.0, turned=False))
+    turned = list(schedule._placed(bars, 1.0, 50.0, 100.0, turned=True))
+    assert [place.side for place in turned] == ["left"] * 10
+    assert not list(schedule._placed(bars, 1.0, 5.0, 100.0, turned=True))
+
+
+def test_a_plan_without_a_trajectory_has_rows_alone():
+    plan = day()
+    (axes,) = jp.plot.timeline(
+        replace(plan, trajectory=None, segments=(), activities=plan.activities[1:2], certificate=None)
+    )
+    assert _labels(axes) == ["activity", "not planned", "telescope"]
+
+
+def test_axes_or_a_figure_may_be_given_and_are_filled(plan, grid):
+    figure = Figure(figsize=timeline_size(plan), layout="constrained")
+    assert jp.plot.timeline(plan, ax=figure)[0].figure is figure
+    own = Figure().subplots(len(grid), 1)
+    assert jp.plot.timeline(plan, ax=own, legend=False)[0] is own[0]
+    assert own[0].get_legend() is None
+    with pytest.raises(ValueError, match="panels"):
+        jp.plot.timeline(plan, ax=Figure().subplots())
+    with pytest.raises(TypeError, match="plan_timeline"):
+        jp.plot.timeline(as_plan(plan))
+
+
+def test_the_instants_of_a_day_have_the_ends_of_all_segments_and_some_between(plan):
+    times = instants(plan.segments)
+    assert np.all(np.diff(times) > 0)
+    for segment in plan.segments:
+        inside = times[(times >= segment.start) & (times <= segment.end)]
+        assert inside[0] == segment.start
+        assert inside[-1] == segment.end
+        assert len(inside) > 300  # half of the instants are shared out evenly
+    assert len(times) < 4000
+
+
+def test_a_day_is_drawn_as_a_plan_from_its_start_to_its_end(plan):
+    own = as_plan(plan)
+    assert isinstance(own, DayPlan)
+    last = plan.trajectory.sample(END)
+    np.testing.assert_allclose(own.goal.attitude, last.attitude)
+    np.testing.assert_allclose(own.scenario.goal.attitude, last.attitude, atol=1e-12)
+    assert (own.status, own.scenario.name) == (Status.GOAL_UNREACHABLE, "day")
+    assert as_plan(own) is own
+    bare = as_plan(replace(plan, trajectory=None, segments=()))
+    assert (bare.goal, bare.trajectory) == (None, None)
+
+
+def test_other_figures_take_a_day_and_have_its_axis_of_time(plan):
+    for figure in (jp.plot.angles, jp.plot.rates, jp.plot.accelerations, jp.plot.margins):
+        axes = np.ravel(figure(plan))[-1]
+        assert axes.get_xlabel().startswith("UTC")
+    names = [name for name, _ in jp.plot.figures(plan)]
+    assert names[0] == "timeline"
+    assert {"overview", "sphere", "rates", "margins"} <= set(names)
+    assert "timeline" not in [name for name, _ in jp.plot.figures(as_plan(plan))]
+
+
+def test_the_sphere_shows_zones_and_boresights_at_an_instant():
+    times = np.linspace(0.0, END, 100)
+    moving = replace(
+        zone("sun", 0, 0, 10),
+        direction=jp.DirectionPath.through(times, direction(times / 500, np.full(100, 0.3))),
+    )
+    plan = day(moving)
+    axes = jp.plot.sphere(plan, at=250.0)
+    dots = [line.get_xydata()[0] for line in axes.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(dots[-1], [125.0, 0.0], atol=1e-9)  # of the telescope
+    (name,) = [text for text in axes.texts if text.get_text().startswith("sun")]
+    assert abs(name.get_position()[0] - np.rad2deg(0.5)) < 10
+    said = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert "at 2026-06-20 23:59:10 UTC,\nas the zones are" in said
+    assert "end" in said
+    assert jp.plot.globe(plan, at=0.0).get_legend() is not None
+
+
+@pytest.mark.parametrize("at", [-1.0, END + 1, np.nan, "noon"])
+def test_an_instant_outside_of_the_day_is_refused(plan, at):
+    with pytest.raises((TypeError, ValueError), match="at"):
+        jp.plot.sphere(plan, at=at)
+    with pytest.raises(ValueError, match="no trajectory"):
+        jp.plot.globe(replace(plan, trajectory=None, segments=()), at=0.0)
