@@ -235,9 +235,9 @@ def _add_plan_commands(commands: Any) -> None:
         help="write a plan for other tools",
         description=("Certify a plan file anew and write its motion as another tool reads it."),
     )
-    for each, words in ((check, _ANY_PLAN), (report, _PLAN), (export, _ANY_PLAN)):
-        each.add_argument("plan", metavar="PLAN", help=words)
-    plot.add_argument("plan", metavar="FILE", help=f"{_PLAN}; or {_SCENARIO}")
+    for each in (check, report, export):
+        each.add_argument("plan", metavar="PLAN", help=_ANY_PLAN)
+    plot.add_argument("plan", metavar="FILE", help=f"{_ANY_PLAN}; or {_SCENARIO}")
     check.add_argument("--json", action="store_true", help="print the certificate for machines")
     plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the file")
     for each in (plot, report):

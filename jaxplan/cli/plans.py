@@ -14,6 +14,7 @@ from typing import Any
 
 from jaxplan import planner
 from jaxplan.cases import CASE_NAMES, TIMELINE_NAMES, case_path
+from jaxplan.certificate import Certificate
 from jaxplan.cli import timelines
 from jaxplan.cli.common import (
     BAD_INPUT,
@@ -41,6 +42,7 @@ from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import ScenarioError, load_scenario
 from jaxplan.schema.text import template
 from jaxplan.schema.timelines import timeline_template
+from jaxplan.timeline.record import TimelinePlan
 
 _COUNTED = {  # what a scene, its spacecraft or a timeline has several of, and what one of them is called
     "terminals": "terminal",
@@ -194,13 +196,12 @@ def check(options: argparse.Namespace) -> int:
 
 def plot(options: argparse.Namespace) -> int:
     """Draw the figures of a plan file, or the spacecraft of a scenario."""
-    timelines.refuse(options.plan, "plot")
-    if _is_scenario(options.plan):
+    if _is_scenario(options.plan) or timelines.is_timeline(options.plan):
         return _plot_spacecraft(options)
-    plan = load_plan_file(options.plan)
+    plan = _load_any_plan(options.plan)
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
     if plan.ok:  # what figures call proved is proved anew
-        plan = replace(plan, certificate=planner.certify(plan))
+        plan = replace(plan, certificate=_certified_anew(plan))
     _draw(plan, folder, options.frequency)
     if plan.certificate is not None and plan.ok and not plan.certificate.certified:
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
@@ -216,7 +217,8 @@ def _plot_spacecraft(options: argparse.Namespace) -> int:
             f"--frequency {options.frequency[0]:g}: is for a plan, and {options.plan} is a scenario; make "
             f"out/plan.json of it with: jaxplan plan {shlex.quote(options.plan)} -o out"
         )
-    scene = load_scene(options.plan)
+    of_timeline = timelines.is_timeline(options.plan)
+    scene = timelines.load_timeline_file(options.plan).scene if of_timeline else load_scene(options.plan)
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
     save(plotting.spacecraft_figure(scene.spacecraft, scene.start.joints), folder / "spacecraft.png")
     return DONE
@@ -226,12 +228,13 @@ def report(options: argparse.Namespace) -> int:
     """Write an HTML page on a plan file."""
     from jaxplan.report import report_html
 
-    timelines.refuse(options.plan, "report")
-    plan = load_plan_file(options.plan)
+    plan = _load_any_plan(options.plan)
     path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
     try_folder_of(path)
+    if isinstance(plan, TimelinePlan) and plan.ok:  # a page on a single plan makes its certificate by itself
+        plan = replace(plan, certificate=plan.certify())
     say(f"wrote {report_html(plan, path, overwrite=options.force, frequencies=options.frequency)}")
-    if plan.ok and not planner.certify(plan).certified:  # the page says why
+    if plan.ok and not _certified_anew(plan).certified:  # the page says why
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
     return _code_of(plan)
 
@@ -241,8 +244,8 @@ def export(options: argparse.Namespace) -> int:
     from jaxplan import exporting
     from jaxplan.model.export_names import ExportNames
 
-    of_timeline = timelines.is_timeline_plan(options.plan)
-    plan: Any = timelines.load_plan(options.plan) if of_timeline else load_plan_file(options.plan)
+    plan = _load_any_plan(options.plan)
+    of_timeline = isinstance(plan, TimelinePlan)
     beside = Path(options.plan).with_name("motion") if of_timeline else options.plan  # plan.npz is the plan
     path = exporting.default_path(beside, options.format) if options.out is None else options.out
     try_folder_of(path)
@@ -264,12 +267,22 @@ def export(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _code_of(plan: Plan) -> int:
+def _load_any_plan(name: str) -> Plan | TimelinePlan:
+    """Read the plan of a file, of a scenario or a timeline; raises a ValueError if it is none."""
+    return timelines.load_plan(name) if timelines.is_timeline_plan(name) else load_plan_file(name)
+
+
+def _certified_anew(plan: Plan | TimelinePlan) -> Certificate:
+    """The certificate of a plan, made anew."""
+    return plan.certify() if isinstance(plan, TimelinePlan) else planner.certify(plan)
+
+
+def _code_of(plan: Plan | TimelinePlan) -> int:
     """The exit code for a plan's status."""
     return {Status.OK: DONE, Status.UNCERTIFIED: NOT_CERTIFIED}.get(plan.status, NO_PLAN)
 
 
-def _draw(plan: Plan, folder: Path, frequencies: Sequence[float] = ()) -> None:
+def _draw(plan: Plan | TimelinePlan, folder: Path, frequencies: Sequence[float] = ()) -> None:
     """Write every figure that a plan has to a folder, and remove those of an earlier plan that it has not.
 
     With frequencies, Hz, one is the spectrum of the torque.
@@ -295,7 +308,7 @@ def load_scene(name: str) -> Scenario:
         ValueError: if there is no such file, or it is no scenario file.
     """
     set_up_jax()
-    timelines.refuse(name, "plan")
+    timelines.refuse(name)
     cases = ", ".join(CASE_NAMES)
     if name in CASE_NAMES:
         return load_scenario(case_path(name))
@@ -327,6 +340,7 @@ def load_plan_file(name: str) -> Plan:
     set_up_jax()
     if not name:
         raise ValueError("PLAN is empty, it must name a plan.json")
+    timelines.refuse(name)
     if _is_scenario(name):
         raise ValueError(
             f"{name}: is a scenario and no plan file; make out/plan.json of it with: jaxplan plan "

@@ -110,7 +110,7 @@ def load_timeline_file(name: str) -> Timeline:
     if not name:
         raise ValueError(f"TIMELINE is empty, it must name a file or one of {known}")
     if is_timeline_plan(name):
-        raise ValueError(f"{name}: is a plan; jaxplan check and export take it")
+        raise ValueError(f"{name}: is a plan; jaxplan check, plot, report and export take it")
     if not Path(name).exists():
         raise ValueError(
             f"{name}: no such file, and none of {known}; jaxplan new --timeline writes a file to begin with"
@@ -145,12 +145,10 @@ def load_plan(name: str) -> TimelinePlan:
     return load_timeline_plan(name)
 
 
-def refuse(name: str, command: str) -> None:
-    """Raise a ValueError if a command that takes single plans is given a timeline or a plan of one."""
+def refuse(name: str) -> None:
+    """Raise a ValueError where a scenario, or its plan, is asked for and a timeline's is given."""
     if is_timeline_plan(name):
-        raise ValueError(
-            f"{name}: is the plan of a timeline; jaxplan check and export take it, not {command}"
-        )
+        raise ValueError(f"{name}: is the plan of a timeline, and no scenario or plan of one")
     if is_timeline(name):
         raise ValueError(f"{name}: is a timeline; plan it with: jaxplan timeline {shlex.quote(name)} -o out")
 

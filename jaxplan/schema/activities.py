@@ -331,8 +331,8 @@ def paths_of(activity: Activity, craft: Spacecraft) -> list[tuple[str, Direction
     return [(f"{words} in activity {activity.name}", one) for words, one in moving]
 
 
-def with_paths(targets: Any, given: dict[str, DirectionPath]) -> Any:
-    """Targets with paths in the place of the names that a file gives them."""
+def with_paths(targets: Any, given: dict[str, Any]) -> Any:
+    """Targets with paths, or `WRONG`, in the place of the names that a file gives them."""
     if not isinstance(targets, Targets) or not given:
         return targets
 
@@ -342,6 +342,7 @@ def with_paths(targets: Any, given: dict[str, DirectionPath]) -> Any:
     directions = targets.directions
     if isinstance(directions, tuple):
         directions = tuple(map(found, directions))
+        directions = WRONG if any(one is WRONG for one in directions) else directions
     wishes = targets.prefer
     if isinstance(wishes, tuple):
         wishes = tuple(

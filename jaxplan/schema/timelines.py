@@ -327,8 +327,8 @@ def _seen(
     return scene, [replace(one, **own) for one, own in zip(activities, changed, strict=True)]
 
 
-def _given(parts: _Parts, root: Place) -> dict[str, DirectionPath]:
-    """The paths that the file gives by name, noting names that something else has."""
+def _given(parts: _Parts, root: Place) -> dict[str, Any]:
+    """The paths, or `WRONG`, that the file gives by name, noting names that something else has."""
     rows = placed(parts.directions, root["direction"])
     check_unique(rows)
     view = parts.view
@@ -337,7 +337,7 @@ def _given(parts: _Parts, root: Place) -> dict[str, DirectionPath]:
     for place, one in rows:
         if one.name in taken and one.name is not WRONG:
             place["name"].fault("is that of a body, a direction, or something in [sky]", one.name)
-    return {one.name: one.path for _, one in rows if WRONG not in (one.name, one.path)}
+    return {one.name: one.path for _, one in rows if one.name is not WRONG}
 
 
 def _check_together(
