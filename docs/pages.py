@@ -1,7 +1,8 @@
 """Pages that follow from the code, so that they cannot rot: text in Markdown, each by a function of its own.
 
-``front`` and ``guide`` are the README's, ``scenario_file`` comes from the layout by which files are read,
-``command_line`` from the parser, ``statuses`` from the outcomes of planning. Nothing here needs Sphinx.
+``front`` and ``guide`` are the README's, ``scenario_file`` and ``timeline_file`` come from the layouts by
+which files are read, ``command_line`` from the parser, ``statuses`` from the outcomes of planning. Nothing
+here needs Sphinx.
 """
 
 import argparse
@@ -18,8 +19,18 @@ from jaxplan.schema.directions import TargetList
 from jaxplan.schema.layout import SCENARIO
 from jaxplan.schema.tables import Either, Field, Rows, Table
 from jaxplan.schema.text import alternatives, default, entries, template
+from jaxplan.schema.timelines import TIMELINE, timeline_template
 
 ROOT = Path(__file__).parent.parent
+OF_TIMELINES = replace(
+    TIMELINE,
+    fields=tuple(
+        entry
+        for entry in TIMELINE.fields
+        if entry.key in ("schema_version", "name") or entry.key not in {own.key for own in SCENARIO.fields}
+    ),
+)
+"""The table of a timeline's file without what a scenario has, too."""
 NOTEBOOKS = ROOT / "notebooks"
 NONE = "\N{EN DASH}"
 CODE_WIDTH = 100  # characters of a line that is made here
@@ -82,6 +93,22 @@ def scenario_file() -> str:
     example = (
         "## Example\n\nWhat `jaxplan new scene.toml` writes, to be planned as it is, and changed:\n\n"
         f"```toml\n{template()}```\n"
+    )
+    return f"{head}\n{tables}\n{example}"
+
+
+def timeline_file() -> str:
+    """Every key of a timeline's file that a scenario does not have."""
+    head = (
+        "# Timeline file\n\n"
+        "A timeline is a TOML file in UTF-8, like a [scenario](scenario_file.md), from which it has "
+        "`epoch_utc`, `[spacecraft]`, `[start]`, `[sky]`, zones, `[robust]`, `[search]` and `[trajectory]`, "
+        "but no `[goal]`. Here is what it has besides; {doc}`timelines </timelines>` goes through it.\n"
+    )
+    tables = "\n".join(_table_page(path, table) for path, table in _tables(OF_TIMELINES, ""))
+    example = (
+        "## Example\n\nWhat `jaxplan new day.toml --timeline` writes, to be planned as it is, and changed:\n"
+        f"\n```toml\n{timeline_template()}```\n"
     )
     return f"{head}\n{tables}\n{example}"
 
@@ -165,6 +192,7 @@ PAGES = {
     "front": front,
     "guide": guide,
     "scenario_file": scenario_file,
+    "timeline_file": timeline_file,
     "command_line": command_line,
     "statuses": statuses,
 }

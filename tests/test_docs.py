@@ -52,8 +52,21 @@ def pages():
 @pytest.fixture(scope="module")
 def rows(pages):
     """(table, key) to its cells, of the reference of the scenario file."""
+    return cells_of(pages.scenario_file())
+
+
+@pytest.fixture(scope="module", params=["scenario_file", "timeline_file"])
+def reference(pages, request):
+    """(table, key) to its cells, of the reference of a file, and the layout by which it is read."""
+    return cells_of(getattr(pages, request.param)()), (
+        SCENARIO if request.param == "scenario_file" else pages.OF_TIMELINES
+    )
+
+
+def cells_of(page):
+    """(table, key) to its cells, of a page of the reference."""
     found, title = {}, ""
-    for line in pages.scenario_file().splitlines():
+    for line in page.splitlines():
         if line.startswith("## "):
             title = line.removeprefix("## ").replace("`", "")
         elif line.startswith("| `"):
@@ -62,7 +75,7 @@ def rows(pages):
     return found
 
 
-def tables(table=SCENARIO, title="Top of the file"):
+def tables(table, title="Top of the file"):
     """Every table that files are read by, with its heading."""
     yield title, table
     path = "" if title == "Top of the file" else title.partition("] ")[0].strip("[]") + "."
@@ -87,9 +100,10 @@ def expected_unit(key: str) -> str:
     return UNITS[parts[-1]]
 
 
-def test_every_key_that_is_read_is_in_the_reference_with_unit_range_and_default(rows):
+def test_every_key_that_is_read_is_in_the_reference_with_unit_range_and_default(reference):
+    rows, layout = reference
     there = set()
-    for title, table in tables():
+    for title, table in tables(layout):
         for field in table.fields:
             if isinstance(field.kind, Table | Rows | Either):
                 continue
@@ -111,13 +125,14 @@ def test_every_key_that_is_read_is_in_the_reference_with_unit_range_and_default(
                 assert place.reading.faults == []
             assert ("[" in interval or "(" in interval) == (field.kind.range is not None)
     assert set(rows) == there
-    assert len(there) > 60
+    assert len(there) > (60 if layout is SCENARIO else 30)
 
 
-def test_the_ranges_of_the_reference_are_those_that_are_enforced(rows):
+def test_the_ranges_of_the_reference_are_those_that_are_enforced(reference):
+    rows, layout = reference
     place = Place(Reading())
     tried = 0
-    for title, table in tables():
+    for title, table in tables(layout):
         for field in table.fields:
             interval = getattr(field.kind, "interval", None)
             if interval is None or field.kind.range is None:
@@ -134,10 +149,11 @@ def test_the_ranges_of_the_reference_are_those_that_are_enforced(rows):
             beyond = low - max(abs(low) * 1e-6, 1e-9)
             assert field.kind.read(int(low) - 1 if whole else beyond, place) is WRONG
             tried += 1
-    assert tried > 25
+    assert tried > (25 if layout is SCENARIO else 4)
 
 
-def test_no_table_of_the_package_is_left_out(rows):
+def test_no_table_of_the_package_is_left_out(rows, pages):
+    rows = rows | cells_of(pages.timeline_file())
     modules = (module for name, module in sys.modules.items() if name.startswith("jaxplan.schema"))
     found = [thing for module in modules for thing in vars(module).values() if isinstance(thing, Table)]
     assert len(found) > 10
@@ -301,6 +317,41 @@ def test_the_page_on_spacecraft_has_one_scenario_in_its_files_and_in_python(tmp_
     assert names["plan"].ok
     assert names["plan"].scenario == jp.load_scenario(file)
     assert names["scenario"].spacecraft.joint_count == 3
+
+
+def test_the_page_on_timelines_has_one_timeline_that_can_be_read(tmp_path):
+    pytest.importorskip("erfa")
+    import jaxplan as jp
+
+    file = tmp_path / "day.toml"
+    file.write_text("\n".join(blocks(DOCS / "timelines.md", "toml")), encoding="utf-8")
+    day = jp.load_timeline(file)
+    assert [one.kind for one in day.activities] == ["track", "track", "point", "attitude"]
+    text = file.read_text(encoding="utf-8")
+    for old, new in (
+        ("for_s = 12", "for_s = -12"),
+        ("track = { antenna", "track = { antena"),
+        ('after = "rome"', 'after = "roma"'),
+    ):
+        assert old in text
+        text = text.replace(old, new, 1)
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(jp.ScenarioError) as caught:
+        jp.load_timeline(file)
+    told = (DOCS / "timelines.md").read_text(encoding="utf-8")
+    assert all(fault in told for fault in caught.value.faults)
+    assert len(caught.value.faults) == 3
+
+
+@pytest.mark.slow
+def test_the_timeline_of_its_page_is_planned(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("erfa")
+    (tmp_path / "day.toml").write_text("\n".join(blocks(DOCS / "timelines.md", "toml")), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    exec("\n".join(blocks(DOCS / "timelines.md", "python")), names)
+    assert names["day"].ok
+    assert names["again"].certified
 
 
 class Links(HTMLParser):

@@ -112,7 +112,7 @@ class Timeline:
         SHORTEST, "slew", "whether slews take the shortest time, or all that there is", options=SLEWS
     )
     names: ExportNames | None = field(
-        default=None, metadata=key("names", "what exported files call the spacecraft")
+        default=None, metadata=key("", "what exported files call the spacecraft")
     )
 
     def __eq__(self, other: object) -> bool:

@@ -9,10 +9,11 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.planner.validity import start_breaches
-from jaxplan.schema import parse_scenario
+from jaxplan.schema import parse_scenario, parse_timeline
 from jaxplan.schema.layout import SCENARIO
 from jaxplan.schema.tables import Either, Rows, Table
 from jaxplan.schema.text import template
+from jaxplan.schema.timelines import TIMELINE, timeline_template
 
 OPTION = re.compile(r"#(?=[\w\[])")
 
@@ -46,6 +47,11 @@ def taken(text, numbers):
     for number in numbers:
         lines[number] = lines[number].removeprefix("#")
     return "\n".join(lines)
+
+
+@pytest.fixture(scope="module")
+def day():
+    return timeline_template()
 
 
 def tables(table=SCENARIO):
@@ -118,3 +124,38 @@ def test_a_new_scene_says_of_every_key_what_it_may_be(text):
                 assert any(f" in {field.kind.range}" in line for line in told), field.key
                 seen += 1
     assert seen > 30
+
+
+def test_every_option_of_a_new_timeline_holds_by_itself_and_with_all_others(day):
+    pytest.importorskip("erfa")
+    start = re.sub(
+        r"targets = (?:.*\n)(?: +#.*\n)*", "attitude = [0, 0, 0]\n", day, count=1
+    )  # found in no time
+    assert start != day
+    found = list(options(start))
+    assert len(found) > 10
+    for numbers in found:
+        assert tomllib.loads(taken(start, numbers)) != tomllib.loads(start)
+        parse_timeline(taken(start, numbers))
+    whole = parse_timeline(taken(start, [number for numbers in found for number in numbers]))
+    assert whole.names.naif_id == -2042
+    assert whole.activities[0].track.tolerance == np.deg2rad(0.01)
+
+
+def test_a_new_timeline_says_of_every_key_of_its_own_what_it_may_be(day):
+    words = " ".join(re.sub(r"\n +#", " ", day).split())
+    own = {"timeline", "activity", "direction"}
+    for name, table in ((field.key, field.kind) for field in TIMELINE.fields if field.key in own):
+        for field in getattr(table, "table", table).fields:
+            angles = name == "activity" and field.key.startswith(
+                ("yaw_", "pitch_", "drive_")
+            )  # as a start has them
+            assert angles or field.key == "hidden" or re.search(rf"\b{field.key}\b", words), field.key
+
+
+@pytest.mark.slow
+def test_a_new_timeline_is_planned(day):
+    plan = jp.plan_timeline(parse_timeline(day), progress=False)
+    assert plan.ok
+    assert [one.name for one in plan.activities] == ["strip", "star", "snapshot", "stow", "rest"]
+    assert plan.trajectory.duration == pytest.approx(1800.0)
