@@ -18,7 +18,7 @@ from jaxplan.version import __version__ as __version__
 if TYPE_CHECKING:
     from jaxplan import plotting as plot
     from jaxplan import sky
-    from jaxplan.cases import paper_case, random_scenario
+    from jaxplan.cases import example_timeline, paper_case, random_scenario
     from jaxplan.constellation import Constellation, link_switch, plan_constellation, walker
     from jaxplan.derivatives import follow, hold, replan
     from jaxplan.exporting import export
@@ -89,6 +89,7 @@ _HOMES = {
     "compare_studies": "jaxplan.study",
     "compilation_cache": "jaxplan.runtime.cache",
     "differentiable": "jaxplan.gradients",
+    "example_timeline": "jaxplan.cases",
     "export": "jaxplan.exporting",
     "follow": "jaxplan.derivatives",
     "hold": "jaxplan.derivatives",
@@ -160,6 +161,7 @@ __all__ = [
     "compare_studies",
     "compilation_cache",
     "differentiable",
+    "example_timeline",
     "export",
     "follow",
     "hold",
