@@ -29,7 +29,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.model.timeline import SHORTEST, SLEWS
-from jaxplan.runtime.arguments import expect, file_path
+from jaxplan.runtime.arguments import expect, file_path, show
 from jaxplan.runtime.display import as_table, shown
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import Workers, WorkersDiedError, who_works

@@ -6,8 +6,11 @@ damaged, or of another kind, is none.
 
 import io
 import json
+import os
 import zipfile
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -24,7 +27,18 @@ FORMAT = 1
 _ROW, _RECORD = "row", "record"
 _STATIC = ("smoothness", "method")
 _TIMES = ("start", "end", "slew", "pointing_error")
-_ERRORS = (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, NotImplementedError)
+_ERRORS = (  # of reading what is no such file
+    OSError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    EOFError,
+    NotImplementedError,
+    RecursionError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 class PlanFileDamagedError(ValueError):
@@ -108,10 +122,20 @@ def _value(text: np.ndarray) -> Any:
     return json.loads(bytes(np.asarray(text, np.uint8)), parse_constant=refuse_constant)
 
 
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """The arrays of a file while a block runs; links are not followed."""
+    with (
+        open(os.open(path, os.O_RDONLY | os.O_NOFOLLOW), "rb") as file,
+        np.load(file, allow_pickle=False) as arrays,
+    ):
+        yield arrays
+
+
 def read_row(path: Path, columns: Mapping[str, type]) -> dict[str, Any] | None:
     """The row in a plan's file; None where there is no such file, or it is damaged."""
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with _opened(path) as file:
             if set(file.files) < {_ROW, _RECORD}:
                 return None
             row = _value(file[_ROW])
@@ -130,7 +154,7 @@ def read_plan(path: Path) -> SatellitePlan:
         PlanFileDamagedError: if it is none.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with _opened(path) as file:
             row, record = _value(file[_ROW]), _value(file[_RECORD])
             arrays = {name: file[name] for name in file.files if name not in (_ROW, _RECORD)}
         if record["format"] != FORMAT:
