@@ -147,7 +147,7 @@ def events_listed(plan: TimelinePlan, found: tuple[Event, ...]) -> Markup:
     """Table of events; of very many the first."""
     kept = found[:_MOST_EVENTS]
     rows = [
-        [stamp, f"{event.text[:1].upper()}{event.text[1:]}"]
+        [stamp, event.text]
         for stamp, event in zip(stamps(plan, [event.time for event in kept]), kept, strict=True)
     ]
     more = "" if len(kept) == len(found) else f", the first {len(kept)} of {len(found)}"
