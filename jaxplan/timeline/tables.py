@@ -10,10 +10,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from jaxplan.model.epochs import utc_texts
+from jaxplan.timeline.listing import utc_stamps
 from jaxplan.timeline.record import TimelinePlan
-
-_DIGITS = 3  # of a second
 
 
 def activities_csv(plan: TimelinePlan) -> str:
@@ -55,12 +53,11 @@ def segments_csv(plan: TimelinePlan) -> str:
 
 def _texts(plan: TimelinePlan, times: Iterable[float | None]) -> dict[float | None, str]:
     """UTC of times, s, by these; empty without an epoch, and of none."""
-    known = sorted({time for time in times if time is not None})
+    known = [time for time in times if time is not None]
     epoch = plan.scene.epoch
-    if epoch is None or not known:
+    if epoch is None:
         return dict.fromkeys([None, *known], "")
-    texts = utc_texts(epoch, np.round(known, _DIGITS))
-    return {None: ""} | dict(zip(known, (text[: _DIGITS - 9] for text in texts), strict=True))
+    return {None: ""} | dict(zip(known, utc_stamps(epoch, known), strict=True))
 
 
 def _text(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
