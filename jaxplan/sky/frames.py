@@ -39,6 +39,8 @@ RADII = {"sun": 695_700.0, "moon": 1737.4, "earth": EARTH_RADIUS}  # km, see the
 _UNIX_DAY_ZERO = 2440587.5  # Julian date of 1970-01-01T00:00
 _DAY = 86400.0  # s in a day
 _EARTH_RATE = 2 * np.pi * 1.00273781191135448 / _DAY  # rad/s, of the Earth rotation angle (IERS 2010, 5.15)
+_NODES = 12  # instants between which the Earth's axis is interpolated
+_INTERPOLATED = 1.1  # days for which that is done
 _MOST_SECONDS = 4.1e9  # s, which span all years that an epoch may lie in; times beyond are refused
 
 
@@ -145,9 +147,35 @@ def earth_fixed_state(
     Returns:
         (..., 3) km and (..., 3) km/s, GCRS.
     """
-    to_earth = library("erfa").c2t06a(*terrestrial(epoch, times), *universal(epoch, times), 0.0, 0.0)
+    erfa = library("erfa")
+    instant = terrestrial(epoch, times)
+    celestial = erfa.c2ixys(*_pole(*instant))
+    moved = erfa.pom00(0.0, 0.0, erfa.sp00(*instant))
+    to_earth = erfa.c2tcio(celestial, erfa.era00(*universal(epoch, times)), moved)
     to_sky = np.swapaxes(to_earth, -1, -2)
     return to_sky @ place, to_sky @ np.cross([0.0, 0.0, _EARTH_RATE], place)
+
+
+def _pole(day: float, since: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The Celestial Intermediate Pole's X, Y and the locator s, (...) rad, IAU 2006/2000A.
+
+    They have thousands of terms, and change by 5e-9 rad in an hour, so for many instants of a day they are
+    interpolated, by polynomials that are off by less than rounding.
+
+    Args:
+        day: terrestrial time as a Julian date, first part.
+        since: (...) days, the other.
+    """
+    erfa = library("erfa")
+    low, high = float(np.min(since, initial=np.inf)), float(np.max(since, initial=-np.inf))
+    if np.size(since) <= 2 * _NODES or not high - low <= _INTERPOLATED:
+        found: tuple[np.ndarray, np.ndarray, np.ndarray] = erfa.xys06a(day, since)
+        return found
+    nodes = np.polynomial.chebyshev.chebpts1(_NODES)
+    at = erfa.xys06a(day, (low + high) / 2 + nodes * (high - low) / 2)
+    fits = np.polynomial.chebyshev.chebfit(nodes, np.stack(at, axis=1), _NODES - 1)
+    x, y, s = np.polynomial.chebyshev.chebval((2 * since - low - high) / (high - low), fits)
+    return x, y, s
 
 
 def body_state(body: str, epoch: np.datetime64, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -41,6 +41,18 @@ def test_a_place_at_sea_level_is_where_handbooks_have_it(latitude, longitude):
         np.testing.assert_allclose(found, on_the_ground(utc, latitude, longitude), atol=0.03)  # km
 
 
+@pytest.mark.parametrize("span", [0.0, 600.0, 86400.0])
+def test_many_instants_have_the_earth_where_each_by_itself_has_it(span):
+    place = erfa.gd2gc(1, LISBON.longitude, LISBON.latitude, LISBON.altitude) * 1e-3
+    times = np.linspace(0, span, 200)
+    found = sky.positions(LISBON, epoch=EPOCH, times=times)
+    tai = erfa.utctai(*erfa.dtf2d("UTC", 2026, 6, 20, 9, 30, 0.0))
+    ut = erfa.dtf2d("UTC", 2026, 6, 20, 9, 30, 0.0)
+    tt = erfa.taitt(*tai)
+    turns = erfa.c2t06a(tt[0], tt[1] + times / 86400, ut[0], ut[1] + times / 86400, 0.0, 0.0)
+    np.testing.assert_allclose(found, np.einsum("kji,j->ki", turns, place), rtol=0, atol=2e-9)  # km
+
+
 def test_places_turn_with_the_earth_as_by_the_equinox():
     times = np.linspace(0, 86400, 97)
     place = erfa.gd2gc(1, LISBON.longitude, LISBON.latitude, LISBON.altitude) * 1e-3
