@@ -168,7 +168,7 @@ def _pole(day: float, since: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
     """
     erfa = library("erfa")
     low, high = float(np.min(since, initial=np.inf)), float(np.max(since, initial=-np.inf))
-    if np.size(since) <= 2 * _NODES or not high - low <= _INTERPOLATED:
+    if np.size(since) <= 2 * _NODES or not 0 < high - low <= _INTERPOLATED:
         found: tuple[np.ndarray, np.ndarray, np.ndarray] = erfa.xys06a(day, since)
         return found
     nodes = np.polynomial.chebyshev.chebpts1(_NODES)
