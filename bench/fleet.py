@@ -33,9 +33,9 @@ Pool = tuple[Executor | None, Callable[[], Sequence[int]]]
 
 
 def digest(folder: Path) -> str:
-    """SHA-256 of all plans and the table of a fleet's folder."""
+    """SHA-256 of all plans, rows and the table of a fleet's folder."""
     found = hashlib.sha256()
-    for path in sorted([*folder.glob("plans/*.npz"), folder / "table.jsonl"]):
+    for path in sorted([*folder.glob("plans/*.npz"), *folder.glob("rows/*"), folder / "table.jsonl"]):
         found.update(path.read_bytes())
     return found.hexdigest()
 
