@@ -60,7 +60,7 @@ class Orbit:
 
 @dataclass(frozen=True)
 class Aim:
-    """A target: function of times (k,) to unit vectors (k, 3), inertial, s between samples, spans when hidden."""
+    """A target: function of times (k,) to unit vectors (k, 3), inertial, s between samples, and when hidden."""
 
     at: Callable[[np.ndarray], np.ndarray]
     step: float = STEP
