@@ -1,7 +1,7 @@
 """The command line: the words of all commands, and the exit codes that they end with.
 
 Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 no plan, 2 bad input, 3 not
-certified. A command is the function of its name in `jaxplan.cli.plans` or `jaxplan.cli.studies`; these are
+certified. A command is the function of its name in `jaxplan.cli.plans`, `timelines` or `studies`; these are
 imported when a command runs, so that ``--help`` answers at once.
 """
 
@@ -30,10 +30,16 @@ _KINDS = (
     "joint_bounds, grouped, moving, moved_goals, mixed, terminal_masks, fields or any_spacecraft"
 )
 _PLANNERS = "mha, mha-paper, wastar, rrt_star or rrt_connect"
-_OF_STUDIES = ("study", "table4")  # commands of `jaxplan.cli.studies`; the others are in `plans`
+_HOMES = {
+    "study": "studies",
+    "table4": "studies",
+    "timeline": "timelines",
+}  # the other commands are in `plans`
 _NEW_OBJECTS = 100_000  # new objects between garbage collections; with Python's 700 these take a tenth
 _PLAN = "a plan.json, as jaxplan plan -o DIR writes it"
+_ANY_PLAN = f"{_PLAN}, or a plan.npz of jaxplan timeline"
 _SCENARIO = "a scenario file, or case-1 to case-4 of the paper"
+_TIMELINE = "a timeline's file, or case-day or case-imaging, which come with the package"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -81,7 +87,7 @@ def _tell_of_refusals() -> None:
 def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     """Run the command of the parsed options, or print version or help; returns the exit code."""
     if options.command is not None:
-        home = import_module(f"jaxplan.cli.{'studies' if options.command in _OF_STUDIES else 'plans'}")
+        home = import_module(f"jaxplan.cli.{_HOMES.get(options.command, 'plans')}")
         return int(getattr(home, options.command)(options))
     if options.version:
         print(f"jaxplan {__version__}")
@@ -126,6 +132,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     _add_scene_commands(commands)
     _add_plan_commands(commands)
+    _add_timeline(commands)
     _add_study(commands)
     _add_table4(commands)
     return parser
@@ -165,22 +172,30 @@ def _add_scene_commands(commands: Any) -> None:
     new = commands.add_parser(
         "new",
         help="write a scenario file to begin with",
-        description=("Write a scenario file that can be planned as it is, with a comment on every option."),
+        description=(
+            "Write a scenario file that can be planned as it is, with a comment on every option; "
+            "or that of a timeline."
+        ),
     )
     new.add_argument("file", metavar="FILE", help="its name, such as scene.toml; - for stdout")
     new.add_argument(
-        "--from", dest="source", metavar="CASE", help="copy a case of the paper instead, case-1 to case-4"
+        "--from",
+        dest="source",
+        metavar="CASE",
+        help="copy a case of the paper instead, case-1 to case-4, or a timeline, case-day or case-imaging",
     )
+    new.add_argument("--timeline", action="store_true", help="write a timeline's file instead")
     new.add_argument("--force", action="store_true", help="replace a file that is there")
     validate = commands.add_parser(
         "validate",
         help="say what is wrong with scenario files",
         description=(
-            "Say what scenario files hold, or all that is wrong with them, and whether each start "
-            "(and goal, where it is a given state) keeps the limits and zones. Nothing is planned."
+            "Say what files of scenarios and timelines hold, or all that is wrong with them, "
+            "and whether each start (and goal, where it is a given state) keeps the limits and zones. "
+            "Nothing is planned."
         ),
     )
-    validate.add_argument("files", nargs="+", metavar="SCENARIO", help=_SCENARIO)
+    validate.add_argument("files", nargs="+", metavar="SCENARIO", help=f"{_SCENARIO}; or {_TIMELINE}")
     validate.add_argument("--json", action="store_true", help="print what was found for machines")
 
 
@@ -220,8 +235,8 @@ def _add_plan_commands(commands: Any) -> None:
         help="write a plan for other tools",
         description=("Certify a plan file anew and write its motion as another tool reads it."),
     )
-    for each in (check, report, export):
-        each.add_argument("plan", metavar="PLAN", help=_PLAN)
+    for each, words in ((check, _ANY_PLAN), (report, _PLAN), (export, _ANY_PLAN)):
+        each.add_argument("plan", metavar="PLAN", help=words)
     plot.add_argument("plan", metavar="FILE", help=f"{_PLAN}; or {_SCENARIO}")
     check.add_argument("--json", action="store_true", help="print the certificate for machines")
     plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the file")
@@ -262,6 +277,36 @@ def _add_plan_commands(commands: Any) -> None:
     export.add_argument("--naif-id", type=int, metavar="N", help="SPICE's number of the spacecraft (-999)")
     export.add_argument("-o", "--out", metavar="PATH", help="where to; by default beside the plan")
     export.add_argument("--force", action="store_true", help="replace what an earlier export wrote there")
+
+
+def _add_timeline(commands: Any) -> None:
+    """Add the command ``timeline`` to the parser."""
+    timeline = commands.add_parser(
+        "timeline",
+        help="plan the activities of a day",
+        description=(
+            "Plan the activities of a timeline, with the slews between them, as one certified motion."
+        ),
+    )
+    timeline.add_argument("timeline", metavar="TIMELINE", help=_TIMELINE)
+    timeline.add_argument(
+        "-o",
+        "--out",
+        metavar="DIR",
+        help="write plan.npz, timeline.toml, activities.csv and segments.csv there",
+    )
+    timeline.add_argument(
+        "--go-on", action="store_true", help="plan the rest, too, where an activity cannot be done"
+    )
+    timeline.add_argument(
+        "--export",
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="F",
+        help="write the motion to DIR for other tools, too: aem, ck, stk, basilisk, csv or npz",
+    )
+    timeline.add_argument("--json", action="store_true", help="print a summary for machines")
 
 
 def _add_study(commands: Any) -> None:

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from jaxplan import planner
-from jaxplan.cases import CASE_NAMES, case_path
+from jaxplan.cases import CASE_NAMES, TIMELINE_NAMES, case_path
+from jaxplan.cli import timelines
 from jaxplan.cli.common import (
     BAD_INPUT,
     DONE,
@@ -39,8 +40,9 @@ from jaxplan.planner.validity import hidden_targets, start_breaches
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import ScenarioError, load_scenario
 from jaxplan.schema.text import template
+from jaxplan.schema.timelines import timeline_template
 
-_COUNTED = {  # what a scene and its spacecraft have several of, and what one of them is called
+_COUNTED = {  # what a scene, its spacecraft or a timeline has several of, and what one of them is called
     "terminals": "terminal",
     "drives": "drive",
     "instruments": "instrument",
@@ -49,13 +51,15 @@ _COUNTED = {  # what a scene and its spacecraft have several of, and what one of
     "keep_in": "keep-in zone",
     "joint_bounds": "joint bound",
     "masks": "mask",
+    "activities": "activity",
 }
 
 
 def new(options: argparse.Namespace) -> int:
-    """Write a scenario file to begin with: the template, or a case of the paper."""
+    """Write a scenario or timeline file to begin with: the template, a case of the paper, or an example."""
+    text = _text(options.source, options.timeline)
     if options.file == "-":
-        print(_text(options.source), end="")
+        print(text, end="")
         return DONE
     file = Path(options.file)
     if not options.file or options.file.endswith(os.sep) or file.is_dir():
@@ -64,17 +68,19 @@ def new(options: argparse.Namespace) -> int:
         raise ValueError(f"{file}: is there already; take another name, or replace it with --force")
     try_folder_of(file)
     with replacing_file(file) as fresh:
-        fresh.write_text(_text(options.source), encoding="utf-8")
-    say(f"wrote {file}; plan it with: jaxplan plan {shlex.quote(str(file))} -o out")
+        fresh.write_text(text, encoding="utf-8")
+    command = "timeline" if options.timeline or options.source in TIMELINE_NAMES else "plan"
+    say(f"wrote {file}; plan it with: jaxplan {command} {shlex.quote(str(file))} -o out")
     return DONE
 
 
-def _text(source: str | None) -> str:
-    """Text of the template for None, else of the case of that name; raises ValueError if there is none."""
+def _text(source: str | None, timeline: bool) -> str:
+    """Text of a template for None, else of the case of that name; raises ValueError if there is none."""
     if source is None:
-        return template()
-    if source not in CASE_NAMES:
-        raise ValueError(f"--from {source}: must be one of {', '.join(CASE_NAMES)}")
+        return timeline_template() if timeline else template()
+    known = TIMELINE_NAMES if timeline else (*CASE_NAMES, *TIMELINE_NAMES)
+    if source not in known:
+        raise ValueError(f"--from {source}: must be one of {', '.join(known)}")
     return case_path(source).read_text(encoding="utf-8")
 
 
@@ -94,15 +100,24 @@ def _findings(name: str) -> dict[str, Any]:
     """
     found: dict[str, Any] = {"file": name, "valid": False, "faults": [], "start": [], "goal": []}
     try:
+        if timelines.is_timeline(name):
+            asked = timelines.load_timeline_file(name)
+            start = list(start_breaches(replace(asked.scene, goal=asked.scene.start)))
+            holds = _holds(asked.scene) | {"activities": len(asked.activities)}
+            return found | {"valid": not start, "start": start, "holds": holds}
         scene = load_scene(name)
     except ScenarioError as error:
         return found | {"faults": list(error.faults), "holds": None}
     except ValueError as error:  # it is none at all
         return found | {"faults": [str(error).removeprefix(f"{name}: ")], "holds": None}
     start, goal = _breaches(scene)
+    return found | {"valid": not (start or goal), "start": start, "goal": goal, "holds": _holds(scene)}
+
+
+def _holds(scene: Scenario) -> dict[str, Any]:
+    """The name of a scene, and how many it has of what `_COUNTED` says."""
     everything = {**vars(scene), **vars(scene.spacecraft), "masks": masks(scene.spacecraft)}
-    holds = {"name": scene.name, **{key: len(everything[key]) for key in _COUNTED}}
-    return found | {"valid": not (start or goal), "start": start, "goal": goal, "holds": holds}
+    return {"name": scene.name, **{key: len(everything[key]) for key in _COUNTED if key in everything}}
 
 
 def _breaches(scene: Scenario) -> tuple[list[str], list[str]]:
@@ -129,8 +144,8 @@ def _line(found: dict[str, Any]) -> str:
     name, holds = found["file"], found["holds"]
     if holds is None:
         return str(ScenarioError(found["faults"], name or '""'))
-    counted = [(key, holds[key]) for key in _COUNTED if holds[key]]
-    parts = ", ".join(f"{number} {_COUNTED[key]}{'' if number == 1 else 's'}" for key, number in counted)
+    counted = [(key, holds[key]) for key in _COUNTED if holds.get(key)]
+    parts = ", ".join(f"{number} {_plural(_COUNTED[key], number)}" for key, number in counted)
     broken = [
         f"\n  {status.value}: {'; '.join(found[place])}"
         for place, status in (("start", Status.INVALID_START), ("goal", Status.INVALID_GOAL))
@@ -139,6 +154,13 @@ def _line(found: dict[str, Any]) -> str:
     if broken:
         return f"{name}: {parts}{''.join(broken)}"
     return f"{name}: ok: {parts}; the start keeps all limits and zones"
+
+
+def _plural(noun: str, number: int) -> str:
+    """A noun as it stands after a number."""
+    if number == 1:
+        return noun
+    return f"{noun.removesuffix('y')}ies" if noun.endswith("y") else f"{noun}s"
 
 
 def plan(options: argparse.Namespace) -> int:
@@ -158,6 +180,8 @@ def plan(options: argparse.Namespace) -> int:
 
 def check(options: argparse.Namespace) -> int:
     """Certify a plan file anew, and print the certificate."""
+    if timelines.is_timeline_plan(options.plan):
+        return timelines.check(options)
     plan = load_plan_file(options.plan)
     if plan.trajectory is None or plan.goal is None:
         from jaxplan.exporting import ending
@@ -170,6 +194,7 @@ def check(options: argparse.Namespace) -> int:
 
 def plot(options: argparse.Namespace) -> int:
     """Draw the figures of a plan file, or the spacecraft of a scenario."""
+    timelines.refuse(options.plan, "plot")
     if _is_scenario(options.plan):
         return _plot_spacecraft(options)
     plan = load_plan_file(options.plan)
@@ -201,6 +226,7 @@ def report(options: argparse.Namespace) -> int:
     """Write an HTML page on a plan file."""
     from jaxplan.report import report_html
 
+    timelines.refuse(options.plan, "report")
     plan = load_plan_file(options.plan)
     path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
     try_folder_of(path)
@@ -215,8 +241,10 @@ def export(options: argparse.Namespace) -> int:
     from jaxplan import exporting
     from jaxplan.model.export_names import ExportNames
 
-    plan = load_plan_file(options.plan)
-    path = exporting.default_path(options.plan, options.format) if options.out is None else options.out
+    of_timeline = timelines.is_timeline_plan(options.plan)
+    plan: Any = timelines.load_plan(options.plan) if of_timeline else load_plan_file(options.plan)
+    beside = Path(options.plan).with_name("motion") if of_timeline else options.plan  # plan.npz is the plan
+    path = exporting.default_path(beside, options.format) if options.out is None else options.out
     try_folder_of(path)
     given = {each.name: getattr(options, each.name) for each in fields(ExportNames)}
     try:
@@ -267,6 +295,7 @@ def load_scene(name: str) -> Scenario:
         ValueError: if there is no such file, or it is no scenario file.
     """
     set_up_jax()
+    timelines.refuse(name, "plan")
     cases = ", ".join(CASE_NAMES)
     if name in CASE_NAMES:
         return load_scenario(case_path(name))

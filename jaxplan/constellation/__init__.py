@@ -1,26 +1,40 @@
-"""Whole constellations: a Walker shell whose satellites switch their links, each of them planned.
+"""Whole constellations: a Walker shell whose satellites switch their links, once or all day long.
 
     >>> shell = jp.walker("53:1584/72/39", 550.0)
     >>> switch = jp.link_switch(shell, sun_direction=[0.0, 0.9174771, 0.3977885])
     >>> print(jp.plan_constellation(switch, workers=2))
+    >>> day = jp.link_schedule(shell, epoch="2026-06-20T09:30:00", duration_s=86400.0)
+    >>> print(jp.plan_fleet(day, "fleet", workers=2))
 
 `shell` says where the satellites are, `links` whom their terminals point at and what is in the way; `switch`
-makes planning problems of it, and `result` plans them and says what came of it.
+makes planning problems of it, and `result` plans them and says what came of it. Links that change over hours
+are a `schedule`, that of the shell's `mesh` unless given; `fleet` plans each satellite's by an order of
+`orders`, and keeps the plans in a `fleet_folder`, each in a file as `plan_file` lays it out.
 """
 
+from jaxplan.constellation.fleet import Fleet, load_fleet, plan_fleet
 from jaxplan.constellation.links import default_topologies
+from jaxplan.constellation.plan_file import SatellitePlan
 from jaxplan.constellation.result import Constellation, ConstellationSummary, plan_constellation
+from jaxplan.constellation.schedule import LinkSchedule, Span, link_schedule
 from jaxplan.constellation.shell import Shell, walker
 from jaxplan.constellation.switch import LinkSwitch, link_switch, relay_spacecraft
 
 __all__ = [
     "Constellation",
     "ConstellationSummary",
+    "Fleet",
+    "LinkSchedule",
     "LinkSwitch",
+    "SatellitePlan",
     "Shell",
+    "Span",
     "default_topologies",
+    "link_schedule",
     "link_switch",
+    "load_fleet",
     "plan_constellation",
+    "plan_fleet",
     "relay_spacecraft",
     "walker",
 ]

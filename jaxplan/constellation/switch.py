@@ -39,14 +39,25 @@ from jaxplan.schema import ScenarioError
 from jaxplan.schema.reading import checked_spacecraft
 from jaxplan.sky.orbits import EARTH_RADIUS
 
+_SIDE_MOUNTS = {3: (("cross", 90.0),), 4: (("right", -90.0), ("left", 90.0))}  # deg
 
-def relay_spacecraft() -> Spacecraft:
-    """A platform with a terminal to the front, one to the back, and one to its left side for cross links.
+
+def relay_spacecraft(terminals: int = 3) -> Spacecraft:
+    """A platform with a terminal to the front, one to the back, and one or two to its sides for cross links.
 
     Each turns by 80 deg to either side and by 30 deg up and down, at up to 6 deg/s and 4 deg/s^2. The
     platform turns at up to 1 deg/s and 0.5 deg/s^2.
+
+    Args:
+        terminals: how many, 3 with one to the left for cross links ("cross"), 4 with one to the right and one
+            to the left.
+
+    Raises:
+        ValueError: for another number.
     """
-    terminals = (("fore", 0.0), ("aft", 180.0), ("cross", 90.0))
+    if terminals not in _SIDE_MOUNTS:
+        raise ValueError(f"terminals = {terminals!r}: must be 3 or 4")
+    mounts = (("fore", 0.0), ("aft", 180.0), *_SIDE_MOUNTS[terminals])
     return Spacecraft(
         terminals=tuple(
             Terminal(
@@ -57,7 +68,7 @@ def relay_spacecraft() -> Spacecraft:
                 rate_limit=math.radians(6.0),
                 acceleration_limit=math.radians(4.0),
             )
-            for name, mount in terminals
+            for name, mount in mounts
         ),
         rate_limit=math.radians(1.0),
         acceleration_limit=math.radians(0.5),
@@ -158,22 +169,31 @@ class LinkSwitch(Surroundings):
 
     def chosen(self, satellites: Iterable[int] | None) -> list[int]:
         """Check numbers of satellites and return them, all for None; raises ScenarioError for wrong ones."""
-        if satellites is None:
-            return list(range(self.shell.total))
-        numbers = list(several("satellites", satellites, "numbers of satellites"))
-        total = self.shell.total
-        faults = []
-        for place, number in enumerate(numbers):
-            whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
-            if not whole or not 0 <= number < total:
-                faults.append(f"satellites[{place}] = {number!r}: must be an integer in [0, {total - 1}]")
-        if not numbers:
-            faults.append("satellites is empty: there is nothing to plan")
-        elif not faults and len(set(numbers)) < len(numbers):
-            faults.append("satellites: each may come once")
-        if faults:
-            raise ScenarioError(faults, "the satellites")
-        return [int(number) for number in numbers]
+        return chosen_satellites(self.shell, satellites)
+
+
+def chosen_satellites(shell: Shell, satellites: Iterable[int] | None) -> list[int]:
+    """Check numbers of satellites of a shell and return them; all for None.
+
+    Raises:
+        ScenarioError: if there is no such satellite, one comes twice, or there is none.
+    """
+    if satellites is None:
+        return list(range(shell.total))
+    numbers = list(several("satellites", satellites, "numbers of satellites"))
+    total = shell.total
+    faults = []
+    for place, number in enumerate(numbers):
+        whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
+        if not whole or not 0 <= number < total:
+            faults.append(f"satellites[{place}] = {number!r}: must be an integer in [0, {total - 1}]")
+    if not numbers:
+        faults.append("satellites is empty: there is nothing to plan")
+    elif not faults and len(set(numbers)) < len(numbers):
+        faults.append("satellites: each may come once")
+    if faults:
+        raise ScenarioError(faults, "the satellites")
+    return [int(number) for number in numbers]
 
 
 SUN_OUTAGES = ("wait", "keep")

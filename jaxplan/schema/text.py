@@ -12,7 +12,7 @@ examples of what has no default stand in ``template.toml``, whose comments say w
 import re
 import textwrap
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from importlib.resources import files
 from typing import Any
 
@@ -165,33 +165,39 @@ def default(table: Table, entry: Field) -> str | None:
     return value_text(entry.kind.write(usual))
 
 
-def template() -> str:
-    """Make the text of a scenario file that can be planned as it is.
+def template(source: str = "template.toml", layout: Table = SCENARIO) -> str:
+    """Make the text of a scenario file, or of another layout, that can be planned as it is.
 
     Lines that begin with ``#`` and no blank are options. Each holds without the ``#``, too; of a block whose
     header is such a line, all together.
+
+    Args:
+        source: name of the file with the scene.
+        layout: of the file.
     """
-    source = files("jaxplan.schema").joinpath("template.toml").read_text(encoding="utf-8")
+    text = files("jaxplan.schema").joinpath(source).read_text(encoding="utf-8")
     told: set[tuple[str, str]] = set()
-    return "\n\n".join(_block(block, told) for block in source.strip().split("\n\n")) + "\n"
+    return "\n\n".join(_block(block, layout, told) for block in text.strip().split("\n\n")) + "\n"
 
 
-def _block(block: str, told: set[tuple[str, str]]) -> str:
+def _block(block: str, layout: Table, told: set[tuple[str, str]]) -> str:
     """A block of lines between blank ones, with comments from the layout.
 
     Args:
         block: of the source.
+        layout: of the file.
         told: tables and keys of which it was said before; those of this block are added.
     """
     sections = re.split(r"\n(?=#?\[)", block)
-    return "\n".join(line for section in sections for line in _section(section.split("\n"), told))
+    return "\n".join(line for section in sections for line in _section(section.split("\n"), layout, told))
 
 
-def _section(lines: list[str], told: set[tuple[str, str]]) -> Iterator[str]:
+def _section(lines: list[str], layout: Table, told: set[tuple[str, str]]) -> Iterator[str]:
     """Yield a table's lines in the order of the layout, with the settings that the source leaves to it.
 
     Args:
         lines: of the source, with or without the header.
+        layout: see `_block`.
         told: see `_block`.
 
     Raises:
@@ -203,10 +209,11 @@ def _section(lines: list[str], told: set[tuple[str, str]]) -> Iterator[str]:
     yield from (line for line in lines if line not in given.values() and not _HEADER.fullmatch(line))
     if not header and not given:
         return
-    table, meaning = _table(path)
+    table, meaning = _table(path, layout, given)
     if header:
         yield header[0] if (path, "") in told else _beside(header[0], meaning)
-    whole = {entry.key: entry for entry in entries(table)}
+    inline = [entry for entry in table.fields if entry.key in given]  # tables may be written as values
+    whole = {entry.key: entry for entry in table.fields if entry in inline or entry in entries(table)}
     unknown = given.keys() - whole.keys()
     if unknown:
         raise KeyError(f"{path} has no {', '.join(sorted(unknown))}")
@@ -221,14 +228,16 @@ def _section(lines: list[str], told: set[tuple[str, str]]) -> Iterator[str]:
     told.add((path, ""))
 
 
-def _table(path: str) -> tuple[Table, str]:
-    """The table under a dotted header, of alternative ones the first, and its meaning."""
-    table, meaning = SCENARIO, ""
+def _table(path: str, layout: Table, given: Iterable[str]) -> tuple[Table, str]:
+    """The table under a dotted header, and its meaning; of alternative ones the first with the given keys."""
+    table, meaning = layout, ""
     for key in filter(None, path.split(".")):
         entry = next(entry for entry in table.fields if entry.key == key)
         kind, meaning = entry.kind, entry.meaning
         if isinstance(kind, Either):
-            kind = next(iter(kind.tables.values()))
+            several = list(kind.tables.values())
+            knowing = (one for one in several if {*given} <= {each.key for each in one.fields})
+            kind = next(knowing, several[0])
         table = kind.table if isinstance(kind, Rows) else kind  # type: ignore[assignment]
     return table, meaning
 

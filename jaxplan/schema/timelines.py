@@ -447,3 +447,8 @@ def save_timeline(timeline: Timeline, path: str | os.PathLike[str]) -> None:
     text = dump_timeline(timeline)
     with replacing_file(file_path("path", path)) as temporary:
         temporary.write_bytes(text.encode())
+
+
+def timeline_template() -> str:
+    """Make the text of a timeline's file that can be planned as it is, see `jaxplan.schema.text.template`."""
+    return texts.template("timeline.toml", TIMELINE)

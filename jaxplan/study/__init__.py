@@ -8,9 +8,9 @@ keeps; `result` and `comparison` say what they mean. The studies of `table4` sea
 """
 
 from jaxplan.study.comparison import Comparison, compare_studies
+from jaxplan.study.folder import StudyFolderError
 from jaxplan.study.result import Study, Summary, load_study
 from jaxplan.study.run import run_study
-from jaxplan.study.store import StudyFolderError
 
 __all__ = [
     "Comparison",

@@ -12,12 +12,12 @@ import math
 import os
 import time
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sized
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -127,8 +127,8 @@ def run_task(
             planned = 0
             bar.step("workers begin, and may compile" if workers is not None else "")
             try:
-                with closing(_answers(Blocks(task, left, chunk), workers, work)) as answers:
-                    for answer in () if all(store.done) else answers:
+                with closing(answers(Blocks(task, left, chunk), workers, work)) as found:
+                    for answer in () if all(store.done) else found:
                         table = store.add(answer)
                         planned += sum(row["status"] == OK for row in table)
                         bar.step("")
@@ -146,8 +146,45 @@ def run_task(
         )
 
 
-def _answers(chunks: "Blocks", workers: Workers | None, work: Work) -> Generator[Answer, None, None]:
-    """Do the work for all chunks, here or by workers, which end then; yield the answers as they come."""
+class Part(Protocol):
+    """What is handed to a worker at once; `scenes` are what it is made of."""
+
+    @property
+    def scenes(self) -> Sized:
+        """What it is made of."""
+
+
+class Done(Protocol):
+    """A worker's answer, with the seconds that it took."""
+
+    @property
+    def seconds(self) -> float:
+        """The time that it took, s."""
+
+
+P = TypeVar("P", bound=Part)
+A = TypeVar("A", bound=Done)
+A_co = TypeVar("A_co", bound=Done, covariant=True)
+
+
+class Parts(Protocol[P, A_co]):
+    """The parts of some work that are left, as `Blocks` are those of a study."""
+
+    def take(self, under_way: int, most: int = 1) -> P | None:
+        """Take the next part off, see `Blocks.take`."""
+
+    def learn(self, scenes: int, seconds: float) -> None:
+        """Take note of the seconds that a number of scenes took."""
+
+    def suspect(self, chunks: Iterable[P]) -> None:
+        """Put back parts of which one may have killed a worker."""
+
+    def killed(self, chunk: P) -> Iterable[A_co]:
+        """Put back a part that killed a worker by itself; yields the answer for what is given up."""
+
+
+def answers(chunks: Parts[P, A], workers: Workers | None, work: Callable[[P], A]) -> Generator[A, None, None]:
+    """Do the work for all parts, here or by workers, which end then; yield the answers as they come."""
     if workers is None:
         yield from in_this_process(chunks, work)
         return
@@ -236,7 +273,7 @@ class Blocks:
         self.suspect(parts)
 
 
-def in_this_process(chunks: Blocks, work: Work) -> Iterator[Answer]:
+def in_this_process(chunks: Parts[P, A], work: Callable[[P], A]) -> Iterator[A]:
     """Do the work for one chunk after the other in this process, and yield the answers."""
     while (chunk := chunks.take(0)) is not None:
         answer = work(chunk)
@@ -244,7 +281,7 @@ def in_this_process(chunks: Blocks, work: Work) -> Iterator[Answer]:
         yield answer
 
 
-def by_workers(chunks: Blocks, work: Work, pool: WorkerPool) -> Iterator[Answer]:
+def by_workers(chunks: Parts[P, A], work: Callable[[P], A], pool: WorkerPool) -> Iterator[A]:
     """Hand chunks out to workers, and yield their answers as they come.
 
     As many are handed out at once as keep all workers busy: more and more, as long as they are begun at once.
@@ -254,10 +291,10 @@ def by_workers(chunks: Blocks, work: Work, pool: WorkerPool) -> Iterator[Answer]
         RuntimeError: if workers die before they do anything.
         Exception: what an executor raises that cannot do its work, such as for a package that is missing.
     """
-    running: dict[Future[Answer], tuple[Chunk, float]] = {}
+    running: dict[Future[A], tuple[P, float]] = {}
     most = _UNDER_WAY * pool.workers
     while True:
-        lost: list[Chunk] = []
+        lost: list[P] = []
         broken = False
         while len(running) < most and not broken and (chunk := chunks.take(len(running), most)) is not None:
             try:

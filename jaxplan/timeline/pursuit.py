@@ -31,6 +31,7 @@ from jaxplan.model.spacecraft import Spacecraft
 
 _NEWTON = 12  # most steps of Newton's method; it doubles its digits in each
 _MET = 1e-13  # of an equation, of which unit vectors are; rounding allows no less
+_ALIKE = 1e-9  # sine of an angle below which two directions have no axis between them
 _KEPT = 8  # sets of instants for which directions are kept
 _FARTHEST = 0.5  # rad, most that a step turns, since equations are linear near a solution alone
 
@@ -129,6 +130,7 @@ class Pursuit:
         turned = np.asarray(attitudes, float)
         if not self.equations:
             return turned
+        turned = self._turned_about(turned, times)
         for _ in range(_NEWTON):
             value, slope = self.residuals(turned, times)
             if np.all(np.abs(value) <= _MET):
@@ -137,6 +139,25 @@ class Pursuit:
             size = np.linalg.norm(step, axis=-1, keepdims=True)
             turned = turned @ so3.exp(step * np.minimum(1, _FARTHEST / np.maximum(size, 1e-300)))
         return turned
+
+    def _turned_about(self, attitudes: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Attitudes (K, 3, 3) turned until the first instrument with a target points there, if it is far off.
+
+        Its equations hold with its back to the target, too.
+        """
+        gimbals = self.craft.gimbals
+        fixed = [place for place, number in enumerate(self.devices) if number >= gimbals.count]
+        if not fixed:
+            return attitudes
+        seen = (self.directions(times) @ attitudes)[:, fixed[0]]
+        boresight = self.craft.fixed_boresights[self.devices[fixed[0]] - gimbals.count]
+        axis, cosine = np.cross(boresight, seen), seen @ boresight
+        sine = np.linalg.norm(axis, axis=1)
+        across = np.linalg.svd(boresight[None])[2][1]
+        axis = np.where(sine[:, None] > _ALIKE, axis / np.maximum(sine, _ALIKE)[:, None], across)
+        angle = np.arctan2(sine, cosine)
+        turn = so3.exp(np.where(angle > _FARTHEST, angle, 0.0)[:, None] * axis)
+        return np.asarray(attitudes @ turn)
 
     def joints(self, attitudes: np.ndarray, times: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Joints (K, J) with which devices point at their targets.

@@ -1,0 +1,160 @@
+"""The command ``timeline``, and what other commands do with timelines and their plans."""
+
+import argparse
+import shlex
+from pathlib import Path
+
+from jaxplan.cases import TIMELINE_NAMES, case_path
+from jaxplan.cli.common import (
+    DONE,
+    NO_PLAN,
+    NOT_CERTIFIED,
+    complain,
+    print_result,
+    say,
+    set_up_jax,
+    writable_folder,
+)
+from jaxplan.model.status import Status
+from jaxplan.model.timeline import Timeline
+from jaxplan.planner.record import report_summary
+from jaxplan.runtime.files import replacing_file
+from jaxplan.schema import load_timeline, save_timeline
+from jaxplan.schema.text import LARGEST_TIMELINE, parse
+from jaxplan.schema.timelines import KIND
+from jaxplan.timeline import TimelinePlan, load_timeline_plan
+from jaxplan.timeline.files import is_plan
+from jaxplan.timeline.tables import activities_csv, segments_csv
+
+PLAN, TIMELINE = "plan.npz", "timeline.toml"  # what is written to a folder
+_TABLES = {"activities.csv": activities_csv, "segments.csv": segments_csv}
+
+
+def timeline(options: argparse.Namespace) -> int:
+    """Plan a timeline, and write its plan, tables and exports to a folder."""
+    from jaxplan.timeline import plan_timeline
+
+    asked = load_timeline_file(options.timeline)
+    formats = tuple(dict.fromkeys(options.export))
+    if formats and options.out is None:
+        raise ValueError("--export needs -o DIR, where the files go")
+    _expect_exports(asked, formats)
+    folder = None if options.out is None else writable_folder(options.out)
+    plan = plan_timeline(asked, throw=False, go_on=options.go_on)
+    print_result(plan.summary() if options.json else plan)
+    code = _code_of(plan)
+    if folder is not None:
+        _write(plan, folder)
+        if formats and not plan.ok:
+            return complain(f"{options.timeline}: is not exported, since it is not certified", code)
+        for name in formats:
+            _export(plan, folder, name)
+    return code
+
+
+def _expect_exports(asked: Timeline, formats: tuple[str, ...]) -> None:
+    """Raise a ValueError before anything is planned where it could not be exported in a format."""
+    if not formats:
+        return
+    from jaxplan.exporting import FORMATS
+
+    for name in formats:
+        if name not in FORMATS:
+            raise ValueError(f"--export {name}: must be one of {', '.join(FORMATS)}")
+        if FORMATS[name].dated and asked.scene.epoch is None:
+            raise ValueError(f"--export {name}: needs an epoch: give the timeline epoch_utc, or [sky]")
+
+
+def _write(plan: TimelinePlan, folder: Path) -> None:
+    """Write timeline, plan and tables to a folder."""
+    save_timeline(plan.timeline, folder / TIMELINE)
+    plan.save(folder / PLAN)
+    for name, table in _TABLES.items():
+        with replacing_file(folder / name) as fresh:
+            fresh.write_text(table(plan), encoding="utf-8")
+    for name in (TIMELINE, PLAN, *_TABLES):
+        say(f"wrote {folder / name}")
+
+
+def _export(plan: TimelinePlan, folder: Path, name: str) -> None:
+    """Write the motion of a certified plan to a folder as another tool reads it."""
+    from jaxplan import exporting
+
+    path = folder / f"motion{exporting.FORMATS[name].suffix}"
+    say(f"wrote {exporting.export(plan, path, format=name, overwrite=True)}")
+
+
+def check(options: argparse.Namespace) -> int:
+    """Certify the plan of a timeline anew, and print the certificate."""
+    plan = load_plan(options.plan)
+    if plan.trajectory is None:
+        return complain(
+            f"{options.plan}: has no trajectory, {plan.status.name}: {plan.message}", _code_of(plan)
+        )
+    found = plan.certify()
+    print_result(report_summary(found) if options.json else found)
+    return DONE if found.certified else NOT_CERTIFIED
+
+
+def load_timeline_file(name: str) -> Timeline:
+    """Read the timeline of a file, or an example by its name.
+
+    Raises:
+        ScenarioError: (a ValueError) for a timeline with faults.
+        ValueError: if there is no such file.
+    """
+    set_up_jax()
+    if name in TIMELINE_NAMES:
+        return load_timeline(case_path(name))
+    known = ", ".join(TIMELINE_NAMES)
+    if not name:
+        raise ValueError(f"TIMELINE is empty, it must name a file or one of {known}")
+    if is_timeline_plan(name):
+        raise ValueError(f"{name}: is a plan; jaxplan check and export take it")
+    if not Path(name).exists():
+        raise ValueError(
+            f"{name}: no such file, and none of {known}; jaxplan new --timeline writes a file to begin with"
+        )
+    if Path(name).is_dir():
+        raise ValueError(f"{name}: is a folder, name a timeline's file in it")
+    return load_timeline(name)
+
+
+def is_timeline(name: str) -> bool:
+    """Whether a name is that of an example, or of a TOML file that says that it is a timeline."""
+    if name in TIMELINE_NAMES:
+        return True
+    if not name.endswith(".toml") or not Path(name).is_file():
+        return False
+    try:
+        with open(name, "rb") as file:
+            content = parse(file.read(LARGEST_TIMELINE + 1).decode("utf-8-sig"), LARGEST_TIMELINE)
+    except (OSError, ValueError):
+        return False
+    return content.get("kind") == KIND
+
+
+def is_timeline_plan(name: str) -> bool:
+    """Whether a file is the plan of a timeline."""
+    return Path(name).is_file() and is_plan(name)
+
+
+def load_plan(name: str) -> TimelinePlan:
+    """Read the plan of a timeline; raises a PlanFileError (a ValueError) if it is none."""
+    set_up_jax()
+    return load_timeline_plan(name)
+
+
+def refuse(name: str, command: str) -> None:
+    """Raise a ValueError if a command that takes single plans is given a timeline or a plan of one."""
+    if is_timeline_plan(name):
+        raise ValueError(
+            f"{name}: is the plan of a timeline; jaxplan check and export take it, not {command}"
+        )
+    if is_timeline(name):
+        raise ValueError(f"{name}: is a timeline; plan it with: jaxplan timeline {shlex.quote(name)} -o out")
+
+
+def _code_of(plan: TimelinePlan) -> int:
+    """The exit code for a plan's status."""
+    return {Status.OK: DONE, Status.UNCERTIFIED: NOT_CERTIFIED}.get(plan.status, NO_PLAN)

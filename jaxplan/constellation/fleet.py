@@ -1,0 +1,344 @@
+"""Planning fleets: hours or a day of every satellite of a shell, by this process or by many, kept on disk.
+
+Each satellite is planned by itself, its links a timeline, and its plan is written as soon as it is there. In
+memory is kept no more than a row of each. A satellite whose planning raises, or kills its process twice, is a
+row with status "crashed".
+"""
+
+import hashlib
+import json
+import math
+import os
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxplan.constellation.fleet_folder import FleetFolder, Row
+from jaxplan.constellation.orders import Order, Planned, given_up, order_of, plan_order
+from jaxplan.constellation.plan_file import SatellitePlan
+from jaxplan.constellation.schedule import LinkSchedule
+from jaxplan.constellation.shell import out_of_range
+from jaxplan.model.goals import GivenState
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.status import Status
+from jaxplan.model.timeline import SHORTEST, SLEWS
+from jaxplan.runtime.arguments import expect, file_path, show
+from jaxplan.runtime.display import as_table, shown
+from jaxplan.runtime.progress import progress_bar
+from jaxplan.runtime.workers import Workers, WorkersDiedError, who_works
+from jaxplan.schema import ScenarioError, scenario_to_dict, with_settings
+from jaxplan.study.run import DEATHS, answers
+from jaxplan.version import __version__
+
+_TOLERANCES = math.radians(1e-8), math.radians(1.0)  # rad, least and largest
+
+
+@shown("done", "satellites", "failures", "folder", heading="Fleet of {0.title}")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fleet:
+    """Plans of a shell's satellites, in a folder; `plan_fleet` and `load_fleet` make it.
+
+    Attributes:
+        title: the shell, epoch and duration.
+        satellites: how many were to be planned.
+        folder: where the plans are.
+        table: a row for each satellite that is planned, in the order of their numbers: status and message,
+            activities, seconds linked and scheduled, slews, and what is proved; the same on every run.
+    """
+
+    title: str
+    satellites: int
+    folder: Path
+    table: list[Row]
+
+    @property
+    def done(self) -> int:
+        """Number of satellites with a row."""
+        return len(self.table)
+
+    @property
+    def complete(self) -> bool:
+        """Whether all satellites have a row."""
+        return self.done == self.satellites
+
+    @property
+    def certified(self) -> int:
+        """Number of satellites all of whose activities are planned, with a certified motion."""
+        return sum(row["status"] == Status.OK.name for row in self.table)
+
+    @property
+    def failures(self) -> dict[str, int]:
+        """Number of the other satellites with each status, by its name, the most frequent first."""
+        names = Counter(row["status"] for row in self.table if row["status"] != Status.OK.name)
+        return dict(names.most_common())
+
+    @cached_property
+    def timings(self) -> list[Row]:
+        """The seconds of each satellite of the table by step, as far as they are known."""
+        known = {row["satellite"] for row in self.table}
+        return [row for row in self._store.timings() if row["satellite"] in known]
+
+    @cached_property
+    def _store(self) -> FleetFolder:
+        """The folder."""
+        return FleetFolder.of(self.folder)[0]
+
+    def load(self, satellite: int) -> SatellitePlan:
+        """Read the plan of a satellite.
+
+        Args:
+            satellite: its number.
+
+        Raises:
+            ValueError: if it has none, or its file is damaged.
+        """
+        given: Any = satellite  # whatever its type says
+        whole = isinstance(given, int | np.integer) and not isinstance(given, bool)
+        if not whole or not 0 <= given < self._store.total:
+            most = self._store.total - 1
+            raise ValueError(f"satellite = {show(given)}: must be an integer in [0, {most}]")
+        return self._store.plan(int(given))
+
+    def rows(self) -> list[tuple[str, str]]:
+        """The fleet as (label, value) rows for a table."""
+        table = self.table
+        done = f"{self.done}" if self.complete else f"{self.done} done of {self.satellites}"
+        rows = [("satellites", done), ("planned, certified", f"{self.certified}")]
+        rows += [(name, f"{count}") for name, count in self.failures.items()]
+        slews = sum(row["slews"] for row in table)
+        if slews:
+            seconds, longest = (
+                sum(row["slew_s"] for row in table),
+                max(row["longest_slew_s"] for row in table),
+            )
+            rows.append(
+                ("slews", f"{slews}, {seconds / slews:.1f} s on average, {longest:.1f} s the longest")
+            )
+        scheduled = sum(row["scheduled_s"] for row in table)
+        if scheduled:
+            share = sum(row["linked_s"] for row in table) / scheduled
+            rows.append(("links", f"followed for {100 * share:.2f} % of the scheduled time"))
+        errors = [row["pointing_error_deg"] for row in table if row["pointing_error_deg"] is not None]
+        if errors:
+            rows.append(("pointing", f"within {max(errors):.2g} deg of every link, proved"))
+        margins = [row for row in table if row["min_margin_deg"] is not None]
+        if margins:
+            least = min(margins, key=lambda row: row["min_margin_deg"])
+            of = f"{least['worst_device']} of satellite {least['satellite']} to {least['worst_zone']}"
+            rows.append(("smallest margin", f"{least['min_margin_deg']:.3f} deg, {of}, proved"))
+        return rows
+
+    def __str__(self) -> str:
+        rows = self.rows()
+        width = max(len(label) for label, _ in rows)
+        return "\n".join(
+            [f"Fleet of {self.title}", *(f"  {label:<{width}}  {value}" for label, value in rows)]
+        )
+
+    def _repr_html_(self) -> str:
+        return as_table(f"Fleet of {self.title}", self.rows())
+
+
+def plan_fleet(
+    schedule: LinkSchedule,
+    folder: str | os.PathLike[str],
+    *,
+    satellites: Iterable[int] | None = None,
+    tolerance: float = math.radians(0.01),
+    slew: str = SHORTEST,
+    settings: Mapping[str, Any] | None = None,
+    workers: Workers | None = None,
+    progress: bool = True,
+) -> Fleet:
+    """Plan the links of a shell's satellites over hours or a day, and keep every plan in a folder.
+
+    Each satellite follows its links from change to change, and slews to the next ones as soon as they are
+    scheduled, clear of Sun and Earth at all times; the whole of its motion is certified. What cannot be done
+    is told by name, and the rest of the satellite's time is planned. On one machine the files are the same
+    bytes whoever plans, and however often it is interrupted: the same call goes on where it was killed, and
+    may ask for more satellites. Ctrl-C ends it early and returns what is done.
+
+    Args:
+        schedule: of `link_schedule`.
+        folder: a new or empty one, or that of the same fleet. A plan that is there is not made again.
+        satellites: numbers of those that are planned; None for all.
+        tolerance: rad, within which terminals are to point along their links, in [1e-8, 1] deg.
+        slew: "shortest" for slews in the shortest time, "calm" where there is time for longer ones.
+        settings: that differ from the defaults, such as ``{"search.max_expansions": 500}``; searches have no
+            time limit.
+        workers: who plans: None for this process, a number of processes, or an executor, such as
+            ``get_executor()`` of a Dask client; satellites go out one by one.
+        progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
+
+    Returns:
+        What became of each satellite.
+
+    Raises:
+        ScenarioError: for satellites that there are not, and for wrong settings.
+        TypeError, ValueError: for another schedule, folder, tolerance, slew or workers.
+        StudyFolderError: if the folder holds something else, such as another fleet, or is in use.
+        RuntimeError: if workers die before they plan anything, or have another version of jaxplan.
+
+    Example:
+        >>> shell = jp.walker("53:1584/72/39", 550.0)
+        >>> schedule = jp.link_schedule(shell, epoch="2026-06-20T09:30:00", duration_s=shell.period)
+        >>> print(jp.plan_fleet(schedule, "fleet", satellites=range(0, 1584, 132), workers=2))
+    """
+    expect("schedule", schedule, LinkSchedule, "jp.link_schedule makes one of a shell")
+    place = file_path("folder", folder)
+    faults = out_of_range("tolerance", tolerance, "rad", *_TOLERANCES)
+    if slew not in SLEWS:
+        faults.append(f"slew = {slew!r}: must be {' or '.join(map(repr, SLEWS))}")
+    if faults:
+        raise ScenarioError(faults, "the fleet")
+    chosen = schedule.chosen(satellites)
+    given = {} if settings is None else settings
+    with_settings(_example(schedule.spacecraft), given)
+    who = who_works(workers, None)
+    make = partial(order_of, schedule, tolerance=float(tolerance), slew=slew, settings=given)
+    store = FleetFolder(place, schedule.shell.total)
+    with store.claimed(_description(schedule, float(tolerance), slew, given)):
+        rows = store.rows()
+        left = _Left([number for number in chosen if number not in rows], make)
+        try:
+            _plan(store, rows, left, len(chosen), who, progress)
+        except WorkersDiedError as error:
+            raise RuntimeError(str(error)) from None
+        finally:
+            rows = {number: rows[number] for number in sorted(rows)}
+            store.write_table(rows)
+    return Fleet(
+        title=_title(schedule.shell.name, str(schedule.epoch), schedule.until),
+        satellites=len(chosen),
+        folder=place,
+        table=[rows[number] for number in sorted(chosen) if number in rows],
+    )
+
+
+def load_fleet(folder: str | os.PathLike[str]) -> Fleet:
+    """Read the folder of a fleet, also of one that is not done yet.
+
+    Args:
+        folder: what `plan_fleet` was given.
+
+    Raises:
+        TypeError: for what is no path.
+        StudyFolderError: if it holds no fleet.
+    """
+    place = file_path("folder", folder)
+    store, head = FleetFolder.of(place)
+    return Fleet(
+        title=_title(head["shell"], head["epoch"], head["until_s"]),
+        satellites=store.total,
+        folder=place,
+        table=list(store.rows().values()),
+    )
+
+
+def _plan(
+    store: FleetFolder,
+    rows: dict[int, Row],
+    left: "_Left",
+    satellites: int,
+    workers: Workers | None,
+    progress: bool,
+) -> None:
+    """Plan the satellites that are left, and add their rows; after Ctrl-C those that are done."""
+    if not left:
+        return
+    with progress_bar(
+        "fleet", "satellites", total=satellites, initial=satellites - len(left), shown=progress
+    ) as bar:
+        bar.step("workers begin, and may compile" if workers is not None else "")
+        try:
+            with closing(answers(left, workers, plan_order)) as found:
+                for planned in found:
+                    store.add(planned)
+                    rows[planned.satellite] = planned.row
+                    bar.step("")
+                    bar.update()
+        except KeyboardInterrupt:
+            pass  # what is done is returned
+
+
+class _Left:
+    """The satellites that are left to be planned, as `answers` hands them out, one by one.
+
+    Where a worker dies with several under way, all of them become suspects, which are planned with nothing
+    else under way; one that kills its worker so twice is given up.
+    """
+
+    def __init__(self, numbers: Iterable[int], make: partial[Order]) -> None:
+        self._left, self._make = deque(numbers), make
+        self._suspects: deque[Order] = deque()
+        self._alone = False  # whether what is under way is a suspect
+
+    def __len__(self) -> int:
+        return len(self._left) + len(self._suspects)
+
+    def take(self, under_way: int, most: int = 1) -> Order | None:
+        """Take the next order off; None where there is none, or none that may run beside others."""
+        if under_way and (self._suspects or self._alone):
+            return None
+        self._alone = bool(self._suspects)
+        if self._suspects:
+            return self._suspects.popleft()
+        return self._make(self._left.popleft()) if self._left else None
+
+    def learn(self, scenes: int, seconds: float) -> None:
+        """Satellites go out one by one, whatever time they take."""
+
+    def suspect(self, chunks: Iterable[Order]) -> None:
+        """Put back orders of which one may have killed a worker."""
+        self._suspects.extend(chunks)
+
+    def killed(self, chunk: Order) -> Iterator[Planned]:
+        """Put back an order that killed a worker by itself, or yield the answer for one that is given up."""
+        deaths = chunk.deaths + 1
+        if deaths < DEATHS:
+            self.suspect([replace(chunk, deaths=deaths)])
+        else:
+            yield given_up(chunk, f"its worker died, {deaths} times while it planned nothing else")
+
+
+def _example(craft: Spacecraft) -> Scenario:
+    """A scenario of a spacecraft."""
+    still = GivenState(rotation_vector=np.zeros(3), joints=np.mean(craft.joint_ranges, axis=1))
+    return Scenario(name="fleet", spacecraft=craft, start=still, goal=still)
+
+
+def _title(shell: str, epoch: str, until: float) -> str:
+    """The shell, epoch and duration in one line."""
+    return f"{shell}, {until:g} s from {epoch} on"
+
+
+def _description(
+    schedule: LinkSchedule, tolerance: float, slew: str, settings: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Description of a fleet for its folder; two with the same one have the same plans."""
+    shell = schedule.shell
+    craft = json.dumps(scenario_to_dict(_example(schedule.spacecraft))["spacecraft"], sort_keys=True)
+    links = hashlib.sha256(schedule.times.tobytes())
+    links.update(schedule.topology.tobytes())
+    return {
+        "jaxplan": __version__,
+        "shell": shell.name,
+        "satellites": shell.total,
+        "inclination_rad": shell.inclination,
+        "epoch_angle_rad": shell.epoch_angle,
+        "epoch": str(schedule.epoch),
+        "until_s": schedule.until,
+        "links": links.hexdigest(),
+        "spacecraft": hashlib.sha256(craft.encode()).hexdigest(),
+        "cones_rad": dict(schedule.cones),
+        "tolerance_rad": tolerance,
+        "slew": slew,
+        "settings": dict(settings),
+    }

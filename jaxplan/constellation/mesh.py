@@ -1,0 +1,113 @@
+"""The mesh of a shell as it changes: neighbours in the plane, and the nearest ones in the planes beside.
+
+A satellite's links in its plane go to the satellites ahead and behind, always the same ones. To either side
+it is linked to the nearest satellite of the plane beside, while neither is beyond a latitude that is given,
+since planes cross at high ones. Two satellites are linked where each is the nearest to the other; the one
+that a satellite is linked to counts as nearer than it is by a share, the *hysteresis*, so that links do not
+flutter.
+
+Sides are seen from the satellite: its right is across its orbit's plane, against the orbit's normal. So the
+plane to the east is to the right of satellites that fly north and to the left of those that fly south, and
+terminals change their planes where the satellites turn round, at the highest latitudes.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from jaxplan.constellation.shell import Shell
+
+SIDES = FORE, AFT, RIGHT, LEFT = ("fore", "aft", "right", "left")
+NOBODY = -1
+"""In the place of a satellite's number: no link."""
+_AHEAD = 1e-9  # share by which one ahead counts as farther than one as far behind, so that there are no ties
+
+
+@dataclass(kw_only=True, eq=False)
+class Mesh:
+    """A shell's links as time goes on; the instants asked for must not go back.
+
+    Args:
+        shell: the satellites.
+        sides: of `SIDES`, what each terminal is for.
+        highest_latitude: rad, beyond which a satellite has no links to other planes.
+        hysteresis: share by which another satellite must be nearer for a link to go over to it.
+    """
+
+    shell: Shell
+    sides: tuple[str, ...]
+    highest_latitude: float
+    hysteresis: float
+    _partners: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        shell = self.shell
+        self._partners = np.full((self._pairs, shell.slots), NOBODY)  # by slot, in the plane to the east
+
+    @property
+    def _pairs(self) -> int:
+        """Number of pairs of planes that are beside each other; with two planes both sides would be one."""
+        planes = self.shell.planes
+        if not {RIGHT, LEFT} <= set(self.sides):
+            return 0
+        if self.shell.pattern == "star":
+            return planes - 1
+        return planes if planes > 2 else 0
+
+    def at(self, time: float) -> np.ndarray:
+        """The links (T, n) at a time, s: numbers of satellites, `NOBODY` for none. They are mutual."""
+        shell = self.shell
+        links = np.full((shell.total, len(self.sides)), NOBODY)
+        numbers = np.arange(shell.total)
+        for side, step in ((FORE, 1), (AFT, -1)):
+            if side in self.sides:
+                there = shell.neighbours(0, step)
+                links[:, self.sides.index(side)] = np.where(there == numbers, NOBODY, there)
+        if self._pairs:
+            self._link_planes(links, time)
+        return links
+
+    def _link_planes(self, links: np.ndarray, time: float) -> None:
+        """Write the links between planes at a time, s, to `links` (T, n)."""
+        shell, count = self.shell, self._pairs
+        shape = (shell.planes, shell.slots, 3)
+        place, ahead = (np.reshape(states, shape) for states in shell.states(time))
+        place = place / shell.radius
+        normal = np.cross(place[:, 0], ahead[:, 0])
+        west, east = np.arange(count), (np.arange(count) + 1) % shell.planes
+        # whether the other one is to the left, (pairs, slots of the plane to the west or east)
+        left_of_west = np.einsum("psk,pk->ps", place[east], normal[west]) > 0
+        left_of_east = np.einsum("psk,pk->ps", place[west], normal[east]) > 0
+        low = np.abs(place[..., 2]) <= math.sin(self.highest_latitude)
+        # left for the one is right for the other, (pairs, slots to the west, slots to the east)
+        fits = left_of_west[:, None, :] != left_of_east[:, :, None]
+        fits &= low[west][:, :, None] & low[east][:, None, :]
+        cosine = np.clip(np.einsum("psk,ptk->pst", place[west], place[east]), -1, 1)
+        far = np.sqrt(2 - 2 * cosine)
+        behind = np.einsum("psk,ptk->pst", ahead[west], place[east]) > 0
+        far = np.where(fits, far * (1 + _AHEAD * behind), np.inf)
+        pair, slot = np.nonzero(self._partners >= 0)
+        far[pair, slot, self._partners[pair, slot]] *= 1 - self.hysteresis
+        best, back = np.argmin(far, axis=2), np.argmin(far, axis=1)
+        own = np.arange(shell.slots)
+        chosen = np.take_along_axis(far, best[:, :, None], axis=2)[..., 0]
+        mutual = (np.take_along_axis(back, best, axis=1) == own) & np.isfinite(chosen)
+        self._partners = np.where(mutual, best, NOBODY)
+        pair, slot = np.nonzero(mutual)
+        other = best[pair, slot]
+        right, left = (self.sides.index(side) for side in (RIGHT, LEFT))
+        to_left = left_of_west[pair, other]
+        ends = west[pair] * shell.slots + slot, east[pair] * shell.slots + other
+        columns = np.where(to_left, left, right), np.where(to_left, right, left)
+        order = np.argsort(-np.tile(chosen[pair, slot], 2), kind="stable")  # the nearest last: it stays
+        who, whom, column = (np.concatenate(part)[order] for part in (ends, ends[::-1], columns))
+        links[who, column] = whom
+        for mine, theirs in ((right, left), (left, right)):
+            answered = links[links[:, mine], theirs] == np.arange(shell.total)
+            links[:, mine] = np.where((links[:, mine] >= 0) & answered, links[:, mine], NOBODY)
+
+
+def crossing_latitude(shell: Shell) -> float:
+    """The highest latitude, rad, that a shell's satellites come to; neighbouring planes cross near it."""
+    return math.asin(math.sin(shell.inclination))

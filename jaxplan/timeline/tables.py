@@ -1,0 +1,72 @@
+"""A timeline's plan as tables for spreadsheets: its activities, and its segments in the order of time.
+
+Comma-separated, UTF-8, with a line of names first, seconds from the timeline's start on, and UTC to the
+millisecond where the scene has an epoch; what there is none of is empty.
+"""
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from jaxplan.model.epochs import utc_texts
+from jaxplan.timeline.record import TimelinePlan
+
+_DIGITS = 3  # of a second
+
+
+def activities_csv(plan: TimelinePlan) -> str:
+    """The text of a table with a row for each activity: what became of it, when, and how well devices point.
+
+    Args:
+        plan: of a timeline, also one that failed.
+    """
+    utc = _texts(plan, [time for one in plan.activities for time in (one.start, one.end)])
+    rows = [
+        (
+            one.name,
+            one.kind,
+            one.status.name,
+            one.start,
+            one.end,
+            utc[one.start],
+            utc[one.end],
+            one.slew,
+            None if one.pointing_error is None else float(np.rad2deg(one.pointing_error)),
+            one.message,
+        )
+        for one in plan.activities
+    ]
+    names = "name kind status start_s end_s start_utc end_utc slew_s pointing_error_deg message"
+    return _text(names.split(), rows)
+
+
+def segments_csv(plan: TimelinePlan) -> str:
+    """The text of a table with a row for each segment: slews, and what activities do.
+
+    Args:
+        plan: of a timeline, also one that failed.
+    """
+    utc = _texts(plan, [time for one in plan.segments for time in (one.start, one.end)])
+    rows = [(one.name, one.kind, one.start, one.end, utc[one.start], utc[one.end]) for one in plan.segments]
+    return _text(["name", "kind", "start_s", "end_s", "start_utc", "end_utc"], rows)
+
+
+def _texts(plan: TimelinePlan, times: Iterable[float | None]) -> dict[float | None, str]:
+    """UTC of times, s, by these; empty without an epoch, and of none."""
+    known = sorted({time for time in times if time is not None})
+    epoch = plan.scene.epoch
+    if epoch is None or not known:
+        return dict.fromkeys([None, *known], "")
+    texts = utc_texts(epoch, np.round(known, _DIGITS))
+    return {None: ""} | dict(zip(known, (text[: _DIGITS - 9] for text in texts), strict=True))
+
+
+def _text(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Rows as comma-separated text below their names."""
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows(rows)
+    return file.getvalue()
