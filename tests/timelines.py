@@ -60,7 +60,7 @@ class Orbit:
 
 @dataclass(frozen=True)
 class Aim:
-    """A target: function of times (k,) to unit vectors (k, 3), inertial, s between samples, and when hidden."""
+    """A target: function of times (k,) to unit vectors (k, 3), s between samples, and when it is hidden."""
 
     at: Callable[[np.ndarray], np.ndarray]
     step: float = STEP
