@@ -260,11 +260,12 @@ class Doing:
         An instant at which devices point is not before its window. Where targets are not seen again as far
         as they are known, it is the time that was asked for.
         """
-        targets, asked = self.activity.targets, time
+        targets = self.activity.targets
         if targets is None:
             return time
         if self.activity.kind == "point":
             time = max(time, self.activity.earliest or 0.0)
+        asked = time
         spans = [span for path in targets.paths for span in path.hidden]
         while True:
             begin = after_hidden(spans, time)
