@@ -3,15 +3,15 @@
     >>> jp.plot.sphere(plan)
     >>> jp.plot.margins(plan, ax=axes).figure.savefig("margins.png")
 
-Every figure takes a plan, but `compare` and `segments` several trajectories, `durations` their durations and
-`table4` the rows of a comparison; `study` and its panels `success_rates`, `outcomes` and `distribution` take
-studies, `constellation` satellites that are planned, `spacecraft` a spacecraft, `tuning` what tuning found.
-All take, with ``ax``, where to draw: axes (several for a figure of several panels), a figure to put them in,
-or None for a new one. They return the axes, leave matplotlib's global settings alone and never call
-``plt.show()``. A device has one colour and line style in all figures of plans, a planner one colour in all
-comparisons, and a limit has ticks on the side that is out of bounds. `animate` returns a film, `figures` goes
-through all figures of a plan. Axes are in degrees and seconds, torques in N m,
-spectra in Hz and N m s.
+Every figure takes a plan, also that of a timeline, but `compare` and `segments` several trajectories,
+`durations` their durations and `table4` the rows of a comparison; `study` and its panels `success_rates`,
+`outcomes` and `distribution` take studies, `constellation` satellites that are planned, `timeline` the plan
+of a timeline, `spacecraft` a spacecraft, `tuning` what tuning found. All take, with ``ax``, where to draw:
+axes (several for a figure of several panels), a figure to put them in, or None for a new one. They return the
+axes, leave matplotlib's global settings alone and never call ``plt.show()``. A device has one colour and line
+style in all figures of plans, a planner one colour in all comparisons, and a limit has ticks on the side that
+is out of bounds. `animate` returns a film, `figures` goes through all figures of a plan. Axes are in degrees
+and seconds, torques in N m, spectra in Hz and N m s.
 """
 
 from jaxplan.plotting.comparison import comparison_figure as comparison_figure

@@ -64,8 +64,13 @@ def as_plan(plan: Plan | TimelinePlan) -> Plan:
         goal=goal,
         trajectory=trajectory,
         certificate=plan.certificate,
-        instants=instants(plan.segments) if trajectory is not None else np.zeros(1),
+        instants=np.zeros(1) if trajectory is None else _within(instants(plan.segments), trajectory.duration),
     )
+
+
+def _within(times: np.ndarray, end: float) -> np.ndarray:
+    """Times (k,) s, those beyond the end, s, by rounding brought to it."""
+    return np.unique(np.clip(times, 0.0, end))
 
 
 def instants(segments: Sequence[Segment]) -> np.ndarray:

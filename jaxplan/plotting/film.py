@@ -30,6 +30,7 @@ from jaxplan.plotting.style import (
     Motion,
     device_entries,
     device_style,
+    expect_plan,
     legend_beside,
     motion,
     panels,
@@ -38,6 +39,7 @@ from jaxplan.plotting.zones import draw_line, draw_zone, name_zones, zone_entrie
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.files import replacing_file
 from jaxplan.runtime.progress import progress_bar
+from jaxplan.timeline.record import TimelinePlan
 
 SIZE = (6.8, 5.6)  # inches
 
@@ -51,7 +53,7 @@ _PALEST, _DARKEST = 0.93, 0.62  # greys of its faces, square to the eye and edge
 
 
 def animate(
-    plan: Plan,
+    plan: Plan | TimelinePlan,
     ax: Canvas = None,
     *,
     view: tuple[float, float] | None = None,
@@ -63,7 +65,7 @@ def animate(
     where ffmpeg is installed.
 
     Args:
-        plan: with a trajectory.
+        plan: with a trajectory; perhaps that of a timeline.
         ax: axes, a figure to put them in, or None for a new one.
         view: inertial azimuth and elevation of the eye, deg; None for one that most boresights face.
         frames: pictures, evenly over the manoeuvre.
@@ -77,6 +79,7 @@ def animate(
     """
     if frames < 1:
         raise ValueError(f"frames = {frames}: must be 1 or more")
+    plan = expect_plan(plan)
     moves = motion(plan)
     if ax is None and "inline" in mpl.get_backend():  # a notebook would show the figure beside the player
         ax = Figure(figsize=SIZE, layout="constrained")
@@ -94,7 +97,8 @@ def animate(
     legend_beside(axes, [*devices, *ends, *zone_entries(plan.scenario)])
     picture = _Picture(axes, plan, moves, seen)
     picture(0)
-    instants = np.linspace(0, len(moves.times) - 1, frames).round().astype(int)
+    even = np.linspace(0, moves.times[-1], frames)
+    instants = np.interp(even, moves.times, np.arange(len(moves.times))).round().astype(int)
     figure = axes.get_figure(root=True)
     assert figure is not None
     return Film(figure, picture, instants)

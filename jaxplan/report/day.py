@@ -5,10 +5,10 @@ import numpy as np
 from jaxplan.model.status import Status
 from jaxplan.report import tables
 from jaxplan.report.document import document
-from jaxplan.report.markup import Markup, degrees, facts, number, section, table, tag
+from jaxplan.report.markup import Markup, degrees, facts, join, number, section, table, tag
 from jaxplan.timeline.events import Event, events
 from jaxplan.timeline.listing import activity_rows, clock, stamps
-from jaxplan.timeline.record import TimelinePlan
+from jaxplan.timeline.record import PlannedActivity, TimelinePlan
 from jaxplan.version import __version__
 
 _CAPTIONS = {
@@ -125,22 +125,29 @@ def _parts(plan: TimelinePlan, found: tuple[Event, ...], pictures: dict[str, Mar
 
 
 def activities_table(plan: TimelinePlan) -> Markup:
-    """Table of what became of each activity."""
-    when, (head, *rows) = clock(plan), activity_rows(plan)
-    titles = ["Activity", "Kind", "Start|", "End|", "Slew|s", "Error, at most|deg", "Status", "Message"]
+    """Tables of what became of each activity, and of messages where there are any."""
+    when, (_, *rows) = clock(plan), activity_rows(plan, messages=False)
+    rows = [[*row[:-1], _done(one)] for row, one in zip(rows, plan.activities, strict=True)]
+    titles = ["Activity", "Kind", "Start|", "End|", "Slew|s", "Error, at most|deg", "Status"]
     tried = {one.name for one in plan.activities}
     left = [one.name for one in plan.timeline.activities if one.name not in tried]
     rest = f"; not tried: {', '.join(left)}" if left else ""
-    return table(
-        titles[: len(head)], rows, f"Activities, in the order in which they are done; times in {when}{rest}"
-    )
+    caption = f"Activities, in the order in which they are done; times in {when}{rest}"
+    told = [[one.name, one.message] for one in plan.activities if one.message]
+    messages = table(["Activity", "What is in the way, and what to change"], told, "Messages")
+    return join([table(titles, rows, caption), *([messages] if told else [])])
+
+
+def _done(one: PlannedActivity) -> str:
+    """The status of an activity in words."""
+    return "Planned" if one.ok else _word(one.status)
 
 
 def events_listed(plan: TimelinePlan, found: tuple[Event, ...]) -> Markup:
     """Table of events; of very many the first."""
     kept = found[:_MOST_EVENTS]
     rows = [
-        [stamp, f"{event.text[:1].upper()}{event.text[1:]}"]
+        [stamp, event.text]
         for stamp, event in zip(stamps(plan, [event.time for event in kept]), kept, strict=True)
     ]
     more = "" if len(kept) == len(found) else f", the first {len(kept)} of {len(found)}"

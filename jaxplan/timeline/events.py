@@ -96,19 +96,19 @@ def events(plan: TimelinePlan, *, near: float = NEAR) -> tuple[Event, ...]:
         return ()
     end = trajectory.duration
     found = [*_doings(plan), *_risings(plan, end), *_outages(plan, end), *_eclipses(plan, end)]
-    times = _instants(plan)
+    times = _instants(plan, end)
     found += _of_margins(plan, trajectory, times, near)
     found += _of_wheels(plan, trajectory, times)
     return tuple(sorted(found, key=lambda event: (event.time, KINDS.index(event.kind))))
 
 
-def _instants(plan: TimelinePlan) -> np.ndarray:
-    """Times (k,) s at which the motion is looked at first."""
+def _instants(plan: TimelinePlan, end: float) -> np.ndarray:
+    """Times (k,) s up to the end, s, at which the motion is looked at first."""
     parts = [
         np.linspace(one.start, one.end, max(_EACH, 2 + int((one.end - one.start) / _STEP)))
         for one in plan.segments
     ]
-    return np.unique(np.concatenate(parts))
+    return np.unique(np.clip(np.concatenate(parts), 0.0, end))
 
 
 def _doings(plan: TimelinePlan) -> Iterator[Event]:

@@ -59,22 +59,26 @@ def stamps(plan: TimelinePlan, times: Iterable[float | None]) -> list[str]:
     return [NONE if time is None else next(texts) for time in given]
 
 
-def activity_rows(plan: TimelinePlan) -> list[list[str]]:
+def activity_rows(plan: TimelinePlan, *, messages: bool = True) -> list[list[str]]:
     """Rows of a table of what became of each activity, the first one its head.
 
     Columns are name, kind, start, end, duration of the slew in s, largest pointing error in deg and status;
-    the message comes last where there is any.
+    the message comes last where there is any, unless that is not wanted.
 
     Args:
         plan: of a timeline.
+        messages: whether they are told.
+
+    Example:
+        >>> as_table("Plan of a day", plan.rows(), activity_rows(plan, messages=False))
     """
-    told = any(one.message for one in plan.activities)
+    told = messages and any(one.message for one in plan.activities)
     starts = stamps(plan, [one.start for one in plan.activities])
     ends = stamps(plan, [one.end for one in plan.activities])
     rows = []
     for one, start, end in zip(plan.activities, starts, ends, strict=True):
         slew = NONE if one.slew is None else f"{one.slew:.2f}"
-        error = NONE if one.pointing_error is None else f"{np.rad2deg(one.pointing_error):.2g}"
+        error = NONE if one.pointing_error is None else f"{np.rad2deg(one.pointing_error):.1e}"
         row = [one.name, one.kind, start, end, slew, error, one.status.name]
         rows.append([*row, one.message] if told else row)
     when = clock(plan)

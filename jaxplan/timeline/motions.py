@@ -172,8 +172,9 @@ class Doing:
         if not found.goals:
             settings = replace(scene.trajectory, duration=STRETCHED)
             asked = replace(scene, goal=targets.at(begin), trajectory=settings)
-            text = messages.unreachable(asked, rows, found, np.pi)
-            raise Refused(Status.GOAL_UNREACHABLE, f"{text} at {begin:.2f} s")
+            text, _, _ = messages.unreachable(asked, rows, found, np.pi).partition(": change ")
+            text = text.replace(" at the goal", "")
+            raise Refused(Status.GOAL_UNREACHABLE, f"{text}, at {begin:.2f} s")
         return found
 
     def _instant(self, targets: Targets, goal: Goal, begin: float) -> Motion:

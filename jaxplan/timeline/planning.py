@@ -30,6 +30,8 @@ from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory
 
 _REST = "rest until the end"  # name of what is done in the time that is left
+_GENTLE = 6.0  # times the strict bound: how long a slew takes at most where there is time
+_USUAL = 60.0  # s: a slew that long is gentle in any case, and less time is not worth a rest
 _SAME = 1e-9  # s, below which there is no time for a slew
 
 
@@ -150,11 +152,14 @@ class _Day:
 
     def do(self, activity: Activity) -> bool:
         """Plan an activity from the state so far on; returns whether it could be."""
+        before = self.state, self.time, len(self.parts)
         try:
             if self.broken:
                 raise Refused(Status.INVALID_START, "; ".join(self.broken))
             self._do(activity)
         except Refused as refused:
+            self.state, self.time, kept = before  # without a rest that was to fill time
+            del self.parts[kept:], self.proofs[kept:], self.segments[kept:]
             self.activities.append(
                 PlannedActivity(
                     name=activity.name, kind=activity.kind, status=refused.status, message=refused.message
@@ -169,8 +174,8 @@ class _Day:
         if until is not None and until > self.time + _SAME:
             self.do(Activity(name=_REST, idle=True))
 
-    def _do(self, activity: Activity) -> None:
-        """Plan an activity; raises `Refused`."""
+    def _do(self, activity: Activity, *, listed: bool = True) -> None:
+        """Plan an activity; raises `Refused`. What only fills time is not listed among the activities."""
         doing = Doing(
             scene=self.scene,
             activity=activity,
@@ -197,6 +202,8 @@ class _Day:
         if motion.trajectory is not None and proof is not None:
             self._add(activity.name, activity.kind, motion.trajectory, proof)
         self.state = motion.state if motion.trajectory is None else self.state
+        if not listed:
+            return
         status, message = Status.OK, ""
         if error is not None and activity.track is not None and not error <= activity.track.tolerance:
             status = Status.UNCERTIFIED
@@ -273,6 +280,9 @@ class _Day:
         begin = doing.seen_from(opens)
         motion = self._motion(doing, begin)
         self._expect_in_time(doing, motion)
+        gentle = max(_GENTLE * departure.bound(motion.state), _USUAL)
+        if begin - self.time > gentle + _USUAL and self._wait(doing.activity.name, begin - gentle):
+            departure = replace(departure, craft=self._craft(), state=self.state, time=self.time)
         begun = clock.monotonic()
         slew = departure.in_time(motion.state, begin - self.time)
         self.seconds["slews"] += clock.monotonic() - begun
@@ -281,6 +291,14 @@ class _Day:
                 slew.status, f"no slew to it from {self.time:.2f} s to {begin:.2f} s: {slew.message}"
             )
         return slew, motion
+
+    def _wait(self, name: str, until: float) -> bool:
+        """Rest until a time, s, from which a slew to an activity is gentle; returns whether that can be."""
+        try:
+            self._do(Activity(name=name, idle=True, latest=until), listed=False)
+        except Refused:
+            return False
+        return True
 
     def _motion(self, doing: Doing, begin: float) -> Motion:
         """The motion of an activity from a time, s, on."""
@@ -322,7 +340,8 @@ class _Day:
             if not certificate.certified:
                 status, message = Status.UNCERTIFIED, "; ".join(certificate.faults)
         if failed is not None:
-            status, message = failed.status, f"activity {failed.name}: {failed.message}"
+            told = f"activity {failed.name}: {failed.message}"
+            status, message = failed.status, "; ".join(filter(None, (told, message)))
         return TimelinePlan(
             timeline=self.timeline,
             status=status,

@@ -17,7 +17,7 @@ from jaxplan.timeline.least_motion import LeastMotion, Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.trajectory import Trajectory
 
-_FEWEST, _MOST = 12, 60  # intervals between the nodes of least energy
+_FEWEST, _MOST = 12, 240  # intervals between the nodes of least energy
 _LONGEST = 120.0  # s between them, as far as there are enough
 _TURN = np.deg2rad(4.0)  # rad by which a target turns from node to node, as far as there are enough
 _FINEST = 4096  # intervals of the curve, beyond which it is not refined

@@ -227,6 +227,9 @@ def test_other_figures_take_a_day_and_have_its_axis_of_time(plan):
     for figure in (jp.plot.angles, jp.plot.rates, jp.plot.accelerations, jp.plot.margins):
         axes = np.ravel(figure(plan))[-1]
         assert axes.get_xlabel().startswith("UTC")
+    assert jp.plot.animate(plan, frames=4).instants.tolist() == [
+        int(np.argmin(np.abs(motion(plan).times - time))) for time in np.linspace(0, END, 4)
+    ]
     names = [name for name, _ in jp.plot.figures(plan)]
     assert names[0] == "timeline"
     assert {"overview", "sphere", "rates", "margins"} <= set(names)

@@ -154,6 +154,7 @@ def test_rows_of_activities_have_messages_where_there_are_any():
     assert [row[0] for row in rows] == ["image", "lost", "rest"]
     assert all(len(row) == len(head) for row in rows)
     assert rows[1][2] == rows[1][3] == "\N{EN DASH}"
+    assert activity_rows(day(), messages=False)[0] == head[:-1]
     plan = day()
     done = replace(plan, activities=(plan.activities[0],))
     assert activity_rows(done)[0][-1] == "status"
