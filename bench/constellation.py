@@ -11,20 +11,18 @@ together, from their start on.
 import argparse
 import os
 import time
-from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from pathlib import Path
 
 import numpy as np
 from _machine import print_machine
 from _options import not_negative, positive
+from _processes import cpu_seconds, evenly, peak_memory
 
 import jaxplan as jp
 from jaxplan.constellation import LinkSwitch
 
 _REHEARSAL = 64  # satellites a process, after which all that is used is compiled
-_TICKS = os.sysconf("SC_CLK_TCK")  # clock ticks a second
 
 
 def built() -> LinkSwitch:
@@ -40,23 +38,6 @@ def built() -> LinkSwitch:
         parts = f"CPU {whole:.2f} s, of which links and starts {starts:.2f} s"
         print(f"{len(scenarios)} scenarios, {words}: {parts}")
     return switch
-
-
-def evenly(total: int, count: int) -> list[int]:
-    """Numbers of `count` satellites, evenly spread over all."""
-    return np.unique(np.linspace(0, total - 1, min(count, total)).astype(int)).tolist()
-
-
-def cpu_seconds(processes: Sequence[int]) -> float:
-    """CPU time of processes, by their ids, so far, s."""
-    fields = [Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split() for process in processes]
-    return sum(int(each[11]) + int(each[12]) for each in fields) / _TICKS
-
-
-def peak_memory(processes: Sequence[int]) -> float:
-    """Peak of the resident memory of processes, by their ids, summed, MiB."""
-    lines = [Path(f"/proc/{process}/status").read_text().splitlines() for process in processes]
-    return sum(int(line.split()[1]) for each in lines for line in each if line.startswith("VmHWM")) / 1024
 
 
 def run(switch: LinkSwitch, options: argparse.Namespace) -> None:

@@ -3,11 +3,13 @@
 As a script it plans one in a folder, slowly: python fake_fleet.py FOLDER SECONDS
 """
 
+import io
 import json
 import os
 import signal
 import sys
 import time
+import zipfile
 from functools import partial
 
 import numpy as np
@@ -15,7 +17,6 @@ import numpy as np
 import jaxplan as jp
 from jaxplan.constellation import fleet
 from jaxplan.constellation.orders import Planned, row_of
-from jaxplan.constellation.plan_file import packed
 
 DEADLY = 5
 SHELL = jp.walker("53:60/6/1", 1400.0)
@@ -32,7 +33,15 @@ def plan_nothing(order, seconds: float = 0.0) -> Planned:
     time.sleep(seconds)
     row = row_of(order, None, json.dumps([span.links for span in order.spans]))
     row |= {"status": "OK" if order.satellite % 3 else "GOAL_UNREACHABLE", "slews": 2, "slew_s": 7.5}
-    return Planned(satellite=order.satellite, row=row, data=packed(row, None), seconds=seconds)
+    return Planned(satellite=order.satellite, row=row, data=packed(order.satellite), seconds=seconds)
+
+
+def packed(number: int) -> bytes:
+    """What has the look of a plan."""
+    target = io.BytesIO()
+    with zipfile.ZipFile(target, "w") as archive:
+        archive.writestr(zipfile.ZipInfo("plan.json"), f"{{}} {number}")
+    return target.getvalue()
 
 
 def die_at_one(order) -> Planned:

@@ -19,7 +19,8 @@ from jaxplan.trajectory.curve import Trajectory
 
 EARTH, ATTRACTION, DAY = 6378.137, 398600.4418, 7.292115e-5  # km, km^3/s^2, rad/s of the Earth's turn
 LAST = 3000.0  # s, until when targets are known
-STEP = 10.0  # s between their samples
+STEP = 10.0  # s between their samples, by which a neighbour in orbit is known to 1e-9 rad
+FINE = 1.0  # s between those of what is passed over closely, likewise
 
 
 def deg(*angles):
@@ -59,14 +60,15 @@ class Orbit:
 
 @dataclass(frozen=True)
 class Aim:
-    """A target: function of times (k,) to unit vectors (k, 3), inertial, and when it is hidden."""
+    """A target: function of times (k,) to unit vectors (k, 3), s between samples, and when it is hidden."""
 
     at: Callable[[np.ndarray], np.ndarray]
+    step: float = STEP
     hidden: tuple[Hidden, ...] = ()
 
     def path(self, last: float = LAST) -> DirectionPath:
         """The path that the planner is given, through samples until a time."""
-        times = np.arange(0.0, last + STEP / 2, STEP)
+        times = np.arange(0.0, last + self.step / 2, self.step)
         found = DirectionPath.through(times, self.at(times))
         return DirectionPath(
             samples=found.samples, times=found.times, slopes=found.slopes, hidden=self.hidden
@@ -103,7 +105,7 @@ def site(beneath: Orbit, time: float, beside: float = 0.0) -> Aim:
         Hidden(target=f"site at {time:g}", by="its horizon", start=float(a), end=float(min(b, LAST)))
         for a, b in zip(begins, ends, strict=True)
     )
-    return Aim(lambda at: unit(position(at) - beneath.position(at)), hidden=spans)
+    return Aim(lambda at: unit(position(at) - beneath.position(at)), step=FINE, hidden=spans)
 
 
 # The link satellite: four terminals, and zones about the Sun and the Earth.

@@ -9,12 +9,11 @@
 `shell` says where the satellites are, `links` whom their terminals point at and what is in the way; `switch`
 makes planning problems of it, and `result` plans them and says what came of it. Links that change over hours
 are a `schedule`, that of the shell's `mesh` unless given; `fleet` plans each satellite's by an order of
-`orders`, and keeps the plans in a `fleet_folder`, each in a file as `plan_file` lays it out.
+`orders`, and keeps the plans in a `fleet_folder`.
 """
 
 from jaxplan.constellation.fleet import Fleet, load_fleet, plan_fleet
 from jaxplan.constellation.links import default_topologies
-from jaxplan.constellation.plan_file import SatellitePlan
 from jaxplan.constellation.result import Constellation, ConstellationSummary, plan_constellation
 from jaxplan.constellation.schedule import LinkSchedule, Span, link_schedule
 from jaxplan.constellation.shell import Shell, walker
@@ -26,7 +25,6 @@ __all__ = [
     "Fleet",
     "LinkSchedule",
     "LinkSwitch",
-    "SatellitePlan",
     "Shell",
     "Span",
     "default_topologies",

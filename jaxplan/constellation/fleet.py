@@ -21,7 +21,6 @@ import numpy as np
 
 from jaxplan.constellation.fleet_folder import FleetFolder, Row
 from jaxplan.constellation.orders import Order, Planned, given_up, order_of, plan_order
-from jaxplan.constellation.plan_file import SatellitePlan
 from jaxplan.constellation.schedule import LinkSchedule
 from jaxplan.constellation.shell import out_of_range
 from jaxplan.model.goals import GivenState
@@ -35,6 +34,7 @@ from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import Workers, WorkersDiedError, who_works
 from jaxplan.schema import ScenarioError, scenario_to_dict, with_settings
 from jaxplan.study.run import DEATHS, answers
+from jaxplan.timeline import TimelinePlan
 from jaxplan.version import __version__
 
 _TOLERANCES = math.radians(1e-8), math.radians(1.0)  # rad, least and largest
@@ -90,14 +90,15 @@ class Fleet:
         """The folder."""
         return FleetFolder.of(self.folder)[0]
 
-    def load(self, satellite: int) -> SatellitePlan:
-        """Read the plan of a satellite.
+    def load(self, satellite: int) -> TimelinePlan:
+        """Read the plan of a satellite, to be certified anew, drawn or exported.
 
         Args:
             satellite: its number.
 
         Raises:
-            ValueError: if it has none, or its file is damaged.
+            ValueError: if there is no such satellite.
+            PlanFileError: if it has no plan, or a damaged one.
         """
         given: Any = satellite  # whatever its type says
         whole = isinstance(given, int | np.integer) and not isinstance(given, bool)

@@ -1,12 +1,14 @@
 """The folder of a fleet, where each satellite's plan is safe as soon as it is there.
 
     fleet.json      what the fleet is, its head
-    plans/0017.npz  the plan of a satellite, with its row of the table, see `plan_file`
-    table.jsonl     the rows of all plans, in the order of satellites; written anew when a call ends
+    plans/0017.npz  the plan of a satellite's timeline
+    rows/0017.json  its row of the table
+    table.jsonl     all rows, in the order of satellites; written anew when a call ends
     timings.jsonl   the seconds of each satellite, in the order in which they were done
 
-A plan is forced to disk under another name and then renamed: it is there as a whole or not at all. All files
-but timings are the same bytes whoever plans, and however often that is interrupted.
+A file is forced to disk under another name and then renamed: it is there as a whole or not at all. Rows are
+written last, so a satellite is done when it has one. All files but timings are the same bytes whoever plans,
+and however often that is interrupted.
 """
 
 import json
@@ -16,18 +18,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from jaxplan.constellation.orders import COLUMNS, Planned
-from jaxplan.constellation.plan_file import SatellitePlan, read_plan, read_row
+from jaxplan.constellation.orders import COLUMNS, CRASHED, Planned
 from jaxplan.study.folder import Head, StudyFolderError, force, open_file, refuse_constant
+from jaxplan.timeline import TimelinePlan, load_timeline_plan
+from jaxplan.timeline.files import is_plan
 
 Row = dict[str, Any]
 
 _NOUN = "fleet"
-_PLANS, _TABLE, _TIMINGS = "plans", "table.jsonl", "timings.jsonl"
+_PLANS, _ROWS, _TABLE, _TIMINGS = "plans", "rows", "table.jsonl", "timings.jsonl"
 _PART = ".part"
 _KEYS: Mapping[str, type] = {"jaxplan": str, "shell": str, "satellites": int, "epoch": str, "until_s": float}
 _STEPS = ("timeline", "motions", "slews", "proof")
-_LONGEST_LINE = 2**16  # bytes of a line of timings
+_LONGEST_LINE = 2**20  # bytes of a row, or of a line of timings
 
 
 def _check(content: Row) -> None:
@@ -63,53 +66,72 @@ class FleetFolder:
     def claimed(self, description: Mapping[str, Any]) -> Iterator[None]:
         """Hold the folder for a fleet while a block runs; raises a StudyFolderError, see `Head.claimed`."""
         with _HEAD.claimed(self.path, description):
-            plans = self.path / _PLANS
-            if plans.is_symlink():
-                raise StudyFolderError(f"{plans}: is a link, which fleets do not follow")
-            plans.mkdir(exist_ok=True)
-            for rest in plans.glob(f"*{_PART}"):  # of a call that was killed
-                rest.unlink()
+            for name in (_PLANS, _ROWS):
+                inner = self.path / name
+                if inner.is_symlink():
+                    raise StudyFolderError(f"{inner}: is a link, which fleets do not follow")
+                inner.mkdir(exist_ok=True)
+                for rest in inner.glob(f"*{_PART}"):  # of a call that was killed
+                    rest.unlink()
             yield
 
     def place(self, satellite: int) -> Path:
         """Path of a satellite's plan."""
-        return self.path / _PLANS / f"{satellite:0{len(str(self.total - 1))}d}.npz"
+        return self.path / _PLANS / f"{self._digits(satellite)}.npz"
 
-    def plan(self, satellite: int) -> SatellitePlan:
-        """The plan of a satellite; raises a PlanFileDamagedError if there is none."""
-        return read_plan(self.place(satellite))
+    def _row_place(self, satellite: int) -> Path:
+        """Path of a satellite's row."""
+        return self.path / _ROWS / f"{self._digits(satellite)}.json"
+
+    def _digits(self, satellite: int) -> str:
+        """A satellite's number as names of files have it."""
+        return f"{satellite:0{len(str(self.total - 1))}d}"
+
+    def plan(self, satellite: int) -> TimelinePlan:
+        """The plan of a satellite; raises a PlanFileError if it has none, or it is damaged."""
+        return load_timeline_plan(self.place(satellite))
 
     def row(self, satellite: int) -> Row | None:
-        """The row of a satellite; None where its plan is missing or damaged."""
-        row = read_row(self.place(satellite), COLUMNS)
-        return row if row is not None and row["satellite"] == satellite else None
+        """The row of a satellite; None where it, or the plan that belongs to it, is missing or damaged."""
+        try:
+            handle = os.open(self._row_place(satellite), os.O_RDONLY | os.O_NOFOLLOW)
+            with open(handle, "rb") as file:
+                row = json.loads(file.read(_LONGEST_LINE), parse_constant=refuse_constant)
+        except (OSError, ValueError, RecursionError):
+            return None
+        if not isinstance(row, dict) or row.keys() != COLUMNS.keys() or row["satellite"] != satellite:
+            return None
+        if not all(row[name] is None or type(row[name]) is kind for name, kind in COLUMNS.items()):
+            return None
+        there = row["status"] == CRASHED or is_plan(self.place(satellite))
+        return {name: row[name] for name in COLUMNS} if there else None
 
     def rows(self) -> dict[int, Row]:
         """The rows of all plans, by satellite and in their order."""
         found: dict[int, Row] = {}
-        plans = self.path / _PLANS
-        names = sorted(entry.name for entry in os.scandir(plans)) if plans.is_dir() else []
-        for name in names:
-            number = name.removesuffix(".npz")
+        folder = self.path / _ROWS
+        for name in sorted(entry.name for entry in os.scandir(folder)) if folder.is_dir() else []:
+            number = name.removesuffix(".json")
             if not number.isascii() or not number.isdecimal() or int(number) >= self.total:
                 continue
-            if self.place(int(number)).name == name and (row := self.row(int(number))) is not None:
+            if self._row_place(int(number)).name == name and (row := self.row(int(number))) is not None:
                 found[int(number)] = row
         return found
 
     def add(self, planned: Planned) -> None:
-        """Write a satellite's plan to disk, its seconds first."""
+        """Write a satellite's seconds, plan and row to disk, in this order."""
         line: Row = {"satellite": planned.satellite, "total_s": planned.seconds}
         line |= {f"{step}_s": planned.steps.get(step) for step in _STEPS}
         with open_file(self.path / _TIMINGS, _NOUN) as file:
-            file.write(json.dumps(line, allow_nan=False).encode() + b"\n")
+            file.write(_line(line))
             force(file)
-        self._replace(self.place(planned.satellite), planned.data)
+        if planned.data is not None:
+            self._replace(self.place(planned.satellite), planned.data)
+        self._replace(self._row_place(planned.satellite), _line(planned.row))
 
     def write_table(self, rows: Mapping[int, Row]) -> None:
         """Write the table anew, from rows in the order of satellites."""
-        lines = [json.dumps(row, allow_nan=False).encode() + b"\n" for row in rows.values()]
-        self._replace(self.path / _TABLE, b"".join(lines))
+        self._replace(self.path / _TABLE, b"".join(_line(row) for row in rows.values()))
 
     def timings(self) -> list[Row]:
         """The seconds of satellites, of several lines of one the last; damaged lines are passed over."""
@@ -136,3 +158,8 @@ class FleetFolder:
             file.write(data)
             force(file)
         os.replace(part, path)
+
+
+def _line(row: Row) -> bytes:
+    """A row as a line of JSON."""
+    return json.dumps(row, allow_nan=False).encode() + b"\n"

@@ -9,15 +9,16 @@ fit for that, at rest in the latter, and the plan says what is in the way.
 """
 
 import math
+import tempfile
 import time as clock
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from jaxplan import sky, so3
-from jaxplan.constellation.plan_file import packed
 from jaxplan.constellation.schedule import LONGEST, LinkSchedule, Span
 from jaxplan.constellation.switch import nominal_attitudes
 from jaxplan.goal.start import NotPointingError, point
@@ -185,14 +186,14 @@ class Planned:
     Attributes:
         satellite: its number.
         row: of the table.
-        data: bytes of the plan's file.
+        data: bytes of the plan's file; None where planning crashed.
         seconds: that it took, without those of compiling.
         steps: seconds by step.
     """
 
     satellite: int
     row: dict[str, Any]
-    data: bytes
+    data: bytes | None
     seconds: float
     steps: Mapping[str, float] = field(default_factory=dict)
 
@@ -215,11 +216,14 @@ def plan_order(order: Order) -> Planned:
         plan = plan_timeline(timeline, throw=False, go_on=True, progress=False)
     except Exception as error:
         return given_up(order, f"{type(error).__name__}: {error}")
-    row = row_of(order, plan)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "plan.npz"
+        plan.save(file)
+        data = file.read_bytes()
     return Planned(
         satellite=order.satellite,
-        row=row,
-        data=packed(row, plan),
+        row=row_of(order, plan),
+        data=data,
         seconds=working_time() - began,
         steps={"timeline": made, **plan.timings},
     )
@@ -227,8 +231,7 @@ def plan_order(order: Order) -> Planned:
 
 def given_up(order: Order, why: str) -> Planned:
     """The answer for a satellite whose planning raised an error, or killed its worker."""
-    row = row_of(order, None, why)
-    return Planned(satellite=order.satellite, row=row, data=packed(row, None), seconds=0.0)
+    return Planned(satellite=order.satellite, row=row_of(order, None, why), data=None, seconds=0.0)
 
 
 # Of each column of the table the type, beside None.

@@ -191,7 +191,8 @@ def link_schedule(
         crossing = max(crossing_latitude(shell) - _BELOW_CROSSING, 0.0)
         highest = crossing if highest_latitude is None else float(highest_latitude)
         mesh = Mesh(shell=shell, sides=tuple(known), highest_latitude=highest, hysteresis=float(hysteresis))
-        tables = np.stack([mesh.at(time) for time in times.tolist()])
+        kind = _number_type(shell)
+        tables = np.stack([mesh.at(time).astype(kind) for time in times.tolist()])
     else:
         times, tables = _given(topology, times, float(duration_s), shell, len(craft.terminals))
     limb = math.asin((EARTH_RADIUS + lowest_altitude) / shell.radius)
@@ -205,10 +206,15 @@ def link_schedule(
         epoch=start,
         times=times,
         until=float(duration_s),
-        topology=clear.astype(np.min_scalar_type(-shell.total)),
+        topology=clear.astype(_number_type(shell), copy=False),
         cones=cones,
         outages=outages,
     )
+
+
+def _number_type(shell: Shell) -> np.dtype[Any]:
+    """The smallest type of integers that holds all numbers of satellites, and `NOBODY`."""
+    return np.min_scalar_type(-shell.total)
 
 
 def _sides(craft: Spacecraft, sides: Sequence[str] | None) -> tuple[str, ...] | str:

@@ -29,6 +29,9 @@ from jaxplan.trajectory import Trajectory
 _SLEW_TIME = 30.0  # s, a usual slew; it weighs the way to a motion against the motion's own energy
 _GOALS = 4  # attitudes of step 1 that are tried as first guesses
 _BROKEN = 1e-9  # rad by which a node may break what it keeps
+_LOOK, _LOOKS = 5.0, 2000  # s between the instants at which zones are looked at, and the most of them
+_FEW = 25  # instants at which rates are looked at
+_SAME = 1e-9  # s, by which a time may be late
 _REST = 1.5  # times the least time in which rates can be braked
 
 
@@ -66,7 +69,8 @@ class Doing:
         activity: what is asked.
         before: the state from which the spacecraft comes.
         time: s, of that state.
-        ends: function of the time, s, at which the motion begins, to that at which it ends.
+        latest_end: s, at which an activity without a duration ends; None where nothing says.
+        known: s, until when it is known where things are.
         last: the motion that was found last, a first guess for the next.
     """
 
@@ -75,6 +79,7 @@ class Doing:
     before: State
     time: float
     latest_end: float | None = None
+    known: float = np.inf
     last: Motion | None = field(default=None)
 
     def ends(self, begin: float) -> float:
@@ -87,9 +92,15 @@ class Doing:
         assert self.latest_end is not None
         return max(self.latest_end, begin)
 
+    @property
+    def last_begin(self) -> float:
+        """The last time, s, at which the motion may begin, by what is known."""
+        return self.known - (0.0 if self.activity.kind == "point" else self.activity.duration or 0.0)
+
     def motion(self, begin: float) -> Motion:
         """The motion from a time, s, on; raises `Refused` where there is none."""
         own = self.activity
+        self._expect_known(begin)
         if own.attitude is not None:
             given = own.attitude
             found = self._held(State.still(given.attitude, given.joints), begin)
@@ -98,6 +109,7 @@ class Doing:
         else:
             found = self._pointing(own.targets, begin)
         self.last = found
+        self._expect_slow(found)
         return found
 
     def _held(self, state: State, begin: float) -> Motion:
@@ -112,11 +124,13 @@ class Doing:
             joints=np.tile(state.joints, (len(times), 1)),
         )
         pursuit = Pursuit.of(self.scene.usable, self.scene.constraints, None)
-        margins = pursuit.margins(nodes.attitudes, nodes.joints, times)
-        worst = int(np.argmin(np.min(margins, axis=1, initial=np.inf)))
-        if not np.all(margins[worst] >= -_BROKEN):
-            phrases = self._phrases(nodes, worst)
-            raise Refused(Status.INVALID_GOAL, f"{'; '.join(phrases)} at {times[worst]:.2f} s")
+        close = np.linspace(begin, end, int(np.clip((end - begin) / _LOOK, len(times), _LOOKS)))
+        still = [np.broadcast_to(part, (len(close), *part.shape)) for part in (state.attitude, state.joints)]
+        margins = pursuit.margins(still[0], still[1], close)
+        worst = close[int(np.argmin(np.min(margins, axis=1, initial=np.inf)))]
+        phrases = self._phrases(replace(nodes, times=np.array([worst])), 0)
+        if phrases:
+            raise Refused(Status.INVALID_GOAL, f"{'; '.join(phrases)} at {worst:.2f} s")
         return Motion(state=state, trajectory=curves.through(nodes), begin=begin)
 
     def _resting(self, begin: float) -> Motion:
@@ -134,7 +148,6 @@ class Doing:
     def _pointing(self, targets: Targets, begin: float) -> Motion:
         """The motion that follows targets."""
         end = self.ends(begin)
-        self._expect_seen(targets, begin, end)
         if self.last is not None and self.last.tracked is not None:
             nodes = self.last.tracked.nodes
             return self._tracked(targets, [nodes.attitudes], nodes.joints[0], begin)
@@ -218,6 +231,18 @@ class Doing:
                 found += gimbals.joints_of(number).tolist()
         return tuple(found)
 
+    def _expect_known(self, begin: float) -> None:
+        """Raise `Refused` if an activity that begins at a time, s, ends after the timeline."""
+        if own_targets := self.activity.targets:
+            self._expect_seen(own_targets, begin, self.ends(begin))
+        late = self.ends(begin) - self.known
+        if late > _SAME:
+            raise Refused(
+                Status.OUT_OF_WINDOW,
+                f"begun at {begin:.2f} s it would end {late:.2f} s after the timeline, which ends at "
+                f"{self.known:.2f} s: let the timeline end later, ask for less time, or do less before",
+            )
+
     def _expect_seen(self, targets: Targets, begin: float, end: float) -> None:
         """Raise `Refused` if a target is hidden at some time of the activity, seconds both."""
         for name, path in zip(targets.names(self.scene.spacecraft), targets.paths, strict=True):
@@ -231,17 +256,52 @@ class Doing:
                     )
 
     def seen_from(self, time: float) -> float:
-        """The first begin, s, at or after a time, s, of a span in which all targets are seen all along."""
+        """The first begin, s, at or after a time, s, of a span in which all targets are seen all along.
+
+        An instant at which devices point is not before its window. Where targets are not seen again as far
+        as they are known, it is the time that was asked for.
+        """
         targets = self.activity.targets
         if targets is None:
             return time
+        if self.activity.kind == "point":
+            time = max(time, self.activity.earliest or 0.0)
+        asked = time
         spans = [span for path in targets.paths for span in path.hidden]
         while True:
             begin = after_hidden(spans, time)
+            if self.ends(begin) > self.known or (begin > time and begin >= self.known):
+                return asked
             inside = [span for span in spans if begin < span.start < self.ends(begin)]
             if not inside:
                 return begin
             time = max(span.end for span in inside)
+
+    def _expect_slow(self, found: Motion) -> None:
+        """Raise `Refused` if a motion is faster than platform or joints may be."""
+        craft, track = self.scene.usable, found.trajectory
+        if track is None:
+            times, spin, joints = np.zeros(1), found.state.velocity[None], found.state.rates[None]
+        else:
+            times = np.linspace(0.0, track.duration, _FEW)
+            at = track.sample(times)
+            spin, joints = at.angular_velocity, at.joint_rates
+        each = np.concatenate([spin / craft.rate_limit, joints / craft.joint_rate_limits], axis=1)
+        names = [
+            *(f"platform rate {axis}" for axis in "xyz"),
+            *(f"{joint} rate" for joint in craft.joint_names),
+        ]
+        if craft.rate_norm_limit is not None:
+            length = np.linalg.norm(spin, axis=1, keepdims=True) / craft.rate_norm_limit
+            each, names = np.concatenate([each, length], axis=1), [*names, "the platform's rate"]
+        instant, worst = np.unravel_index(np.argmax(np.abs(each)), each.shape)
+        share = float(np.abs(each[instant, worst]))
+        if not share <= 1 + _BROKEN:
+            raise Refused(
+                Status.LIMITS_TOO_TIGHT,
+                f"{names[worst]} would reach {share:.4g} times its limit at "
+                f"{found.begin + times[instant]:.2f} s, as targets move then",
+            )
 
     def _expect_kept(self, found: Tracked) -> None:
         """Raise `Refused` if nodes break a range or a constraint."""

@@ -182,6 +182,7 @@ class _Day:
             before=self.state,
             time=self.time,
             latest_end=activity.latest if activity.latest is not None else self.timeline.until,
+            known=np.inf if self.timeline.until is None else self.timeline.until,
         )
         slew, motion = self._slew(doing)
         start = max(motion.begin, activity.earliest or 0.0)
@@ -246,7 +247,12 @@ class _Day:
         departure = Departure(scene=self.scene, craft=self._craft(), state=self.state, time=self.time)
         waits = opens > self.time + _SAME
         if waits and self.timeline.slew == CALM:
-            return self._calm(departure, doing, opens)
+            try:
+                return self._calm(departure, doing, opens)
+            except Refused as refused:
+                if refused.status not in (Status.LIMITS_TOO_TIGHT, Status.UNCERTIFIED):
+                    raise
+                waits = False  # there is too little time until then
         begun = clock.monotonic()
         spent = self.seconds["motions"]
 
@@ -255,7 +261,7 @@ class _Day:
             return found.state, found
 
         try:
-            slew = departure.shortest(goal_at, doing.seen_from)
+            slew = departure.shortest(goal_at, doing.seen_from, doing.last_begin)
         except Refused:
             if not waits:
                 raise

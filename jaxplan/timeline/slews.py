@@ -105,7 +105,10 @@ class Departure:
         return Slew(status=Status.OK, message="", trajectory=made, duration=made.duration, proof=proof)
 
     def shortest(
-        self, goal_at: Callable[[float], tuple[State, Any]], seen_from: Callable[[float], float]
+        self,
+        goal_at: Callable[[float], tuple[State, Any]],
+        seen_from: Callable[[float], float],
+        last: float = np.inf,
     ) -> Slew:
         """The slew of the shortest time to a goal that depends on when it is reached.
 
@@ -113,12 +116,13 @@ class Departure:
             goal_at: function from a time, s, in the timeline's times, to the state then and whatever the
                 caller wants to have of it.
             seen_from: function from such a time to the first one at or after it at which there is a goal.
+            last: s, the last such time at which there is one.
         """
 
         def admitted(duration: float) -> float:
             return seen_from(self.time + max(duration, _LEAST)) - self.time
 
-        duration = admitted(_FIRST)
+        duration = admitted(min(_FIRST, last - self.time))
         state, found = goal_at(self.time + duration)
         duration = admitted(_ABOVE * self.bound(state))
         failed: Slew | None = None

@@ -134,8 +134,10 @@ def track(
 
 
 def _intervals(pursuit: Pursuit, start: float, end: float) -> int:
-    """Number of intervals between nodes that targets and duration ask for."""
-    seen = pursuit.directions(np.linspace(start, end, _PLACES))
+    """Number of intervals between nodes that targets, or else zones, and duration ask for."""
+    times = np.linspace(start, end, _PLACES)
+    # without targets it is zones that ask for a motion
+    seen = pursuit.directions(times) if pursuit.devices else np.asarray(pursuit.rows.axes(times))
     turned = np.sum(np.linalg.norm(np.diff(seen, axis=0), axis=-1), axis=0)
     asked = max(float(np.max(turned, initial=0.0)) / _TURN, (end - start) / _LONGEST)
     return int(np.clip(np.ceil(asked), _FEWEST, _MOST))

@@ -1,0 +1,332 @@
+"""Whole plans of timelines, checked by numpy and scipy: joins, targets, limits, zones and wheels."""
+
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from dense import shares
+from reference import FIRST, SECOND, attitudes_of, joints_of, spin_of, stated_margins, unit
+from timelines import (
+    AXES,
+    INERTIA,
+    LINKS,
+    LOW,
+    OTHERS,
+    SUN,
+    Aim,
+    Orbit,
+    beams,
+    deg,
+    misses,
+    observer_scene,
+    relay_scene,
+    satellite,
+    site,
+)
+
+import jaxplan as jp
+from jaxplan.timeline.planning import in_order
+
+TOLERANCE = deg(0.01)
+SITES = {
+    number: site(LOW, time, beside) for number, (time, beside) in enumerate(((250.0, 1.0), (330.0, -1.0)))
+}
+FRIEND = satellite(Orbit(900.0, 80.0, 0.0, 30.0), LOW)
+STAR = unit([0.4, -0.8, 0.3])
+ASIDE = jp.GivenState(rotation_vector=np.array([0.3, 0.4, -0.1]), joints=np.array([0.2, -0.1, 0.3]))
+
+
+def pointing(aims: dict[str, Aim], **more) -> jp.Targets:
+    return jp.Targets.of({name: aim.path() for name, aim in aims.items()}, tolerance=TOLERANCE, **more)
+
+
+def activity(name: str, *, what="track", **more) -> jp.Activity:
+    """An activity that points at what it is named after in `AIMS`."""
+    wish = (jp.Wish(device="array", direction=SUN),) if name in WISHING else ()
+    return jp.Activity(name=name, **{what: pointing(AIMS[name], prefer=wish)}, **more)
+
+
+AIMS = {
+    "links": LINKS,
+    "other links": LINKS | OTHERS,
+    "links again": LINKS,
+    "image": {"telescope": SITES[0]},
+    "relay": {"telescope": SITES[1], "antenna": FRIEND},
+    "glance": {"telescope": SITES[1]},
+}
+WISHING = ("image", "relay")
+
+
+def links_day(slew: str = "shortest", **more) -> jp.Timeline:
+    """Three spells of links, the second with other neighbours, and a rest."""
+    return jp.Timeline(
+        name="links",
+        scene=relay_scene(**more),
+        activities=(
+            activity("links", duration=60.0),
+            activity("other links", earliest=90.0, latest=150.0),
+            activity("links again", duration=30.0),
+        ),
+        until=220.0,
+        slew=slew,
+    )
+
+
+def images_day() -> jp.Timeline:
+    """An image, a relay with the array toward the Sun, a glance, an attitude and a rest; with wheels."""
+    return jp.Timeline(
+        name="images",
+        scene=observer_scene(),
+        activities=(
+            activity("image", earliest=200.0, duration=12.0),
+            activity("relay", earliest=300.0, duration=25.0),
+            activity("glance", what="point", earliest=400.0),
+            jp.Activity(name="rest", idle=True, duration=30.0, earliest=440.0),
+            jp.Activity(name="aside", attitude=ASIDE, duration=20.0, earliest=560.0),
+        ),
+        until=600.0,
+        slew="calm",
+    )
+
+
+DAYS = {"links": links_day, "calm links": lambda: links_day("calm"), "images": images_day}
+each_day = pytest.mark.parametrize("name", DAYS)
+
+
+@cache
+def planned(name: str) -> jp.TimelinePlan:
+    """The plan of a day, made once."""
+    return jp.plan_timeline(DAYS[name](), progress=False)
+
+
+def spans(plan: jp.TimelinePlan, kind: str):
+    """Name, start and end of all segments of a kind."""
+    return [(one.name, one.start, one.end) for one in plan.segments if one.kind == kind]
+
+
+def one_sided(trajectory, time, side):
+    """Attitude, joints and two derivatives of each at a break, from the piece before (-1) or after (1)."""
+    step = 5e-3
+    piece = np.searchsorted(trajectory.breaks, time + side * 1e-7, side="right") - 1
+    stencil = np.stack(
+        [attitudes_of(trajectory, np.array([time + i * step]), np.array([piece]))[0] for i in range(-4, 5)]
+    )
+    middle = stencil[4].T
+
+    def vee(matrix):
+        apart = matrix - matrix.T
+        return np.array([apart[2, 1], apart[0, 2], apart[1, 0]]) / 2
+
+    turned = np.tensordot(FIRST / step, stencil, 1), np.tensordot(SECOND / step**2, stencil, 1)
+    beside = joints_of(trajectory, np.array([time + side * 1e-9]))[:, 0]  # of the piece that ends, or begins
+    return {
+        "attitude": stencil[4],
+        "rate": vee(middle @ turned[0]),
+        "acceleration": vee(middle @ turned[1]),
+        "joints": beside,
+    }
+
+
+@each_day
+def test_a_day_is_planned_and_certified_whole(name):
+    plan = planned(name)
+    assert plan.ok
+    assert plan.certificate.certified
+    assert all(one.ok for one in plan.activities)
+    assert plan.trajectory.duration == plan.timeline.until
+    jumps = {name: jump for name, jump in plan.certificate.jumps.items() if "jerk" not in name}
+    assert len(jumps) == 6
+    assert max(jumps.values()) < 1e-9
+
+
+@each_day
+def test_segments_follow_each_other_without_gaps(name):
+    segments = planned(name).segments
+    assert segments[0].start == 0
+    assert segments[-1].end == planned(name).timeline.until
+    for one, other in pairwise(segments):
+        assert one.end == other.start
+        assert one.start < one.end
+
+
+@each_day
+def test_the_motion_has_two_continuous_derivatives_where_segments_join(name):
+    trajectory = planned(name).trajectory
+    for segment in planned(name).segments[1:]:
+        before, after = (one_sided(trajectory, segment.start, side) for side in (-1, 1))
+        np.testing.assert_allclose(after["attitude"], before["attitude"], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(after["rate"], before["rate"], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(after["acceleration"], before["acceleration"], rtol=0, atol=2e-9)
+        np.testing.assert_allclose(after["joints"], before["joints"], rtol=0, atol=1e-8)
+
+
+@each_day
+def test_devices_point_at_where_their_targets_truly_are_within_what_is_proved(name):
+    plan, aims_met = planned(name), 0
+    for activity_name, start, end in spans(plan, "track"):
+        own = next(one for one in plan.activities if one.name == activity_name)
+        time = np.append(np.arange(start, end, 0.5), end)
+        worst = np.max(misses(plan.trajectory, plan.timeline.scene.spacecraft, AIMS[activity_name], time))
+        # what samples tell of a target is off by some 1e-8 rad at most
+        assert worst <= own.pointing_error + 2e-8
+        assert own.pointing_error <= TOLERANCE
+        aims_met += 1
+    assert aims_met >= 2
+
+
+@each_day
+def test_limits_ranges_and_zones_are_kept_on_a_grid(name):
+    plan = planned(name)
+    craft, trajectory = replace(plan.timeline.scene.spacecraft, wheels=()), plan.trajectory
+    for limit, share in shares(trajectory, craft, 4001).items():
+        assert np.max(np.abs(share)) <= 1 + 1e-5, limit
+    time = np.linspace(0.0, trajectory.duration, 2003)
+    margins = stated_margins(plan.timeline.scene, trajectory, time)
+    assert set(margins) == {zone.name for zone in plan.timeline.scene.zones}
+    least = min(float(np.min(margin)) for margin in margins.values())
+    assert plan.certificate.min_margin - 1e-6 <= least
+    assert plan.certificate.min_margin > 0
+
+
+@each_day
+def test_windows_and_durations_are_kept(name):
+    plan = planned(name)
+    ends = [0.0]
+    for asked, done in zip(plan.timeline.activities, plan.activities, strict=False):
+        assert done.name == asked.name
+        assert done.start >= (asked.earliest or 0.0) - 1e-9
+        assert done.end <= (asked.latest or np.inf) + 1e-9
+        assert done.start - done.slew >= ends[-1] - 1e-6 or done.slew == 0
+        if asked.duration is not None:
+            assert done.end - done.start == pytest.approx(asked.duration, abs=1e-9)
+        ends.append(done.end)
+
+
+def test_a_target_is_followed_until_its_window_opens_after_the_shortest_slew():
+    plan = planned("links")
+    name, start, end = spans(plan, "track")[1]
+    assert name == "other links"
+    assert start < 89.0
+    assert end == 150.0
+    done = plan.activities[1]
+    assert (done.start, done.end) == (90.0, 150.0)
+
+
+def test_a_calm_slew_takes_the_time_until_the_window_opens():
+    plan = planned("calm links")
+    name, start, end = spans(plan, "slew")[1]
+    assert name == "other links"
+    assert end == pytest.approx(90.0, abs=1e-9)
+    assert start == plan.activities[0].end
+    # the slews of both days lead to the same links; the calm one takes longer, and so is slower
+    rates = []
+    for day in ("links", "calm links"):
+        time = np.linspace(*spans(planned(day), "slew")[1][1:], 99)
+        rates.append(np.max(np.abs(joints_of(planned(day).trajectory, time)[1])))
+    assert rates[1] < 0.6 * rates[0]
+
+
+def test_a_glance_points_at_its_target_at_its_instant_and_moves_with_it():
+    plan = planned("images")
+    done = next(one for one in plan.activities if one.name == "glance")
+    assert done.start == done.end == pytest.approx(400.0)
+    craft = plan.timeline.scene.spacecraft
+    at = [
+        misses(plan.trajectory, craft, AIMS["glance"], np.array([400.0 + t]))[0, 0] for t in (-0.05, 0, 0.05)
+    ]
+    assert at[1] <= TOLERANCE
+    assert np.ptp(at) < deg(1e-4)
+
+
+def test_an_attitude_is_held_at_rest():
+    plan = planned("images")
+    done = next(one for one in plan.activities if one.name == "aside")
+    time = np.linspace(done.start, done.end, 21)
+    np.testing.assert_allclose(
+        attitudes_of(plan.trajectory, time), np.tile(ASIDE.attitude, (21, 1, 1)), atol=1e-9
+    )
+    np.testing.assert_allclose(joints_of(plan.trajectory, time)[0], np.tile(ASIDE.joints, (21, 1)), atol=1e-9)
+
+
+def test_a_spacecraft_at_rest_does_not_move():
+    plan = planned("images")
+    start, end = next((a, b) for name, a, b in spans(plan, "idle") if name == "rest")
+    time = np.linspace(start, end, 9)
+    assert np.ptp(attitudes_of(plan.trajectory, time), axis=0).max() < 1e-12
+    assert np.ptp(joints_of(plan.trajectory, time)[0], axis=0).max() < 1e-12
+
+
+def test_the_array_comes_nearer_to_the_sun_than_it_was_where_it_prefers_it():
+    plan = planned("images")
+    array = plan.timeline.scene.spacecraft.device_names.index("array")
+    done = next(one for one in plan.activities if one.name == "relay")
+    seen = beams(plan.trajectory, plan.timeline.scene.spacecraft, np.array([0.0, done.start, done.end]))[
+        :, array
+    ]
+    cosines = seen @ SUN
+    assert min(cosines[1:]) > cosines[0]
+
+
+def test_wheels_hold_what_the_conservation_of_momentum_leaves_them():
+    plan = planned("images")
+    craft, trajectory = plan.timeline.scene.spacecraft, plan.trajectory
+    time = np.linspace(0.0, trajectory.duration, 701)
+    spin, attitudes = spin_of(trajectory, time)[0], attitudes_of(trajectory, time)
+    stored = np.array([wheel.stored for wheel in craft.wheels])
+    total = attitudes[0] @ (AXES.T @ stored)  # at rest the wheels have it all
+    held = np.einsum("kji,j->ki", attitudes, total) - spin @ INERTIA
+    apart = stored - np.linalg.pinv(AXES.T) @ AXES.T @ stored  # what no motion changes
+    each = held @ np.linalg.pinv(AXES.T).T + apart
+    peak = np.max(np.abs(each) / 20.0)
+    proved = max(share for name, share in plan.certificate.peaks.items() if "momenta" in name)
+    assert peak <= proved + 1e-6
+    assert proved <= 1.02 * peak
+    np.testing.assert_allclose(each[0], stored, rtol=0, atol=1e-7)
+
+
+def test_an_activity_that_comes_after_another_is_done_after_it():
+    rests = [
+        jp.Activity(name=name, idle=True, duration=1.0, after=after)
+        for name, after in (("a", "c"), ("b", ""), ("c", ""))
+    ]
+    timeline = jp.Timeline(name="order", scene=relay_scene(), activities=tuple(rests), until=50.0)
+    assert [one.name for one in in_order(timeline)] == ["b", "c", "a"]
+    plan = jp.plan_timeline(timeline, progress=False)
+    assert [one.name for one in plan.activities] == ["b", "c", "a", "rest until the end"]
+    starts = [one.start for one in plan.activities]
+    assert starts == sorted(starts)
+
+
+def test_planning_ends_at_what_cannot_be_done_unless_it_shall_go_on():
+    rests = [jp.Activity(name=name, idle=True, duration=20.0) for name in ("first", "last")]
+    late = jp.Activity(name="late", idle=True, duration=5.0, latest=10.0)
+    timeline = jp.Timeline(
+        name="late", scene=relay_scene(), activities=(rests[0], late, rests[1]), until=100.0
+    )
+    stopped = jp.plan_timeline(timeline, throw=False, progress=False)
+    gone = jp.plan_timeline(timeline, throw=False, go_on=True, progress=False)
+    assert [one.name for one in stopped.activities] == ["first", "late"]
+    assert [one.ok for one in gone.activities] == [True, False, True, True]
+    for plan in (stopped, gone):
+        assert plan.status is jp.Status.OUT_OF_WINDOW
+        assert "activity late" in plan.message
+        assert plan.certificate.certified
+    assert gone.trajectory.duration == 100.0
+    with pytest.raises(jp.TimelineError, match="activity late") as caught:
+        jp.plan_timeline(timeline, progress=False)
+    assert caught.value.status is jp.Status.OUT_OF_WINDOW
+
+
+def test_a_tube_about_the_plan_keeps_clear_of_zones_and_ranges():
+    tube = jp.Robust(attitude_error=deg(2.0), joint_error=deg(0.5))
+    whole = links_day(robust=tube)
+    plan = jp.plan_timeline(replace(whole, activities=whole.activities[:1], until=65.0), progress=False)
+    assert plan.certificate.certified
+    time = np.linspace(0.0, 65.0, 501)
+    margins = stated_margins(plan.timeline.scene, plan.trajectory, time)
+    assert min(float(np.min(margin)) for margin in margins.values()) > deg(2.0)
+    assert plan.certificate.min_margin > 0
+    joints, ranges = joints_of(plan.trajectory, time)[0], plan.timeline.scene.spacecraft.joint_ranges
+    assert np.min(ranges[:, 1] - np.abs(joints)) >= deg(0.5)
