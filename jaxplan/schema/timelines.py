@@ -8,17 +8,16 @@ Times count from the epoch on. What concerns single activities is in `activities
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from jaxplan import sky
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.export_names import REFERENCE_FRAMES, ExportNames, name_faults
-from jaxplan.model.keys import keyed
+from jaxplan.model.export_names import ExportNames
 from jaxplan.model.scenario import Scenario
-from jaxplan.model.timeline import SHORTEST, SLEWS, Activity, Timeline
+from jaxplan.model.timeline import SHORTEST, Activity, Timeline
 from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import text as texts
@@ -33,46 +32,21 @@ from jaxplan.schema.activities import (
     with_paths,
 )
 from jaxplan.schema.checks import ZONES, check_count, check_parts, check_unique, placed
-from jaxplan.schema.declared import KINDS, declared
+from jaxplan.schema.declared import declared
 from jaxplan.schema.directions import PATH, path_of
 from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError
 from jaxplan.schema.fields import check_zones
-from jaxplan.schema.kinds import Choice, Epoch, Kind, Text
+from jaxplan.schema.headings import HEADING, Heading
+from jaxplan.schema.kinds import Choice, Text
 from jaxplan.schema.layout import SCENARIO, split_scenario
 from jaxplan.schema.reading import PythonReading, count_terminals, read_file, with_epoch, with_start
 from jaxplan.schema.robust import check_robust
 from jaxplan.schema.sky import Aim, Followed, Lasting, View, resolve_all
-from jaxplan.schema.tables import Field, Rows, Table, table
+from jaxplan.schema.tables import Field, Rows, Table
 
 KIND = "timeline"
 MOST_ACTIVITIES = 5000  # more are refused before they are read
 _SOURCE = "the timeline"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Heading:
-    """What stands in ``[timeline]``: when it ends, how it slews, and what exported files are to say."""
-
-    until: float | None = keyed(None, "until_s", "when it ends; required if anything moves", "[0, 86400]")
-    slew: str = keyed(
-        SHORTEST, "slew", "whether slews take the shortest time, or all that there is", options=SLEWS
-    )
-    object_name: str | None = keyed(
-        None, "object_name", "of the spacecraft in exported files; the timeline's name if absent"
-    )
-    object_id: str | None = keyed(None, "object_id", 'international designator, such as "2000-075A"')
-    originator: str | None = keyed(None, "originator", "who makes the exported files")
-    frame_name: str | None = keyed(None, "frame_name", "of the body's frame in exported files")
-    reference_frame: str | None = keyed(
-        None, "reference_frame", "of the inertial frame in exported files", options=REFERENCE_FRAMES
-    )
-    naif_id: int | None = keyed(None, "naif_id", "SPICE's number of the spacecraft", "[-2147482, -1]")
-
-    @property
-    def given(self) -> dict[str, Any]:
-        """The names for exports that are given, by attribute."""
-        values = {part.name: getattr(self, part.name) for part in fields(ExportNames)}
-        return {name: value for name, value in values.items() if value is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,12 +69,6 @@ class Given:
     path: DirectionPath
 
 
-def _make_heading(parts: dict[str, Any], place: Place) -> Heading:
-    """Make the heading of what was read; its end may be in UTC."""
-    utc = parts.pop("until_utc", None)
-    return Heading(**parts | ({} if utc is None else {"until": utc}))
-
-
 def _make_given(parts: dict[str, Any], place: Place) -> Given:
     """Make a path by name of what was read."""
     name = parts.pop("name")
@@ -114,35 +82,6 @@ def _make_parts(parts: dict[str, Any], place: Place) -> _Parts:
     return _Parts(name=parts["name"], scene=Scenario(goal=WRONG, **parts), **own)
 
 
-def _check_heading(heading: Heading, place: Place) -> None:
-    """Note names that exported files cannot have."""
-    given = {name: value for name, value in heading.given.items() if value is not WRONG}
-    for name, complaint in name_faults(given).items():
-        place[name].fault(complaint, given[name])
-
-
-class Names(Kind):
-    """What exported files call the spacecraft, as Python has it; its class checks it."""
-
-    wanted = "ExportNames"
-
-    def read(self, value: Any, place: Place) -> Any:
-        wrong = not isinstance(value, ExportNames)
-        return place.refuse(f"must be {self.wanted}", value) if wrong else value
-
-
-KINDS[ExportNames] = Names()
-_HEADING = table(Heading, KINDS)
-HEADING = replace(
-    _HEADING,
-    fields=(
-        _HEADING.fields[0],
-        Field("until_utc", Epoch(), "until_utc", "until_s as UTC", instead_of="until"),
-        *_HEADING.fields[1:],
-    ),
-    make=_make_heading,
-    check=_check_heading,
-)
 GIVEN = Table(
     Given,
     [
