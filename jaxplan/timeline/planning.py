@@ -14,7 +14,7 @@ import numpy as np
 from jaxplan.certificate import Certificate
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import CALM, Activity, Segment, Timeline
+from jaxplan.model.timeline import CALM, Activity, Segment, Timeline, in_order
 from jaxplan.planner.validity import start_breaches
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.progress import progress_bar
@@ -87,20 +87,6 @@ def plan_timeline(
     return plan
 
 
-def in_order(timeline: Timeline) -> list[Activity]:
-    """The activities as they are done: in their order, but none before the one it comes after."""
-    left, done = list(timeline.activities), list[Activity]()
-    while left:
-        names = {one.name for one in left}
-        ready = [one for one in left if one.after not in names]
-        if not ready:
-            raise ValueError(f"activities that come after each other: {', '.join(sorted(names))}")
-        first = ready[0]
-        done.append(first)
-        left.remove(first)
-    return done
-
-
 class _Day:
     """A timeline under way: what is planned so far, and the state in which that ends."""
 
@@ -127,7 +113,7 @@ class _Day:
 
     def left(self, kept: TimelinePlan | None, name: str | None) -> list[Activity]:
         """The activities that are to be planned; those before a name are taken from a plan that is kept."""
-        ordered = in_order(self.timeline)
+        ordered = in_order(self.timeline.activities)
         if kept is None and name is None:
             return ordered
         if kept is None or name is None:

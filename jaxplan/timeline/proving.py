@@ -21,7 +21,7 @@ from jaxplan.model.goals import Targets
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.tabulation import tabulate
-from jaxplan.model.timeline import Segment, Timeline
+from jaxplan.model.timeline import Activity, Segment, Timeline
 from jaxplan.model.zones import KeepIn
 from jaxplan.timeline import curves
 from jaxplan.timeline.later import at_time, holding
@@ -29,6 +29,7 @@ from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory
 
 _CONE = 2.0  # times the tolerance: half angle of the cone about a target in which devices are proved to be
+_SAME_TIME = 1e-6  # s by which a segment may miss its window, for rounding
 _WIDEST = 0.5  # rad, of such a cone
 _PLACES = {
     "attitude": "attitude",
@@ -166,6 +167,26 @@ def merged(parts: Sequence[tuple[float, Trajectory, Certificate]]) -> Certificat
     )
 
 
+def _gaps(trajectory: Trajectory, segments: Sequence[Segment]) -> list[str]:
+    """Words on segments that are not one after the other from the start of a trajectory to its end."""
+    ends = [0.0, *(segment.end for segment in segments)]
+    off = [segment for segment, end in zip(segments, ends, strict=False) if segment.start != end]
+    faults = [f"the segment {segment.name} does not begin where the one before ends" for segment in off]
+    if ends[-1] != trajectory.duration:
+        faults.append(f"segments end at {ends[-1]:.2f} s, the motion at {trajectory.duration:.2f} s")
+    return faults
+
+
+def _off_time(segment: Segment, activity: Activity) -> list[str]:
+    """Words on an activity that ends after its window, or lasts less than is asked."""
+    begin, faults = max(segment.start, activity.earliest or 0.0), []
+    if activity.latest is not None and not segment.end <= activity.latest + _SAME_TIME:
+        faults.append(f"{activity.name}: ends at {segment.end:.2f} s, not by {activity.latest:.2f} s")
+    if activity.duration is not None and not segment.end - begin >= activity.duration - _SAME_TIME:
+        faults.append(f"{activity.name}: lasts {segment.end - begin:.2f} s, not {activity.duration:.2f} s")
+    return faults
+
+
 def certify_segments(timeline: Timeline, trajectory: Trajectory, segments: Sequence[Segment]) -> Certificate:
     """Certify the motion of a timeline's plan, segment by segment.
 
@@ -182,8 +203,8 @@ def certify_segments(timeline: Timeline, trajectory: Trajectory, segments: Seque
     asked = {one.name: one for one in timeline.activities}
     parts: list[tuple[float, Trajectory, Spacecraft]] = []
     proofs: list[tuple[float, Trajectory, Certificate]] = []
-    faults = []
-    for segment in segments:
+    faults = _gaps(trajectory, segments)
+    for segment in () if faults else segments:
         own = curves.part(trajectory, segment.start, segment.end)
         craft = scene.spacecraft
         if craft.wheels and parts:
@@ -192,6 +213,8 @@ def certify_segments(timeline: Timeline, trajectory: Trajectory, segments: Seque
         parts.append((segment.start, own, craft))
         proofs.append((segment.start, own, certify_part(scene, segment.start, own, craft)))
         activity = asked.get(segment.name)
+        if segment.kind != "slew" and activity is not None:
+            faults += _off_time(segment, activity)
         if segment.kind == "track" and activity is not None and activity.track is not None:
             error = pointing_error(scene, activity.track, own, segment.start)
             if not error <= float(activity.track.tolerance):
