@@ -203,8 +203,11 @@ def certify_segments(timeline: Timeline, trajectory: Trajectory, segments: Seque
     asked = {one.name: one for one in timeline.activities}
     parts: list[tuple[float, Trajectory, Spacecraft]] = []
     proofs: list[tuple[float, Trajectory, Certificate]] = []
-    faults = _gaps(trajectory, segments)
-    for segment in () if faults else segments:
+    done = {segment.name: segment for segment in segments if segment.kind != "slew"}  # the last one of each
+    gaps = _gaps(trajectory, segments)
+    lasting = (one for one in timeline.activities if one.kind != "point" and one.duration != 0)
+    faults = [*gaps, *(f"{one.name}: is not done" for one in lasting if one.name not in done)]
+    for segment in () if gaps else segments:
         own = curves.part(trajectory, segment.start, segment.end)
         craft = scene.spacecraft
         if craft.wheels and parts:
@@ -213,7 +216,7 @@ def certify_segments(timeline: Timeline, trajectory: Trajectory, segments: Seque
         parts.append((segment.start, own, craft))
         proofs.append((segment.start, own, certify_part(scene, segment.start, own, craft)))
         activity = asked.get(segment.name)
-        if segment.kind != "slew" and activity is not None:
+        if activity is not None and done.get(segment.name) is segment:
             faults += _off_time(segment, activity)
         if segment.kind == "track" and activity is not None and activity.track is not None:
             error = pointing_error(scene, activity.track, own, segment.start)

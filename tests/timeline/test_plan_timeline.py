@@ -27,7 +27,7 @@ from timelines import (
 )
 
 import jaxplan as jp
-from jaxplan.timeline.planning import in_order
+from jaxplan.model.timeline import in_order
 
 TOLERANCE = deg(0.01)
 SITES = {
@@ -292,7 +292,7 @@ def test_an_activity_that_comes_after_another_is_done_after_it():
         for name, after in (("a", "c"), ("b", ""), ("c", ""))
     ]
     timeline = jp.Timeline(name="order", scene=relay_scene(), activities=tuple(rests), until=50.0)
-    assert [one.name for one in in_order(timeline)] == ["b", "c", "a"]
+    assert [one.name for one in in_order(timeline.activities)] == ["b", "c", "a"]
     plan = jp.plan_timeline(timeline, progress=False)
     assert [one.name for one in plan.activities] == ["b", "c", "a", "rest until the end"]
     starts = [one.start for one in plan.activities]
