@@ -5,9 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from reference import unit
-from scipy.spatial.transform import Rotation
-from timelines import (
+from passing import (
     LINKS,
     LOW,
     NADIR,
@@ -24,6 +22,8 @@ from timelines import (
     relay_zones,
     site,
 )
+from reference import unit
+from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.model.hidden import Hidden

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from passing import LINKS, LOW, MINE, SUN, Aim, Orbit, deg, observer, relay, relay_zones, satellite, site
 from reference import angle, boresights, random_units, unit
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from timelines import LINKS, LOW, MINE, SUN, Aim, Orbit, deg, observer, relay, relay_zones, satellite, site
 
 import jaxplan as jp
 from jaxplan.model.directions import DirectionPath, as_path

@@ -7,8 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from dense import shares
-from reference import FIRST, SECOND, attitudes_of, joints_of, spin_of, stated_margins, unit
-from timelines import (
+from passing import (
     AXES,
     INERTIA,
     LINKS,
@@ -25,6 +24,7 @@ from timelines import (
     satellite,
     site,
 )
+from reference import FIRST, SECOND, attitudes_of, joints_of, spin_of, stated_margins, unit
 
 import jaxplan as jp
 from jaxplan.model.timeline import in_order

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from passing import LINKS, LOW, MINE, SUN, Aim, Orbit, deg, observer, relay, relay_zones, satellite, site
 from reference import angle, boresights, unit
 from scipy.spatial.transform import Rotation
-from timelines import LINKS, LOW, MINE, SUN, Aim, Orbit, deg, observer, relay, relay_zones, satellite, site
 
 import jaxplan as jp
 from jaxplan.model.constraints import Constraints

@@ -80,10 +80,10 @@ def satellite(orbit: Orbit, seen_from: Orbit) -> Aim:
     return Aim(lambda time: unit(orbit.position(time) - seen_from.position(time)))
 
 
-def site(beneath: Orbit, time: float, beside: float = 0.0) -> Aim:
+def site(beneath: Orbit, time: float, beside: float = 0.0, last: float = LAST) -> Aim:
     """The place on the ground over which a satellite flies at a time, or some deg beside its track.
 
-    It is hidden while it is below its horizon.
+    It is hidden while it is below its horizon, which is looked at until a last time.
     """
     up = unit(beneath.position(np.array([time]))[0])
     place = EARTH * Rotation.from_rotvec(np.deg2rad(beside) * np.cross(beneath.normal(), up)).apply(up)
@@ -95,14 +95,14 @@ def site(beneath: Orbit, time: float, beside: float = 0.0) -> Aim:
     def high(at):
         return np.sum(position(at) * (beneath.position(np.atleast_1d(at)) - position(at)), axis=1)
 
-    every = np.arange(0.0, LAST + 0.5, 1.0)
+    every = np.arange(0.0, last + 0.5, 1.0)
     below = np.concatenate([[False], high(every) < 0, [False]])
     begins, ends = (
         np.flatnonzero(np.diff(below.astype(int)) == 1),
         np.flatnonzero(np.diff(below.astype(int)) == -1),
     )
     spans = tuple(
-        Hidden(target=f"site at {time:g}", by="its horizon", start=float(a), end=float(min(b, LAST)))
+        Hidden(target=f"site at {time:g}", by="its horizon", start=float(a), end=float(min(b, last)))
         for a, b in zip(begins, ends, strict=True)
     )
     return Aim(lambda at: unit(position(at) - beneath.position(at)), step=FINE, hidden=spans)
