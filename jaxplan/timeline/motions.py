@@ -4,6 +4,7 @@ A motion depends on when it begins, on the state that the spacecraft comes from,
 target on where they are then. Where there is none, `Refused` says which device, zone or second is in the way.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,10 +17,13 @@ from jaxplan.model.directions import as_path
 from jaxplan.model.goals import Targets
 from jaxplan.model.hidden import after_hidden
 from jaxplan.model.path import Goal
+from jaxplan.model.robust import Robust, usable
 from jaxplan.model.scenario import STRETCHED, Scenario
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.model.timeline import Activity
 from jaxplan.planner import messages
+from jaxplan.planner.validity import breaches
 from jaxplan.timeline import curves
 from jaxplan.timeline.least_motion import Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
@@ -30,6 +34,7 @@ _SLEW_TIME = 30.0  # s, a usual slew; it weighs the way to a motion against the 
 _GOALS = 4  # attitudes of step 1 that are tried as first guesses
 _BROKEN = 1e-9  # rad by which a node may break what it keeps
 _LOOK, _LOOKS = 5.0, 2000  # s between the instants at which zones are looked at, and the most of them
+_ROOM = np.deg2rad(1.0)  # rad, of joints' ranges, that an instant leaves where it can
 _FEW = 25  # instants at which rates are looked at
 _SAME = 1e-9  # s, by which a time may be late
 _REST = 1.5  # times the least time in which rates can be braked
@@ -110,6 +115,14 @@ class Doing:
             found = self._pointing(own.targets, begin)
         self.last = found
         self._expect_slow(found)
+        if found.trajectory is not None:
+            # the slew to it must be able to end where it begins, and what follows to begin where it ends
+            length = found.trajectory.duration
+            ends = (found.state, 0.0, True), (State.of(found.trajectory, length), length, False)
+            for state, after, arriving in ends:
+                when = begin + after
+                if broken := self._broken(state, when, arriving=arriving):
+                    raise Refused(Status.INVALID_GOAL, f"{broken}, at {when:.2f} s")
         return found
 
     def _held(self, state: State, begin: float) -> Motion:
@@ -153,22 +166,14 @@ class Doing:
             return self._tracked(targets, [nodes.attitudes], nodes.joints[0], begin)
         found = self._decomposed(targets, begin)
         if not end > begin:
-            return self._instant(targets, found.goals[0], begin)
+            return self._instant(targets, found.goals, begin)
         attitudes = [goal.attitude[None] for goal in found.goals]
         return self._tracked(targets, attitudes, found.goals[0].joints, begin)
 
     def _decomposed(self, targets: Targets, begin: float) -> Decomposition:
         """States at a time, s, in which devices point at their targets, the best first."""
         scene, rows = self.scene, self.scene.constraints.at(begin)
-        found = decompose(
-            scene.usable,
-            self.before.attitude,
-            targets.at(begin),
-            rows,
-            start_joints=self.before.joints,
-            max_goals=_GOALS,
-            seed=scene.search.seed,
-        )
+        found = self._attempted(scene.usable, targets, begin)
         if not found.goals:
             settings = replace(scene.trajectory, duration=STRETCHED)
             asked = replace(scene, goal=targets.at(begin), trajectory=settings)
@@ -177,15 +182,35 @@ class Doing:
             raise Refused(Status.GOAL_UNREACHABLE, f"{text}, at {begin:.2f} s")
         return found
 
-    def _instant(self, targets: Targets, goal: Goal, begin: float) -> Motion:
-        """The state in which devices point at targets at an instant, at their rates."""
-        spin, rates = least_rates(self.scene.usable, targets.at(begin), goal, targets.rates(begin))
-        nodes = Nodes(times=np.array([begin]), attitudes=goal.attitude[None], joints=goal.joints[None])
-        phrases = self._phrases(nodes, 0)
-        if phrases:
-            raise Refused(Status.INVALID_GOAL, f"{'; '.join(phrases)} at {begin:.2f} s")
-        still = State.still(goal.attitude, goal.joints)
-        return Motion(state=replace(still, velocity=spin, rates=rates), trajectory=None, begin=begin)
+    def _attempted(self, craft: Spacecraft, targets: Targets, begin: float) -> Decomposition:
+        """What step 1 finds for a spacecraft at a time, s."""
+        return decompose(
+            craft,
+            self.before.attitude,
+            targets.at(begin),
+            self.scene.constraints.at(begin),
+            start_joints=self.before.joints,
+            max_goals=_GOALS,
+            seed=self.scene.search.seed,
+        )
+
+    def _instant(self, targets: Targets, goals: Sequence[Goal], begin: float) -> Motion:
+        """The state in which devices point at targets at an instant, at their rates: the best that can be."""
+        roomy = usable(self.scene.usable, Robust(joint_error=_ROOM))
+        first: str | None = None
+        for goal in (*self._attempted(roomy, targets, begin).goals, *goals):
+            spin, rates = least_rates(self.scene.usable, targets.at(begin), goal, targets.rates(begin))
+            state = replace(State.still(goal.attitude, goal.joints), velocity=spin, rates=rates)
+            broken = self._broken(state, begin, arriving=True) or self._broken(state, begin)
+            if not broken:
+                return Motion(state=state, trajectory=None, begin=begin)
+            first = first or broken
+        raise Refused(Status.INVALID_GOAL, f"{first}, at {begin:.2f} s")
+
+    def _broken(self, state: State, time: float, *, arriving: bool = False) -> str:
+        """What a state breaks at a time, s, or cannot but break before it, if `arriving`, or after it."""
+        each = state.attitude, state.joints, state.velocity, state.rates
+        return "; ".join(breaches(self.scene, *each, arriving=arriving, time=time))
 
     def _tracked(
         self, targets: Targets | None, guesses: list[np.ndarray], joints: np.ndarray, begin: float
