@@ -306,11 +306,10 @@ class Doing:
         """Raise `Refused` if a motion is faster than platform or joints may be."""
         craft, track = self.scene.usable, found.trajectory
         if track is None:
-            times, spin, joints = np.zeros(1), found.state.velocity[None], found.state.rates[None]
-        else:
-            times = np.linspace(0.0, track.duration, _FEW)
-            at = track.sample(times)
-            spin, joints = at.angular_velocity, at.joint_rates
+            return  # whose rates are looked at with its state
+        times = np.linspace(0.0, track.duration, _FEW)
+        at = track.sample(times)
+        spin, joints = at.angular_velocity, at.joint_rates
         each = np.concatenate([spin / craft.rate_limit, joints / craft.joint_rate_limits], axis=1)
         names = [
             *(f"platform rate {axis}" for axis in "xyz"),

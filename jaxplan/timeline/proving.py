@@ -51,9 +51,9 @@ def pointing_error(scene: Scenario, targets: Targets, trajectory: Trajectory, be
         begin: s, of that start.
     """
     craft = scene.spacecraft
-    bare = replace(
-        craft, terminals=tuple(replace(one, mask=()) for one in craft.terminals), wheels=(), inertia=None
-    )
+    # directions count alone
+    terminals = tuple(replace(one, mask=()) for one in craft.terminals)
+    bare = replace(craft, terminals=terminals, wheels=(), torque_limit=None, wheel_momentum_limit=None)
     half = min(_CONE * float(targets.tolerance), _WIDEST)
     zones = [
         KeepIn(name=f"target of {name}", direction=path, half_angle=half, devices=(name,))
