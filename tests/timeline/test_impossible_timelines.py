@@ -295,8 +295,8 @@ CASES = {
     ),
     "target too fast for an instant": Case(
         lambda: images(tracking({"telescope": turning(AHEAD, 3.0)}, what="point", earliest=10.0)),
-        S.LIMITS_TOO_TIGHT,
-        ("platform rate y", "times its limit", "10.00 s"),
+        S.INVALID_GOAL,
+        ("platform's rate about y", "2.97", "its limit 2 deg/s", "10.00 s"),
     ),
     "two terminals whose targets pass each other's zones": Case(
         lambda: talks(

@@ -25,6 +25,7 @@ from passing import (
     site,
 )
 from reference import FIRST, SECOND, attitudes_of, joints_of, spin_of, stated_margins, unit
+from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.model.timeline import in_order
@@ -330,3 +331,35 @@ def test_a_tube_about_the_plan_keeps_clear_of_zones_and_ranges():
     assert plan.certificate.min_margin > 0
     joints, ranges = joints_of(plan.trajectory, time)[0], plan.timeline.scene.spacecraft.joint_ranges
     assert np.min(ranges[:, 1] - np.abs(joints)) >= deg(0.5)
+
+
+def test_how_well_devices_point_is_proved_of_spacecraft_with_a_limit_of_torque_too():
+    craft = replace(
+        relay_scene().spacecraft, inertia=np.diag([20.0, 25.0, 30.0]), torque_limit=np.full(3, 1.0)
+    )
+    whole = links_day(spacecraft=craft)
+    plan = jp.plan_timeline(replace(whole, activities=whole.activities[:1], until=65.0), progress=False)
+    assert plan.pointing_error <= TOLERANCE
+
+
+def test_an_instant_leaves_joints_the_room_to_stop():
+    # the antenna's target is at the end of the range of its pitch, and goes on beyond it
+    telescope = Aim(lambda time: np.tile(unit([0.2, 0.3, -0.9]), (len(time), 1)))
+    about = unit(np.cross(telescope.at(np.zeros(1))[0], [0.0, 1.0, 0.0]))
+
+    def at(time):
+        # the pitch is what is left of a right angle from the telescope
+        apart = deg(90.0 - 84.99) - 0.01 * (np.asarray(time) - 30.0)
+        return Rotation.from_rotvec(np.multiply.outer(apart, about)).apply(telescope.at(np.zeros(1))[0])
+
+    glance = jp.Activity(
+        name="glance", point=pointing({"telescope": telescope, "antenna": Aim(at)}), earliest=30.0
+    )
+    rest = jp.Activity(name="rest", idle=True, duration=5.0)
+    timeline = jp.Timeline(name="edge", scene=observer_scene(), activities=(glance, rest), until=60.0)
+    plan = jp.plan_timeline(timeline, throw=False, go_on=True, progress=False)
+    refused, rested = plan.activities[:2]
+    assert refused.status is jp.Status.INVALID_GOAL
+    assert "antenna pitch" in refused.message
+    assert "30.00 s" in refused.message
+    assert rested.ok
