@@ -39,6 +39,7 @@ Topology = Callable[[float], Any] | tuple[Any, Any]
 """Whom terminals are for: a function of a time, s, to (T, n); or times (K,) s and an array (K, T, n)."""
 
 
+@shown()
 @dataclass(frozen=True, kw_only=True)
 class Span:
     """A time over which a satellite's links stay as they are.

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.runtime.arguments import show
+from jaxplan.runtime.display import shown
 
 REFERENCE_FRAMES = ("EME2000", "ICRF", "GCRF")
 """Names of the inertial frame, which is the scenario's however it is called: they are 1.2e-7 rad apart."""
@@ -25,6 +26,7 @@ NAIF_IDS = (-2147482, -1)
 _TAKEN = {"J2000", "B1950", "FK4", "GALACTIC", "ECLIPJ2000", "ECLIPB1950", "ITRF93", "EARTH_FIXED"}
 
 
+@shown()
 @dataclass(frozen=True, kw_only=True)
 class ExportNames:
     """What exported files call the spacecraft, its frames and whoever wrote them.

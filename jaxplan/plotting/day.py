@@ -14,12 +14,14 @@ from jaxplan.model.goals import GivenState
 from jaxplan.model.path import Goal
 from jaxplan.model.timeline import Segment
 from jaxplan.planner import Plan
+from jaxplan.runtime.display import shown
 from jaxplan.timeline.record import TimelinePlan
 
 _INSTANTS = 3072  # of a day, about, as long as it has not more segments than a quarter of this
 _FEWEST = 4  # instants of a segment
 
 
+@shown("status", "message", heading="Plan of {0.scenario.name}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DayPlan(Plan):
     """A timeline's plan as a manoeuvre from its start to its end.

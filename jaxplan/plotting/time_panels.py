@@ -262,6 +262,7 @@ def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list
 
 def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]:
     """Draw the derivative of order `power` of pitches, yaws (the paper's order), drives and attitude."""
+    plan = expect_plan(plan)
     moves, craft = motion(plan), plan.scenario.spacecraft
     values = moves.values.kinematics(craft)
     kinds = sorted(joint_kinds(craft), key=lambda kind: ("pitch", "yaw", "drive").index(kind.name))
@@ -292,6 +293,7 @@ def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
         ValueError: if the plan has no trajectory, the spacecraft neither an inertia nor a limit of its jerk,
             or another number of axes is given.
     """
+    plan = expect_plan(plan)
     moves, craft = motion(plan), plan.scenario.usable
     shown = limited_loads(craft) or [
         q for q in QUANTITIES if q.by_inertia and not q.of_wheels and craft.inertia is not None

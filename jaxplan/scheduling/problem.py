@@ -35,6 +35,7 @@ from jaxplan.planner.runs import as_filed
 from jaxplan.planner.steps import find_goals
 from jaxplan.planner.validity import start_breaches
 from jaxplan.runtime.arguments import expect, expect_any, floats, several
+from jaxplan.runtime.display import shown
 from jaxplan.schema import with_settings
 from jaxplan.schema.reading import checked_spacecraft
 
@@ -50,6 +51,7 @@ class Unmet(NamedTuple):
     message: str
 
 
+@shown("names", "departures s", "free")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SlewProblem:
     """Goals of a spacecraft among zones, between which slews are to be planned.
