@@ -40,10 +40,17 @@ def digest(folder: Path) -> str:
     return found.hexdigest()
 
 
+def in_calling_threads() -> None:
+    """Have JAX compute in the thread that asks, not in another, as in processes of jaxplan's own."""
+    import jax
+
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
+
+
 @contextmanager
 def processes(number: int) -> Iterator[Pool]:
     """A number of processes of their own."""
-    with ProcessPoolExecutor(number, get_context("spawn")) as pool:
+    with ProcessPoolExecutor(number, get_context("spawn"), in_calling_threads) as pool:
         yield pool, lambda: list(pool._processes or {})
 
 
@@ -60,6 +67,7 @@ def dask(number: int) -> Iterator[Pool]:
         ) as cluster,
         Client(cluster) as client,
     ):
+        client.run(in_calling_threads)
         yield client.get_executor(), lambda: list(client.run(os.getpid).values())
 
 

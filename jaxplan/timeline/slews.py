@@ -30,6 +30,7 @@ from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory
 
 _ABOVE = 1.03  # times the bound: the first duration that is tried
+_ROOM = 0.3  # s above the bound that it is at least, since accelerations begin and end at rest
 _CLOSE = 1.004  # times the bound, below which a duration is not worth a try
 _SLACK = 1.003  # times what is needed to a goal, that is given to reach the goal of another time
 _GROWTH = (1.02, 1.04, 1.08, 1.15, 1.3, 1.6)  # times: how much longer at least the next try is
@@ -124,13 +125,13 @@ class Departure:
 
         duration = admitted(min(_FIRST, last - self.time))
         state, found = goal_at(self.time + duration)
-        duration = admitted(_ABOVE * self.bound(state))
+        duration = admitted(_above(self.bound(state)))
         failed: Slew | None = None
         for growth in _GROWTH:
             state, found = goal_at(self.time + duration)
             bound = self.bound(state)
             if duration < _CLOSE * bound:
-                duration = admitted(_ABOVE * bound)
+                duration = admitted(_above(bound))
                 state, found = goal_at(self.time + duration)
             slew = self.in_time(state, duration)
             if slew.trajectory is not None:
@@ -180,6 +181,11 @@ class Departure:
 
 _PERHAPS_TOO_SHORT = (Status.LIMITS_TOO_TIGHT, Status.UNCERTIFIED)
 _BOUND = ("attitude", "joints", "velocity", "rates")
+
+
+def _above(bound: float) -> float:
+    """The first duration, s, that is tried of slews with a strict bound, s."""
+    return max(_ABOVE * bound, bound + _ROOM)
 
 
 def _given(state: State) -> GivenState:
