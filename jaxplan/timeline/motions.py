@@ -27,14 +27,14 @@ from jaxplan.planner.validity import breaches
 from jaxplan.timeline import curves
 from jaxplan.timeline.least_motion import Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
-from jaxplan.timeline.tracking import State, Tracked, track
+from jaxplan.timeline.tracking import State, Tracked, led_back, track
 from jaxplan.trajectory import Trajectory
 
 _SLEW_TIME = 30.0  # s, a usual slew; it weighs the way to a motion against the motion's own energy
 _GOALS = 4  # attitudes of step 1 that are tried as first guesses
 _BROKEN = 1e-9  # rad by which a node may break what it keeps
 _LOOK, _LOOKS = 5.0, 2000  # s between the instants at which zones are looked at, and the most of them
-_ROOM = np.deg2rad(1.0)  # rad, of joints' ranges, that an instant leaves where it can
+_ROOM = np.deg2rad(1.0)  # rad, that an instant keeps from zones and ends of ranges where it can
 _FEW = 25  # instants at which rates are looked at
 _SAME = 1e-9  # s, by which a time may be late
 _REST = 1.5  # times the least time in which rates can be braked
@@ -168,7 +168,16 @@ class Doing:
         if not end > begin:
             return self._instant(targets, found.goals, begin)
         attitudes = [goal.attitude[None] for goal in found.goals]
-        return self._tracked(targets, attitudes, found.goals[0].joints, begin)
+        joints = found.goals[0].joints
+        try:
+            return self._tracked(targets, attitudes, joints, begin)
+        except Refused:  # what is best at the start may lead where nothing is at the end
+            later = self._attempted(self.scene.usable, targets, end).goals
+            if not later:
+                raise
+            pursuit = Pursuit.of(self.scene.usable, self.scene.constraints, targets)
+            attitudes = [led_back(pursuit, goal.attitude, begin, end) for goal in later]
+            return self._tracked(targets, attitudes, joints, begin)
 
     def _decomposed(self, targets: Targets, begin: float) -> Decomposition:
         """States at a time, s, in which devices point at their targets, the best first."""
@@ -197,8 +206,9 @@ class Doing:
     def _instant(self, targets: Targets, goals: Sequence[Goal], begin: float) -> Motion:
         """The state in which devices point at targets at an instant, at their rates: the best that can be."""
         roomy = usable(self.scene.usable, Robust(joint_error=_ROOM))
+        clear = replace(targets, clearance=max(float(targets.clearance), _ROOM))
         first: str | None = None
-        for goal in (*self._attempted(roomy, targets, begin).goals, *goals):
+        for goal in (*self._attempted(roomy, clear, begin).goals, *goals):
             spin, rates = least_rates(self.scene.usable, targets.at(begin), goal, targets.rates(begin))
             state = replace(State.still(goal.attitude, goal.joints), velocity=spin, rates=rates)
             broken = self._broken(state, begin, arriving=True) or self._broken(state, begin)
