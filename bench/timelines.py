@@ -33,6 +33,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.cases import any_spacecraft
+from jaxplan.cases.paper import example_timeline
 from jaxplan.cases.random_kinds import random_angle, random_direction
 from jaxplan.model.directions import DirectionPath
 from jaxplan.timeline import PlannedActivity
@@ -353,7 +354,7 @@ def random_timelines(count: int, first: int, samples: int) -> None:
 
 def day() -> None:
     """Plan the day of a link satellite and print what it takes."""
-    timeline = jp.load_timeline("case-day")
+    timeline = example_timeline("case-day")
     for words in ("with compiling", "again"):
         began, cpu = time.monotonic(), time.process_time()
         plan = jp.plan_timeline(timeline, throw=False, progress=False)
