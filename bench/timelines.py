@@ -33,6 +33,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.cases import any_spacecraft
+from jaxplan.cases.paper import example_timeline
 from jaxplan.cases.random_kinds import random_angle, random_direction
 from jaxplan.model.directions import DirectionPath
 from jaxplan.timeline import PlannedActivity
@@ -48,6 +49,7 @@ TOLERANCE = np.deg2rad(0.01)
 ROOM = 200.0  # s that there are for an activity with its slew, on average
 OFF = 1e-6  # rad, of what is known of a target from its samples
 SHARE = 1 + 1e-4  # of limits, by differences
+ROOMY = np.deg2rad(0.2)  # that a state keeps from zones to speak against a refusal
 REFUSED = (jp.Status.GOAL_UNREACHABLE, jp.Status.INVALID_GOAL)  # for a state at an instant
 SECONDS = re.compile(r"at (\d+\.\d+) s")
 
@@ -116,7 +118,7 @@ class Draw:
         if what != "point":
             more["duration"] = round(rng.uniform(5, 60), 2)
         if rng.uniform() < 0.1:
-            more["latest"] = round(ROOM * (number + rng.uniform(1.0, 1.5)), 2)
+            more["latest"] = min(round(ROOM * (number + rng.uniform(1.0, 1.5)), 2), self.until)
         if what == "idle":
             return jp.Activity(idle=True, **more)
         attitude, joints = self._state(middle)
@@ -246,35 +248,35 @@ def _missed(plan: jp.TimelinePlan, asked: jp.Activity, done: PlannedActivity) ->
 # Checking what is refused.
 
 
-def doubted(timeline: jp.Timeline, refused: PlannedActivity, samples: int) -> str | None:
-    """What speaks against a refusal for a state, None if nothing does.
+def states_found(timeline: jp.Timeline, refused: PlannedActivity, samples: int) -> int | None:
+    """Number of states that meet all at the instant for which an activity is refused.
 
     Args:
         timeline: of the activity.
         refused: it.
         samples: number of states that are tried.
+
+    Returns:
+        None where it is not refused for a state at an instant.
     """
     asked = next((one for one in timeline.activities if one.name == refused.name), None)
     when = SECONDS.findall(refused.message)
     if asked is None or asked.idle or refused.status not in REFUSED or not when:
         return None
-    at, scene, craft = float(when[-1]), timeline.scene, timeline.scene.usable
+    at, scene = float(when[-1]), timeline.scene
     if asked.attitude is not None:
         attitudes, joints = asked.attitude.attitude[None], asked.attitude.joints[None]
     else:
         attitudes, joints = _states(timeline, asked, at, samples)
-    low, high = craft.joint_ranges.T
+    low, high = scene.usable.joint_ranges.T
     good = np.all((joints >= low) & (joints <= high), axis=1)
-    attitudes, joints = attitudes[good], joints[good]
-    if not len(joints):
-        return None
-    rows, own = scene.constraints, Pursuit.of(craft, scene.constraints, None)
-    time_ = np.full(len(joints), at)
-    margins = own.margins(attitudes, joints, time_) if len(rows.axes(time_)[0]) else np.ones((len(joints), 1))
-    best = float(np.max(np.min(margins, axis=1, initial=np.inf)))
-    if best > np.deg2rad(0.2):
-        return f"{int(np.sum(np.min(margins, axis=1) > 0))} of {samples} states at {at:g} s meet all"
-    return None
+    room = ROOMY + (
+        0.0 if scene.robust is None else scene.robust.attitude_error + 3 * scene.robust.joint_error
+    )
+    margins = state_margins(scene, attitudes, joints, np.full(len(joints), at)) if len(joints) else {}
+    for margin in margins.values():
+        good &= margin > room
+    return int(np.sum(good))
 
 
 def _states(
@@ -327,11 +329,14 @@ def random_timelines(count: int, first: int, samples: int) -> None:
             total["broken"] += 1
             lines.append(f"  broken: {fault}")
         for one in plan.activities:
-            if not one.ok:
-                lines.append(f"  {one.name}: {one.status.name}: {one.message}")
-            if not one.ok and (doubt := doubted(timeline, one, samples)):
+            if one.ok:
+                continue
+            lines.append(f"  {one.name}: {one.status.name}: {one.message}")
+            states = states_found(timeline, one, samples)
+            total["checked refusals"] += states is not None
+            if states:
                 total["in doubt"] += 1
-                lines.append(f"    in doubt: {doubt}")
+                lines.append(f"    in doubt: {states} of {samples} states meet all at that time")
         total += counts
         error, spent, planned = max(error, worst), spent + seconds, planned + len(plan.activities)
         others = ", ".join(f"{n} {word}" for word, n in counts.items() if word != "OK")
@@ -349,7 +354,7 @@ def random_timelines(count: int, first: int, samples: int) -> None:
 
 def day() -> None:
     """Plan the day of a link satellite and print what it takes."""
-    timeline = jp.load_timeline("case-day")
+    timeline = example_timeline("case-day")
     for words in ("with compiling", "again"):
         began, cpu = time.monotonic(), time.process_time()
         plan = jp.plan_timeline(timeline, throw=False, progress=False)

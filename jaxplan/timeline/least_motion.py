@@ -300,7 +300,12 @@ class LeastMotion:
         turn[every[:-1], :, every[1:], :3] = np.eye(3)
         turn[every[:-1], :, every[:-1], :3] = -np.swapaxes(so3.exp(self._turns(nodes)), 1, 2)
         turned, farthest = self._turns(nodes), _SHARE * step * np.broadcast_to(craft.rate_limit, 3)
-        for one, value, bound in ((change, moved, most), (turn, turned, farthest)):
+        length = np.linalg.norm(turned, axis=1)
+        ahead = turned / np.maximum(length, 1e-300)[:, None]
+        along = np.einsum("ki,kidz->kdz", ahead, turn)[:, None]  # of the length of a turn
+        whole = np.broadcast_to(_SHARE * step * np.asarray(longest(craft, 1)), (count - 1, 1))
+        bounded = (change, moved, most), (turn, turned, farthest), (along, length[:, None], whole)
+        for one, value, bound in bounded:
             for sign in (1.0, -1.0):
                 near = sign * value > 0.5 * bound
                 rows.append(-sign * one[near])

@@ -27,14 +27,14 @@ from jaxplan.planner.validity import breaches
 from jaxplan.timeline import curves
 from jaxplan.timeline.least_motion import Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
-from jaxplan.timeline.tracking import State, Tracked, track
+from jaxplan.timeline.tracking import State, Tracked, led_back, track
 from jaxplan.trajectory import Trajectory
 
 _SLEW_TIME = 30.0  # s, a usual slew; it weighs the way to a motion against the motion's own energy
 _GOALS = 4  # attitudes of step 1 that are tried as first guesses
 _BROKEN = 1e-9  # rad by which a node may break what it keeps
 _LOOK, _LOOKS = 5.0, 2000  # s between the instants at which zones are looked at, and the most of them
-_ROOM = np.deg2rad(1.0)  # rad, of joints' ranges, that an instant leaves where it can
+_ROOM = np.deg2rad(1.0)  # rad, that an instant keeps from zones and ends of ranges where it can
 _FEW = 25  # instants at which rates are looked at
 _SAME = 1e-9  # s, by which a time may be late
 _REST = 1.5  # times the least time in which rates can be braked
@@ -114,8 +114,9 @@ class Doing:
         else:
             found = self._pointing(own.targets, begin)
         self.last = found
-        self._expect_slow(found)
         if found.trajectory is not None:
+            if fast := self._overrun(found.trajectory, begin):
+                raise Refused(Status.LIMITS_TOO_TIGHT, fast)
             # the slew to it must be able to end where it begins, and what follows to begin where it ends
             length = found.trajectory.duration
             ends = (found.state, 0.0, True), (State.of(found.trajectory, length), length, False)
@@ -168,7 +169,16 @@ class Doing:
         if not end > begin:
             return self._instant(targets, found.goals, begin)
         attitudes = [goal.attitude[None] for goal in found.goals]
-        return self._tracked(targets, attitudes, found.goals[0].joints, begin)
+        joints = found.goals[0].joints
+        try:
+            return self._tracked(targets, attitudes, joints, begin)
+        except Refused:  # what is best at the start may lead where nothing is at the end
+            later = self._attempted(self.scene.usable, targets, end).goals
+            if not later:
+                raise
+            pursuit = Pursuit.of(self.scene.usable, self.scene.constraints, targets)
+            attitudes = [led_back(pursuit, goal.attitude, begin, end) for goal in later]
+            return self._tracked(targets, attitudes, joints, begin)
 
     def _decomposed(self, targets: Targets, begin: float) -> Decomposition:
         """States at a time, s, in which devices point at their targets, the best first."""
@@ -197,8 +207,9 @@ class Doing:
     def _instant(self, targets: Targets, goals: Sequence[Goal], begin: float) -> Motion:
         """The state in which devices point at targets at an instant, at their rates: the best that can be."""
         roomy = usable(self.scene.usable, Robust(joint_error=_ROOM))
+        clear = replace(targets, clearance=max(float(targets.clearance), _ROOM))
         first: str | None = None
-        for goal in (*self._attempted(roomy, targets, begin).goals, *goals):
+        for goal in (*self._attempted(roomy, clear, begin).goals, *goals):
             spin, rates = least_rates(self.scene.usable, targets.at(begin), goal, targets.rates(begin))
             state = replace(State.still(goal.attitude, goal.joints), velocity=spin, rates=rates)
             broken = self._broken(state, begin, arriving=True) or self._broken(state, begin)
@@ -228,19 +239,29 @@ class Doing:
             wishes=tuple((craft.device_names.index(wish.device), as_path(wish.direction)) for wish in wishes),
             weights=(settings.rate_weight, settings.acceleration_weight),
         )
+        found = self._calmest(pursuit, wanted, guesses, begin)
+        if wishes and self._overrun(found.trajectory, begin):
+            # to stay near the state before at first, and then go where a wish asks for, is too quick
+            found = self._calmest(pursuit, replace(wanted, attitude=None), guesses, begin)
+        self._expect_kept(found)
+        return Motion(
+            state=State.of(found.trajectory, 0.0), trajectory=found.trajectory, begin=begin, tracked=found
+        )
+
+    def _calmest(self, pursuit: Pursuit, wanted: Wanted, guesses: list[np.ndarray], begin: float) -> Tracked:
+        """The motion near the first of some attitudes from which one breaks nothing, or that breaks least."""
+        targets = self.activity.targets
         tolerance = 1e-4 if targets is None else float(targets.tolerance)
+        free, end = self._free(targets), self.ends(begin)
         best: Tracked | None = None
         for guess in guesses:
-            found = track(pursuit, wanted, self._free(targets), guess, begin, self.ends(begin), tolerance)
+            found = track(pursuit, wanted, free, guess, begin, end, tolerance)
             if best is None or np.max(found.broken) < np.max(best.broken):
                 best = found
             if np.max(best.broken) <= _BROKEN:
                 break
         assert best is not None
-        self._expect_kept(best)
-        return Motion(
-            state=State.of(best.trajectory, 0.0), trajectory=best.trajectory, begin=begin, tracked=best
-        )
+        return best
 
     def _free(self, targets: Targets | None) -> tuple[int, ...]:
         """Numbers of the joints of devices that have no target and may move: for a zone, or by a wish."""
@@ -302,30 +323,25 @@ class Doing:
                 return begin
             time = max(span.end for span in inside)
 
-    def _expect_slow(self, found: Motion) -> None:
-        """Raise `Refused` if a motion is faster than platform or joints may be."""
-        craft, track = self.scene.usable, found.trajectory
-        if track is None:
-            return  # whose rates are looked at with its state
+    def _overrun(self, track: Trajectory, begin: float) -> str:
+        """By how much platform or joints are faster than they may be, at which time, s; empty if nowhere."""
+        craft = self.scene.usable
         times = np.linspace(0.0, track.duration, _FEW)
         at = track.sample(times)
-        spin, joints = at.angular_velocity, at.joint_rates
-        each = np.concatenate([spin / craft.rate_limit, joints / craft.joint_rate_limits], axis=1)
-        names = [
-            *(f"platform rate {axis}" for axis in "xyz"),
-            *(f"{joint} rate" for joint in craft.joint_names),
-        ]
+        shares = [at.angular_velocity / craft.rate_limit, at.joint_rates / craft.joint_rate_limits]
+        names = [f"platform rate {axis}" for axis in "xyz"] + [f"{joint} rate" for joint in craft.joint_names]
         if craft.rate_norm_limit is not None:
-            length = np.linalg.norm(spin, axis=1, keepdims=True) / craft.rate_norm_limit
-            each, names = np.concatenate([each, length], axis=1), [*names, "the platform's rate"]
-        instant, worst = np.unravel_index(np.argmax(np.abs(each)), each.shape)
-        share = float(np.abs(each[instant, worst]))
-        if not share <= 1 + _BROKEN:
-            raise Refused(
-                Status.LIMITS_TOO_TIGHT,
-                f"{names[worst]} would reach {share:.4g} times its limit at "
-                f"{found.begin + times[instant]:.2f} s, as targets move then",
-            )
+            lengths = np.linalg.norm(at.angular_velocity, axis=1, keepdims=True)
+            shares.append(lengths / craft.rate_norm_limit)
+            names.append("the platform's rate")
+        each = np.abs(np.concatenate(shares, axis=1))
+        instant, worst = np.unravel_index(np.argmax(each), each.shape)
+        if each[instant, worst] <= 1 + _BROKEN:
+            return ""
+        return (
+            f"{names[worst]} would reach {each[instant, worst]:.4g} times its limit at "
+            f"{begin + times[instant]:.2f} s, as targets move then"
+        )
 
     def _expect_kept(self, found: Tracked) -> None:
         """Raise `Refused` if nodes break a range or a constraint."""

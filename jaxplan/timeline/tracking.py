@@ -153,6 +153,11 @@ def _still(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.ndar
     return found
 
 
+def led_back(pursuit: Pursuit, attitude: np.ndarray, start: float, end: float) -> np.ndarray:
+    """The attitude (1, 3, 3) at the start, s, from which targets lead to a given one (3, 3) at the end, s."""
+    return _still(pursuit, attitude, np.linspace(end, start, _FEWEST + 1))[-1:]
+
+
 def _carried(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Attitudes (K + 1, 3, 3) that turn along with all targets, as far as these turn alike."""
     fine = np.linspace(times[0], times[-1], _FINE * (len(times) - 1) + 1)

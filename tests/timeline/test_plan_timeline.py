@@ -363,3 +363,27 @@ def test_an_instant_leaves_joints_the_room_to_stop():
     assert "antenna pitch" in refused.message
     assert "30.00 s" in refused.message
     assert rested.ok
+
+
+HEAD_ON = pytest.mark.xfail(reason="nodes give way to both sides, and the curve between them passes through")
+
+
+@pytest.mark.parametrize(
+    ("beside", "duration"),
+    [(3.0, 400.0), (3.0, 2000.0), pytest.param(0.0, 400.0, marks=HEAD_ON)],
+)
+def test_a_spacecraft_at_rest_gives_way_to_a_zone_that_comes_along(beside, duration):
+    ahead = observer_scene().start.attitude[:, 2]
+    across = unit(np.cross(ahead, [0.3, 0.2, 0.9]))
+    middle = np.cos(deg(beside)) * ahead + np.sin(deg(beside)) * np.cross(ahead, across)
+
+    def passing(time):
+        far = deg(0.25) * (np.asarray(time) - 260.0)
+        return np.cos(far)[:, None] * middle + np.sin(far)[:, None] * across
+
+    zone = jp.KeepOut(name="passer", direction=Aim(passing).path(), half_angle=deg(8), devices=("telescope",))
+    rest = jp.Activity(name="rest", idle=True, duration=duration)
+    scene = observer_scene(keep_out=(zone,))
+    timeline = jp.Timeline(name="passer", scene=scene, activities=(rest,), until=duration + 30.0)
+    plan = jp.plan_timeline(timeline, throw=False, progress=False)
+    assert plan.ok, plan.message
