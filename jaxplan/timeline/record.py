@@ -86,6 +86,11 @@ class TimelinePlan:
         return self.timeline.scene
 
     @property
+    def scenario(self) -> Scenario:
+        """The scene, by the name that plans of single manoeuvres have for it."""
+        return self.timeline.scene
+
+    @property
     def names(self) -> ExportNames | None:
         """What exported files call the spacecraft; None for what exports do without."""
         return self.timeline.names
