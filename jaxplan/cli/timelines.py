@@ -121,7 +121,7 @@ def load_timeline_file(name: str) -> Timeline:
 
 
 def is_timeline(name: str) -> bool:
-    """Whether a name is that of an example, or of a TOML file that says that it is a timeline."""
+    """Whether a command's argument names a timeline: an example, or a TOML file of that kind."""
     if name in TIMELINE_NAMES:
         return True
     if not name.endswith(".toml") or not Path(name).is_file():
@@ -135,7 +135,7 @@ def is_timeline(name: str) -> bool:
 
 
 def is_timeline_plan(name: str) -> bool:
-    """Whether a file is the plan of a timeline."""
+    """Whether a file holds a plan that `TimelinePlan.save` wrote."""
     return Path(name).is_file() and is_plan(name)
 
 

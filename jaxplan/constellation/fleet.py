@@ -65,7 +65,7 @@ class Fleet:
 
     @property
     def complete(self) -> bool:
-        """Whether all satellites have a row."""
+        """Whether every satellite that was asked for is planned, or known to fail."""
         return self.done == self.satellites
 
     @property

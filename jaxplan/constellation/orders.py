@@ -69,7 +69,7 @@ class Order:
 
     @property
     def scenes(self) -> tuple[int, ...]:
-        """What is planned: the satellite's number alone."""
+        """The number of the satellite, which alone says what is planned."""
         return (self.satellite,)
 
     @property

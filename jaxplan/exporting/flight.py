@@ -1,4 +1,4 @@
-"""What is exported: a motion of a spacecraft from an epoch on, of one plan or of a day made of many.
+"""The motion that an export writes, of a spacecraft from an epoch on: one plan's, or that of a whole day.
 
 A `Flight` is made of a plan, which is one manoeuvre and has no segments, or of a `Day`, whatever class that
 is: anything with the few attributes that are named there.
@@ -45,7 +45,7 @@ class DaySegment(Protocol):
 
 
 class Proof(Protocol):
-    """What certifying gives: whether all is proved, and what is not."""
+    """The result of certifying a motion: whether all is proved, and a sentence for each thing that is not."""
 
     @property
     def certified(self) -> bool: ...  # noqa: D102

@@ -4,8 +4,8 @@ What targets leave free, the platform's attitude or a part of it and the joints 
 K + 1 equidistant instants so that the energy of all motion is least: squares of rates and accelerations of
 platform and joints, by the weights of the fit, with rates from differences between nodes. To it are added
 how far the first node is from the state that the spacecraft comes from, over the time that the slew takes,
-and how far devices are from what they prefer. Ranges, rates, accelerations and constraints are kept at the
-nodes with some room; what holds in between is for the certificate.
+and how far devices are from what they prefer. Ranges, rates and constraints are kept at the nodes with
+some room; accelerations, and what holds in between, are for the certificate.
 
 It is found by Gauss' and Newton's method: about the nodes so far the residuals are linear in small turns
 ``R exp(z^)`` and changes of free joints. In each step targets are met exactly (`Pursuit.meeting`), and steps
@@ -32,7 +32,7 @@ _TRUST = 0.5  # rad, most by which a step moves any device
 _NEAR = 1.2  # rad; constraints with larger margins do not matter to a step
 _HARD = np.deg2rad(0.05)  # rad, that nodes keep from constraints and ends of ranges, so that curves do
 _ROOM = np.deg2rad(1.0)  # rad, that they keep where it costs little, so that slews have room at both ends
-_SHARE = 0.9  # of limits of rate and acceleration that nodes may use
+_SHARE = 0.9  # of limits of rate that nodes may use
 _PRICE = 1e3  # of a radian by which a node breaks something, beside the energy
 _CHEAP = 1.0  # of one by which it has less room
 _WISH = 0.1  # 1/s, weight of the square of the angle to what a device prefers, per rate weight
@@ -48,7 +48,7 @@ class Wanted:
 
     Attributes:
         attitude: (3, 3) of the state that the spacecraft comes from; None for none.
-        joints: (J,) rad of that state.
+        joints: (J,) rad, to which those of the first node are drawn, and which devices without a target have.
         slew_time: s, that the slew from there takes, roughly.
         fixed: whether the motion starts in that state itself.
         wishes: devices without a target by number, each with the direction that it prefers.

@@ -37,7 +37,6 @@ _LOOK, _LOOKS = 5.0, 2000  # s between the instants at which zones are looked at
 _ROOM = np.deg2rad(1.0)  # rad, that an instant keeps from zones and ends of ranges where it can
 _FEW = 25  # instants at which rates are looked at
 _SAME = 1e-9  # s, by which a time may be late
-_REST = 1.5  # times the least time in which rates can be braked
 
 
 class Refused(Exception):

@@ -168,17 +168,23 @@ def merged(parts: Sequence[tuple[float, Trajectory, Certificate]]) -> Certificat
 
 
 def _gaps(trajectory: Trajectory, segments: Sequence[Segment]) -> list[str]:
-    """Words on segments that are not one after the other from the start of a trajectory to its end."""
+    """A sentence for each way in which segments are not the whole of a trajectory, one after the other.
+
+    They begin at breaks of platform and joints, since only from there on are parts of the motion its own.
+    """
     ends = [0.0, *(segment.end for segment in segments)]
     off = [segment for segment, end in zip(segments, ends, strict=False) if segment.start != end]
     faults = [f"the segment {segment.name} does not begin where the one before ends" for segment in off]
+    breaks = np.intersect1d(trajectory.breaks, trajectory.joint_breaks)
+    between = [segment for segment in segments if segment.start not in breaks]
+    faults += [f"the segment {segment.name} does not begin at a break of the motion" for segment in between]
     if ends[-1] != trajectory.duration:
         faults.append(f"segments end at {ends[-1]:.2f} s, the motion at {trajectory.duration:.2f} s")
     return faults
 
 
 def _off_time(segment: Segment, activity: Activity) -> list[str]:
-    """Words on an activity that ends after its window, or lasts less than is asked."""
+    """A sentence if an activity ends after its window, and one if it lasts less than is asked."""
     begin, faults = max(segment.start, activity.earliest or 0.0), []
     if activity.latest is not None and not segment.end <= activity.latest + _SAME_TIME:
         faults.append(f"{activity.name}: ends at {segment.end:.2f} s, not by {activity.latest:.2f} s")

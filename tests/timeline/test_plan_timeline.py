@@ -387,3 +387,14 @@ def test_a_spacecraft_at_rest_gives_way_to_a_zone_that_comes_along(beside, durat
     timeline = jp.Timeline(name="passer", scene=scene, activities=(rest,), until=duration + 30.0)
     plan = jp.plan_timeline(timeline, throw=False, progress=False)
     assert plan.ok, plan.message
+
+
+def test_a_plan_whose_segments_begin_within_a_piece_of_the_motion_is_not_certified():
+    plan = planned("links")
+    first, second, *others = plan.segments
+    shared = (second.start + second.end) / 2 + 0.0123
+    moved = replace(first, end=shared), replace(second, start=shared), *others
+    certificate = replace(plan, segments=moved).certify()
+    assert not certificate.certified
+    assert f"the segment {second.name} does not begin at a break of the motion" in certificate.faults
+    assert plan.certify().certified
