@@ -71,13 +71,14 @@ class SlewTimes(Printed):
     @property
     def planned(self) -> int:
         """Number of pairs of two goals with a certified slew."""
-        return int(np.sum(self.certified & ~np.eye(self.goals, dtype=bool)))
+        return int(np.sum(self.certified) - np.sum(_to_itself(self.certified)))
 
     @property
     def statuses(self) -> dict[str, int]:
         """Number of pairs of two goals with each status, most frequent first."""
-        apart = self.status[..., ~np.eye(self.goals, dtype=bool)]
-        return dict(Counter(map(str, apart.ravel())).most_common())
+        apart = Counter(map(str, self.status.ravel()))
+        apart.subtract(map(str, _to_itself(self.status).ravel()))
+        return {status: count for status, count in apart.most_common() if count}
 
     @property
     def complete(self) -> bool:
@@ -283,6 +284,11 @@ def load_slew_times(path: str | os.PathLike[str]) -> SlewTimes:
         departures=known.get("departures"),
         **arrays,
     )
+
+
+def _to_itself(matrix: np.ndarray) -> np.ndarray:
+    """The entries (..., n) of a matrix (..., n, n) that lead from a goal to itself."""
+    return np.asarray(np.diagonal(matrix, axis1=-2, axis2=-1))
 
 
 def _fault(known: dict[str, np.ndarray]) -> str:

@@ -1,7 +1,5 @@
 """The timelines that come with the package are what they say, and are planned as a whole, with a proof."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -48,22 +46,13 @@ def test_no_link_of_the_day_passes_the_zones_of_sun_and_moon(day):
 
 
 @pytest.mark.slow
-def test_the_first_hours_of_the_day_are_planned(day):
-    cut = replace(day, activities=day.activities[:4], until=4 * QUARTER)
-    plan = jp.plan_timeline(cut, progress=False)
-    assert plan.ok
-    assert plan.certificate.certified
-    assert plan.trajectory.duration == pytest.approx(3600.0)
-    assert plan.pointing_error < np.deg2rad(0.01)
-
-
-@pytest.mark.slow
 def test_the_whole_day_is_planned(day):
     plan = jp.plan_timeline(day, progress=False)
     assert plan.ok
     assert all(one.ok for one in plan.activities)
     assert plan.trajectory.duration == pytest.approx(86400.0)
     assert max(one.slew for one in plan.activities) < 20.0
+    assert plan.pointing_error < np.deg2rad(0.01)
     assert plan.certify().certified
 
 

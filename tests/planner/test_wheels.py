@@ -52,7 +52,7 @@ def test_every_wheel_keeps_its_limits_and_what_is_proved_is_near_what_is_met(pla
         for name, most in zip(NAMES, shares(plan, some), strict=True):
             bound = plan.certificate.peaks[name]
             assert most <= 1 + 1e-9, (plan.scenario.spacecraft.allocation, name)
-            assert most <= bound * (1 + 1e-9)
+            assert most <= bound + 1e-6  # the samples' accelerations are differences, which err by some 1e-7
             assert bound <= 1.01 * most
     near = [max(plan.certificate.peaks[name] for name in NAMES) for plan in plans[:: len(DURATIONS)]]
     assert min(near) > 0.999  # a shortest motion has a wheel at its limit
