@@ -24,9 +24,8 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan import so3
-from jaxplan.model.directions import DirectionPath
 from jaxplan.model.goals import LEAST_ROTATION, GivenState, Targets
-from jaxplan.model.hidden import Hidden
+from jaxplan.model.later import later, later_goal
 from jaxplan.model.scenario import Scenario, paths
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Zone
@@ -40,7 +39,6 @@ from jaxplan.schema import with_settings
 from jaxplan.schema.reading import checked_spacecraft
 
 AnyZone = TypeVar("AnyZone", KeepOut, KeepIn, JointBound)
-AnyCone = TypeVar("AnyCone", KeepOut, KeepIn)
 _MOST_PAIRS = 2**31  # of a study, which numbers its scenes with 32 bits
 
 
@@ -160,42 +158,6 @@ def _still(scene: Scenario) -> Scenario:
         keep_in=still(scene.keep_in),
         joint_bounds=still(scene.joint_bounds),
     )
-
-
-def later(scene: Scenario, time: float) -> Scenario:
-    """The scene of a slew that departs at a time, s: what moves, and the epoch, counted from there on."""
-    if time == 0.0:
-        return scene
-    epoch = scene.epoch
-    if epoch is not None:
-        epoch = epoch + np.timedelta64(round(time * 1e9), "ns")
-
-    def moved(zones: Iterable[AnyCone]) -> tuple[AnyCone, ...]:
-        return tuple(replace(zone, direction=_later(zone.direction, time)) for zone in zones)
-
-    return replace(scene, epoch=epoch, keep_out=moved(scene.keep_out), keep_in=moved(scene.keep_in))
-
-
-def later_goal(goal: GivenState | Targets, time: float) -> GivenState | Targets:
-    """The goal of a slew that departs at a time, s: targets and wishes that move, counted from there on."""
-    if isinstance(goal, GivenState) or not goal.moves or time == 0.0:
-        return goal
-    wishes = tuple(replace(wish, direction=_later(wish.direction, time)) for wish in goal.prefer)
-    directions: Any = goal.directions
-    if isinstance(directions, list | tuple):
-        directions = tuple(_later(direction, time) for direction in directions)
-    return replace(goal, directions=directions, prefer=wishes)
-
-
-def _later(direction: Any, time: float) -> Any:
-    """A direction as it is counted from a time on, s: a path is shifted, all else stays."""
-    if not isinstance(direction, DirectionPath) or not direction.moves:
-        return direction
-    hidden = tuple(
-        Hidden(target=span.target, by=span.by, start=span.start - time, end=span.end - time)
-        for span in direction.hidden
-    )
-    return replace(direction, times=np.asarray(direction.times) - time, hidden=hidden)
 
 
 def make_problem(

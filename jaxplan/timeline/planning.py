@@ -22,10 +22,10 @@ from jaxplan.runtime.workers import one_thread
 from jaxplan.schema.faults import nearest
 from jaxplan.schema.timelines import take_in_timeline
 from jaxplan.timeline import curves, proving
-from jaxplan.timeline.later import holding
 from jaxplan.timeline.motions import Doing, Motion, Refused
 from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan
 from jaxplan.timeline.slews import Departure, Slew
+from jaxplan.timeline.stored import holding
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory
 

@@ -18,13 +18,14 @@ import numpy as np
 from jaxplan.certificate import Certificate, Claim, EndState, certify, prove_margins
 from jaxplan.certificate.limits import TOLERANCE
 from jaxplan.model.goals import Targets
+from jaxplan.model.later import later
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.tabulation import tabulate
 from jaxplan.model.timeline import Activity, Segment, Timeline
 from jaxplan.model.zones import KeepIn
 from jaxplan.timeline import curves
-from jaxplan.timeline.later import at_time, holding
+from jaxplan.timeline.stored import holding
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory
 
@@ -59,7 +60,7 @@ def pointing_error(scene: Scenario, targets: Targets, trajectory: Trajectory, be
         KeepIn(name=f"target of {name}", direction=path, half_angle=half, devices=(name,))
         for name, path in zip(targets.names(craft), targets.paths, strict=True)
     ]
-    moved = at_time(replace(scene, keep_out=(), keep_in=tuple(zones)), begin, trajectory.duration)
+    moved = later(replace(scene, keep_out=(), keep_in=tuple(zones)), begin, trajectory.duration)
     found = prove_margins(
         Claim(
             trajectory=trajectory,
@@ -81,7 +82,7 @@ def certify_part(scene: Scenario, begin: float, trajectory: Trajectory, craft: S
         trajectory: of the part, from its start on.
         craft: the spacecraft, whose wheels store what they hold then.
     """
-    moved = replace(at_time(scene, begin, trajectory.duration), spacecraft=craft)
+    moved = replace(later(scene, begin, trajectory.duration), spacecraft=craft)
     return certify(
         Claim(
             trajectory=trajectory,

@@ -17,6 +17,7 @@ from jaxplan import so3
 from jaxplan.certificate import Certificate
 from jaxplan.model.duration_bound import duration_bound
 from jaxplan.model.goals import GivenState
+from jaxplan.model.later import later
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import MINIMUM, Scenario
 from jaxplan.model.spacecraft import Spacecraft
@@ -25,7 +26,6 @@ from jaxplan.planner.clock import Clock
 from jaxplan.planner.rounds import plan_in_rounds
 from jaxplan.planner.steps import fit
 from jaxplan.timeline import curves, proving
-from jaxplan.timeline.later import at_time
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory
 
@@ -159,7 +159,7 @@ class Departure:
 
     def _scenario(self, goal: State, duration: Any) -> Scenario:
         """The problem of a slew to a state in a duration, s, or the shortest."""
-        scene = at_time(self.scene, self.time, None if isinstance(duration, str) else duration)
+        scene = later(self.scene, self.time, None if isinstance(duration, str) else duration)
         tube = scene.trajectory.node_tube
         settings = replace(
             scene.trajectory,

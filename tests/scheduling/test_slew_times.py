@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 import jaxplan as jp
+from jaxplan.model.later import later
 from jaxplan.scheduling.matrix import MATRIX
-from jaxplan.scheduling.problem import later, make_problem
+from jaxplan.scheduling.problem import make_problem
 from jaxplan.study.store import StudyFolderError
 
 deg = np.deg2rad

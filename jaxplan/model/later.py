@@ -1,0 +1,76 @@
+"""What a scene, a goal and a direction are once time is counted from a later instant on.
+
+What moves is known over times from 0 on, the start of a scene. Seen from an instant ``t`` of it, a path is
+shifted by ``-t``, and the epoch is ``t`` later.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from jaxplan.model.directions import DirectionPath
+from jaxplan.model.goals import GivenState, Targets
+from jaxplan.model.hidden import Hidden
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.zones import KeepIn, KeepOut
+
+AnyCone = TypeVar("AnyCone", KeepOut, KeepIn)
+_PAD = 60.0  # s before and after a span of time, for which directions are kept
+
+
+def later(scene: Scenario, time: float, duration: float | None = None) -> Scenario:
+    """The scene with its zones and its epoch counted from a time on.
+
+    Args:
+        scene: as it is at time 0.
+        time: s, that becomes time 0.
+        duration: s from then on, for which zones are to be known; as long as they are unless told. Few
+            samples make whatever plans quicker, and directions stay the same to the last bit.
+    """
+    if time == 0.0 and duration is None:
+        return scene
+
+    def moved(zones: Iterable[AnyCone]) -> tuple[AnyCone, ...]:
+        return tuple(
+            replace(zone, direction=later_direction(zone.direction, time, duration)) if zone.moves else zone
+            for zone in zones
+        )
+
+    epoch = scene.epoch
+    if epoch is not None:
+        epoch = epoch + np.timedelta64(round(time * 1e9), "ns")
+    return replace(scene, keep_out=moved(scene.keep_out), keep_in=moved(scene.keep_in), epoch=epoch)
+
+
+def later_goal(goal: GivenState | Targets, time: float) -> GivenState | Targets:
+    """The goal with its targets and wishes that move counted from a time, s, on."""
+    if isinstance(goal, GivenState) or not goal.moves or time == 0.0:
+        return goal
+    wishes = tuple(replace(wish, direction=later_direction(wish.direction, time)) for wish in goal.prefer)
+    directions: Any = goal.directions
+    if isinstance(directions, list | tuple):
+        directions = tuple(later_direction(direction, time) for direction in directions)
+    return replace(goal, directions=directions, prefer=wishes)
+
+
+def later_direction(direction: Any, time: float, duration: float | None = None) -> Any:
+    """The direction counted from a time, s, on, as `later` does it; one that stands still stays as it is."""
+    if not isinstance(direction, DirectionPath) or not direction.moves:
+        return direction
+    first, beyond = 0, len(direction.times)
+    if duration is not None:
+        first = max(0, int(np.searchsorted(direction.times, time - _PAD)) - 2)
+        beyond = int(np.searchsorted(direction.times, time + duration + _PAD)) + 3
+    own = slice(first, beyond)
+    return replace(
+        direction,
+        times=np.asarray(direction.times)[own] - time,
+        samples=direction.samples[own],
+        slopes=direction.slopes[own],
+        hidden=tuple(
+            Hidden(target=span.target, by=span.by, start=span.start - time, end=span.end - time)
+            for span in direction.hidden
+        ),
+    )
