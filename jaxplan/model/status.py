@@ -13,7 +13,7 @@ class Status(Enum):
     NO_PATH = "it is proved that no path exists"
     NODE_LIMIT = "no path was found within search.max_expansions"
     TIME_LIMIT = "no path was found within search.time_limit_s"
-    LIMITS_TOO_TIGHT = "the manoeuvre does not fit into trajectory.duration_s within the limits"
+    LIMITS_TOO_TIGHT = "a motion does not fit into its time within the limits"
     GOAL_MISSED = "no duration was found after which the motion meets the moving goal"
     OUT_OF_WINDOW = "an activity of a timeline does not fit into its window"
     INFEASIBLE = "a quadratic program of the trajectory has no solution"

@@ -48,7 +48,7 @@ def _header(plan: TimelinePlan) -> Markup:
     if plan.ok:
         text = "Every zone and every limit holds at every instant, and every device follows its target."
     told = [tag("strong", _word(plan.status)), tag("p", text)]
-    for label, words in (("What happened", plan.message), ("What to change", plan.status.advice)):
+    for label, words in (("What happened", plan.message), ("What to change", plan.advice)):
         if words:
             told.append(tag("p", tag("b", f"{label}: "), words))
     return tag(

@@ -17,6 +17,26 @@ from jaxplan.timeline.files import read_plan, save_plan
 from jaxplan.timeline.proving import certify_segments
 from jaxplan.trajectory import Trajectory
 
+# What a user of a timeline may change, where that is not what one of a single manoeuvre may.
+_ADVICE = {
+    Status.INVALID_GOAL: (
+        "Change what the activity asks for, the zone or limit that it breaks, or when it may begin."
+    ),
+    Status.GOAL_UNREACHABLE: (
+        "Change the activity's targets or its window, widen the range or shrink the zone in the way, or do "
+        "not bind the device to it."
+    ),
+    Status.LIMITS_TOO_TIGHT: (
+        "Let the activity begin later or what comes before it end sooner, choose targets that move less "
+        "fast, or raise the limits of rate and acceleration."
+    ),
+    Status.INFEASIBLE: "Let the activity begin at another time, or after something else.",
+    Status.UNCERTIFIED: (
+        "The message says what could not be proved. A larger search.clearance_deg helps slews along zones, "
+        "a larger tolerance_deg what points, more room to limits and zones all else."
+    ),
+}
+
 
 @shown("name", "status", "message", "start s", "end s", "slew s", "pointing_error deg")
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,6 +99,11 @@ class TimelinePlan:
     def ok(self) -> bool:
         """Whether all activities are planned, and the motion is certified."""
         return self.status is Status.OK
+
+    @property
+    def advice(self) -> str:
+        """What a user may change, in a sentence or two; empty of a certified plan."""
+        return _ADVICE.get(self.status, self.status.advice)
 
     @property
     def scene(self) -> Scenario:

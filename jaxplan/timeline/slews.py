@@ -23,11 +23,14 @@ from jaxplan.model.scenario import MINIMUM, Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.planner.clock import Clock
+from jaxplan.planner.record import Plan
 from jaxplan.planner.rounds import plan_in_rounds
 from jaxplan.planner.steps import fit
 from jaxplan.timeline import curves, proving
 from jaxplan.timeline.tracking import State
-from jaxplan.trajectory import Trajectory
+from jaxplan.trajectory import Fit, Trajectory
+from jaxplan.trajectory.fit import too_tight
+from jaxplan.trajectory.peaks import peaks
 
 _ABOVE = 1.03  # times the bound: the first duration that is tried
 _ROOM = 0.3  # s above the bound that it is at least, since accelerations begin and end at rest
@@ -37,6 +40,7 @@ _GROWTH = (1.02, 1.04, 1.08, 1.15, 1.3, 1.6)  # times: how much longer at least 
 _STEP = 0.05  # s: likewise
 _FIRST = 10.0  # s, for which the first goal is found
 _LEAST = 0.5  # s, of any slew
+_DETOUR = 1.3  # times the duration that was tried; a straight slew that needs more is compared with others
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,6 +52,7 @@ class Slew:
         message: what is in the way, and what to change.
         duration: s, planned or asked for.
         needed: s, that are long enough where that duration is too short; None where that is not known.
+        blocked: whether what failed is not for lack of some time alone, as where a zone is in the way.
         trajectory: from its start on, which is its zero; None where it failed.
         goal: what follows, by the function that says it.
         proof: the certificate of the trajectory.
@@ -57,6 +62,7 @@ class Slew:
     message: str
     duration: float
     needed: float | None = None
+    blocked: bool = False
     trajectory: Trajectory | None = None
     goal: Any = None
     proof: Certificate | None = None
@@ -80,20 +86,23 @@ class Departure:
 
     def in_time(self, goal: State, duration: float) -> Slew:
         """The slew to a state in a given duration, s; of one that is too short it says what is needed."""
-        scenario = self._scenario(goal, duration)
-        straight = fit(scenario, _straight(self.state, goal), _goal(self.state, goal, duration))
-        if straight.status is Status.LIMITS_TOO_TIGHT:
-            needed = straight.needed_duration
-            text = straight.message
-            return Slew(status=straight.status, message=text, duration=duration, needed=needed)
-        if straight.status is Status.OK and straight.trajectory is not None:
-            slew = self._proved(goal, straight.trajectory)
-            if slew.trajectory is not None:
-                return slew
-        plan = plan_in_rounds([scenario], [Clock(scenario.search.time_limit)])[0]
+        straight = self._along(None, goal, duration)
+        if straight.trajectory is not None or not straight.blocked:
+            return straight
+        plan = self._planned(goal, duration)
         if plan.trajectory is None or not plan.ok:
-            return Slew(status=plan.status, message=plan.message, duration=duration)
+            return Slew(status=plan.status, message=self._told(plan), duration=duration)
         return self._proved(goal, plan.trajectory)
+
+    def _along(self, way: Path | None, goal: State, duration: float) -> Slew:
+        """The slew to a state in a given duration, s, near a path to some such state; near none straight."""
+        path = _straight(self.state, goal) if way is None else _ending(way, goal)
+        fitted = fit(self._scenario(goal, duration), path, _goal(self.state, goal, duration))
+        if fitted.status is Status.OK and fitted.trajectory is not None:
+            return self._proved(goal, fitted.trajectory)
+        needed, text = fitted.needed_duration, self._told(fitted)
+        blocked = needed is None or needed > _DETOUR * max(duration, self.bound(goal))
+        return Slew(status=fitted.status, message=text, duration=duration, needed=needed, blocked=blocked)
 
     def _proved(self, goal: State, fitted: Trajectory) -> Slew:
         """A slew that was fitted, with the accelerations of both ends, and its certificate."""
@@ -101,8 +110,9 @@ class Departure:
         made = curves.bent(fitted, ends)
         proof = proving.certify_part(self.scene, self.time, made, self.craft)
         if not proof.certified:
-            text = "; ".join(proof.faults)
-            return Slew(status=Status.UNCERTIFIED, message=text, duration=made.duration)
+            text = f"{'; '.join(proof.faults)}: {_OTHERWISE}"
+            blocked = proof.min_margin is None or not proof.min_margin >= 0
+            return Slew(status=Status.UNCERTIFIED, message=text, duration=made.duration, blocked=blocked)
         return Slew(status=Status.OK, message="", trajectory=made, duration=made.duration, proof=proof)
 
     def shortest(
@@ -127,30 +137,56 @@ class Departure:
         state, found = goal_at(self.time + duration)
         duration = admitted(_above(self.bound(state)))
         failed: Slew | None = None
+        way: Path | None = None
         for growth in _GROWTH:
             state, found = goal_at(self.time + duration)
             bound = self.bound(state)
             if duration < _CLOSE * bound:
                 duration = admitted(_above(bound))
                 state, found = goal_at(self.time + duration)
-            slew = self.in_time(state, duration)
+            slew = self._along(way, state, duration)
             if slew.trajectory is not None:
                 return replace(slew, goal=found)
             failed = failed or slew
-            if slew.status not in _PERHAPS_TOO_SHORT:
-                return slew
             needed = slew.needed
-            if needed is None and slew.status is Status.LIMITS_TOO_TIGHT:
-                needed = self._shortest_to(state)
+            if slew.blocked and way is None:
+                quickest = self._planned(state, MINIMUM)
+                if quickest.path is None or quickest.trajectory is None or not quickest.ok:
+                    if needed is None:
+                        return replace(slew, status=quickest.status, message=self._told(quickest))
+                elif needed is None or quickest.trajectory.duration < needed:
+                    way, needed = quickest.path, quickest.trajectory.duration
+            elif slew.status not in _PERHAPS_TOO_SHORT:
+                return slew
             duration = admitted(max(_SLACK * (needed or 0.0), growth * duration, duration + _STEP))
         assert failed is not None
         return failed
 
-    def _shortest_to(self, goal: State) -> float | None:
-        """Duration, s, of the shortest motion to a state; None where there is none."""
-        scenario = self._scenario(goal, MINIMUM)
-        plan = plan_in_rounds([scenario], [Clock(scenario.search.time_limit)])[0]
-        return plan.trajectory.duration if plan.trajectory is not None and plan.ok else None
+    def _planned(self, goal: State, duration: Any) -> Plan:
+        """The slew to a state as a manoeuvre with a search, in a duration, s, or the shortest."""
+        scenario = self._scenario(goal, duration)
+        return plan_in_rounds([scenario], [Clock(scenario.search.time_limit)])[0]
+
+    def _told(self, found: Fit | Plan) -> str:
+        """Why a fit or a plan failed, in words of a timeline, which sets no durations of slews."""
+        trajectory = found.trajectory
+        if found.status is Status.LIMITS_TOO_TIGHT and trajectory is not None:
+            own = peaks(trajectory, self._usable)
+            needed = found.needed_duration if isinstance(found, Fit) else None
+            enough = f"no longer slew was found that keeps all limits: {_OTHERWISE}"
+            if needed is not None:
+                enough = f"about {needed:.2f} s are needed: {_LATER}"
+            if np.isfinite(own.stretch):
+                return too_tight(trajectory.duration, own, enough, "")
+        if isinstance(found, Plan) and found.certificate is not None:
+            return f"{'; '.join(found.certificate.faults)}: {_OTHERWISE}"
+        reason, of_settings, _ = found.message.partition(": set trajectory")
+        return f"{reason}: {_OTHERWISE}" if of_settings else reason
+
+    @property
+    def _usable(self) -> Spacecraft:
+        """The spacecraft with the ranges and limits that may be used."""
+        return replace(self.scene, spacecraft=self.craft).usable
 
     def bound(self, goal: State) -> float:
         """Strict lower bound, s, of the duration of slews to a state; it knows no zones."""
@@ -178,6 +214,10 @@ class Departure:
             trajectory=settings,
         )
 
+
+# What a user may change, in timelines.
+_LATER = "let it begin later, what comes before end sooner, or raise that limit"
+_OTHERWISE = "let it begin at another time or after something else, or try a larger search.clearance_deg"
 
 _PERHAPS_TOO_SHORT = (Status.LIMITS_TOO_TIGHT, Status.UNCERTIFIED)
 _BOUND = ("attitude", "joints", "velocity", "rates")
@@ -208,6 +248,15 @@ def _goal(start: State, state: State, time: float) -> Goal:
         angular_velocity=state.velocity,
         joint_rates=state.rates,
     )
+
+
+def _ending(way: Path, goal: State) -> Path:
+    """A path that ends in another state."""
+    attitudes, joints = (
+        np.concatenate([nodes[:-1], last[None]])
+        for nodes, last in ((way.attitudes, goal.attitude), (way.joints, goal.joints))
+    )
+    return replace(way, attitudes=attitudes, joints=joints)
 
 
 def _straight(start: State, goal: State) -> Path:

@@ -79,6 +79,17 @@ def _are_alike(breaks: np.ndarray, others: np.ndarray) -> bool:
     return len(breaks) == len(others) and bool(np.max(np.abs(breaks - others)) <= _ALIKE)
 
 
+def in_time(attempt: Attempt, duration: float, *, tighter: float) -> InitialGuess | None:
+    """An attempt's curve in a given duration, s, with its breaks and its rates at both ends.
+
+    `tighter` is the share of the limits on the platform's loads that is to be left unused.
+    """
+    own = attempt.solution
+    curve = own.coefficients + (duration - own.duration) * attempt.discrete.space.by_time
+    mesh = attempt.discrete.mesh
+    return first_curve(attempt.problem, mesh, duration, "given", tighter=tighter, coefficients=curve)
+
+
 def along(problem: FitProblem) -> InitialGuess | None:
     """The curve nearest to a problem's path, on few intervals; None if its nodes leave every chart."""
     mesh = _mesh(problem.mesh(problem.quickest, np.inf, 1, graded=False).places, Basis.even(COARSE))

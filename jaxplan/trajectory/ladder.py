@@ -9,7 +9,7 @@ import numpy as np
 from jaxplan.trajectory import sqp
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.motion import TUBE
-from jaxplan.trajectory.peaks import Peaks, all_peaks
+from jaxplan.trajectory.peaks import Peaks, all_peaks, peaks
 from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh, Timing, discretise
 from jaxplan.trajectory.schedule import TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
@@ -99,6 +99,13 @@ class Attempt:
         stretch = self.peaks.stretch
         return self.trajectory.duration * (stretch if np.isfinite(stretch) else 1.0)
 
+    def scaled(self, duration: float) -> "Attempt":
+        """The attempt's motion scaled in time to another duration, s."""
+        curve = self.trajectory.scaled(duration / self.trajectory.duration)
+        for breaks in (curve.breaks, curve.joint_breaks):  # new arrays
+            breaks[-1] = duration  # to the last bit
+        return replace(self, trajectory=curve, peaks=peaks(curve, self.problem.spacecraft))
+
     @property
     def too_deep(self) -> bool:
         """Whether a zone is broken so deeply that more intervals would not mend it."""
@@ -115,6 +122,21 @@ class Attempt:
     def pace(self) -> tuple[bool, float]:
         """Key by which shortest motions are compared: the larger, the better."""
         return self.sound, -self.needed
+
+
+Attempts = dict[int, Attempt | None]
+"""Attempts by the number of their fit; None beyond every chart."""
+
+
+def quicker(others: Attempts, attempts: Attempts) -> Attempts:
+    """Those of `others` that are sound and, scaled to the limits, quicker than `attempts` of their number."""
+
+    def is_quicker(other: Attempt | None, own: Attempt | None) -> bool:
+        if other is None or own is None or not other.sound:
+            return False
+        return not own.sound or other.needed < own.needed
+
+    return {n: other for n, other in others.items() if is_quicker(other, attempts[n])}
 
 
 def first_curve(
@@ -157,10 +179,10 @@ def finished(made: Sequence[tuple[DiscreteProblem, SQPSolution]]) -> list[Attemp
         for number, (discrete, solution) in enumerate(made)
         if solution.duration > 0 and np.all(np.isfinite(solution.coefficients)) and solution.finite
     }
-    peaks = all_peaks([(curve, made[number][0].problem.spacecraft) for number, curve in curves.items()])
+    found = all_peaks([(curve, made[number][0].problem.spacecraft) for number, curve in curves.items()])
     attempts = {
         number: Attempt(discrete=made[number][0], solution=made[number][1], trajectory=curve, peaks=own)
-        for (number, curve), own in zip(curves.items(), peaks, strict=True)
+        for (number, curve), own in zip(curves.items(), found, strict=True)
         if own.sound
     }
     return [attempts.get(number) for number in range(len(made))]

@@ -38,6 +38,7 @@ _DAMPING = 8.0  # factor by which damping grows after a failed step, and falls a
 _FIRST_DAMPING = 1e-2  # of the energy's form: the damping after the first failed step
 _NO_DAMPING = 1e-6  # of the energy's form: smaller damping is dropped
 _MOST_FAILED = 2  # failed steps in a row, once penalties have grown: nothing better is near
+_HOPELESS = 0.5  # of a limit, broken in a given duration by a curve with rates at its ends: likewise at once
 
 # Penalties by kind of constraint, larger than any multiplier of a problem that has a solution.
 _PENALTIES = {LIMIT: 1e3, ZONE: 1e3, TUBE: 1e2}
@@ -258,7 +259,8 @@ class SQPState:
         done |= close & (self.at.is_sound | dearest)
         if not self._free_time:
             done |= little & self.at.is_sound  # before the step and after it
-            done |= (self.failed == _MOST_FAILED) & dearest
+            hopeless = self.stack.members[0].problem.at_speed & (self.at.violations[:, LIMIT] > _HOPELESS)
+            done |= (self.failed == _MOST_FAILED) & (dearest | hopeless)
             self._stop(done, better & self.at.is_sound)
         self._increase_penalty(close & ~done)
         return done

@@ -12,7 +12,6 @@ Where a limit, a zone or the tube is broken more intervals are tried, then a wid
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -31,9 +30,9 @@ from jaxplan.trajectory.fit import (
     fit_each,
 )
 from jaxplan.trajectory.full_wheels import full_at_goal
-from jaxplan.trajectory.ladder import Attempt, Ladder, first_curve, make_attempts, rungs
+from jaxplan.trajectory.ladder import Attempt, Attempts, Ladder, first_curve, make_attempts, quicker, rungs
 from jaxplan.trajectory.outcome import better, beyond_charts, limits_too_tight, success
-from jaxplan.trajectory.peaks import SAFETY, peaks
+from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.problem import FitProblem, Timing
 from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
@@ -51,7 +50,6 @@ _HURRY = 0.97  # of the quickest time along the nodes; in less they are only a f
 _LEISURE = 1.15  # of the quickest time along the nodes; in less breaks lie close about the flanks
 
 Problems = dict[int, FitProblem]  # by fit
-Attempts = dict[int, Attempt | None]  # by fit; None beyond every chart
 Radius = Callable[[FitProblem], float]  # of a tube about the nodes, rad
 
 
@@ -187,13 +185,17 @@ class Strategy:
         best |= self._along(hopeless, "shortest", _no_tube)
         fits |= {n: beyond_charts() for n, own in best.items() if own is None}
         quickest = {n: own for n, own in best.items() if own is not None}
+        swift = {n: own for n, own in quickest.items() if own.problem.at_speed and own.needed <= durations[n]}
+        near = self._near({n: own for n, own in swift.items() if own.sound}, durations)
+        fits |= {n: success(own) for n, own in near.items() if own is not None and own.kept}
+        quickest = {n: own for n, own in quickest.items() if n not in fits}
         for n, needed in self._needed(quickest, durations).items():
             duration = durations[n]
             kept = needed is not None and needed <= (1 + _SAME_TIME) * duration
             if kept and not left[n].at_speed:
-                fits[n] = success(_time_scaled(quickest[n], duration))
+                fits[n] = success(quickest[n].scaled(duration))
             else:
-                closest = attempts[n] or _time_scaled(quickest[n], duration)
+                closest = attempts[n] or quickest[n].scaled(duration)
                 fits[n] = limits_too_tight(closest, duration, needed)
         return fits
 
@@ -202,25 +204,35 @@ class Strategy:
 
         Args:
             quickest: the shortest motions; one at rest at its ends is only scaled in time, for the others
-                longer durations are tried.
+                longer durations are tried, near the motion at first.
             durations: s, asked for.
         """
         found = {
             n: own.needed * SAFETY if own.sound and np.isfinite(own.peaks.stretch) else None
             for n, own in quickest.items()
         }
-        open_ = {n: own.problem for n, own in quickest.items() if own.problem.at_speed}
-        found |= dict.fromkeys(open_)
+        moving = [n for n, own in quickest.items() if own.problem.at_speed]
+        found |= dict.fromkeys(moving)
+        open_ = {n: quickest[n].problem for n in moving if quickest[n].sound}
         longer = {
             n: max(FIRST_GUESS * own.trajectory.duration, _LONGER * durations[n])
             for n, own in quickest.items()
         }
         for look in range(_LOOKS):
-            attempts = self._in_time(open_, longer, _no_tube)
+            near = {} if look else {n: quickest[n] for n in open_}
+            attempts = self._near(near, longer) or self._in_time(open_, longer, _no_tube)
             found |= {n: longer[n] for n, own in attempts.items() if own is not None and own.kept}
             open_ = {n: one for n, one in open_.items() if found[n] is None}
             longer = {n: longer[n] * _LONGER ** (2**look) for n in open_}
         return found
+
+    def _near(self, attempts: Mapping[int, Attempt], durations: Mapping[int, float]) -> Attempts:
+        """Attempts in given durations (s) near other motions, on the breaks of these."""
+
+        def begin(n: int) -> InitialGuess | None:
+            return guesses.in_time(attempts[n], durations[n], tighter=_TIGHTER[0])
+
+        return self._attempts(attempts, begin)
 
     def _in_time(self, problems: Problems, durations: dict[int, float], radius: Radius = _asked) -> Attempts:
         """The first sound attempts within all limits in given durations (s), or the ones nearest to it."""
@@ -276,7 +288,7 @@ class Strategy:
             and own.needed > _SLOW * one.bound
             and one.settings.node_tube is None
         }
-        return best | _quicker(self._along(slow, "stretched", _no_tube), best)
+        return best | quicker(self._along(slow, "stretched", _no_tube), best)
 
     def shortest(self, problems: Problems, radius: Radius = _asked) -> Attempts:
         """The shortest motions within all limits, or the ones nearest to it.
@@ -305,7 +317,7 @@ class Strategy:
             and not one.at_speed
             and not (own.sound and own.needed <= _DETOUR * one.bound)
         }
-        best |= _quicker(self._along(slow, "stretched", lambda one: one.width), best)
+        best |= quicker(self._along(slow, "stretched", lambda one: one.width), best)
         begins = {
             n: guesses.coarse(own)
             for n, own in best.items()
@@ -315,7 +327,7 @@ class Strategy:
             and n not in leaving
             and not (own.sound and own.needed <= NEAR_THE_BOUND * own.problem.bound)
         }
-        return best | _quicker(self._bent(begins, problems), best) | found
+        return best | quicker(self._bent(begins, problems), best) | found
 
     def _bent(self, begins: Mapping[int, InitialGuess | None], problems: Problems) -> Attempts:
         """The shortest motions near curves on few intervals, and near curves bent away from these.
@@ -425,25 +437,6 @@ class Strategy:
             return dict(zip(numbers, make_attempts([begin(n) for n in numbers]), strict=True))
 
 
-def _time_scaled(attempt: Attempt, duration: float) -> Attempt:
-    """An attempt's motion scaled in time to another duration, s."""
-    curve = attempt.trajectory.scaled(duration / attempt.trajectory.duration)
-    for breaks in (curve.breaks, curve.joint_breaks):  # new arrays
-        breaks[-1] = duration  # to the last bit
-    return replace(attempt, trajectory=curve, peaks=peaks(curve, attempt.problem.spacecraft))
-
-
 def _stretches(problem: FitProblem) -> bool:
     """Whether a fit without limits is to be stretched to them: asked for, and at rest at its ends."""
     return problem.settings.duration == STRETCHED and not problem.at_speed
-
-
-def _quicker(others: Attempts, attempts: Attempts) -> Attempts:
-    """Those of `others` that are sound and, scaled to the limits, quicker than `attempts` of their number."""
-
-    def is_quicker(other: Attempt | None, own: Attempt | None) -> bool:
-        if other is None or own is None or not other.sound:
-            return False
-        return not own.sound or other.needed < own.needed
-
-    return {n: other for n, other in others.items() if is_quicker(other, attempts[n])}

@@ -1,5 +1,6 @@
 """What cannot be done is refused by name, with the device, zone, joint or second that is in the way."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -333,6 +334,7 @@ def test_what_cannot_be_done_is_refused_by_name(name):
     for word in case.words:
         assert word in asked.message
     assert f"activity {asked.name}: " in plan.message
+    assert not re.search(r"trajectory\.|duration_s|goal\.", f"{jp.TimelineError(plan)} {plan.advice}")
     assert asked.start is None
     assert asked.end is None
 

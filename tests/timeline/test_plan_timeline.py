@@ -398,3 +398,28 @@ def test_a_plan_whose_segments_begin_within_a_piece_of_the_motion_is_not_certifi
     assert not certificate.certified
     assert f"the segment {second.name} does not begin at a break of the motion" in certificate.faults
     assert plan.certify().certified
+
+
+def test_a_slew_past_a_zone_takes_no_longer_than_one_along_its_rim():
+    # the straight way of the telescope leads through the middle of the zone, and its target moves on
+    first = observer_scene().start.attitude[:, 2]
+    across = unit(np.cross(first, [0.3, 0.2, 0.9]))
+
+    def ahead(time, rate=0.0, begin=40.0):
+        angle = deg(begin + rate * np.asarray(time))[..., None]
+        return np.cos(angle) * first + np.sin(angle) * across
+
+    zone = jp.KeepOut(name="lamp", direction=ahead(0.0), half_angle=deg(20), devices=("telescope",))
+    look = jp.Targets.of({"telescope": Aim(lambda time: ahead(time, 0.05, 80.0)).path(200.0)})
+    whole = jp.Timeline(
+        name="past",
+        scene=observer_scene(spacecraft=replace(observer_scene().spacecraft, wheels=()), keep_out=(zone,)),
+        activities=(jp.Activity(name="look", track=look, duration=5.0),),
+        until=150.0,
+    )
+    plan = jp.plan_timeline(whole, progress=False)
+    tangent, arc = np.arccos(np.cos(deg(40)) / np.cos(deg(20))), np.arccos(np.tan(deg(20)) / np.tan(deg(40)))
+    around = np.rad2deg(2 * tangent + 2 * (np.pi / 2 - arc) * np.sin(deg(20)))
+    rate, acceleration = 2.0, 0.5  # deg
+    assert plan.activities[0].slew <= around / rate + rate / acceleration + 2.0
+    assert plan.certificate.min_margin > 0
