@@ -99,12 +99,11 @@ def _spline(times: np.ndarray, values: np.ndarray, ends: Any = None) -> tuple[np
 def _chart_ends(attitudes: np.ndarray) -> list[int]:
     """Numbers of the nodes at which charts end: the first and the last, and some between."""
     edges = [0]
-    last = len(attitudes) - 1
-    for node in range(1, last + 1):
+    for node in range(1, len(attitudes)):
         far = so3.distance(attitudes[edges[-1]], attitudes[node]) > _CHART
-        if far and node - 1 - edges[-1] >= FEWEST and last - node + 1 >= FEWEST:
+        if far and node - 1 > edges[-1]:
             edges.append(node - 1)
-    return [*edges, last]
+    return [*edges, len(attitudes) - 1]
 
 
 def _derivatives(times: np.ndarray, attitudes: np.ndarray, node: int) -> tuple[np.ndarray, np.ndarray]:
@@ -130,19 +129,17 @@ def _in_chart(
     return rate, bend
 
 
-def bent(trajectory: Trajectory, ends: Sequence[tuple[np.ndarray, np.ndarray] | None]) -> Trajectory:
+def bent(trajectory: Trajectory, ends: Sequence[tuple[np.ndarray, np.ndarray]]) -> Trajectory:
     """The trajectory with given accelerations at its start and goal.
 
     Args:
         trajectory: a slew, of polynomials of degree 5.
         ends: for start and goal the angular acceleration (3,) rad/s^2, body axes, and accelerations of joints
-            (J,) rad/s^2; None to leave that end as it is.
+            (J,) rad/s^2.
     """
     curve = np.array(trajectory.coefficients)
     joints = np.array(trajectory.joint_coefficients)
     for number, wanted in enumerate(ends):
-        if wanted is None:
-            continue
         own = -number
         time = trajectory.breaks[own]
         now = trajectory.sample(float(time))

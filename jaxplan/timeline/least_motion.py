@@ -48,9 +48,10 @@ class Wanted:
 
     Attributes:
         attitude: (3, 3) of the state that the spacecraft comes from; None for none.
-        joints: (J,) rad, to which those of the first node are drawn, and which devices without a target have.
+        joints: (J,) rad, at the beginning after the least turn of the platform from there. To these, and not
+            to those before, the first node is drawn: the joints are quick, and the platform is to turn less.
+            Devices without a target have them all along.
         slew_time: s, that the slew from there takes, roughly.
-        fixed: whether the motion starts in that state itself.
         wishes: devices without a target by number, each with the direction that it prefers.
         weights: of the squares of rate and acceleration.
     """
@@ -58,7 +59,6 @@ class Wanted:
     attitude: np.ndarray | None
     joints: np.ndarray
     slew_time: float
-    fixed: bool = False
     wishes: tuple[tuple[int, DirectionPath], ...] = ()
     weights: tuple[float, float] = (1.0, 3.0)
 
@@ -143,7 +143,7 @@ class LeastMotion:
 
     def price(self, nodes: Nodes) -> float:
         """The energy of nodes and the price of what they break."""
-        residual, _ = self._residuals(nodes, self._slopes(nodes))
+        residual = self._residuals(nodes)
         left = self._left(nodes)
         broken = np.sum(np.maximum(0, _HARD - left)) + np.sum(np.maximum(0, self._overruns(nodes)))
         narrow = np.sum(np.maximum(0, _ROOM - left))
@@ -173,78 +173,92 @@ class LeastMotion:
         slopes[:, self.free, 3 + np.arange(len(self.free))] = 1.0
         return slopes
 
-    def _residuals(self, nodes: Nodes, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (r,), half whose square is the energy, and their slopes (r, K + 1, 3 + f)."""
-        count, size = len(nodes.times), slopes.shape[2]
-        step = nodes.times[1] - nodes.times[0]
-        rate, acceleration = self.wanted.weights
-        turns = self._turns(nodes)
-        eye = np.zeros((3, size))
-        eye[:, :3] = np.eye(3)
-        ahead = np.zeros((count - 1, 3 + nodes.joints.shape[1], count, size))  # of changes between nodes
-        every = np.arange(count - 1)
-        back = np.swapaxes(so3.exp(turns), 1, 2)
-        ahead[every, :3, every + 1] = eye
-        ahead[every, :3, every] = -back @ eye
-        ahead[every, 3:, every + 1] = slopes[1:]
-        ahead[every, 3:, every] = -slopes[:-1]
-        change = np.concatenate([turns, np.diff(nodes.joints, axis=0)], axis=1)
-        bend, bent = np.diff(change, axis=0), np.diff(ahead, axis=0)
-        values = [np.sqrt(rate / step) * change.ravel(), np.sqrt(acceleration / step**3) * bend.ravel()]
-        rows = [
-            np.sqrt(rate / step) * ahead.reshape(-1, count, size),
-            np.sqrt(acceleration / step**3) * bent.reshape(-1, count, size),
-        ]
-        for value, row in self._attractions(nodes, slopes):
-            values.append(value)
-            rows.append(row)
-        return np.concatenate(values), np.concatenate(rows)
+    def _residuals(self, nodes: Nodes) -> np.ndarray:
+        """Residuals (r,), half whose square is the energy: of rates, accelerations, the way there, wishes."""
+        by_rate, by_acceleration, by_way, by_wish = self._weights(nodes)
+        change = np.concatenate([self._turns(nodes), np.diff(nodes.joints, axis=0)], axis=1)
+        found = [by_rate * change.ravel(), by_acceleration * np.diff(change, axis=0).ravel()]
+        if self.wanted.attitude is not None:
+            away = so3.log(self.wanted.attitude.T @ nodes.attitudes[0])
+            found.append(by_way * np.concatenate([away, nodes.joints[0] - self.wanted.joints]))
+        found += [by_wish * self._misses(nodes, *wish).ravel() for wish in self.wanted.wishes]
+        return np.concatenate(found)
 
-    def _attractions(self, nodes: Nodes, slopes: np.ndarray) -> Sequence[tuple[np.ndarray, np.ndarray]]:
-        """Residuals (r,), with slopes (r, K + 1, 3 + f), of the way to the first node, and of wishes."""
+    def _rows(self, nodes: Nodes, slopes: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+        """Derivatives (r, K + 1, 3 + f) of the residuals; arguments as of `_ahead`, and what that returns."""
         count, size = len(nodes.times), slopes.shape[2]
-        found = []
-        if self.wanted.attitude is not None and not self.wanted.fixed:
-            weight = np.sqrt(self.wanted.weights[0] / self.wanted.slew_time)
+        by_rate, by_acceleration, by_way, by_wish = self._weights(nodes)
+        found = [by_rate * ahead, by_acceleration * np.diff(ahead, axis=0)]
+        if self.wanted.attitude is not None:
             row = np.zeros((3 + nodes.joints.shape[1], count, size))
             row[:3, 0, :3] = np.eye(3)
             row[3:, 0] = slopes[0]
-            away = so3.log(self.wanted.attitude.T @ nodes.attitudes[0])
-            value = np.concatenate([away, nodes.joints[0] - self.wanted.joints])
-            found.append((weight * value, weight * row))
-        step, every = nodes.times[1] - nodes.times[0], np.arange(count)
-        for device, path in self.wanted.wishes:
-            weight = np.sqrt(_WISH * max(self.wanted.weights[0], 1e-3) * step)
-            value, slope = self._misses(nodes, device, path)
+            found.append(by_way * row)
+        every = np.arange(count)
+        for wish in self.wanted.wishes:
             row = np.zeros((count, 3, count, size))
-            row[every, :, every] = slope
-            found.append((weight * value.ravel(), weight * row.reshape(-1, count, size)))
+            row[every, :, every] = self._miss_slopes(nodes, *wish)
+            found.append(by_wish * row)
+        return np.concatenate([own.reshape(-1, count, size) for own in found])
+
+    def _weights(self, nodes: Nodes) -> tuple[float, float, float, float]:
+        """Roots of the weights of rates, accelerations, the way to the first node, and wishes."""
+        step, (rate, acceleration) = nodes.times[1] - nodes.times[0], self.wanted.weights
+        each = (
+            rate / step,
+            acceleration / step**3,
+            rate / self.wanted.slew_time,
+            _WISH * max(rate, 1e-3) * step,
+        )
+        return tuple(np.sqrt(each).tolist())
+
+    def _ahead(self, nodes: Nodes, slopes: np.ndarray) -> np.ndarray:
+        """Derivatives (K, 3 + J, K + 1, 3 + f) of turns and changes of joints from each node to the next.
+
+        `slopes` are as of `_slopes`.
+        """
+        count, size = len(nodes.times), slopes.shape[2]
+        found = np.zeros((count - 1, 3 + nodes.joints.shape[1], count, size))
+        every = np.arange(count - 1)
+        found[every, :3, every + 1, :3] = np.eye(3)
+        found[every, :3, every, :3] = -np.swapaxes(so3.exp(self._turns(nodes)), 1, 2)
+        found[every, 3:, every + 1] = slopes[1:]
+        found[every, 3:, every] = -slopes[:-1]
         return found
 
-    def _misses(self, nodes: Nodes, device: int, path: DirectionPath) -> tuple[np.ndarray, np.ndarray]:
-        """How far a device is off a direction, ``u - R^T e`` (K + 1, 3), and slopes (K + 1, 3, 3 + f)."""
-        gimbals = self.pursuit.craft.gimbals
-        wished = (np.asarray(as_path(path).at(nodes.times))[:, None] @ nodes.attitudes)[:, 0]
+    def _misses(self, nodes: Nodes, device: int, path: DirectionPath) -> np.ndarray:
+        """How far a device is off a direction, ``u - R^T e``, (K + 1, 3)."""
+        return self._beam(nodes.joints, device) - self._wished(nodes, path)
 
-        def beam(joints: np.ndarray) -> np.ndarray:
-            if device >= gimbals.count:
-                fixed = self.pursuit.craft.fixed_boresights[device - gimbals.count]
-                return np.broadcast_to(fixed, wished.shape)
-            return np.asarray(gimbals.boresights(joints))[:, device]
-
-        seen = beam(nodes.joints)
-        slope = np.zeros((len(wished), 3, 3 + len(self.free)))
-        slope[:, :, :3] = -so3.hat(wished)  # R^T e after a turn z: s + s x z
+    def _miss_slopes(self, nodes: Nodes, device: int, path: DirectionPath) -> np.ndarray:
+        """Derivatives (K + 1, 3, 3 + f) of `_misses`."""
+        seen = self._beam(nodes.joints, device)
+        slope = np.zeros((len(seen), 3, 3 + len(self.free)))
+        slope[:, :, :3] = -so3.hat(self._wished(nodes, path))  # R^T e after a turn z: s + s x z
         for place, joint in enumerate(self.free):
             moved = nodes.joints.copy()
             moved[:, joint] += _DIFFERENCE
-            slope[:, :, 3 + place] = (beam(moved) - seen) / _DIFFERENCE
-        return seen - wished, slope
+            slope[:, :, 3 + place] = (self._beam(moved, device) - seen) / _DIFFERENCE
+        return slope
+
+    @staticmethod
+    def _wished(nodes: Nodes, path: DirectionPath) -> np.ndarray:
+        """A direction (K + 1, 3) at the nodes, in body axes."""
+        return (np.asarray(as_path(path).at(nodes.times))[:, None] @ nodes.attitudes)[:, 0]
+
+    def _beam(self, joints: np.ndarray, device: int) -> np.ndarray:
+        """Boresights (K + 1, 3) of a device in body axes."""
+        gimbals = self.pursuit.craft.gimbals
+        if device >= gimbals.count:
+            fixed = self.pursuit.craft.fixed_boresights[device - gimbals.count]
+            return np.broadcast_to(fixed, (len(joints), 3))
+        return np.asarray(gimbals.boresights(joints))[:, device]
 
     def _step(self, nodes: Nodes) -> np.ndarray:
         """The step (K + 1, 3 + f), rad, of least energy to first order, that keeps what can be kept."""
         slopes = self._slopes(nodes)
-        residual, rows = self._residuals(nodes, slopes)
+        ahead = self._ahead(nodes, slopes)
+        residual, rows = self._residuals(nodes), self._rows(nodes, slopes, ahead)
         basis = self._basis(nodes, slopes.shape[2])  # (K + 1, 3 + f, y)
         reduced = np.einsum("rkd,kdy->rky", rows, basis)
         reduced = reduced.reshape(len(residual), basis.shape[0] * basis.shape[2])
@@ -252,7 +266,7 @@ class LeastMotion:
         pull = reduced.T @ residual
         if not len(pull):
             return np.zeros((len(nodes.times), slopes.shape[2]))
-        found = _program(hessian, pull, *self._bounds(nodes, slopes, basis))
+        found = _program(hessian, pull, *self._bounds(nodes, slopes, ahead, basis))
         step = np.einsum("kdy,ky->kd", basis, found.reshape(basis.shape[0], basis.shape[2]))
         moved = np.linalg.norm(step[:, :3], axis=1) + np.max(np.abs(step[:, 3:]), axis=1, initial=0.0)
         return np.asarray(step * min(1.0, _TRUST / max(float(np.max(moved)), 1e-300)))
@@ -270,12 +284,10 @@ class LeastMotion:
             basis = np.zeros((count, size, own + size - 3))
             basis[:, :3, :own] = np.swapaxes(turns[:, rank:], 1, 2)
             basis[:, 3:, own:] = np.eye(size - 3)
-        if self.wanted.fixed:
-            basis[0] = 0.0
         return basis
 
     def _bounds(
-        self, nodes: Nodes, slopes: np.ndarray, basis: np.ndarray
+        self, nodes: Nodes, slopes: np.ndarray, ahead: np.ndarray, basis: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rows ``B y + s >= 0`` of what a step shall keep, in radians, and the price of breaking each.
 
@@ -283,8 +295,7 @@ class LeastMotion:
             (b, (K + 1) y), (b,) and (b,).
         """
         count, size = len(nodes.times), slopes.shape[2]
-        craft, every = self.pursuit.craft, np.arange(count)
-        left = self._left(nodes)
+        craft, left = self.pursuit.craft, self._left(nodes)
         slope = np.concatenate([slopes, -slopes, self._margin_slopes(nodes, left, slopes)], axis=1)
         node, row = np.nonzero(left < _NEAR)
         of_states = np.zeros((len(node), count, size))
@@ -292,17 +303,12 @@ class LeastMotion:
         rows, slack = [of_states, of_states], [left[node, row] - _HARD, left[node, row] - _ROOM]
         price = [np.full(len(node), _PRICE), np.full(len(node), _CHEAP)]
         step = nodes.times[1] - nodes.times[0]
-        change = np.zeros((count - 1, nodes.joints.shape[1], count, size))
-        change[every[:-1], :, every[1:]] = slopes[1:]
-        change[every[:-1], :, every[:-1]] = -slopes[:-1]
+        turn, change = ahead[:, :3], ahead[:, 3:]
         moved, most = np.diff(nodes.joints, axis=0), _SHARE * step * craft.joint_rate_limits
-        turn = np.zeros((count - 1, 3, count, size))
-        turn[every[:-1], :, every[1:], :3] = np.eye(3)
-        turn[every[:-1], :, every[:-1], :3] = -np.swapaxes(so3.exp(self._turns(nodes)), 1, 2)
         turned, farthest = self._turns(nodes), _SHARE * step * np.broadcast_to(craft.rate_limit, 3)
         length = np.linalg.norm(turned, axis=1)
-        ahead = turned / np.maximum(length, 1e-300)[:, None]
-        along = np.einsum("ki,kidz->kdz", ahead, turn)[:, None]  # of the length of a turn
+        onward = turned / np.maximum(length, 1e-300)[:, None]
+        along = np.einsum("ki,kidz->kdz", onward, turn)[:, None]  # of the length of a turn
         whole = np.broadcast_to(_SHARE * step * np.asarray(longest(craft, 1)), (count - 1, 1))
         bounded = (change, moved, most), (turn, turned, farthest), (along, length[:, None], whole)
         for one, value, bound in bounded:

@@ -10,12 +10,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jaxplan import so3
+from jaxplan.certificate import LIMIT_ALLOWANCE
 from jaxplan.goal import Decomposition, decompose
 from jaxplan.goal.rates import least_rates
 from jaxplan.model.breaches import constraint_breaches
 from jaxplan.model.directions import as_path
 from jaxplan.model.goals import Targets
 from jaxplan.model.hidden import after_hidden
+from jaxplan.model.limits import timed_limits
 from jaxplan.model.path import Goal
 from jaxplan.model.robust import Robust, usable
 from jaxplan.model.scenario import STRETCHED, Scenario
@@ -35,7 +37,7 @@ _GOALS = 4  # attitudes of step 1 that are tried as first guesses
 _BROKEN = 1e-9  # rad by which a node may break what it keeps
 _LOOK, _LOOKS = 5.0, 2000  # s between the instants at which zones are looked at, and the most of them
 _ROOM = np.deg2rad(1.0)  # rad, that an instant keeps from zones and ends of ranges where it can
-_FEW = 25  # instants at which rates are looked at
+_FEW = 65  # instants at which rates, accelerations and loads are looked at
 _SAME = 1e-9  # s, by which a time may be late
 
 
@@ -75,6 +77,7 @@ class Doing:
         time: s, of that state.
         latest_end: s, at which an activity without a duration ends; None where nothing says.
         known: s, until when it is known where things are.
+        total: (3,) N m s, momentum of platform and wheels in inertial axes; None without wheels.
         last: the motion that was found last, a first guess for the next.
     """
 
@@ -84,6 +87,7 @@ class Doing:
     time: float
     latest_end: float | None = None
     known: float = np.inf
+    total: np.ndarray | None = None
     last: Motion | None = field(default=None)
 
     def ends(self, begin: float) -> float:
@@ -323,23 +327,20 @@ class Doing:
             time = max(span.end for span in inside)
 
     def _overrun(self, track: Trajectory, begin: float) -> str:
-        """By how much platform or joints are faster than they may be, at which time, s; empty if nowhere."""
+        """By how much the worst load is beyond its limit, at which time, s; empty if none is."""
         craft = self.scene.usable
         times = np.linspace(0.0, track.duration, _FEW)
-        at = track.sample(times)
-        shares = [at.angular_velocity / craft.rate_limit, at.joint_rates / craft.joint_rate_limits]
-        names = [f"platform rate {axis}" for axis in "xyz"] + [f"{joint} rate" for joint in craft.joint_names]
-        if craft.rate_norm_limit is not None:
-            lengths = np.linalg.norm(at.angular_velocity, axis=1, keepdims=True)
-            shares.append(lengths / craft.rate_norm_limit)
-            names.append("the platform's rate")
-        each = np.abs(np.concatenate(shares, axis=1))
-        instant, worst = np.unravel_index(np.argmax(each), each.shape)
-        if each[instant, worst] <= 1 + _BROKEN:
+        motion = track.sample(times).kinematics(craft, self.total)
+        every = [limit for part in timed_limits(craft) for limit in part]
+        shares = np.concatenate([np.asarray(limit.shares(motion)) for limit in every])
+        worst, instant = np.unravel_index(np.argmax(shares), shares.shape)
+        if shares[worst, instant] <= 1 + LIMIT_ALLOWANCE:
             return ""
+        name = [name for limit in every for name in limit.names][worst]
+        why = ", as targets move then" if self.activity.targets is not None else ""
         return (
-            f"{names[worst]} would reach {each[instant, worst]:.4g} times its limit at "
-            f"{begin + times[instant]:.2f} s, as targets move then"
+            f"{name} would reach {shares[worst, instant]:.4g} times its limit at "
+            f"{begin + times[instant]:.2f} s{why}"
         )
 
     def _expect_kept(self, found: Tracked) -> None:

@@ -25,7 +25,7 @@ from jaxplan.timeline import curves, proving
 from jaxplan.timeline.motions import Doing, Motion, Refused
 from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan
 from jaxplan.timeline.slews import Departure, Slew
-from jaxplan.timeline.stored import holding
+from jaxplan.timeline.stored import holding, total_in
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory
 
@@ -104,7 +104,8 @@ class _Day:
             bends=zero,
         )
         self.time = 0.0
-        self.parts: list[tuple[float, Trajectory, Spacecraft]] = []
+        self.total = total_in(scene.spacecraft, self.state)
+        self.parts: list[tuple[float, Trajectory]] = []
         self.proofs: list[tuple[float, Trajectory, Certificate]] = []
         self.segments: list[Segment] = []
         self.activities: list[PlannedActivity] = []
@@ -169,6 +170,7 @@ class _Day:
             time=self.time,
             latest_end=activity.latest if activity.latest is not None else self.timeline.until,
             known=np.inf if self.timeline.until is None else self.timeline.until,
+            total=self.total,
         )
         slew, motion = self._slew(doing)
         start = max(motion.begin, activity.earliest or 0.0)
@@ -212,7 +214,7 @@ class _Day:
 
     def _add(self, name: str, kind: str, trajectory: Trajectory, proof: Certificate) -> None:
         """Append a part of the motion with its certificate, and go on from its end."""
-        self.parts.append((self.time, trajectory, self._craft()))
+        self.parts.append((self.time, trajectory))
         self.proofs.append((self.time, trajectory, proof))
         end = self.time + trajectory.duration
         self.segments.append(Segment(name=name, kind=kind, start=self.time, end=end))
@@ -220,11 +222,8 @@ class _Day:
 
     def _craft(self, further: Trajectory | None = None) -> Spacecraft:
         """The spacecraft with what its wheels hold now, or at the end of a further part."""
-        craft, parts, state = self.scene.spacecraft, self.parts, self.state
-        if further is not None:
-            parts = [*parts, (self.time, further, craft)]
-            state = State.of(further, further.duration)
-        return holding(craft, parts, state) if craft.wheels and parts else craft
+        state = self.state if further is None else State.of(further, further.duration)
+        return holding(self.scene.spacecraft, self.total, state)
 
     def _slew(self, doing: Doing) -> tuple[Slew, Motion]:
         """The slew to an activity, and the motion that follows; raises `Refused`."""
@@ -320,7 +319,7 @@ class _Day:
         status, message = Status.OK, ""
         if self.parts:
             begun = clock.monotonic()
-            trajectory = curves.joined([(begin, part) for begin, part, _ in self.parts])
+            trajectory = curves.joined(self.parts)
             certificate = proving.merged(self.proofs)
             self.seconds["proof"] += clock.monotonic() - begun
             if not certificate.certified:

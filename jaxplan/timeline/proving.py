@@ -25,7 +25,7 @@ from jaxplan.model.tabulation import tabulate
 from jaxplan.model.timeline import Activity, Segment, Timeline
 from jaxplan.model.zones import KeepIn
 from jaxplan.timeline import curves
-from jaxplan.timeline.stored import holding
+from jaxplan.timeline.stored import holding, total_in
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory
 
@@ -208,18 +208,16 @@ def certify_segments(timeline: Timeline, trajectory: Trajectory, segments: Seque
     """
     scene = timeline.scene
     asked = {one.name: one for one in timeline.activities}
-    parts: list[tuple[float, Trajectory, Spacecraft]] = []
+    total: np.ndarray | None = None
     proofs: list[tuple[float, Trajectory, Certificate]] = []
     done = {segment.name: segment for segment in segments if segment.kind != "slew"}  # the last one of each
     gaps = _gaps(trajectory, segments)
     faults = list(gaps)
     for segment in () if gaps else segments:
         own = curves.part(trajectory, segment.start, segment.end)
-        craft = scene.spacecraft
-        if craft.wheels and parts:
-            last = parts[-1][1]
-            craft = holding(craft, parts, State.of(last, last.duration))
-        parts.append((segment.start, own, craft))
+        begun = State.of(own, 0.0)
+        total = total_in(scene.spacecraft, begun) if total is None else total
+        craft = holding(scene.spacecraft, total, begun)
         proofs.append((segment.start, own, certify_part(scene, segment.start, own, craft)))
         activity = asked.get(segment.name)
         if activity is not None and done.get(segment.name) is segment:

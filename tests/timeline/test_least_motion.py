@@ -223,15 +223,6 @@ def test_joints_of_devices_without_a_target_or_a_wish_stay():
     np.testing.assert_array_equal(found.joints, np.tile([0.3, -0.2, 0.7], (len(TIMES), 1)))
 
 
-def test_a_motion_that_is_to_start_in_a_state_does_so():
-    search = searching(relay(), LINKS, attitude=AHEAD, joints=np.zeros(8), fixed=True)
-    found = solved(search, AHEAD)
-    np.testing.assert_allclose(found.attitudes[0], AHEAD, rtol=0, atol=1e-14)
-    free_search = searching(relay(), LINKS, attitude=None, joints=np.zeros(8))
-    free = solved(free_search, AHEAD)
-    assert CLOSE * search.price(found) >= free_search.price(free)
-
-
 def test_without_targets_and_zones_nothing_moves():
     search = searching(relay(), {}, attitude=AHEAD, joints=np.zeros(8))
     found = solved(search, AHEAD)
