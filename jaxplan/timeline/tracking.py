@@ -23,6 +23,7 @@ _TURN = np.deg2rad(4.0)  # rad by which a target turns from node to node, as far
 _FINEST = 4096  # intervals of the curve, beyond which it is not refined
 _PART = 0.05  # of the tolerance by which a device may be off its target between nodes
 _BETWEEN = 4  # instants looked at in each interval
+_ASIDE = 0.2  # rad, by which a motion is turned to give way to what comes head-on
 _FINE = 8  # steps from node to node in which attitudes are carried along
 _PLACES = 64  # at which it is measured how far targets turn
 
@@ -82,11 +83,18 @@ class Tracked:
         trajectory: from its start on, which is its zero.
         nodes: of least energy, from which it was made.
         broken: (K + 1,) rad, how far each node breaks a range or a constraint.
+        between: rad, how far the trajectory does at most at instants between the nodes.
     """
 
     trajectory: Trajectory
     nodes: Nodes
     broken: np.ndarray
+    between: float
+
+    @property
+    def depth(self) -> tuple[float, float]:
+        """How far nodes, and what lies between them, break something at most, rad; zero where all is kept."""
+        return float(np.max(self.broken)), self.between
 
     @property
     def worst(self) -> int:
@@ -122,15 +130,49 @@ def track(
     else:
         guesses = [make(pursuit, guess[0], times) for make in (_still, _carried)]
         guesses.sort(key=lambda one: search.price(search.first(times, one, wanted.joints)))
-    best: Nodes | None = None
+    best: Tracked | None = None
     for one in guesses:
-        found = search.solve(times, one, wanted.joints)
-        if best is None or np.max(search.broken(found)) < np.max(search.broken(best)):
-            best = found
-        if np.max(search.broken(best)) <= 0:
+        best = _better(best, _found(search, times, one, tolerance))
+        if np.max(best.broken) <= 0:
             break
     assert best is not None
-    return Tracked(trajectory=_curve(pursuit, best, tolerance), nodes=best, broken=search.broken(best))
+    if np.max(best.broken) <= 0 < best.between:  # nodes give way to both sides of what comes head-on
+        for one in _aside(best.nodes):
+            best = _better(best, _found(search, times, one, tolerance))
+            if best.depth <= (0.0, 0.0):
+                break
+    return best
+
+
+def _better(best: Tracked | None, found: Tracked) -> Tracked:
+    """The one of two motions that breaks less."""
+    return found if best is None or found.depth < best.depth else best
+
+
+def _found(search: LeastMotion, times: np.ndarray, guess: np.ndarray, tolerance: float) -> Tracked:
+    """The motion of least energy near a first guess (K + 1, 3, 3) at times (K + 1,), s."""
+    nodes = search.solve(times, guess, search.wanted.joints)
+    curve = _curve(search.pursuit, nodes, tolerance)
+    between = _between(times)
+    at = curve.sample(np.clip(between - times[0], 0, curve.duration))
+    inner = Nodes(times=between, attitudes=at.attitude, joints=at.joints)
+    return Tracked(
+        trajectory=curve,
+        nodes=nodes,
+        broken=search.broken(nodes),
+        between=float(np.max(search.broken(inner))),
+    )
+
+
+def _between(times: np.ndarray) -> np.ndarray:
+    """Instants, s, some in each interval between times (K + 1,)."""
+    shares = (np.arange(_BETWEEN) + 0.5) / _BETWEEN
+    return np.asarray((times[:-1, None] + np.diff(times)[:, None] * shares).ravel())
+
+
+def _aside(nodes: Nodes) -> list[np.ndarray]:
+    """Attitudes (K + 1, 3, 3) of nodes, turned all alike to each side."""
+    return [nodes.attitudes @ so3.exp(side * _ASIDE * axis) for axis in np.eye(3) for side in (1.0, -1.0)]
 
 
 def _intervals(pursuit: Pursuit, start: float, end: float) -> int:
@@ -179,8 +221,7 @@ def _curve(pursuit: Pursuit, nodes: Nodes, tolerance: float) -> Trajectory:
     while True:
         curve = curves.through(own)
         count = len(own.times) - 1
-        shares = (np.arange(_BETWEEN) + 0.5) / _BETWEEN
-        between = (own.times[:-1, None] + np.diff(own.times)[:, None] * shares).ravel()
+        between = _between(own.times)
         at = curve.sample(np.clip(between - own.times[0], 0, curve.duration))
         off = pursuit.errors(at.attitude, at.joints, between)
         if np.max(off, initial=0.0) <= _PART * tolerance or 2 * count > _FINEST:
