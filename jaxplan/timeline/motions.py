@@ -14,6 +14,7 @@ from jaxplan.certificate import LIMIT_ALLOWANCE
 from jaxplan.goal import Decomposition, decompose
 from jaxplan.goal.rates import least_rates
 from jaxplan.model.breaches import constraint_breaches
+from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import as_path
 from jaxplan.model.goals import Targets
 from jaxplan.model.hidden import after_hidden
@@ -187,6 +188,8 @@ class Doing:
         """States at a time, s, in which devices point at their targets, the best first."""
         scene, rows = self.scene, self.scene.constraints.at(begin)
         found = self._attempted(scene.usable, targets, begin)
+        if not found.goals and found.aim_excess <= float(targets.tolerance):
+            self._expect_free(targets, begin)
         if not found.goals:
             settings = replace(scene.trajectory, duration=STRETCHED)
             asked = replace(scene, goal=targets.at(begin), trajectory=settings)
@@ -195,13 +198,24 @@ class Doing:
             raise Refused(Status.GOAL_UNREACHABLE, f"{text}, at {begin:.2f} s")
         return found
 
-    def _attempted(self, craft: Spacecraft, targets: Targets, begin: float) -> Decomposition:
-        """What step 1 finds for a spacecraft at a time, s."""
+    def _expect_free(self, targets: Targets, begin: float) -> None:
+        """Raise `Refused` if a constraint is broken where targets are met without any, at a time, s."""
+        bare = replace(self.scene, keep_out=(), keep_in=())
+        terminals = tuple(replace(one, mask=()) for one in bare.spacecraft.terminals)
+        bare = replace(bare, spacecraft=replace(bare.spacecraft, terminals=terminals))
+        for goal in self._attempted(bare.usable, targets, begin, bare.constraints).goals:
+            if broken := self._broken(State.still(goal.attitude, goal.joints), begin):
+                raise Refused(Status.GOAL_UNREACHABLE, f"at best {broken}, at {begin:.2f} s")
+
+    def _attempted(
+        self, craft: Spacecraft, targets: Targets, begin: float, rows: Constraints | None = None
+    ) -> Decomposition:
+        """What step 1 finds for a spacecraft at a time, s, with the scene's constraints or other rows."""
         return decompose(
             craft,
             self.before.attitude,
             targets.at(begin),
-            self.scene.constraints.at(begin),
+            (self.scene.constraints if rows is None else rows).at(begin),
             start_joints=self.before.joints,
             max_goals=_GOALS,
             seed=self.scene.search.seed,
