@@ -3,7 +3,8 @@
 Each activity begins as soon as its slew can end, not before its window and the one that it comes after. Where
 the window is later than that, a slew in the shortest time is followed by the targets' pursuit until the
 window opens, if they are seen then; a calm one takes the time that there is. An activity that cannot be done
-is told by name, and if asked the rest is planned from the state before it.
+is told by name and is not done, nor is what comes after it by its `after`. Planning ends there; if asked
+the rest is planned from the state before it.
 """
 
 import time as clock
@@ -143,6 +144,7 @@ class _Day:
         try:
             if self.broken:
                 raise Refused(Status.INVALID_START, "; ".join(self.broken))
+            self._expect_done(activity.after)
             self._do(activity)
         except Refused as refused:
             self.state, self.time, kept = before  # without a rest that was to fill time
@@ -154,6 +156,12 @@ class _Day:
             )
             return False
         return True
+
+    def _expect_done(self, name: str) -> None:
+        """Raise `Refused` if the activity of a name, which was to be done before, is not; empty for none."""
+        failed = next((one for one in self.activities if one.name == name and not one.ok), None)
+        if failed is not None:
+            raise Refused(failed.status, f"{name}, after which it comes, is not done ({failed.status.name})")
 
     def rest(self) -> None:
         """Rest until the timeline's end, if time is left."""
@@ -185,6 +193,7 @@ class _Day:
             self.seconds["proof"] += clock.monotonic() - begun
             if not proof.certified:
                 raise Refused(Status.UNCERTIFIED, "; ".join(proof.faults))
+            self._expect_near(activity, error)
         if slew.trajectory is not None and slew.proof is not None:
             self._add(activity.name, "slew", slew.trajectory, slew.proof)
         if motion.trajectory is not None and proof is not None:
@@ -192,24 +201,28 @@ class _Day:
         self.state = motion.state if motion.trajectory is None else self.state
         if not listed:
             return
-        status, message = Status.OK, ""
-        if error is not None and activity.track is not None and not error <= activity.track.tolerance:
-            status = Status.UNCERTIFIED
-            off, most = np.rad2deg([error, float(activity.track.tolerance)])
-            message = (
-                f"devices are proved to point within {off:.3g} deg, tolerance_deg = {most:g} is asked for"
-            )
         self.activities.append(
             PlannedActivity(
                 name=activity.name,
                 kind=activity.kind,
-                status=status,
-                message=message,
+                status=Status.OK,
                 start=start,
                 end=self.time,
                 slew=slew.duration if slew.trajectory is not None else 0.0,
                 pointing_error=error,
             )
+        )
+
+    @staticmethod
+    def _expect_near(activity: Activity, error: float | None) -> None:
+        """Raise `Refused` if the error, rad, within which devices are proved to point is too large."""
+        if error is None or activity.track is None or error <= float(activity.track.tolerance):
+            return
+        off, most = np.rad2deg([error, float(activity.track.tolerance)])
+        raise Refused(
+            Status.UNCERTIFIED,
+            f"devices are proved to point within {off:.3g} deg, tolerance_deg = {most:g} is asked for: raise "
+            "it, or choose a target that moves less fast",
         )
 
     def _add(self, name: str, kind: str, trajectory: Trajectory, proof: Certificate) -> None:

@@ -29,6 +29,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.model.timeline import in_order
+from jaxplan.timeline import proving
 
 TOLERANCE = deg(0.01)
 SITES = {
@@ -318,6 +319,35 @@ def test_planning_ends_at_what_cannot_be_done_unless_it_shall_go_on():
     with pytest.raises(jp.TimelineError, match="activity late") as caught:
         jp.plan_timeline(timeline, progress=False)
     assert caught.value.status is jp.Status.OUT_OF_WINDOW
+
+
+def test_what_comes_after_a_failed_activity_is_not_done_and_what_only_follows_it_is():
+    rests = {
+        name: jp.Activity(name=name, idle=True, duration=5.0) for name in ("first", "late", "next", "last")
+    }
+    rests["late"] = replace(rests["late"], latest=5.5)
+    rests["next"] = replace(rests["next"], after="late")
+    rests["last"] = replace(rests["last"], after="first")
+    timeline = jp.Timeline(name="after", scene=relay_scene(), activities=tuple(rests.values()), until=60.0)
+    plan = jp.plan_timeline(timeline, throw=False, go_on=True, progress=False)
+    done = {one.name: one for one in plan.activities}
+    assert [done[name].ok for name in rests] == [True, False, False, True]
+    assert done["next"].message == "late, after which it comes, is not done (OUT_OF_WINDOW)"
+    assert plan.certificate.certified
+
+
+def test_what_points_less_well_than_is_asked_is_not_done_and_planning_ends_there(monkeypatch):
+    monkeypatch.setattr(proving, "pointing_error", lambda *_: deg(0.02))
+    first = activity("links", duration=10.0)
+    rest = jp.Activity(name="rest", idle=True, duration=5.0)
+    timeline = jp.Timeline(name="off", scene=relay_scene(), activities=(first, rest), until=60.0)
+    plans = [jp.plan_timeline(timeline, throw=False, go_on=on, progress=False) for on in (False, True)]
+    assert [[one.ok for one in plan.activities] for plan in plans] == [[False], [False, True, True]]
+    for plan in plans:
+        assert plan.status is jp.Status.UNCERTIFIED
+        assert "within 0.02 deg, tolerance_deg = 0.01 is asked for" in plan.message
+        assert plan.activities[0].start is None
+    assert plans[0].trajectory is None
 
 
 def test_a_tube_about_the_plan_keeps_clear_of_zones_and_ranges():
