@@ -22,15 +22,15 @@ from jaxplan.model.later import later
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.tabulation import tabulate
-from jaxplan.model.timeline import Activity, Segment, Timeline
+from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.model.zones import KeepIn
 from jaxplan.timeline import curves
+from jaxplan.timeline.fulfilled import Done, unmet
 from jaxplan.timeline.stored import holding, total_in
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory
 
 _CONE = 2.0  # times the tolerance: half angle of the cone about a target in which devices are proved to be
-_SAME_TIME = 1e-6  # s by which a segment may miss its window, for rounding
 _WIDEST = 0.5  # rad, of such a cone
 _PLACES = {
     "attitude": "attitude",
@@ -184,35 +184,33 @@ def _gaps(trajectory: Trajectory, segments: Sequence[Segment]) -> list[str]:
     return faults
 
 
-def _off_time(segment: Segment, activity: Activity) -> list[str]:
-    """A sentence if an activity ends after its window, and one if it lasts less than is asked."""
-    begin, faults = max(segment.start, activity.earliest or 0.0), []
-    if activity.latest is not None and not segment.end <= activity.latest + _SAME_TIME:
-        faults.append(f"{activity.name}: ends at {segment.end:.2f} s, not by {activity.latest:.2f} s")
-    if activity.duration is not None and not segment.end - begin >= activity.duration - _SAME_TIME:
-        faults.append(f"{activity.name}: lasts {segment.end - begin:.2f} s, not {activity.duration:.2f} s")
-    return faults
-
-
-def certify_segments(timeline: Timeline, trajectory: Trajectory, segments: Sequence[Segment]) -> Certificate:
+def certify_segments(
+    timeline: Timeline,
+    trajectory: Trajectory,
+    segments: Sequence[Segment],
+    done: Done,
+    *,
+    whole: bool = False,
+) -> Certificate:
     """Certify the motion of a timeline's plan, segment by segment.
 
     Args:
         timeline: what was asked.
         trajectory: over all segments.
         segments: slews and activities in order.
+        done: the activities that are said to be done, and when.
+        whole: whether the whole timeline is said to be done.
 
     Returns:
-        The certificate, which lists what could not be proved; that devices point within their tolerances is
-        among it.
+        The certificate, which lists what could not be proved; that each of these activities is done, and that
+        devices point within their tolerances, is among it.
     """
     scene = timeline.scene
     asked = {one.name: one for one in timeline.activities}
     total: np.ndarray | None = None
     proofs: list[tuple[float, Trajectory, Certificate]] = []
-    done = {segment.name: segment for segment in segments if segment.kind != "slew"}  # the last one of each
     gaps = _gaps(trajectory, segments)
-    faults = list(gaps)
+    faults = [*gaps, *unmet(timeline, trajectory, segments, done, whole=whole)]
     for segment in () if gaps else segments:
         own = curves.part(trajectory, segment.start, segment.end)
         begun = State.of(own, 0.0)
@@ -220,8 +218,6 @@ def certify_segments(timeline: Timeline, trajectory: Trajectory, segments: Seque
         craft = holding(scene.spacecraft, total, begun)
         proofs.append((segment.start, own, certify_part(scene, segment.start, own, craft)))
         activity = asked.get(segment.name)
-        if activity is not None and done.get(segment.name) is segment:
-            faults += _off_time(segment, activity)
         if segment.kind == "track" and activity is not None and activity.track is not None:
             error = pointing_error(scene, activity.track, own, segment.start)
             if not error <= float(activity.track.tolerance):

@@ -124,7 +124,8 @@ class TimelinePlan:
         """Certify the plan anew, trusting nothing that it says but what was asked.
 
         Returns:
-            The certificate, which lists what could not be proved; that devices point within their tolerances
+            The certificate, which lists what could not be proved; that each activity that is planned is done,
+            within its window, for its time and in its state, and that devices point within their tolerances,
             is among it.
 
         Raises:
@@ -134,7 +135,16 @@ class TimelinePlan:
             raise ValueError(
                 f"the plan of {self.timeline.name} has no trajectory: it ended as {self.status.name}"
             )
-        return certify_segments(self.timeline, self.trajectory, self.segments)
+        nothing = float("nan")
+        done = {
+            one.name: (
+                nothing if one.start is None else one.start,
+                nothing if one.end is None else one.end,
+            )
+            for one in self.activities
+            if one.ok
+        }
+        return certify_segments(self.timeline, self.trajectory, self.segments, done, whole=self.ok)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the plan to one compressed file, see `jaxplan.timeline.files`; its timings are left out."""

@@ -413,6 +413,72 @@ def test_a_spacecraft_at_rest_gives_way_to_a_zone_that_comes_along(beside, durat
     assert plan.ok, plan.message
 
 
+def changed(plan: jp.TimelinePlan, name: str, **changes) -> jp.TimelinePlan:
+    """The same plan for a timeline in which an activity is another."""
+    every = tuple(replace(one, **changes) if one.name == name else one for one in plan.timeline.activities)
+    return replace(plan, timeline=replace(plan.timeline, activities=every))
+
+
+def said(plan: jp.TimelinePlan, name: str, **changes) -> jp.TimelinePlan:
+    """The same plan, in which it says something else of an activity."""
+    every = tuple(replace(one, **changes) if one.name == name else one for one in plan.activities)
+    return replace(plan, activities=every)
+
+
+def overtaking(rate: float) -> jp.DirectionPath:
+    """A target that is where that of the glance is at its instant, and turns otherwise by a rate, deg/s."""
+    own = SITES[1].path()
+    turn = Rotation.from_rotvec(np.multiply.outer(deg(rate) * (own.times - 400.0), [0.0, 0.0, 1.0]))
+    return jp.DirectionPath.through(own.times, turn.apply(own.samples))
+
+
+@pytest.mark.parametrize(
+    ("plan", "words"),
+    [
+        (
+            lambda day: changed(
+                day, "aside", attitude=replace(ASIDE, rotation_vector=np.array([0.3, 0.4, -0.2]))
+            ),
+            "aside: its attitude is held within ",
+        ),
+        (
+            lambda day: changed(
+                day, "aside", attitude=replace(ASIDE, joints=np.array([0.2, -0.1 + 1e-6, 0.3]))
+            ),
+            "aside: its joints are held within 5.73e-05 deg",
+        ),
+        (lambda day: changed(day, "aside", duration=21.0), "aside: lasts 20.00 s, not 21.00 s"),
+        (
+            lambda day: changed(day, "aside", earliest=565.0),
+            "aside: begins at 560.00 s, not from 565.00 s on",
+        ),
+        (lambda day: changed(day, "rest", latest=460.0), "rest: ends at 470.00 s, not by 460.00 s"),
+        (lambda day: changed(day, "glance", after="aside"), "glance: begins at 400.00 s, before"),
+        (
+            lambda day: changed(day, "glance", point=pointing({"telescope": SITES[0]})),
+            "glance: telescope is off its target by ",
+        ),
+        (
+            lambda day: changed(day, "glance", point=jp.Targets.of({"telescope": overtaking(1e-3)})),
+            "glance: telescope moves by ",
+        ),
+        (lambda day: changed(day, "image", track=None, idle=True), "image: has no segment from 200.00 s"),
+        (lambda day: said(day, "glance", start=401.0, end=401.0), "glance: telescope moves by "),
+        (lambda day: said(day, "rest", start=None), "rest: is not within the motion"),
+        (lambda day: replace(day, activities=day.activities[1:]), "image: is not done"),
+        (
+            lambda day: replace(day, timeline=replace(day.timeline, until=700.0)),
+            "the motion ends at 600.00 s",
+        ),
+    ],
+    ids=lambda one: "" if callable(one) else one,
+)
+def test_a_plan_that_does_not_do_what_it_says_is_not_certified(plan, words):
+    certificate = plan(planned("images")).certify()
+    assert not certificate.certified
+    assert any(words in fault for fault in certificate.faults), certificate.faults
+
+
 def test_a_plan_whose_segments_begin_within_a_piece_of_the_motion_is_not_certified():
     plan = planned("links")
     first, second, *others = plan.segments

@@ -83,7 +83,8 @@ def plan():
         Segment(name="hold", kind="attitude", start=0.0, end=5.0),
         Segment(name="rest", kind="idle", start=5.0, end=20.0),
     )
-    certificate = certify_segments(timeline, trajectory, segments)
+    done = {"hold": (0.0, 5.0), "rest": (5.0, 20.0)}
+    certificate = certify_segments(timeline, trajectory, segments, done)
     assert certificate.certified
     return TimelinePlan(
         timeline=timeline,

@@ -1,0 +1,165 @@
+"""Whether a motion does what activities ask for: when each is done, in which order, and in which state.
+
+A plan says which activities it does and when; nothing of that is believed. An activity that lasts has a
+segment of its kind, within its window, for as long as it is asked for; one of an instant has its state then.
+An attitude is held where the polynomials of the motion differ from it by next to nothing: Legendre
+polynomials are at most one in size, so the sizes of the higher coefficients bound how far a piece leaves its
+mean.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.certificate.limits import TOLERANCE
+from jaxplan.geometry.vectors import separation
+from jaxplan.model.directions import as_path
+from jaxplan.model.goals import GivenState, Targets
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.timeline import Activity, Segment, Timeline, in_order
+from jaxplan.trajectory import Trajectory
+
+_SAME_TIME = 1e-6  # s by which a time may be missed, for rounding
+_STEP = 1e-4  # s to either side of an instant, over which boresights are moved by their joints
+_DRIFT = 1e-6  # rad/s by which a device may move otherwise than its target at an instant
+
+Done = Mapping[str, tuple[float, float]]
+"""When activities begin and end, s, as a plan has it, by name."""
+
+
+def unmet(
+    timeline: Timeline, trajectory: Trajectory, segments: Sequence[Segment], done: Done, *, whole: bool
+) -> list[str]:
+    """A sentence for each thing that activities ask for and a motion does not do.
+
+    How well devices point while they track is left to `proving.pointing_error`.
+
+    Args:
+        timeline: what was asked.
+        trajectory: over all segments.
+        segments: slews and activities in order.
+        done: the activities that are said to be done.
+        whole: whether the whole timeline is said to be done.
+    """
+    faults: list[str] = []
+    ended: dict[str, float] = {}
+    last = 0.0
+    for activity in in_order(timeline.activities):
+        if activity.name not in done:
+            faults += [f"{activity.name}: is not done"] if whole else []
+            continue
+        begin, end = done[activity.name]
+        found = [*_untimely(activity, begin, end, timeline.until), *_unseen(activity, begin, end)]
+        if begin < last - _SAME_TIME:
+            found.append(f"begins at {begin:.2f} s, before what is in front of it ends, at {last:.2f} s")
+        if activity.after and not ended.get(activity.after, np.inf) <= begin + _SAME_TIME:
+            found.append(f"is not done after {activity.after}")
+        if not 0 <= begin <= end <= trajectory.duration + _SAME_TIME:
+            found.append(f"is not within the motion, which ends at {trajectory.duration:.2f} s")
+        else:
+            found += _off(timeline.scene.spacecraft, activity, trajectory, segments, begin, end)
+        faults += [f"{activity.name}: {fault}" for fault in found]
+        ended[activity.name] = last = end
+    until = timeline.until
+    if whole and until is not None and not trajectory.duration >= until - _SAME_TIME:
+        faults.append(f"the motion ends at {trajectory.duration:.2f} s, the timeline at {until:.2f} s")
+    return faults
+
+
+def _off(
+    craft: Spacecraft,
+    activity: Activity,
+    trajectory: Trajectory,
+    segments: Sequence[Segment],
+    begin: float,
+    end: float,
+) -> Iterator[str]:
+    """Yield what of an activity is not met in the motion between a begin and an end, s."""
+    lasting = activity.kind != "point" and end - begin > _SAME_TIME
+    if lasting and not any(_covers(segment, activity, begin, end) for segment in segments):
+        yield f"has no segment from {begin:.2f} s to {end:.2f} s"
+    elif activity.attitude is not None:
+        yield from _unheld(activity.attitude, trajectory, begin, end)
+    elif activity.targets is not None and not lasting:
+        yield from _astray(craft, activity.targets, trajectory, begin)
+
+
+def _covers(segment: Segment, activity: Activity, begin: float, end: float) -> bool:
+    """Whether a segment is that of an activity, and lasts from a begin to an end, s."""
+    own = (segment.name, segment.kind) == (activity.name, activity.kind)
+    return own and segment.start <= begin + _SAME_TIME and segment.end >= end - _SAME_TIME
+
+
+def _untimely(activity: Activity, begin: float, end: float, until: float | None) -> Iterator[str]:
+    """Yield how an activity from a begin to an end, s, misses its window, and the time that it is to take."""
+    if activity.earliest is not None and not begin >= activity.earliest - _SAME_TIME:
+        yield f"begins at {begin:.2f} s, not from {activity.earliest:.2f} s on"
+    if activity.latest is not None and not end <= activity.latest + _SAME_TIME:
+        yield f"ends at {end:.2f} s, not by {activity.latest:.2f} s"
+    lasts = end - begin
+    if activity.duration is not None and not lasts >= activity.duration - _SAME_TIME:
+        yield f"lasts {lasts:.2f} s, not {activity.duration:.2f} s"
+    last = until if activity.latest is None else activity.latest
+    if activity.kind == "point" or activity.duration is not None or last is None:
+        return
+    if not end >= last - _SAME_TIME:
+        yield f"ends at {end:.2f} s, not at {last:.2f} s"
+
+
+def _unseen(activity: Activity, begin: float, end: float) -> Iterator[str]:
+    """Yield which targets of an activity are hidden meanwhile, s."""
+    for path in () if activity.targets is None else activity.targets.paths:
+        for span in path.hidden:
+            if span.at(begin) or begin < span.start < end - _SAME_TIME:
+                yield f"{span.target} is hidden by {span.by} from {span.start:.2f} s on"
+
+
+def _unheld(state: GivenState, trajectory: Trajectory, begin: float, end: float) -> Iterator[str]:
+    """Yield how far a motion is off a state at some time from a begin to an end, s."""
+    at = trajectory.sample(np.clip(begin, 0.0, trajectory.duration))
+    turned = float(so3.distance(state.attitude, at.attitude))
+    joints = np.abs(at.joints - state.joints)
+    for piece in _between(trajectory.breaks, begin, end):
+        base, own = trajectory.chart_attitude[piece], trajectory.coefficients[piece]
+        # where the chart turns it leaves its base by as much at most
+        elapsed = np.max(np.abs(trajectory.breaks[piece : piece + 2] - trajectory.chart_start[piece]))
+        away = float(so3.distance(state.attitude, base @ so3.exp(own[0])))
+        moved = np.sum(np.linalg.norm(own[1:], axis=-1)) + elapsed * np.linalg.norm(
+            trajectory.chart_rate[piece]
+        )
+        turned = np.maximum(turned, away + moved)  # of which no number that is none is lost
+    for piece in _between(trajectory.joint_breaks, begin, end):
+        own = trajectory.joint_coefficients[piece]
+        joints = np.maximum(joints, np.abs(own[0] - state.joints) + np.sum(np.abs(own[1:]), axis=0))
+    worst = np.max(joints, initial=0.0)
+    if not turned <= TOLERANCE:
+        yield f"its attitude is held within {np.rad2deg(turned):.3g} deg, not as it is asked for"
+    if not worst <= TOLERANCE:
+        yield f"its joints are held within {np.rad2deg(worst):.3g} deg, not as they are asked for"
+
+
+def _between(breaks: np.ndarray, begin: float, end: float) -> range:
+    """Numbers of the pieces of which more than next to nothing lies between two times, s."""
+    first = int(np.searchsorted(breaks, begin + _SAME_TIME, side="right")) - 1
+    last = int(np.searchsorted(breaks, end - _SAME_TIME))
+    return range(max(first, 0), min(last, len(breaks) - 1))
+
+
+def _astray(craft: Spacecraft, targets: Targets, trajectory: Trajectory, time: float) -> Iterator[str]:
+    """Yield which devices miss their targets at a time, s, or move otherwise than these."""
+    at = trajectory.sample(np.clip(time, 0.0, trajectory.duration))
+    when = np.array([time])
+    change = _STEP * np.array([-1.0, 0.0, 1.0])[:, None] * at.joint_rates
+    moving = np.asarray(craft.gimbals.boresights(at.joints + change))
+    still = np.broadcast_to(craft.fixed_boresights, (len(moving), *craft.fixed_boresights.shape))
+    beams = np.concatenate([moving, still], axis=1)
+    for name, number, path in zip(targets.names(craft), targets.numbers(craft), targets.paths, strict=True):
+        toward, beam = as_path(path), beams[:, number]
+        off = float(separation(at.attitude @ beam[1], np.asarray(toward.at(when))[0]))
+        if not off <= float(targets.tolerance):
+            yield f"{name} is off its target by {np.rad2deg(off):.3g} deg at {time:.2f} s"
+        turning = np.cross(at.angular_velocity, beam[1]) + (beam[2] - beam[0]) / (2 * _STEP)
+        drift = float(np.linalg.norm(at.attitude @ turning - np.asarray(toward.rate(when))[0]))
+        if not drift <= _DRIFT:
+            yield f"{name} moves by {np.rad2deg(drift):.3g} deg/s otherwise than its target at {time:.2f} s"
