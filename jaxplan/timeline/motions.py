@@ -188,7 +188,8 @@ class Doing:
         """States at a time, s, in which devices point at their targets, the best first."""
         scene, rows = self.scene, self.scene.constraints.at(begin)
         found = self._attempted(scene.usable, targets, begin)
-        if not found.goals and found.aim_excess <= float(targets.tolerance):
+        masked = any(one.mask for one in scene.usable.terminals)  # masks may be taken off ranges
+        if not found.goals and (masked or found.aim_excess <= float(targets.tolerance)):
             self._expect_free(targets, begin)
         if not found.goals:
             settings = replace(scene.trajectory, duration=STRETCHED)
