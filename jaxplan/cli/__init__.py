@@ -252,7 +252,10 @@ def _add_plan_commands(commands: Any) -> None:
     report.add_argument("-o", "--out", metavar="FILE", help="where to; by default beside the plan, as .html")
     report.add_argument("--force", action="store_true", help="replace a file that is there")
     export.add_argument(
-        "--format", required=True, metavar="F", help="aem, ck (SPICE), stk, basilisk, csv or npz"
+        "--format",
+        required=True,
+        metavar="F",
+        help="aem, ck (SPICE), stk, basilisk, csv or npz; c (C99) or json for the polynomials themselves",
     )
     export.add_argument(
         "--epoch",

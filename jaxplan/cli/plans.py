@@ -263,7 +263,8 @@ def export(options: argparse.Namespace) -> int:
         )
     except exporting.UncertifiedError as error:
         return complain(str(error), NOT_CERTIFIED if plan.ok else _code_of(plan))
-    say(f"wrote {written}")
+    needed = exporting.FORMATS[options.format].needed
+    say(f"wrote {written}" + ("" if needed is None else f": {needed(exporting.flight_of(plan))}"))
     return DONE
 
 

@@ -20,7 +20,9 @@ from jaxplan.exporting.flight import (
     proof_of,
     scene_of,
 )
+from jaxplan.exporting.flight_code import what_is_needed, write_code
 from jaxplan.exporting.instants import chosen_instants, steady_instants, step_fault, tolerance_fault
+from jaxplan.exporting.pieces import write_pieces
 from jaxplan.exporting.sampled import Sampling
 from jaxplan.exporting.spice import write_spice
 from jaxplan.exporting.stk import write_stk
@@ -49,6 +51,9 @@ class Format:
         dated: whether it cannot do without an epoch.
         needs: modules to be installed beyond the required ones.
         rodrigues: whether its reader takes modified Rodrigues parameters for linear between samples.
+        exact: whether it holds the polynomials themselves, so that there are no samples.
+        needed: function that says what a motion in this format needs of who reads it, None where that is
+            plain.
     """
 
     write: Callable[[Sampling, Path], None]
@@ -57,6 +62,8 @@ class Format:
     dated: bool = False
     needs: tuple[str, ...] = ()
     rodrigues: bool = False
+    exact: bool = False
+    needed: Callable[[Flight], str] | None = None
 
 
 FORMATS = {
@@ -72,6 +79,8 @@ FORMATS = {
     "basilisk": Format(write=write_basilisk, suffix=".basilisk.csv", rodrigues=True),
     "csv": Format(write=write_csv, suffix=".csv"),
     "npz": Format(write=write_npz, suffix=".npz"),
+    "c": Format(write=write_code, suffix=".c99", parts=(".c", ".h"), exact=True, needed=what_is_needed),
+    "json": Format(write=write_pieces, suffix=".pieces.json", exact=True),
 }
 
 
@@ -86,7 +95,7 @@ def export(
     names: ExportNames | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Write a plan or a day as a file of another tool, or as a folder of them for ``"ck"`` and ``"stk"``.
+    """Write a plan or a day as a file of another tool, or as a folder for ``"ck"``, ``"stk"`` and ``"c"``.
 
     It is certified anew first; one that does not pass is not written. Numbers of an uncertified motion come
     from ``plan.trajectory.sample``. A day is one file without gaps, in which its activities and slews are
@@ -100,10 +109,11 @@ def export(
         plan: a certified one; or what has ``ok``, ``scene``, ``trajectory``, ``segments`` and ``certify()``
             as a day of many activities has them.
         path: the file or folder. It appears whole or not at all.
-        format: ``"aem"``, ``"ck"`` (extra ``spice``), ``"stk"``, ``"basilisk"``, ``"csv"`` or ``"npz"``.
+        format: ``"aem"``, ``"ck"`` (extra ``spice``), ``"stk"``, ``"basilisk"``, ``"csv"`` or ``"npz"``; or
+            the polynomials themselves, as code in C99, ``"c"``, or as JSON, ``"json"``.
         epoch: UTC of the start in ISO 8601, that of the scene unless told. The first three need it, in the
             last two it is noted, Basilisk counts from the start of its simulation.
-        step_s: between two samples, s; the end is one, too, and the ends of segments.
+        step_s: between two samples, s; the end is one, too, and the ends of segments. Polynomials have none.
         tolerance_deg: in place of a step: samples are chosen so that linear interpolation between them, of
             the attitude, of each device and of joints, is off by less. Of a plan there is one each 0.1 s, of
             a day there are those for 1e-4 deg, unless one of the two is told.
@@ -130,7 +140,7 @@ def export(
         raise ValueError(f"format {format} needs {' and '.join(absent)}: pip install 'jaxplan[spice]'")
     target = free_place(path, kind.parts, overwrite=overwrite)
     flight = flight_of(plan)
-    steady = _steady(flight, step_s, tolerance_deg)
+    steady = flight.boundaries if kind.exact else _steady(flight, step_s, tolerance_deg)
     proof = proof_of(plan)
     if not proof.certified:
         reasons = "; ".join(proof.faults)
@@ -166,6 +176,10 @@ def _checked(
     if plan.trajectory is None or not plan.ok:
         faults.append(ending(plan))
     faults += _instant_faults(step_s, tolerance_deg)
+    if kind is not None and kind.exact and (step_s is not None or tolerance_deg is not None):
+        faults.append(
+            f"step_s, tolerance_deg: format {format} holds polynomials and no samples, so it takes neither"
+        )
     if faults == [ending(plan)]:
         raise UncertifiedError(*faults)
     if faults or kind is None:

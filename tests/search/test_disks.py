@@ -50,7 +50,7 @@ def writers(plan: jp.Plan, still: jp.Plan):
     yield ".toml", lambda path: jp.save_scenario(still.scenario, path)
     yield ".json", lambda path: still.save(path)
     for name, kind in FORMATS.items():
-        if name != "ck":  # which needs an extra
+        if name != "ck" and not kind.exact:  # ck needs an extra
             yield (
                 kind.suffix,
                 lambda path, name=name: jp.export(
