@@ -263,8 +263,7 @@ def export(options: argparse.Namespace) -> int:
         )
     except exporting.UncertifiedError as error:
         return complain(str(error), NOT_CERTIFIED if plan.ok else _code_of(plan))
-    needed = exporting.FORMATS[options.format].needed
-    say(f"wrote {written}" + ("" if needed is None else f": {needed(exporting.flight_of(plan))}"))
+    say(": ".join(filter(None, [f"wrote {written}", exporting.needed_by(plan, options.format)])))
     return DONE
 
 

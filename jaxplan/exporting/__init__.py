@@ -8,8 +8,8 @@ the order of a quaternion or the frame of a rate, the writer of each says. The i
 scenario's, and files that must name one call it J2000 or EME2000 unless `ExportNames` says otherwise.
 """
 
-from jaxplan.exporting.flight import Day, DaySegment, UncertifiedError, ending, flight_of
-from jaxplan.exporting.formats import FORMATS, default_path, export, free_place
+from jaxplan.exporting.flight import Day, DaySegment, UncertifiedError, ending
+from jaxplan.exporting.formats import FORMATS, default_path, export, free_place, needed_by
 
 __all__ = [
     "FORMATS",
@@ -19,6 +19,6 @@ __all__ = [
     "default_path",
     "ending",
     "export",
-    "flight_of",
     "free_place",
+    "needed_by",
 ]

@@ -222,6 +222,12 @@ def _instant_faults(step_s: object, tolerance_deg: object) -> list[str]:
     return [fault for fault in faults if fault is not None]
 
 
+def needed_by(plan: Plan | Day, format: str) -> str:
+    """What the motion of a plan or a day in a format needs of who reads it, empty where that is plain."""
+    needed = FORMATS[format].needed
+    return "" if needed is None else needed(flight_of(plan))
+
+
 def default_path(plan_file: str | os.PathLike[str], format: str) -> Path:
     """Path beside a plan file that is named after it and the format, such as ``plan.aem``."""
     kind = FORMATS.get(format)
