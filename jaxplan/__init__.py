@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from jaxplan.scheduling import SlewTimes, load_slew_times, slew_times
     from jaxplan.schema import ScenarioError, load_scenario, load_timeline, save_scenario, save_timeline
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
+    from jaxplan.tables import AttitudeTable, TableCertificate, certify_table, load_attitude
     from jaxplan.timeline import TimelineError, TimelinePlan, load_timeline_plan, plan_timeline
     from jaxplan.trajectory import Trajectory, measures
     from jaxplan.tuning import SearchTuning, Tuning, tune, tune_search
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "Activity": "jaxplan.model.timeline",
+    "AttitudeTable": "jaxplan.tables",
     "Constellation": "jaxplan.constellation",
     "DirectionPath": "jaxplan.model.directions",
     "Drive": "jaxplan.model.devices",
@@ -87,6 +89,7 @@ _HOMES = {
     "Status": "jaxplan.model.status",
     "Study": "jaxplan.study",
     "StudyFolderError": "jaxplan.study",
+    "TableCertificate": "jaxplan.tables",
     "Targets": "jaxplan.model.goals",
     "Terminal": "jaxplan.model.devices",
     "Timeline": "jaxplan.model.timeline",
@@ -98,6 +101,7 @@ _HOMES = {
     "Wheel": "jaxplan.model.wheels",
     "Wish": "jaxplan.model.goals",
     "certify": "jaxplan.planner",
+    "certify_table": "jaxplan.tables",
     "compare_studies": "jaxplan.study",
     "compilation_cache": "jaxplan.runtime.cache",
     "differentiable": "jaxplan.gradients",
@@ -107,6 +111,7 @@ _HOMES = {
     "hold": "jaxplan.derivatives",
     "link_schedule": "jaxplan.constellation",
     "link_switch": "jaxplan.constellation",
+    "load_attitude": "jaxplan.tables",
     "load_fleet": "jaxplan.constellation",
     "load_plan": "jaxplan.planner",
     "load_scenario": "jaxplan.schema",
@@ -136,6 +141,7 @@ _HOMES = {
 
 __all__ = [
     "Activity",
+    "AttitudeTable",
     "Constellation",
     "DirectionPath",
     "Drive",
@@ -164,6 +170,7 @@ __all__ = [
     "Status",
     "Study",
     "StudyFolderError",
+    "TableCertificate",
     "Targets",
     "Terminal",
     "Timeline",
@@ -175,6 +182,7 @@ __all__ = [
     "Wheel",
     "Wish",
     "certify",
+    "certify_table",
     "compare_studies",
     "compilation_cache",
     "differentiable",
@@ -184,6 +192,7 @@ __all__ = [
     "hold",
     "link_schedule",
     "link_switch",
+    "load_attitude",
     "load_fleet",
     "load_plan",
     "load_scenario",

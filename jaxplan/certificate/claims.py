@@ -46,6 +46,10 @@ class Claim:
             terminals' moving parts; None for general names of those that are no devices.
         robust: errors of attitude and joints for which zones and ranges must hold, and the reserve of torque;
             spacecraft and cones are without them. None for none.
+        limits: names of the quantities whose limits are claimed to hold (`jaxplan.model.limits`); None for
+            all that the spacecraft limits. Of a motion whose rates jump nothing can be said of torque.
+        continuous: how many derivatives of attitude and joints must be continuous whatever the trajectory
+            claims: one, or none of a motion whose rates jump, or minus one where the attitude does, too.
     """
 
     trajectory: Trajectory
@@ -56,6 +60,8 @@ class Claim:
     goal: EndState | None = None
     sight_names: Sequence[str] | None = None
     robust: Robust | None = None
+    limits: frozenset[str] | None = None
+    continuous: int = 1
 
     @property
     def sights(self) -> Sequence[str]:

@@ -66,13 +66,21 @@ class Limited:
         return self.bound**2 if self.limit.quantity.of_length else self.bound
 
 
-def quantities(spacecraft: Spacecraft, evidence: Evidence, robust: Robust | None = None) -> list[Limited]:
-    """Samples of all quantities that the spacecraft limits, in the order of the certificate.
+def quantities(
+    spacecraft: Spacecraft,
+    evidence: Evidence,
+    robust: Robust | None = None,
+    claimed: frozenset[str] | None = None,
+) -> list[Limited]:
+    """Samples of the quantities that the spacecraft limits, in the order of the certificate.
 
-    Their bounds are what errors and reserve leave of the limits.
+    Their bounds are what errors and reserve leave of the limits. Those whose names are not `claimed` are left
+    out; None for none of them.
     """
     found = []
     for limit in limits(spacecraft):
+        if claimed is not None and limit.quantity.name not in claimed:
+            continue
         values, left_out, rounding = _SAMPLED[limit.quantity.name](evidence, spacecraft)
         if limit.quantity.of_wheels:
             bound = wheels.bounds(spacecraft, limit.quantity.name)
@@ -312,20 +320,22 @@ def jump_faults(
     smoothness: int,
     jerk_limited: bool,
     joint_names: Sequence[str],
+    continuous: int = 1,
 ) -> Iterator[str]:
     """Yield a sentence for each quantity that jumps though it must not.
 
     Args:
         found: (k, c) each, the jumps of a trajectory.
         times: (k,) s, of the jumps.
-        smoothness: number of derivatives that the trajectory claims to be continuous; rates must be anyway.
+        smoothness: number of derivatives that the trajectory claims to be continuous.
         jerk_limited: whether the spacecraft limits the jerk, so that the angular acceleration must not jump.
         joint_names: of the joints.
+        continuous: number of derivatives that must be continuous anyway.
     """
     for name, steps in found.items():
         of_platform = name in _PLATFORM
         order = (_PLATFORM if of_platform else _JOINTS).index(name)
-        needed = max(smoothness, 2 if jerk_limited and of_platform else 1)
+        needed = max(smoothness, 2 if jerk_limited and of_platform else continuous)
         if order <= needed and not (steps <= TOLERANCE).all():
             worst, component = divmod(int(np.argmax(steps)), steps.shape[1])
             size = f"{steps[worst, component]:.3g} {_UNITS[order]}"

@@ -127,6 +127,7 @@ class Case:
             craft.device_names,
             craft.allocation,
             tube.numbers(self.claim.robust),
+            self.claim.limits,
             tuple(wheel.name for wheel in craft.wheels),
             self.curve.coefficients.shape[1],
             self.curve.joint_coefficients.shape[1],
@@ -158,7 +159,8 @@ def _certify(cases: Sequence[Case]) -> list[Certificate]:
             return [certificate for case in cases for certificate in _certify([case])]
         beyond = f"a chart turns by more than {series.LARGEST_TURN:g} rad or a number overflows"
         return [Certificate(certified=False, faults=(beyond,), evaluations=evidence.samples.time.size)]
-    limited = limits.quantities(cases[0].claim.spacecraft, evidence, cases[0].claim.robust)
+    first = cases[0].claim
+    limited = limits.quantities(first.spacecraft, evidence, first.robust, first.limits)
     proof = _Proof(
         motion=motion,
         bindings=bindings,
@@ -215,6 +217,7 @@ class _Proof:
                 case.curve.smoothness,
                 jerk_limited,
                 claim.spacecraft.joint_names,
+                claim.continuous,
             ),
             *limits.faults(
                 self.limited, room, LIMIT_ALLOWANCE, samples.time[first:beyond], slice(first, beyond)

@@ -156,6 +156,14 @@ def _seconds(text: str) -> float:
     return seconds
 
 
+def _step(text: str) -> float | str:
+    """Read seconds between samples, or the word for as few samples as will do."""
+    try:
+        return float(text)
+    except ValueError:
+        return text  # which the export refuses, unless it is that word
+
+
 def _frequency(text: str) -> float:
     """Read a frequency in Hz, above zero, as a type for argparse, which it tells of an error."""
     try:
@@ -215,7 +223,12 @@ def _add_plan_commands(commands: Any) -> None:
     )
     plan.add_argument("--json", action="store_true", help="print a summary for machines")
     check = commands.add_parser(
-        "check", help="certify a plan file anew", description=("Prove a plan file's trajectory safe, anew.")
+        "check",
+        help="certify a plan file anew, or a table of attitudes",
+        description=(
+            "Prove a plan file's trajectory safe, anew; or with --scenario what a table of attitudes "
+            "(CCSDS AEM, SPICE C-kernel, STK, Basilisk, CSV, npz) keeps of a scene as its readers fly it."
+        ),
     )
     plot = commands.add_parser(
         "plot",
@@ -239,6 +252,17 @@ def _add_plan_commands(commands: Any) -> None:
         each.add_argument("plan", metavar="PLAN", help=_ANY_PLAN)
     plot.add_argument("plan", metavar="FILE", help=f"{_ANY_PLAN}; or {_SCENARIO}")
     check.add_argument("--json", action="store_true", help="print the certificate for machines")
+    check.add_argument(
+        "--scenario", metavar="SCENARIO", help=f"take PLAN for a table and hold it against {_SCENARIO}"
+    )
+    check.add_argument(
+        "--interpolation",
+        metavar="WORD",
+        help=(
+            "between a table's rows: slerp, quaternion_linear, mrp_linear, constant_rate or hermite; "
+            "what readers of the format do if absent"
+        ),
+    )
     plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the file")
     for each in (plot, report):
         each.add_argument(
@@ -262,7 +286,12 @@ def _add_plan_commands(commands: Any) -> None:
         metavar="UTC",
         help="of the start, such as 2026-01-01T00:00:00; that of the scene if absent",
     )
-    export.add_argument("--step", type=float, metavar="S", help="seconds between samples (0.1)")
+    export.add_argument(
+        "--step",
+        type=_step,
+        metavar="S",
+        help="seconds between samples (0.1); or sparsest, for as few as will do",
+    )
     export.add_argument(
         "--tolerance",
         type=float,

@@ -44,6 +44,7 @@ from jaxplan.schema.text import template
 from jaxplan.schema.timelines import timeline_template
 from jaxplan.timeline.record import TimelinePlan
 
+_TABLES = (".aem", ".a", ".bc", ".csv")  # suffixes of files that are tables of attitudes and no plans
 _COUNTED = {  # what a scene, its spacecraft or a timeline has several of, and what one of them is called
     "terminals": "terminal",
     "drives": "drive",
@@ -181,7 +182,16 @@ def plan(options: argparse.Namespace) -> int:
 
 
 def check(options: argparse.Namespace) -> int:
-    """Certify a plan file anew, and print the certificate."""
+    """Certify a plan file anew, or a table of attitudes, and print the certificate."""
+    if options.scenario is not None:
+        return _check_table(options)
+    if options.interpolation is not None:
+        raise ValueError("--interpolation: is of a table, which takes --scenario, too")
+    if Path(options.plan).suffix.lower() in _TABLES:
+        raise ValueError(
+            f"{options.plan}: is no plan but a table of attitudes: hold it against a scene with "
+            "--scenario SCENARIO"
+        )
     if timelines.is_timeline_plan(options.plan):
         return timelines.check(options)
     plan = load_plan_file(options.plan)
@@ -192,6 +202,21 @@ def check(options: argparse.Namespace) -> int:
     report = planner.certify(plan)
     print_result(report_summary(report) if options.json else report)
     return DONE if report.certified else NOT_CERTIFIED
+
+
+def _check_table(options: argparse.Namespace) -> int:
+    """Prove what a table of attitudes keeps of a scene, and print that."""
+    from jaxplan.tables import certify_table
+
+    scene = load_scene(options.scenario)
+    if not Path(options.plan).exists():
+        raise ValueError(f"{options.plan}: no such file")
+    try:
+        found = certify_table(options.plan, options.interpolation, scene)
+    except ImportError as error:
+        raise ValueError(f"{options.plan}: {error}") from error
+    print_result(found.summary() if options.json else found)
+    return DONE if found.certified else NOT_CERTIFIED
 
 
 def plot(options: argparse.Namespace) -> int:
@@ -263,7 +288,13 @@ def export(options: argparse.Namespace) -> int:
         )
     except exporting.UncertifiedError as error:
         return complain(str(error), NOT_CERTIFIED if plan.ok else _code_of(plan))
-    say(": ".join(filter(None, [f"wrote {written}", exporting.needed_by(plan, options.format)])))
+    told = [f"wrote {written}", exporting.needed_by(plan, options.format)]
+    if options.step == exporting.SPARSEST:
+        from jaxplan.tables import load_attitude
+
+        table = load_attitude(written)
+        told.append(f"{len(table.times)} rows, {table.numbers} numbers")
+    say(": ".join(filter(None, told)))
     return DONE
 
 

@@ -21,6 +21,7 @@ from jaxplan.exporting.flight import (
     scene_of,
 )
 from jaxplan.exporting.flight_code import what_is_needed, write_code
+from jaxplan.exporting.held import SPARSEST, SPARSEST_DEG, expect_held, sparsest
 from jaxplan.exporting.instants import chosen_instants, steady_instants, step_fault, tolerance_fault
 from jaxplan.exporting.pieces import write_pieces
 from jaxplan.exporting.sampled import Sampling
@@ -33,6 +34,7 @@ from jaxplan.planner import Plan
 from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file, replacing_folder
 from jaxplan.schema.faults import nearest
+from jaxplan.tables.table import RODRIGUES, SLERP
 
 STEP_S = 0.1
 """s: between samples of a plan, unless told."""
@@ -50,7 +52,7 @@ class Format:
         parts: suffixes of the files of a folder, empty for a single file.
         dated: whether it cannot do without an epoch.
         needs: modules to be installed beyond the required ones.
-        rodrigues: whether its reader takes modified Rodrigues parameters for linear between samples.
+        interpolation: what its readers do between samples, one of `jaxplan.tables.INTERPOLATIONS`.
         exact: whether it holds the polynomials themselves, so that there are no samples.
         needed: function that says what a motion in this format needs of who reads it, None where that is
             plain.
@@ -61,7 +63,7 @@ class Format:
     parts: tuple[str, ...] = ()
     dated: bool = False
     needs: tuple[str, ...] = ()
-    rodrigues: bool = False
+    interpolation: str = SLERP
     exact: bool = False
     needed: Callable[[Flight], str] | None = None
 
@@ -76,7 +78,7 @@ FORMATS = {
         needs=("spiceypy", "erfa"),
     ),
     "stk": Format(write=write_stk, suffix=".stk", parts=(".a", ".sp", ".int"), dated=True),
-    "basilisk": Format(write=write_basilisk, suffix=".basilisk.csv", rodrigues=True),
+    "basilisk": Format(write=write_basilisk, suffix=".basilisk.csv", interpolation=RODRIGUES),
     "csv": Format(write=write_csv, suffix=".csv"),
     "npz": Format(write=write_npz, suffix=".npz"),
     "c": Format(write=write_code, suffix=".c99", parts=(".c", ".h"), exact=True, needed=what_is_needed),
@@ -90,7 +92,7 @@ def export(
     *,
     format: str,
     epoch: str | None = None,
-    step_s: float | None = None,
+    step_s: float | str | None = None,
     tolerance_deg: float | None = None,
     names: ExportNames | None = None,
     overwrite: bool = False,
@@ -101,6 +103,10 @@ def export(
     from ``plan.trajectory.sample``. A day is one file without gaps, in which its activities and slews are
     told apart where the format can: as segments of ``"aem"``, as columns of ``"csv"``, arrays of ``"npz"``,
     a list of intervals of ``"stk"``, and in the comments of ``"ck"``.
+
+    A table is held against zones, ranges and rates as readers of its format fly it, too, between its rows
+    (`jaxplan.certify_table`, with joints linear there), and refused where it breaks them by more than
+    1e-3 deg or a thousandth of a limit.
 
         >>> jp.export(plan, "slew.aem", format="aem", epoch="2026-01-01T00:00:00")
         >>> jp.export(day, "day.ck", format="ck", names=jp.ExportNames(naif_id=-2000, frame_name="EO1_BUS"))
@@ -114,6 +120,8 @@ def export(
         epoch: UTC of the start in ISO 8601, that of the scene unless told. The first three need it, in the
             last two it is noted, Basilisk counts from the start of its simulation.
         step_s: between two samples, s; the end is one, too, and the ends of segments. Polynomials have none.
+            ``"sparsest"`` takes as few samples as will do for `tolerance_deg`, 0.05 deg unless told, and
+            for all that must hold.
         tolerance_deg: in place of a step: samples are chosen so that linear interpolation between them, of
             the attitude, of each device and of joints, is off by less. Of a plan there is one each 0.1 s, of
             a day there are those for 1e-4 deg, unless one of the two is told.
@@ -125,7 +133,8 @@ def export(
 
     Raises:
         TypeError: for what is no plan, path or names.
-        UncertifiedError: (a ValueError) if the plan is not certified, or its certificate, made anew, fails.
+        UncertifiedError: (a ValueError) if the plan is not certified, or its certificate, made anew, fails,
+            or the table breaks something as its readers fly it.
         ValueError: if the format, epoch, step or tolerance is no good or the scene has another epoch, all
             faults at once; if there would be too many samples; if an extra is missing.
         FileExistsError: if there is something at the path.
@@ -140,26 +149,37 @@ def export(
         raise ValueError(f"format {format} needs {' and '.join(absent)}: pip install 'jaxplan[spice]'")
     target = free_place(path, kind.parts, overwrite=overwrite)
     flight = flight_of(plan)
-    steady = flight.boundaries if kind.exact else _steady(flight, step_s, tolerance_deg)
+    few = step_s == SPARSEST
+    steady = flight.boundaries if kind.exact or few else _steady(flight, step_s, tolerance_deg)
     proof = proof_of(plan)
     if not proof.certified:
         reasons = "; ".join(proof.faults)
         raise UncertifiedError(f"the plan of {flight.name} fails its certificate, made anew: {reasons}")
-    tolerance = float(np.deg2rad(TOLERANCE_DEG if tolerance_deg is None else tolerance_deg))
+    usual = SPARSEST_DEG if few else TOLERANCE_DEG
+    tolerance = float(np.deg2rad(usual if tolerance_deg is None else tolerance_deg))
+    rodrigues = kind.interpolation == RODRIGUES
     sampling = Sampling(
         flight=flight,
         start=start,
-        times=chosen_instants(flight, tolerance, rodrigues=kind.rodrigues) if steady is None else steady,
+        times=chosen_instants(flight, tolerance, rodrigues=rodrigues) if steady is None else steady,
         names=names or flight.names or ExportNames(),
         tolerance=tolerance if steady is None else None,
     )
+    if few and not kind.exact:
+        sampling = sparsest(plan, sampling, kind.interpolation, tolerance)
+    elif not kind.exact:
+        expect_held(plan, sampling, kind.interpolation, format)
     with (replacing_folder if kind.parts else replacing_file)(target) as fresh:
         kind.write(sampling, fresh)
     return target
 
 
 def _checked(
-    plan: Plan | Day, format: str, epoch: str | None, step_s: float | None, tolerance_deg: float | None
+    plan: Plan | Day,
+    format: str,
+    epoch: str | None,
+    step_s: float | str | None,
+    tolerance_deg: float | None,
 ) -> tuple[Format, np.datetime64 | None]:
     """The format, and UTC of time zero.
 
@@ -187,11 +207,11 @@ def _checked(
     return kind, start
 
 
-def _steady(flight: Flight, step_s: float | None, tolerance_deg: float | None) -> np.ndarray | None:
+def _steady(flight: Flight, step_s: float | str | None, tolerance_deg: float | None) -> np.ndarray | None:
     """Instants (k,) s in equal steps, where a step is told or a plan has none told; None for chosen ones."""
     if step_s is None and (tolerance_deg is not None or flight.segments):
         return None
-    return steady_instants(flight.boundaries, STEP_S if step_s is None else step_s)
+    return steady_instants(flight.boundaries, STEP_S if step_s is None else float(step_s))
 
 
 def _start(plan: Plan | Day, epoch: str | None, format: str) -> np.datetime64 | None:
@@ -213,11 +233,12 @@ def _start(plan: Plan | Day, epoch: str | None, format: str) -> np.datetime64 | 
 
 def _instant_faults(step_s: object, tolerance_deg: object) -> list[str]:
     """What is wrong with the two ways to say when samples are to be."""
+    few = isinstance(step_s, str) and step_s == SPARSEST
     faults = [
-        None if step_s is None else step_fault(step_s),
+        None if step_s is None or few else step_fault(step_s),
         None if tolerance_deg is None else tolerance_fault(tolerance_deg),
     ]
-    if step_s is not None and tolerance_deg is not None:
+    if step_s is not None and not few and tolerance_deg is not None:
         faults.append("step_s, tolerance_deg: one of them is enough, since both say when samples are")
     return [fault for fault in faults if fault is not None]
 

@@ -9,7 +9,9 @@ interval, where that of an acceleration is largest, at two places nearer to its 
 components is, and at four instants of every piece of the trajectory that lies within it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -30,13 +32,15 @@ _WINDOW = 16  # intervals of at most LONGEST_STEP that are divided at once; more
 _MOST_PARTS = 8  # that an interval is divided into at once, so that a slew within it is told from a track
 # Where in an interval errors are measured; no turn of a whole number of times shows as none at all of them.
 _INNER = np.array([0.2289, 0.5, 0.7873])
+_SEEN = 15  # instants within an interval at which errors of a sparse table are measured, evenly spread
+_FINE = 16_384  # places between two boundaries at which a sparse table may have its rows
 _DIGITS = 6  # of a second, that chosen instants have
 
 
 def step_fault(step: object) -> str | None:
     """What is wrong with a step in seconds, None if nothing is."""
     if isinstance(step, bool) or not isinstance(step, int | float | np.integer | np.floating):
-        return f"step_s = {show(step)}: must be a number of seconds"
+        return f"step_s = {show(step)}: must be a number of seconds, or 'sparsest'"
     if not APART <= step < np.inf:
         return f"step_s = {step}: must lie in [{APART:g}, inf)"
     return None
@@ -118,6 +122,51 @@ def chosen_instants(flight: Flight, tolerance: float, *, rodrigues: bool = False
     return np.union1d(tidy[near > APART], boundaries)
 
 
+def sparsest_instants(flight: Flight, tolerance: float, *, rodrigues: bool = False) -> np.ndarray:
+    """Times (k,) s, each as late as it may be for what readers make of it and the one before.
+
+    Since errors grow with the length of an interval, fewer would not do, of those on a grid of `_FINE` places
+    between two boundaries. It takes a search for every time, so it is for single manoeuvres; arguments as of
+    `chosen_instants`.
+    """
+    boundaries, limit = flight.boundaries, _SHARE * tolerance
+    readers, found = _Readers(flight, rodrigues), [boundaries[:1]]
+    for begin, end in pairwise(boundaries):
+        grid = np.linspace(begin, end, _FINE + 1)
+        attitudes, joints = readers.poses(grid)
+        furthest = max(1, int(LONGEST_STEP / (grid[1] - grid[0])))
+
+        def good(left: int, right: int, a: np.ndarray = attitudes, j: np.ndarray = joints) -> bool:
+            own = np.unique(np.linspace(left, right, _SEEN + 2).astype(int)[1:-1])
+            share = ((own - left) / (right - left))[:, None]
+            return bool(
+                np.all(
+                    readers.off(a[[left]], a[[right]], j[[left]], j[[right]], share, a[own], j[own]) <= limit
+                )
+            )
+
+        place, step = 0, 16
+        while place < _FINE:
+            most = min(_FINE - place, furthest)
+            step = _longest(partial(good, place), place, min(step, most), most)
+            place += step
+            found.append(grid[[place]])
+    return np.concatenate(found)
+
+
+def _longest(good: Callable[[int], bool], place: int, guess: int, most: int) -> int:
+    """The largest step up to `most`, one at least, that is good from a place on; from a guess."""
+    low, high = 1, guess
+    while high < most and good(place + high):
+        low, high = high, min(2 * high, most)
+    if high == most and good(place + most):
+        return most
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if good(place + middle) else (low, middle)
+    return low
+
+
 def _witnesses(flight: Flight) -> np.ndarray:
     """Four instants of each piece of the trajectory, s, rising; the first is its start."""
     breaks = np.union1d(flight.trajectory.breaks, flight.trajectory.joint_breaks)
@@ -159,21 +208,35 @@ class _Readers:
     def errors(self, left: np.ndarray, right: np.ndarray, owner: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Largest errors (k,) rad at times (k,) s, from the ends of the intervals (n,) that own them."""
         share = ((times - left[owner]) / (right - left)[owner])[:, None]
-        starts, start_joints = self._poses(left)
-        ends, end_joints = self._poses(right)
-        truth, joints = self._poses(times)
-        begin, end = starts[owner], ends[owner]
+        starts, start_joints = self.poses(left)
+        ends, end_joints = self.poses(right)
+        truth, joints = self.poses(times)
+        return self.off(
+            starts[owner], ends[owner], start_joints[owner], end_joints[owner], share, truth, joints
+        )
+
+    def off(
+        self,
+        begin: np.ndarray,
+        end: np.ndarray,
+        begin_joints: np.ndarray,
+        end_joints: np.ndarray,
+        share: np.ndarray,
+        truth: np.ndarray,
+        joints: np.ndarray,
+    ) -> np.ndarray:
+        """Largest errors (k,) rad at shares (k, 1) of intervals, from poses at their ends and true ones."""
         end = np.where(np.sum(begin * end, axis=-1, keepdims=True) < 0, -end, end)
         guesses = [(g, truth) for g in _quaternions_between(begin, end, share[..., None])]
         if self.rodrigues:
             guesses.append((_rodrigues_between(begin[:, 0], end[:, 0], share), truth[:, 0]))
-        off = [_angles(guess, true).reshape(len(times), -1).max(axis=1) for guess, true in guesses]
+        off = [_angles(guess, true).reshape(len(share), -1).max(axis=1) for guess, true in guesses]
         if joints.shape[1]:
-            linear = start_joints[owner] + share * (end_joints - start_joints)[owner]
+            linear = begin_joints + share * (end_joints - begin_joints)
             off.append(np.abs(linear - joints).max(axis=1))
-        return np.max(off, axis=0)
+        return np.asarray(np.max(off, axis=0))
 
-    def _poses(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def poses(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Quaternions (k, 1 + g, 4) of body and devices, and joints (k, J) rad, at times (k,) s."""
         values, craft = self.flight.trajectory.sample(times), self.flight.spacecraft
         devices = [device_frames(craft, values.joints, number) for number in range(craft.gimbals.count)]

@@ -209,7 +209,9 @@ def results(plan, failed, scenario):
     observer = make_observer()
     panel = FixedVector(along=np.eye(3)[0], to="terminal-1")
     corner = JointBound(name="corner", device="terminal-1", normal=np.array([0.6, 0.8]), least=-1.0)
+    table = jp.AttitudeTable(times=np.arange(2.0), quaternions=np.tile(np.eye(4)[0], (2, 1)))
     return [
+        *(table, jp.certify_table(table, None, scenario)),
         *(scenario, plan.scenario, scenario.start, scenario.goal, scenario.search, scenario.trajectory),
         jp.Robust(attitude_error=0.01, torque_reserve=10.0),
         *(scenario.spacecraft, *craft.terminals, *scenario.spacecraft.instruments, *scenario.keep_out),

@@ -1,0 +1,107 @@
+"""Whether a table holds zones, ranges and rates as its readers fly it, before it is written.
+
+Between rows a reader's motion is another than what was certified. How far it may fall short, without being
+refused, is what tables are for: a plan that touches a zone, as the shortest ones do, leaves none of them a
+margin, and between rows a tenth of a second apart is some 1e-4 deg inside.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from jaxplan.exporting.flight import Day, UncertifiedError, scene_of
+from jaxplan.exporting.instants import chosen_instants, sparsest_instants
+from jaxplan.exporting.sampled import Sampling
+from jaxplan.geometry import quaternion
+from jaxplan.planner import Plan
+from jaxplan.tables import AttitudeTable, TableCertificate
+from jaxplan.tables.proof import certify_rows
+from jaxplan.tables.table import RODRIGUES
+
+SPARSEST = "sparsest"
+"""The step of a table with the fewest rows."""
+SPARSEST_DEG = 0.05
+"""deg: by which such a table may be off the motion, unless told."""
+SHORTFALL_DEG = 1e-3
+"""deg: by which a table may fall short of a margin of zero."""
+_OVER = 1e-3  # of a limit, by which its peaks may exceed it
+_HALVINGS = 12  # of the tolerance of a sparse table that does not hold
+_TOGETHER = 2_000  # rows that are held against the scene at once
+_MOST_ROWS = 200_000  # that are proved; tables of more have rows too close together for a reader to matter
+
+
+def rows_of(sampling: Sampling, first: int, last: int, interpolation: str) -> AttitudeTable:
+    """Rows `first` to `last` of a motion as a reader has them, with joints even where the format has none."""
+    values = sampling.flight.trajectory.sample(sampling.times[first : last + 1])
+    names = sampling.spacecraft.joint_names
+    return AttitudeTable(
+        times=sampling.times[first : last + 1],
+        quaternions=np.asarray(quaternion.from_matrix(values.attitude)),
+        angular_velocity=values.angular_velocity,
+        joints=values.joints if names else None,
+        joint_rates=values.joint_rates if names else None,
+        joint_names=names,
+        interpolation=interpolation,
+        name=f"the table of {sampling.flight.name}",
+    )
+
+
+def broken_by(plan: Plan | Day, sampling: Sampling, interpolation: str) -> tuple[str, ...]:
+    """What the rows of a motion break as readers fly them, a sentence each, of the first rows that do."""
+    scene, last = scene_of(plan), len(sampling.times) - 1
+    for first in range(0, last, _TOGETHER):
+        rows = rows_of(sampling, first, min(first + _TOGETHER, last), interpolation)
+        found = broken(certify_rows(rows, interpolation, scene, float(rows.times[0])))
+        if found:
+            return found
+    return ()
+
+
+def broken(proof: TableCertificate) -> tuple[str, ...]:
+    """What a table breaks by more than tables may, a sentence each."""
+    short = proof.min_margin is not None and not proof.min_margin >= -np.deg2rad(SHORTFALL_DEG)
+    over = not all(peak <= 1 + _OVER for peak in proof.peaks.values())
+    illegible = not proof.peaks  # of whatever could be evaluated there are some
+    return proof.faults if short or over or illegible else ()
+
+
+def expect_held(plan: Plan | Day, sampling: Sampling, interpolation: str, format: str) -> None:
+    """Refuse a table that breaks something as its readers fly it.
+
+    Raises:
+        UncertifiedError: with what breaks, when, and what to do.
+    """
+    if not 1 < len(sampling.times) <= _MOST_ROWS:
+        return
+    faults = broken_by(plan, sampling, interpolation)
+    if faults:
+        raise UncertifiedError(
+            f"a table of {len(sampling.times)} rows does not hold as readers of format {format} fly it, with "
+            f"{interpolation.replace('_', ' ')} between rows: {'; '.join(faults)}. Take a smaller step_s "
+            "(--step) or tolerance_deg (--tolerance), or format c or json, which hold the polynomials"
+        )
+
+
+def sparsest(plan: Plan | Day, sampling: Sampling, interpolation: str, tolerance: float) -> Sampling:
+    """The table with the fewest rows that is near a motion and holds as its readers fly it.
+
+    Args:
+        plan: with the scene.
+        sampling: of the motion, with all but the instants.
+        interpolation: what readers do.
+        tolerance: rad, by which attitude, devices and joints may be off the motion; halved until all holds.
+
+    Raises:
+        UncertifiedError: if no table holds.
+    """
+    flight = sampling.flight
+    faults: tuple[str, ...] = ()
+    choose = chosen_instants if flight.segments else sparsest_instants
+    for halving in range(_HALVINGS):
+        near = tolerance / 2**halving
+        times = choose(flight, near, rodrigues=interpolation == RODRIGUES)
+        found = replace(sampling, times=times, tolerance=near)
+        faults = broken_by(plan, found, interpolation)
+        if not faults:
+            return found
+    raise UncertifiedError(f"no table of {flight.name} holds, however close its rows: {'; '.join(faults)}")

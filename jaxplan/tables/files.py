@@ -1,0 +1,179 @@
+"""Reading attitude files back: which file is of which format, and the tables that are numbers alone."""
+
+import csv
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from jaxplan.geometry import quaternion
+from jaxplan.model.epochs import parse_epoch
+from jaxplan.runtime.arguments import file_path
+from jaxplan.tables.kernels import read_ck
+from jaxplan.tables.messages import read_aem, read_stk
+from jaxplan.tables.table import RODRIGUES, AttitudeTable
+
+_AXES = ("_w", "_x", "_y", "_z")
+_ARCHIVE = b"PK\x03\x04"  # how files of npz begin
+_BASILISK = 11  # columns: time, quaternion, angular velocity and acceleration
+
+
+def load_attitude(path: str | os.PathLike[str]) -> AttitudeTable:
+    """Read the attitudes of a file that `export` or another tool has written.
+
+    By its name and its first line it is a CCSDS AEM (needs ``jaxplan[oem]``), a SPICE C-kernel of type 2 or 3
+    with its clock kernel beside it (``.bc``, needs ``jaxplan[spice]``), an STK attitude file (``.a``), a
+    table with a header as of format ``"csv"``, one without as of ``"basilisk"``, or an archive as of
+    ``"npz"``. A folder is that of a C-kernel or of STK. Joints are read from ``"csv"`` and ``"npz"``.
+
+    Args:
+        path: of the file, or of a folder of format ``"ck"`` or ``"stk"``.
+
+    Returns:
+        The table, with the interpolation that readers of the format do.
+
+    Raises:
+        ValueError: if it is no such file, or its rows are no attitudes.
+        OSError: if it cannot be read.
+        ImportError: if an extra is missing.
+
+    Example:
+        >>> start = jp.load_attitude("yesterday.aem").state(-1)
+    """
+    given = file_path("path", path)
+    target = _within(given) if given.is_dir() else given
+    suffix = target.suffix.lower()
+    read = _BY_SUFFIX.get(suffix)
+    if read is None:
+        with target.open("rb") as file:
+            first = file.readline(4096)
+        read = _by_first_line(first)
+        if read is None:
+            raise ValueError(
+                f"{target}: no attitude file: must be a CCSDS AEM, a C-kernel (.bc), an attitude file of STK "
+                "(.a), an archive (.npz) or a table with the columns time_s and quaternion_w to quaternion_z"
+            )
+    return read(target)
+
+
+def _within(folder: Path) -> Path:
+    """The attitude file in a folder of kernels or of STK; raises ValueError if there is none, or several."""
+    found = sorted([*folder.glob("*.bc"), *folder.glob("*.a")])
+    if len(found) != 1:
+        raise ValueError(f"{folder}: holds {len(found)} attitude files (.bc, .a): name one file")
+    return found[0]
+
+
+def _by_first_line(line: bytes) -> Callable[[Path], AttitudeTable] | None:
+    """The function that reads files with a first line; None if it is of no known one."""
+    if line.startswith(_ARCHIVE):
+        return _read_npz
+    text = line.decode("utf-8", "replace").strip().lstrip("\ufeff")
+    if text.startswith("CCSDS_AEM_VERS"):
+        return read_aem
+    if text.startswith("stk.v"):
+        return read_stk
+    if "quaternion_w" in text and "time_s" in text:
+        return _read_csv
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        return None
+    return _read_basilisk if len(numbers) == _BASILISK else None
+
+
+def _read_csv(path: Path) -> AttitudeTable:
+    """Read a table with a header, UTF-8; its first ``utc`` is the epoch's where there is such a column."""
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        rows = list(csv.reader(file))
+    header, body = rows[0], [row for row in rows[1:] if row]
+    wrong = [number for number, row in enumerate(body, 2) if len(row) != len(header)]
+    if wrong:
+        raise ValueError(f"{path}: line {wrong[0]} has not {len(header)} columns, as the header has")
+    columns: dict[str, np.ndarray] = {}
+    for place, name in enumerate(header):
+        if name in ("utc", "segment", "segment_kind"):
+            continue
+        try:
+            columns[name] = np.array([float(row[place]) for row in body])
+        except ValueError as error:
+            raise ValueError(f"{path}: column {name}: {error}") from error
+    epoch = None
+    if "utc" in header and body:
+        first = parse_epoch(body[0][header.index("utc")][:26])
+        epoch = first - np.timedelta64(round(float(columns["time_s"][0]) * 1e9), "ns")
+    for stem, count in (("quaternion", 4), ("angular_velocity", 3)):
+        unit = "" if count == 4 else "_rad_s"
+        names = [f"{stem}{axis}{unit}" for axis in _AXES[4 - count :]]
+        if all(name in columns for name in names):
+            columns[f"{stem}{unit}"] = np.stack([columns[name] for name in names], axis=1)
+    return _of_columns(path, columns, epoch)
+
+
+def _read_npz(path: Path) -> AttitudeTable:
+    """Read an archive of arrays."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            columns = {name: archive[name] for name in archive.files}
+    except (ValueError, EOFError, OSError) as error:
+        raise ValueError(f"{path}: no archive of arrays ({error})") from error
+    stamp = str(columns.pop("epoch_utc", ""))
+    return _of_columns(path, columns, parse_epoch(stamp[:26]) if stamp else None)
+
+
+def _of_columns(path: Path, columns: Mapping[str, np.ndarray], epoch: np.datetime64 | None) -> AttitudeTable:
+    """The table of columns by the names that `export` gives them.
+
+    Raises:
+        ValueError: if there are no times or quaternions.
+    """
+    for name in ("time_s", "quaternion"):
+        if name not in columns:
+            wanted = "quaternion_w to quaternion_z" if name == "quaternion" else name
+            raise ValueError(f"{path}: has no {wanted}, only {', '.join(columns)}")
+    taken = ("angular_velocity", "angular_acceleration")
+    joints = [
+        name.removesuffix("_rad")
+        for name in columns
+        if name.endswith("_rad") and np.ndim(columns[name]) == 1 and not name.startswith(taken)
+    ]
+    rates = [f"{name}_rate_rad_s" for name in joints]
+    have_rates = bool(joints) and all(name in columns for name in rates)
+    return AttitudeTable(
+        times=columns["time_s"],
+        quaternions=columns["quaternion"],
+        angular_velocity=columns.get("angular_velocity_rad_s"),
+        joints=np.stack([columns[f"{name}_rad"] for name in joints], axis=1) if joints else None,
+        joint_rates=np.stack([columns[name] for name in rates], axis=1) if have_rates else None,
+        joint_names=tuple(joints),
+        epoch=epoch,
+        name=str(path),
+    )
+
+
+def _read_basilisk(path: Path) -> AttitudeTable:
+    """Read waypoints: time, quaternion, and angular velocity and acceleration in inertial components."""
+    try:
+        rows = np.loadtxt(path, delimiter=",", ndmin=2)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    if rows.shape[1] != _BASILISK:
+        raise ValueError(f"{path}: has {rows.shape[1]} columns, waypoints have {_BASILISK}")
+    attitudes = np.asarray(quaternion.to_matrix(rows[:, 1:5]))
+    return AttitudeTable(
+        times=rows[:, 0],
+        quaternions=rows[:, 1:5],
+        angular_velocity=np.einsum("kji,kj->ki", attitudes, rows[:, 5:8]),
+        interpolation=RODRIGUES,
+        name=str(path),
+    )
+
+
+_BY_SUFFIX: dict[str, Callable[[Path], AttitudeTable]] = {
+    ".aem": read_aem,
+    ".a": read_stk,
+    ".bc": read_ck,
+    ".npz": _read_npz,
+    ".xml": read_aem,
+}

@@ -1,0 +1,140 @@
+"""Reading CCSDS Attitude Ephemeris Messages and STK's attitude files."""
+
+import re
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxplan.geometry import quaternion
+from jaxplan.model.epochs import parse_epoch, seconds_between
+from jaxplan.sky.frames import library
+from jaxplan.tables.table import AttitudeTable
+
+INERTIAL = ("EME2000", "J2000", "ICRF", "GCRF", "ICRF1", "ICRF2", "ICRF3")
+"""Frames that are taken for the inertial one; they are apart by 1e-7 rad."""
+_TYPES = ("QUATERNION", "QUATERNION/ANGVEL")
+_STK_DATA = ("AttitudeTimeQuaternions", "AttitudeTimeQuatScalarFirst", "AttitudeTimeQuatAngVels")
+_STK_AXES = ("J2000", "ICRF", "Inertial")
+
+
+def read_aem(path: Path) -> AttitudeTable:
+    """Read an Attitude Ephemeris Message, by keywords (KVN) or XML, with quaternions, and its rates.
+
+    Raises:
+        ValueError: if it is no such message, or one of other types, frames or times.
+        ImportError: if the extra ``oem`` is not installed.
+    """
+    reader = library("ccsds_ndm")
+    try:
+        message = reader.Aem.from_str(path.read_bytes().decode())
+    except (ValueError, reader.NdmError) as error:
+        reason = " ".join(str(error).split())
+        raise ValueError(f"{path}: no Attitude Ephemeris Message ({reason})") from error
+    if not message.segments:
+        raise ValueError(f"{path}: has no segment")
+    epoch = parse_epoch(str(message.segments[0].metadata.start_time)[:26])
+    parts = [_segment(path, number, segment, epoch) for number, segment in enumerate(message.segments, 1)]
+    times, quaternions = (np.concatenate([part[k] for part in parts]) for k in range(2))
+    rates = None if any(part[2] is None for part in parts) else np.concatenate([part[2] for part in parts])
+    # the instant at which a segment ends and the next begins is in both
+    new = np.append(True, np.diff(times) > 1e-9) | np.append(False, np.diff(times) < -1e-9)
+    return AttitudeTable(
+        times=times[new],
+        quaternions=quaternions[new],
+        angular_velocity=None if rates is None else rates[new],
+        epoch=epoch,
+        name=str(path),
+    )
+
+
+def _segment(
+    path: Path, number: int, segment: Any, epoch: np.datetime64
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Times (k,) s, quaternions (k, 4) scalar first and angular velocities (k, 3) rad/s of a segment."""
+    told = segment.metadata
+    kind, first, second = (str(getattr(told, key)) for key in ("attitude_type", "ref_frame_a", "ref_frame_b"))
+    where = f"{path}: segment {number}"
+    if kind not in _TYPES:
+        raise ValueError(f"{where}: ATTITUDE_TYPE = {kind}: must be one of {', '.join(_TYPES)}")
+    if str(told.time_system) != "UTC":
+        raise ValueError(f"{where}: TIME_SYSTEM = {told.time_system}: must be UTC")
+    inertial = [frame.upper() in INERTIAL for frame in (first, second)]
+    if inertial not in ([True, False], [False, True]):
+        raise ValueError(
+            f"{where}: REF_FRAME_A = {first}, REF_FRAME_B = {second}: one must be the body's, and the other "
+            f"one of {', '.join(INERTIAL)}"
+        )
+    stamps = [parse_epoch(str(stamp)[:26]) for stamp in segment.data.attitude_states_epochs]
+    times = np.array([seconds_between(epoch, stamp) for stamp in stamps]) + _finer(
+        segment.data.attitude_states_epochs
+    )
+    states = np.asarray(segment.data.attitude_states_numpy, float)
+    quaternions = np.roll(states[:, :4], 1, axis=1)
+    if inertial[1]:  # from the body to the inertial frame
+        quaternions = quaternions * [1.0, -1.0, -1.0, -1.0]
+    if kind == _TYPES[0]:
+        return times, quaternions, None
+    rates = np.deg2rad(states[:, 4:7])
+    frame = str(told.angvel_frame)
+    if frame.upper() in INERTIAL:
+        rates = np.einsum("kji,kj->ki", np.asarray(quaternion.to_matrix(quaternions)), rates)
+    return times, quaternions, rates
+
+
+def _finer(stamps: Sequence[object]) -> np.ndarray:
+    """What texts of times have beyond microseconds (k,) s."""
+    digits = [re.sub(r"\D.*$", "", str(stamp)[26:]) for stamp in stamps]
+    return np.array([float(f"0.000000{own}") if own else 0.0 for own in digits])
+
+
+def read_stk(path: Path) -> AttitudeTable:
+    """Read an STK attitude file of quaternions on an inertial frame.
+
+    Raises:
+        ValueError: if it is no such file, or one of other data or axes.
+    """
+    lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
+    words = [line.split() for line in lines if line and not line.startswith("#")]
+    begins = [number for number, line in enumerate(words) if line[0] in _STK_DATA]
+    if not begins:
+        raise ValueError(f"{path}: has no data of {' or '.join(_STK_DATA)}")
+    header = {line[0].lower(): " ".join(line[1:]) for line in words[: begins[0]]}
+    axes = header.get("coordinateaxes", "")
+    if axes not in _STK_AXES:
+        raise ValueError(f"{path}: CoordinateAxes {axes or '(none)'}: must be one of {', '.join(_STK_AXES)}")
+    order = header.get("interpolationorder", "1")
+    if order != "1":
+        raise ValueError(f"{path}: InterpolationOrder {order}: must be 1, whose motion between rows is known")
+    kind, rows = words[begins[0]][0], []
+    for line in words[begins[0] + 1 :]:
+        if line[0].upper() == "END":
+            break
+        try:
+            rows.append([float(word) for word in line])
+        except ValueError as error:
+            raise ValueError(f"{path}: row {len(rows) + 1}: {error}") from error
+    width = 8 if kind == _STK_DATA[2] else 5
+    if any(len(row) != width for row in rows) or not rows:
+        raise ValueError(f"{path}: {kind} must have rows of {width} numbers")
+    table = np.array(rows)
+    return AttitudeTable(
+        times=table[:, 0],
+        quaternions=table[:, 1:5] if kind == _STK_DATA[1] else np.roll(table[:, 1:5], 1, axis=1),
+        epoch=_stk_epoch(path, header.get("scenarioepoch")),
+        name=str(path),
+    )
+
+
+def _stk_epoch(path: Path, text: str | None) -> np.datetime64 | None:
+    """UTC of STK's Gregorian text, ``1 Jan 2026 00:00:00.000000``."""
+    if not text:
+        return None
+    try:
+        return np.datetime64(datetime.strptime(text, "%d %b %Y %H:%M:%S.%f"), "ns")
+    except ValueError as error:
+        raise ValueError(
+            f"{path}: ScenarioEpoch {text}: must be UTC such as 1 Jan 2026 00:00:00.000000"
+        ) from error

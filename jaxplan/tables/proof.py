@@ -1,0 +1,382 @@
+"""What is proved of a table as a reader flies it: zones, ranges and rates at every instant.
+
+The motion between rows is that of `jaxplan.tables.interpolation`, and the prover that of plans. Where a
+reader's angular velocity jumps from interval to interval nothing can be said of accelerations, torque and
+what wheels hold; the jumps are told instead. A table without joints is proved for the platform and for what
+is fixed to it.
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from jaxplan.certificate import Certificate, Claim, certify_batch
+from jaxplan.model.goals import GivenState
+from jaxplan.model.later import later
+from jaxplan.model.limits import limits
+from jaxplan.model.robust import Robust
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.arguments import expect
+from jaxplan.runtime.display import as_table, shown
+from jaxplan.runtime.progress import progress_bar
+from jaxplan.tables.files import load_attitude
+from jaxplan.tables.interpolation import Reading, needs, reading
+from jaxplan.tables.known import as_known
+from jaxplan.tables.table import HERMITE, INTERPOLATIONS, RATE, AttitudeTable
+
+TOLERANCE = np.deg2rad(1e-4)
+"""rad: by which the pieces that are proved may be off a reader's motion; it is taken off margins."""
+_RATE_SHARE = 1e-3  # of the least limit of a rate, by which their angular velocity may be off
+_CLOCK = 1e-3  # s, by which a table may begin before the scene, as times are rounded
+_TOGETHER = 500  # intervals of a table that are proved at once
+_RATES, _ACCELERATIONS = 1, 2  # the power of time that limits of them fall by
+
+
+@shown("certified", "faults", "min_margin deg", "worst_device", "worst_zone", "worst_time s", "interpolation")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TableCertificate:
+    """What is proved of a table, for all times and not for its rows alone.
+
+    Attributes:
+        certified: whether everything holds that is claimed.
+        interpolation: what is done between rows, one of `jaxplan.tables.INTERPOLATIONS`.
+        rows_count: of the table.
+        numbers: that the table takes.
+        min_margin: rad, lower bound over all time, devices and zones; None where no zone binds a device of
+            which something is known.
+        worst_time: s in the scene's time, when it is smallest.
+        worst_device: whose margin that is.
+        worst_zone: to which zone.
+        peaks: upper bounds over all time over the limit, by name, as of `jaxplan.Certificate`.
+        rate_jump: rad/s, the largest jump of the platform's angular velocity from interval to interval.
+        rate_jump_time: s in the scene's time, when that is.
+        attitude_jump: rad, the largest jump of the attitude; zero but with "constant_rate".
+        start_off: rad, from the attitude at which the scene starts to the first row.
+        goal_off: rad, in the last row: the largest angle between a device and its target, as far as the table
+            knows devices; or from the goal's attitude. None where it knows none that has a target.
+        left_out: a sentence for each thing that is not claimed.
+        faults: a sentence for each thing that fails.
+    """
+
+    certified: bool
+    interpolation: str
+    rows_count: int
+    numbers: int
+    min_margin: float | None = None
+    worst_time: float | None = None
+    worst_device: str | None = None
+    worst_zone: str | None = None
+    peaks: dict[str, float] = field(default_factory=dict)
+    rate_jump: float = 0.0
+    rate_jump_time: float = 0.0
+    attitude_jump: float = 0.0
+    start_off: float = 0.0
+    goal_off: float | None = None
+    left_out: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+
+    def summary(self) -> dict[str, Any]:
+        """What is proved as a dict for JSON, in the units of files."""
+        margin = self.min_margin
+        return {
+            "certified": self.certified,
+            "interpolation": self.interpolation,
+            "rows": self.rows_count,
+            "numbers": self.numbers,
+            "faults": list(self.faults),
+            "not_claimed": list(self.left_out),
+            "min_margin_deg": None if margin is None else float(np.rad2deg(margin)),
+            "worst_device": self.worst_device,
+            "worst_zone": self.worst_zone,
+            "worst_time_s": self.worst_time,
+            "peaks": dict(self.peaks),
+            "rate_jump_deg_s": float(np.rad2deg(self.rate_jump)),
+            "rate_jump_time_s": self.rate_jump_time,
+            "attitude_jump_deg": float(np.rad2deg(self.attitude_jump)),
+            "start_off_deg": float(np.rad2deg(self.start_off)),
+            "goal_off_deg": None if self.goal_off is None else float(np.rad2deg(self.goal_off)),
+        }
+
+    def rows(self) -> list[tuple[str, str]]:
+        """What is proved, as (label, value) rows for a table."""
+        how = f"with {self.interpolation.replace('_', ' ')} between {self.rows_count} rows"
+        known = f"yes, at every instant {how}" if self.certified else f"no: not certified {how}"
+        rows = [("certified", known), *(("", fault) for fault in self.faults)]
+        if self.min_margin is not None:
+            where = f"{self.worst_device} to {self.worst_zone} at {self.worst_time:.2f} s"
+            rows.append(("smallest margin", f"{np.rad2deg(self.min_margin):.3f} deg, {where}"))
+        for name, peak in self.peaks.items():
+            rows.append((f"peak {name.replace('_', ' ')}", f"{100 * peak:.1f} % of its limit"))
+        jump = f"{np.rad2deg(self.rate_jump):.4g} deg/s at {self.rate_jump_time:.2f} s"
+        rows.append(("largest jump of rate", jump))
+        if self.attitude_jump > 0:
+            rows.append(("largest jump of attitude", f"{np.rad2deg(self.attitude_jump):.4g} deg"))
+        rows.append(("first row off the start", f"{np.rad2deg(self.start_off):.4g} deg"))
+        if self.goal_off is not None:
+            rows.append(("last row off the goal", f"{np.rad2deg(self.goal_off):.4g} deg"))
+        rows.append(("numbers", f"{self.numbers}"))
+        labels = ["not claimed", *[""] * len(self.left_out)]
+        return rows + list(zip(labels, self.left_out, strict=False))
+
+    def __str__(self) -> str:
+        rows = self.rows()
+        width = max(len(label) for label, _ in rows)
+        return "\n".join(f"{label:<{width}}  {value}" for label, value in rows)
+
+    def _repr_html_(self) -> str:
+        return as_table("Certificate of a table", self.rows())
+
+
+def certify_table(
+    table: AttitudeTable | str | os.PathLike[str], interpolation: str | None, scenario: Scenario
+) -> TableCertificate:
+    """Prove what a table keeps of a scene's zones, ranges and rates as a reader flies it, or say what fails.
+
+    Args:
+        table: a table, or the path of a file as `load_attitude` reads it.
+        interpolation: what the reader does between rows, one of `jaxplan.tables.INTERPOLATIONS`; None for
+            what readers of the file's format do.
+        scenario: the scene with zones and spacecraft. A table with an epoch is held against it at its times
+            where the scene has one, too; else the table's first row is the scene's start.
+
+    Returns:
+        The certificate; a motion that breaks something is no error.
+
+    Raises:
+        TypeError: if it is no table, path or scenario.
+        ValueError: for a file that is no table, or one that lacks what the interpolation takes.
+
+    Example:
+        >>> print(jp.certify_table("slew.aem", "slerp", jp.load_scenario("scene.toml")))
+    """
+    expect("scenario", scenario, Scenario)
+    if not isinstance(table, AttitudeTable):
+        table = load_attitude(table)
+    how = table.interpolation if interpolation is None else interpolation
+    if how not in INTERPOLATIONS:
+        raise ValueError(f"interpolation = {how!r}: must be one of {', '.join(INTERPOLATIONS)}")
+    lacking = needs(table, how)
+    if lacking is not None:
+        raise ValueError(lacking)
+    return certify_rows(table, how, scenario, _begin(table, scenario))
+
+
+def certify_rows(table: AttitudeTable, how: str, scenario: Scenario, begin: float) -> TableCertificate:
+    """Prove what a table keeps of a scene, see `certify_table`.
+
+    Args:
+        table: as it was read.
+        how: one of `INTERPOLATIONS`, for which the table has what is needed.
+        scenario: the scene.
+        begin: s, the time of the first row in the scene's time.
+    """
+    known, scene, unproved = as_known(table, scenario)
+    motion = reading(known, how, TOLERANCE, _RATE_SHARE * _least_rate(scene.spacecraft))
+    claim = _Claimed.of(scene, known, how, motion)
+    parts = [
+        (number, motion.part(number, min(number + _TOGETHER, len(known.times) - 1)))
+        for number in range(0, len(known.times) - 1, _TOGETHER)
+    ]
+    times = known.times - known.times[0] + begin
+    proofs = []
+    with progress_bar("proving", "rows", total=len(known.times) - 1) as bar:
+        for number, part in parts:
+            proofs.append((times[number], certify_batch([claim.of_part(part, times[number])])[0]))
+            bar.update(len(part.joint_breaks) - 1)
+    jump, jump_time = _largest_jump(motion, times)
+    joined = _joined(proofs)
+    return TableCertificate(
+        certified=joined.certified,
+        interpolation=how,
+        rows_count=len(known.times),
+        numbers=table.numbers,
+        min_margin=joined.min_margin,
+        worst_time=joined.worst_time,
+        worst_device=joined.worst_device,
+        worst_zone=joined.worst_zone,
+        peaks=claim.stated_peaks(joined.peaks),
+        rate_jump=jump,
+        rate_jump_time=jump_time,
+        attitude_jump=joined.jumps.get("attitude", 0.0) if how == RATE else 0.0,
+        start_off=_turned(scenario.start.attitude, known.attitudes[0]),
+        goal_off=_goal_off(scenario, known, float(times[-1])),
+        left_out=(*unproved, *claim.left_out),
+        faults=joined.faults,
+    )
+
+
+def _begin(table: AttitudeTable, scenario: Scenario) -> float:
+    """Time of the table's first row in the scene's time, s.
+
+    Raises:
+        ValueError: if that is before the scene's start.
+    """
+    if table.epoch is None or scenario.epoch is None:
+        return 0.0
+    offset = (table.epoch - scenario.epoch) / np.timedelta64(1, "ns") / 1e9
+    begin = float(offset + table.times[0])
+    if -_CLOCK <= begin < 0:
+        return 0.0
+    if begin < 0:
+        raise ValueError(
+            f"{table.name}: begins {-begin:.6g} s before the scene, which is of {scenario.epoch} on"
+        )
+    return begin
+
+
+def _turned(first: np.ndarray, second: np.ndarray) -> float:
+    """The angle between two attitudes (3, 3), rad."""
+    return float(2 * np.arcsin(np.clip(np.linalg.norm(first - second) / np.sqrt(8), 0, 1)))
+
+
+def _goal_off(scenario: Scenario, table: AttitudeTable, time: float) -> float | None:
+    """How far the last row is off the goal at a time of the scene, s, see `TableCertificate`."""
+    asked, craft = scenario.goal, scenario.spacecraft
+    if isinstance(asked, GivenState):
+        return _turned(asked.attitude, table.attitudes[-1])
+    whole = table.joints is not None or not craft.joint_count
+    joints = np.zeros(craft.joint_count) if table.joints is None else table.joints[-1]
+    beams = np.asarray(craft.boresights(table.attitudes[-1], joints))
+    numbers = np.array(asked.numbers(craft), int)
+    known = whole | (numbers >= craft.gimbals.count)
+    if not np.any(known):
+        return None
+    apart = np.linalg.norm(beams[numbers] - np.asarray(asked.at(time).directions), axis=-1)
+    return float(np.max(2 * np.arcsin(np.clip(apart[known] / 2, 0, 1))))
+
+
+def _least_rate(craft: Spacecraft) -> float:
+    """The least limit of the platform's angular velocity, rad/s."""
+    least = float(np.min(craft.rate_limit))
+    return least if craft.rate_norm_limit is None else min(least, float(craft.rate_norm_limit))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Claimed:
+    """What is claimed of a reader's motion.
+
+    Attributes:
+        scene: whose zones and spacecraft they are.
+        craft: with what the pieces are off taken off its limits of rate.
+        robust: the scene's errors with what the pieces are off.
+        limits: names of quantities.
+        continuous: number of derivatives.
+        rate_off: rad/s, taken off.
+        left_out: what is not claimed, and why.
+    """
+
+    scene: Scenario
+    craft: Spacecraft
+    robust: Robust | None
+    limits: frozenset[str]
+    continuous: int
+    rate_off: float
+    left_out: tuple[str, ...]
+
+    @classmethod
+    def of(cls, scene: Scenario, table: AttitudeTable, how: str, motion: Reading) -> "_Claimed":
+        """The claim of a table's reading."""
+        craft, off = scene.spacecraft, motion.rate_off
+        smooth = how == HERMITE and (not table.joint_names or table.joint_rates is not None)
+        every = [limit.quantity for limit in limits(craft)]
+        claimed = {
+            quantity.name
+            for quantity in every
+            if (quantity.power <= (_ACCELERATIONS if smooth else _RATES))
+            and (smooth or not (quantity.of_wheels or quantity.by_inertia))
+        }
+        left = [quantity.name.replace("_", " ") for quantity in every if quantity.name not in claimed]
+        reason = "accelerations jump" if smooth else "rates jump"
+        robust = scene.robust
+        if motion.off > 0:
+            own = robust or Robust()
+            robust = replace(own, attitude_error=float(own.attitude_error) + motion.off)
+        return cls(
+            scene=scene,
+            craft=replace(
+                craft,
+                rate_limit=np.asarray(craft.rate_limit, float) - off,
+                rate_norm_limit=None if craft.rate_norm_limit is None else float(craft.rate_norm_limit) - off,
+            ),
+            robust=robust,
+            limits=frozenset(claimed),
+            continuous=1 if smooth else (-1 if how == RATE else 0),
+            rate_off=off,
+            left_out=(f"{', '.join(left)}: {reason} from row to row",) if left else (),
+        )
+
+    def of_part(self, part: Reading, begin: float) -> Claim:
+        """The claim of a part that begins at a time of the scene, s."""
+        moved = replace(later(self.scene, begin, float(part.breaks[-1])), spacecraft=self.craft)
+        stated = moved.stated
+        return Claim(
+            trajectory=part,
+            spacecraft=self.craft,
+            cones=stated,
+            zone_names=[moved.zones[zone].name for zone in stated.zone if zone >= 0],
+            sight_names=moved.sight_names,
+            robust=self.robust,
+            limits=self.limits,
+            continuous=self.continuous,
+        )
+
+    def stated_peaks(self, peaks: dict[str, float]) -> dict[str, float]:
+        """Peaks over the limits as they are stated, from those over what was left of them."""
+        found = dict(peaks)
+        whole = float(np.min(self.scene.spacecraft.rate_limit))
+        for name, stated in (
+            ("angular_velocity", whole),
+            ("angular_velocity_norm", self.scene.spacecraft.rate_norm_limit),
+        ):
+            if name in found and stated is not None:
+                share = self.rate_off / float(stated)
+                found[name] = found[name] * (1 - share) + share if self.rate_off else found[name]
+        return found
+
+
+def _largest_jump(motion: Reading, times: np.ndarray) -> tuple[float, float]:
+    """The largest jump of angular velocity from one interval of a table to the next, rad/s, and when, s."""
+    jumps = np.linalg.norm(motion.begins[1:] - motion.ends[:-1], axis=1)
+    if not len(jumps):
+        return 0.0, float(times[0])
+    worst = int(np.argmax(jumps))
+    return float(jumps[worst]), float(times[1 + worst])
+
+
+def _joined(proofs: Sequence[tuple[float, Certificate]]) -> Certificate:
+    """The certificate of a table from those of its parts, each after the time (s) at which it begins."""
+    peaks: dict[str, float] = {}
+    jumps: dict[str, float] = {}
+    for _, proof in proofs:
+        for kept, own in ((peaks, proof.peaks), (jumps, proof.jumps)):
+            for name, value in own.items():
+                kept[name] = value if name not in kept or not value <= kept[name] else kept[name]
+    bound = [(begin, proof) for begin, proof in proofs if proof.min_margin is not None]
+    whole = Certificate(
+        certified=all(proof.certified for _, proof in proofs),
+        peaks=peaks,
+        jumps=jumps,
+        faults=tuple(fault for pair in proofs for fault in _told(*pair, alone=len(proofs) == 1)),
+        evaluations=sum(proof.evaluations for _, proof in proofs),
+    )
+    if not bound:
+        return whole
+    begin, least = min(bound, key=lambda pair: pair[1].min_margin or 0.0)
+    assert least.worst_time is not None
+    return replace(
+        whole,
+        min_margin=least.min_margin,
+        worst_time=least.worst_time + begin,
+        worst_device=least.worst_device,
+        worst_zone=least.worst_zone,
+    )
+
+
+def _told(begin: float, proof: Certificate, *, alone: bool) -> Iterator[str]:
+    """Yield the faults of a part, with when it begins where that is not the scene's start."""
+    for fault in proof.faults:
+        yield fault if alone and begin == 0 else f"{fault}, counted from {begin:.6g} s on"

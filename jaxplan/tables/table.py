@@ -1,0 +1,153 @@
+"""A table of attitudes, and perhaps of joints, as files of other tools hold it.
+
+Conventions. Seconds from the table's epoch, quaternions scalar first that turn body axes into inertial ones,
+angular velocities in body axes, joints in radians by name. What the spacecraft does between two rows is for
+the reader of the table to say (`jaxplan.tables.interpolation`).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxplan.geometry import quaternion
+from jaxplan.model.goals import GivenState
+from jaxplan.runtime.display import shown
+
+SLERP, LINEAR, RODRIGUES = "slerp", "quaternion_linear", "mrp_linear"
+RATE, HERMITE = "constant_rate", "hermite"
+INTERPOLATIONS = (SLERP, LINEAR, RODRIGUES, RATE, HERMITE)
+"""What readers make of two neighbouring rows, see `jaxplan.tables.interpolation`."""
+
+_UNIT = 1e-4  # by how much the length of a quaternion may miss one, as digits of a file go
+_WIDEST = np.deg2rad(179.0)  # turn between two rows, above which readers may take either way round
+
+
+@shown("name", "epoch", "interpolation", "joint_names")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AttitudeTable:
+    """Attitudes at instants, with joints where the table has them.
+
+    Quaternions are brought to unit length, and their signs follow each other.
+
+    Attributes:
+        times: (k,) s from the epoch, rising; two at least.
+        quaternions: (k, 4) body to inertial, scalar first.
+        angular_velocity: (k, 3) rad/s in body axes; None where the table has none.
+        joints: (k, J) rad; None where it has none.
+        joint_rates: (k, J) rad/s; None where it has none.
+        joint_names: of the J columns, such as "terminal-1 yaw".
+        epoch: UTC of time zero; None where it is the start of whatever the table is held against.
+        interpolation: what readers of the table's format do between rows, one of `INTERPOLATIONS`.
+        name: of the table in messages, such as that of its file.
+    """
+
+    times: np.ndarray
+    quaternions: np.ndarray
+    angular_velocity: np.ndarray | None = None
+    joints: np.ndarray | None = None
+    joint_rates: np.ndarray | None = None
+    joint_names: tuple[str, ...] = ()
+    epoch: np.datetime64 | None = None
+    interpolation: str = SLERP
+    name: str = "table"
+
+    def __post_init__(self) -> None:
+        for name in ("times", "quaternions", "angular_velocity", "joints", "joint_rates"):
+            given = getattr(self, name)
+            if given is not None:
+                object.__setattr__(self, name, np.asarray(given, np.float64))
+        faults = list(_faults(self))
+        if faults:
+            told = "\n  ".join([f"{len(faults)} faults:", *faults]) if len(faults) > 1 else faults[0]
+            raise ValueError(f"{self.name}: {told}")
+        length = np.linalg.norm(self.quaternions, axis=1, keepdims=True)
+        flips = np.where(np.sum(self.quaternions[1:] * self.quaternions[:-1], axis=1) < 0, -1.0, 1.0)
+        signs = np.concatenate([np.ones(1), np.cumprod(flips)])
+        object.__setattr__(self, "quaternions", self.quaternions / length * signs[:, None])
+        turns = self.turns
+        if not np.all(turns <= _WIDEST):
+            row = int(np.argmax(turns))
+            begin, end = self.times[row : row + 2]
+            raise ValueError(
+                f"{self.name}: rows {row} and {row + 1}, of {begin:g} and {end:g} s, are "
+                f"{np.rad2deg(turns[row]):.1f} deg apart, and readers may take either way round: must be "
+                f"at most {np.rad2deg(_WIDEST):g} deg"
+            )
+
+    @property
+    def duration(self) -> float:
+        """From the first row to the last, s."""
+        return float(self.times[-1] - self.times[0])
+
+    @property
+    def attitudes(self) -> np.ndarray:
+        """(k, 3, 3) body to inertial."""
+        return np.asarray(quaternion.to_matrix(self.quaternions))
+
+    @property
+    def turns(self) -> np.ndarray:
+        """(k - 1,) rad from row to row, the shorter way."""
+        chord = np.linalg.norm(np.diff(self.quaternions, axis=0), axis=1)
+        return np.asarray(4 * np.arcsin(np.clip(chord / 2, 0, 1)))
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers the table takes with all that it has, times among them."""
+        columns = (self.quaternions, self.angular_velocity, self.joints, self.joint_rates)
+        return len(self.times) * (1 + sum(c.shape[1] for c in columns if c is not None))
+
+    def state(self, row: int, joints: Sequence[float] | None = None) -> GivenState:
+        """A row as the start or the goal of a scenario.
+
+        Args:
+            row: its number, -1 for the last.
+            joints: (J,) rad, of a table that has none; zeros unless told.
+
+        Raises:
+            ValueError: if there is no such row, or the table has joints of its own.
+        """
+        if not -len(self.times) <= row < len(self.times):
+            raise ValueError(f"row = {row}: must lie in [{-len(self.times)}, {len(self.times) - 1}]")
+        if self.joints is not None and joints is not None:
+            raise ValueError(f"joints: {self.name} has joints of its own")
+        q = self.quaternions[row]
+        own = np.zeros(0) if joints is None else np.asarray(joints, np.float64)
+        return GivenState(
+            rotation_vector=np.asarray(quaternion.log(-q if q[0] < 0 else q)),
+            joints=own if self.joints is None else self.joints[row],
+        )
+
+
+def _faults(table: AttitudeTable) -> Iterator[str]:
+    """Yield a sentence for each way in which a table is none."""
+    if table.interpolation not in INTERPOLATIONS:
+        yield f"interpolation = {table.interpolation!r}: must be one of {', '.join(INTERPOLATIONS)}"
+    rows, joints = len(np.atleast_1d(table.times)), len(table.joint_names)
+    if table.times.ndim != 1 or rows < 2:
+        yield f"times has the shape {table.times.shape}: must be (k,) with two rows or more"
+        return
+    shapes = {"quaternions": 4, "angular_velocity": 3, "joints": joints, "joint_rates": joints}
+    given = {name: getattr(table, name) for name in shapes if getattr(table, name) is not None}
+    for name, array in given.items():
+        if array.shape != (rows, shapes[name]):
+            yield f"{name} has the shape {array.shape}: must be {(rows, shapes[name])}"
+        else:
+            finite = np.isfinite(array).all(axis=1)
+            if not np.all(finite):
+                row = int(np.argmin(finite))
+                yield f"{name} is not finite in row {row}, at {table.times[row]:g} s"
+    if table.joint_rates is not None and table.joints is None:
+        yield "joint_rates: there are no joints that they are of"
+    if not np.all(np.isfinite(table.times)):
+        yield f"times: not finite in row {int(np.argmin(np.isfinite(table.times)))}"
+    elif not np.all(np.diff(table.times) > 0):
+        row = int(np.argmin(np.diff(table.times) > 0))
+        later, before = table.times[row + 1], table.times[row]
+        yield f"times: must rise, and row {row + 1} is at {later:g} s after {before:g} s"
+    if table.quaternions.shape == (rows, 4):
+        length = np.linalg.norm(table.quaternions, axis=1)
+        if not np.all(np.abs(length - 1) <= _UNIT):
+            row = int(np.argmax(np.where(np.isfinite(length), np.abs(length - 1), np.inf)))
+            at = f"row {row}, at {table.times[row]:g} s"
+            yield f"quaternions: {at}, has the length {length[row]:.6g}: must be 1"
