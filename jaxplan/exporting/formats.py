@@ -106,7 +106,7 @@ def export(
 
     A table is held against zones, ranges and rates as readers of its format fly it, too, between its rows
     (`jaxplan.certify_table`, with joints linear there), and refused where it breaks them by more than
-    1e-3 deg or a thousandth of a limit.
+    1e-3 deg or half a percent of a limit.
 
         >>> jp.export(plan, "slew.aem", format="aem", epoch="2026-01-01T00:00:00")
         >>> jp.export(day, "day.ck", format="ck", names=jp.ExportNames(naif_id=-2000, frame_name="EO1_BUS"))

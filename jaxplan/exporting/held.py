@@ -24,7 +24,7 @@ SPARSEST_DEG = 0.05
 """deg: by which such a table may be off the motion, unless told."""
 SHORTFALL_DEG = 1e-3
 """deg: by which a table may fall short of a margin of zero."""
-_OVER = 1e-3  # of a limit, by which its peaks may exceed it
+_OVER = 5e-3  # of a limit, by which its peaks may exceed it
 _HALVINGS = 12  # of the tolerance of a sparse table that does not hold
 _TOGETHER = 2_000  # rows that are held against the scene at once
 _MOST_ROWS = 200_000  # that are proved; tables of more have rows too close together for a reader to matter

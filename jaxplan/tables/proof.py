@@ -30,7 +30,7 @@ from jaxplan.tables.table import HERMITE, INTERPOLATIONS, RATE, AttitudeTable
 
 TOLERANCE = np.deg2rad(1e-4)
 """rad: by which the pieces that are proved may be off a reader's motion; it is taken off margins."""
-_RATE_SHARE = 1e-3  # of the least limit of a rate, by which their angular velocity may be off
+_RATE_SHARE = 1e-4  # of the least limit of a rate, by which their angular velocity may be off
 _CLOCK = 1e-3  # s, by which a table may begin before the scene, as times are rounded
 _TOGETHER = 500  # intervals of a table that are proved at once
 _RATES, _ACCELERATIONS = 1, 2  # the power of time that limits of them fall by
