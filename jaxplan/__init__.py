@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from jaxplan.timeline import TimelineError, TimelinePlan, load_timeline_plan, plan_timeline
     from jaxplan.trajectory import Trajectory, measures
     from jaxplan.tuning import SearchTuning, Tuning, tune, tune_search
+    from jaxplan.viewing import View, view
     from jaxplan.warming import warm_up
 
 _HOMES = {
@@ -98,6 +99,7 @@ _HOMES = {
     "Trajectory": "jaxplan.trajectory",
     "TrajectorySettings": "jaxplan.model.scenario",
     "Tuning": "jaxplan.tuning",
+    "View": "jaxplan.viewing",
     "Wheel": "jaxplan.model.wheels",
     "Wish": "jaxplan.model.goals",
     "certify": "jaxplan.planner",
@@ -135,6 +137,7 @@ _HOMES = {
     "slew_times": "jaxplan.scheduling",
     "tune": "jaxplan.tuning",
     "tune_search": "jaxplan.tuning",
+    "view": "jaxplan.viewing",
     "walker": "jaxplan.constellation",
     "warm_up": "jaxplan.warming",
 }
@@ -179,6 +182,7 @@ __all__ = [
     "Trajectory",
     "TrajectorySettings",
     "Tuning",
+    "View",
     "Wheel",
     "Wish",
     "certify",
@@ -219,6 +223,7 @@ __all__ = [
     "slew_times",
     "tune",
     "tune_search",
+    "view",
     "walker",
     "warm_up",
 ]

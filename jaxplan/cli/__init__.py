@@ -248,7 +248,19 @@ def _add_plan_commands(commands: Any) -> None:
         help="write a plan for other tools",
         description=("Certify a plan file anew and write its motion as another tool reads it."),
     )
-    for each in (check, report, export):
+    view = commands.add_parser(
+        "view",
+        help="write a page on which a plan turns in space",
+        description=(
+            "Write one HTML file, which needs no network, with the sphere, zones, spacecraft and beams in "
+            "space, a clock to play, and margins, rates and joints beneath. Needs the extra view."
+        ),
+    )
+    view.add_argument(
+        "-o", "--out", metavar="FILE", help="where to; by default beside the plan, as .view.html"
+    )
+    view.add_argument("--force", action="store_true", help="replace a file that is there")
+    for each in (check, report, view, export):
         each.add_argument("plan", metavar="PLAN", help=_ANY_PLAN)
     plot.add_argument("plan", metavar="FILE", help=f"{_ANY_PLAN}; or {_SCENARIO}")
     check.add_argument("--json", action="store_true", help="print the certificate for machines")

@@ -264,6 +264,22 @@ def report(options: argparse.Namespace) -> int:
     return _code_of(plan)
 
 
+def view(options: argparse.Namespace) -> int:
+    """Write the page on which a plan file turns in space."""
+    from jaxplan.viewing import view as make_view
+
+    plan = _load_any_plan(options.plan)
+    path = Path(options.plan).with_suffix(".view.html") if options.out is None else Path(options.out)
+    if plan.trajectory is None:
+        from jaxplan.exporting import ending
+
+        return complain(f"{options.plan}: {ending(plan)}", _code_of(plan))
+    shown = make_view(plan)
+    try_folder_of(path)
+    say(f"wrote {shown.save(path, overwrite=options.force)}: open it in a browser, ? lists its keys")
+    return _code_of(plan)
+
+
 def export(options: argparse.Namespace) -> int:
     """Write the motion of a plan file as another tool reads it."""
     from jaxplan import exporting

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxplan.exporting.flight import Flight
 from jaxplan.exporting.sampled import Sampling
 from jaxplan.geometry import quaternion, rotations
 from jaxplan.trajectory import Trajectory
@@ -102,18 +103,25 @@ def write_pieces(sampling: Sampling, path: Path) -> None:
         sampling: of the motion, whose instants are not looked at.
         path: the file.
     """
-    path.write_text(json.dumps(_described(sampling), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def _described(sampling: Sampling) -> dict[str, Any]:
-    """What the file holds."""
     flight = sampling.flight
+    held = described(flight, sampling.names.object_name or flight.name, sampling.start)
+    path.write_text(json.dumps(held, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def described(flight: Flight, name: str, start: np.datetime64 | None = None) -> dict[str, Any]:
+    """What a file holds of a flight, for JSON.
+
+    Args:
+        flight: the motion.
+        name: that it is given.
+        start: UTC of time zero, None where it is not known.
+    """
     own = pieces_of(flight.trajectory)
     return {
         "schema": SCHEMA,
         "schema_version": VERSION,
-        "name": sampling.names.object_name or flight.name,
-        "epoch_utc": None if sampling.start is None else str(sampling.start),
+        "name": name,
+        "epoch_utc": None if start is None else str(start),
         "duration_s": float(flight.trajectory.duration),
         "charts": [
             {"quaternion": q.tolist(), "start_s": float(start), "rate_rad_s": rate.tolist()}

@@ -1,0 +1,285 @@
+"""What the page of a viewer is given: the motion's polynomials, the spacecraft, zones, trails and curves.
+
+Conventions. All is plain numbers and texts for JSON. Matrices are lists of rows; directions are unit vectors,
+inertial or in body axes; angles are in radians but for the curves, which are in degrees, and in percent of
+limits. A device's own axes have its boresight as z and its left as y (`jaxplan.exporting.sampled`), at which
+the page arrives by turning with the joints of the polynomials.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxplan.exporting.flight import Flight, Segment
+from jaxplan.exporting.pieces import described
+from jaxplan.exporting.sampled import instrument_frames
+from jaxplan.geometry.vectors import pointing
+from jaxplan.model.directions import DirectionPath
+from jaxplan.model.goals import GivenState, Targets
+from jaxplan.model.outlines import FORWARD, UP, field_corners
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import KeepIn, KeepOut, masks
+from jaxplan.planner import Plan
+from jaxplan.plotting.feet import feet
+from jaxplan.plotting.margin_panels import margins_over_time
+from jaxplan.plotting.style import AXIS_STYLES, COLOURS, KEEP_IN, KEEP_OUT, Motion, motion
+from jaxplan.timeline.record import TimelinePlan
+
+_DIGITS = 6  # of directions and curves that are drawn
+_FINE = 10  # of the coefficients of the motion, rad
+_TRACK = 400  # points of the way of a zone's axis
+_MASK_POINTS = 12  # on each edge of a mask
+
+
+def content(plan: Plan | TimelinePlan) -> dict[str, Any]:
+    """Everything that the page shows of a plan with a trajectory."""
+    scene, trajectory = plan.scenario, plan.trajectory
+    assert trajectory is not None
+    craft, moves = scene.spacecraft, motion(plan)
+    parts = plan.segments if isinstance(plan, TimelinePlan) else ()
+    flight = Flight(
+        name=scene.name,
+        spacecraft=craft,
+        trajectory=trajectory,
+        start=scene.epoch,
+        segments=tuple(Segment(name=p.name, kind=p.kind, start=p.start, end=p.end) for p in parts),
+    )
+    start = moves.boresights[0] if len(craft.device_names) else np.zeros((0, 3))
+    epoch = scene.epoch
+    return {
+        "name": scene.name,
+        "status": _status(plan, trajectory.duration),
+        "epoch_ms": None if epoch is None else int(epoch.astype("datetime64[ms]").astype(int)),
+        "motion": _motion(flight),
+        "devices": list(_devices(craft)),
+        "zones": [_zone(zone, craft) for zone in _cones(scene)],
+        "tracks": list(_tracks(scene, trajectory.duration)),
+        "targets": list(_targets(scene, plan, trajectory.duration)),
+        "trails": [_plain(moves.boresights[:, number]) for number in range(len(craft.device_names))],
+        "trail_times_s": _plain(moves.times),
+        "times_s": _plain(moves.times),
+        "charts": [
+            chart for chart in (_margins(scene, moves), _rates(craft, moves), _joints(craft, moves)) if chart
+        ],
+        "eye": _plain(_eye(start)),
+    }
+
+
+def _cones(scene: Scenario) -> tuple[KeepOut | KeepIn, ...]:
+    """The zones of a scene that are cones."""
+    return (*scene.keep_out, *scene.keep_in)
+
+
+def _plain(values: Any) -> Any:
+    """Numbers as lists, rounded for drawing."""
+    return np.round(np.asarray(values, float), _DIGITS).tolist()
+
+
+def _motion(flight: Flight) -> dict[str, Any]:
+    """The motion's polynomials, rounded so that a day is not large: by less than 1e-9 rad in all."""
+    held = described(flight, flight.name)
+    for part in ("platform", "joints"):
+        powers = np.asarray(held[part]["powers_rad"], float)
+        held[part] = held[part] | {"powers_rad": np.round(powers, _FINE).tolist()}
+    return held
+
+
+def _status(plan: Plan | TimelinePlan, duration: float) -> str:
+    """A line on how the plan ended."""
+    proof = plan.certificate
+    told = [plan.status.name, f"{duration:.2f} s"]
+    if proof is not None and proof.certified and proof.min_margin is not None:
+        told.append(f"certified, smallest margin {np.rad2deg(proof.min_margin):.2f} deg")
+    elif proof is not None:
+        told.append("certified" if proof.certified else "not certified")
+    return ", ".join(told)
+
+
+def _devices(craft: Spacecraft) -> Iterator[dict[str, Any]]:
+    """Yield what the page draws of each device, in their order."""
+    places, gimbals = feet(craft), craft.gimbals
+    fixed = instrument_frames(craft.fixed_boresights)
+    every = masks(craft, tuple((0,) for terminal in craft.terminals for _ in terminal.mask))
+    for number, device in enumerate(craft.devices):
+        moving = number < gimbals.count
+        terminal = number < len(craft.terminals)
+        frame = gimbals.frames[number] if moving else fixed[number - gimbals.count]
+        kind = "terminal" if terminal else "drive" if moving else "instrument"
+        yield {
+            "name": device.name,
+            "kind": kind,
+            "colour": COLOURS[number % len(COLOURS)],
+            "foot": _plain(places[number]),
+            "frame": np.asarray(frame, float).tolist(),
+            "yaw": int(gimbals.yaws[number]) if moving else None,
+            "pitch": len(craft.terminals) + number if terminal else None,
+            "tilt": float(gimbals.tilts[number - len(craft.terminals)]) if kind == "drive" else 0.0,
+            "field": _field(device, None if moving else fixed[number - gimbals.count]),
+            "masks": [
+                {"name": mask.name, "points": _plain(_mask_edge(mask.corners) @ np.asarray(frame).T)}
+                for mask in every
+                if mask.device == device.name
+            ],
+        }
+
+
+def _field(device: Any, fixed: np.ndarray | None) -> Any:
+    """Corners (4, 3) of a device's field of view in its own axes (-up, left, boresight); None without one."""
+    angles = getattr(device, "field_of_view", None)
+    if angles is None:
+        return None
+    if fixed is None:  # boresight, left, up of the moving part
+        corners = field_corners(FORWARD, UP if device.up is None else device.up, angles)
+        return _plain(np.stack([-corners[:, 2], corners[:, 1], corners[:, 0]], axis=1))
+    return _plain(field_corners(device.boresight, device.up, angles) @ fixed)
+
+
+def _mask_edge(corners: np.ndarray) -> np.ndarray:
+    """Directions (k, 3) along the edges of a mask, in the axes that yaw and pitch turn in."""
+    ends = np.asarray(corners, float)
+    share = np.linspace(0, 1, _MASK_POINTS, endpoint=False)[:, None]
+    points = np.concatenate(
+        [begin + share * (end - begin) for begin, end in zip(ends, np.roll(ends, -1, axis=0), strict=True)]
+    )
+    return np.asarray(pointing(points[:, 0], points[:, 1]))
+
+
+def _zone(zone: KeepOut | KeepIn, craft: Spacecraft) -> dict[str, Any]:
+    """What the page draws of a zone."""
+    wide = f"{np.rad2deg(zone.half_angle):.3g} deg"
+    if zone.of_field:
+        wide = f"{wide} {'from' if zone.side > 0 else 'inside'} fields of view"
+    bound = "all devices" if zone.binds_all else ", ".join(zone.devices)
+    others = f"{len(zone.vectors)} more" if zone.vectors else ""
+    group = f"; one of the group {zone.any_of}" if zone.any_of else ""
+    told = (
+        f"keep {'out' if zone.side > 0 else 'in'}, {wide}, for {' and '.join(filter(None, [bound, others]))}"
+    )
+    found: dict[str, Any] = {
+        "name": zone.name,
+        "side": zone.side,
+        "half_angle": float(zone.half_angle) or 1e-3,
+        "colour": KEEP_OUT if zone.side > 0 else KEEP_IN,
+        "told": told + group,
+        "on": "inertial",
+    }
+    if zone.axis_body is not None:
+        return found | {"on": "body", "axis": _plain(zone.axis_body)}
+    if zone.axis_device is not None:
+        return found | {"on": "device", "device": craft.device_names.index(zone.axis_device)}
+    return found | {"path": _path(zone.path)}
+
+
+def _path(path: DirectionPath | None) -> dict[str, Any]:
+    """The samples of a direction, one of a direction that stands still."""
+    assert path is not None
+    if not path.moves:
+        return {
+            "times_s": [0.0],
+            "samples": [np.asarray(path.at(0.0), float).tolist()],
+            "slopes": [[0.0] * 3],
+        }
+    parts = {"times_s": path.times, "samples": path.samples, "slopes": path.slopes}
+    return {name: np.asarray(part, float).tolist() for name, part in parts.items()}
+
+
+def _tracks(scene: Scenario, duration: float) -> Iterator[dict[str, Any]]:
+    """Yield the ways of axes of zones that move."""
+    for zone in _cones(scene):
+        path = zone.path
+        if path is not None and path.moves:
+            times = np.linspace(0, min(duration, float(path.times[-1])), _TRACK)
+            yield {"points": _plain(path.at(times)), "colour": KEEP_OUT if zone.side > 0 else KEEP_IN}
+
+
+def _targets(scene: Scenario, plan: Plan | TimelinePlan, duration: float) -> Iterator[dict[str, Any]]:
+    """Yield the targets of a single manoeuvre, where they are when it ends."""
+    asked = scene.goal
+    if isinstance(plan, TimelinePlan) or isinstance(asked, GivenState) or not isinstance(asked, Targets):
+        return
+    names = scene.spacecraft.device_names
+    there = asked.at(duration).directions
+    for name, direction in zip(asked.names(scene.spacecraft), there, strict=True):
+        yield {
+            "name": name,
+            "direction": _plain(direction),
+            "colour": COLOURS[names.index(name) % len(COLOURS)],
+        }
+
+
+def _line(name: str, colour: str, values: np.ndarray, unit: str, places: int, **more: Any) -> dict[str, Any]:
+    """A curve of a chart."""
+    held = np.where(np.isfinite(values), values, 0.0)
+    return {"name": name, "colour": colour, "values": _plain(held), "unit": unit, "places": places} | more
+
+
+def _margins(scene: Scenario, moves: Motion) -> dict[str, Any] | None:
+    """The chart of the smallest margin of each device, deg; None where no zone binds one."""
+    of_devices: dict[int, list[np.ndarray]] = {}
+    for margin in margins_over_time(scene, moves):
+        of_devices.setdefault(margin.device, []).append(margin.values)
+    if not of_devices:
+        return None
+    names = scene.sight_names
+    lines = [
+        _line(names[device], COLOURS[device % len(COLOURS)], np.rad2deg(np.fmin.reduce(own)), "deg", 2)
+        for device, own in sorted(of_devices.items())
+    ]
+    return {"title": "smallest margin to zones, deg", "floor": 0.0, "limit": 0.0, "lines": lines}
+
+
+def _rates(craft: Spacecraft, moves: Motion) -> dict[str, Any]:
+    """The chart of rates in percent of their limits, with these in deg/s, by which the page tells rates."""
+    limits = np.broadcast_to(np.asarray(craft.rate_limit, float), (3,))
+    lines = [
+        _share(f"platform {axis}", str(style["color"]), values, limit)
+        for axis, style, values, limit in zip(
+            "xyz", AXIS_STYLES, np.asarray(moves.values.angular_velocity).T, limits, strict=True
+        )
+    ]
+    rates = np.asarray(moves.values.joint_rates).T
+    for name, colour, dashes, values, limit in zip(
+        craft.joint_names, *_joint_looks(craft), rates, craft.joint_rate_limits, strict=True
+    ):
+        lines.append(_share(name, colour, values, float(limit), dashes=dashes))
+    return {"title": "rates, percent of their limits", "floor": 0.0, "limit": 100.0, "lines": lines}
+
+
+def _share(name: str, colour: str, values: np.ndarray, limit: float, dashes: bool = False) -> dict[str, Any]:
+    """The curve of a rate (rad/s) in percent of its limit (rad/s)."""
+    scale = float(np.rad2deg(limit))
+    shown = colour if colour != "black" else "#7f8b99"  # seen on light and on dark
+    return _line(name, shown, 100 * np.abs(values) / limit, "deg/s", 2, scale=scale, dashes=dashes)
+
+
+def _joints(craft: Spacecraft, moves: Motion) -> dict[str, Any] | None:
+    """The chart of joint angles, deg; None without joints."""
+    if not craft.joint_count:
+        return None
+    angles = np.rad2deg(np.asarray(moves.values.joints).T)
+    lines = [
+        _line(name, colour, values, "deg", 1, dashes=dashes)
+        for name, colour, dashes, values in zip(craft.joint_names, *_joint_looks(craft), angles, strict=True)
+    ]
+    return {"title": "joints, deg", "floor": None, "limit": None, "lines": lines}
+
+
+def _joint_looks(craft: Spacecraft) -> tuple[Sequence[str], Sequence[bool]]:
+    """The colour of the device that each joint is of, and whether its curve is dashed, as pitches are."""
+    count = len(craft.terminals)
+    owners = [*range(count), *range(count), *range(count, count + len(craft.drives))]
+    dashes = [count <= joint < 2 * count for joint in range(craft.joint_count)]
+    return [COLOURS[owner % len(COLOURS)] for owner in owners], dashes
+
+
+def _eye(boresights: np.ndarray) -> np.ndarray:
+    """The direction from which the first view looks: where most beams are, from a little above."""
+    mean = np.sum(boresights, axis=0) if len(boresights) else np.zeros(3)
+    flat = np.array([mean[0], mean[1], 0.0])
+    length = np.linalg.norm(flat)
+    ahead = flat / length if length > 0.2 else np.array([0.6, -0.8, 0.0])
+    aside = np.array([-ahead[1], ahead[0], 0.0])
+    found = 0.8 * ahead + 0.45 * aside + np.array([0.0, 0.0, 0.5])
+    return np.asarray(found / np.linalg.norm(found))

@@ -1,0 +1,155 @@
+// Curves beneath the picture: margins, rates over their limits, joints; a cursor that follows the time.
+"use strict";
+
+const Charts = (() => {
+  const LEFT = 46, RIGHT = 8, TOP = 18, BOTTOM = 18;
+  let data, charts = [], ink = {};
+
+  function colours() {
+    const style = getComputedStyle(document.documentElement);
+    ["--ink", "--faint", "--rule", "--bad"].forEach((name) => { ink[name] = style.getPropertyValue(name).trim(); });
+  }
+
+  // A colour (#rrggbb) as it is drawn: lighter on dark ground.
+  function shade(colour) {
+    if (document.documentElement.dataset.theme !== "dark") return colour;
+    const parts = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
+    return `rgb(${parts.map((part) => Math.round(part + 0.35 * (255 - part))).join(",")})`;
+  }
+
+  function start(given, onSeek) {
+    data = given;
+    data.charts.forEach((chart) => {
+      const figure = document.createElement("figure");
+      const canvas = document.createElement("canvas");
+      const legend = document.createElement("figcaption");
+      figure.append(canvas, legend);
+      document.getElementById("charts").append(figure);
+      const own = { chart, canvas, legend, hidden: new Set(), still: document.createElement("canvas") };
+      chart.lines.forEach((one, number) => {
+        const entry = document.createElement("button");
+        entry.type = "button";
+        entry.title = `show or hide ${one.name}`;
+        entry.innerHTML = '<i></i><span class="name"></span><b></b>';
+        entry.querySelector("i").style.background = one.colour;
+        entry.querySelector("i").style.opacity = one.dashes ? 0.55 : 1;
+        entry.querySelector(".name").textContent = one.name;
+        entry.addEventListener("click", () => {
+          if (own.hidden.has(number)) own.hidden.delete(number); else own.hidden.add(number);
+          entry.classList.toggle("off", own.hidden.has(number));
+          paint(own);
+          cursor(own, own.time || 0);
+        });
+        legend.append(entry);
+      });
+      own.values = [...legend.querySelectorAll("b")];
+      const seek = (event) => {
+        const box = canvas.getBoundingClientRect();
+        onSeek(Math.min(Math.max((event.clientX - box.left - LEFT) / (box.width - LEFT - RIGHT), 0), 1) * data.motion.duration_s);
+      };
+      canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); seek(event); });
+      canvas.addEventListener("pointermove", (event) => { if (event.buttons) seek(event); });
+      charts.push(own);
+    });
+    window.addEventListener("resize", repaint);
+  }
+
+  function span(own) {
+    let low = Infinity, high = -Infinity;
+    own.chart.lines.forEach((one, number) => {
+      if (own.hidden.has(number)) return;
+      for (const value of one.values) { low = Math.min(low, value); high = Math.max(high, value); }
+    });
+    if (own.chart.floor !== null) low = Math.min(low, own.chart.floor);
+    if (own.chart.limit !== null) high = Math.max(high, Math.min(own.chart.limit * 1.08, own.chart.limit));
+    if (!(high > low)) { high = (Number.isFinite(high) ? high : 0) + 1; low = high - 2; }
+    const pad = 0.06 * (high - low);
+    return [low - pad, high + pad];
+  }
+
+  function ticks(low, high, most) {
+    const raw = (high - low) / most, power = 10 ** Math.floor(Math.log10(raw));
+    const step = [1, 2, 5, 10].map((times) => times * power).find((wide) => wide >= raw);
+    const found = [];
+    for (let v = Math.ceil(low / step) * step; v <= high + 1e-9 * step; v += step) found.push(v);
+    return { found, places: Math.max(0, -Math.floor(Math.log10(step) + 1e-9)) };
+  }
+
+  function paint(own) {
+    const { canvas, still, chart } = own, ratio = window.devicePixelRatio || 1;
+    const width = canvas.clientWidth, height = canvas.clientHeight;
+    [canvas, still].forEach((each) => { each.width = width * ratio; each.height = height * ratio; });
+    const pen = still.getContext("2d");
+    pen.scale(ratio, ratio);
+    pen.font = "11px system-ui, sans-serif";
+    const [low, high] = span(own), duration = Math.max(data.motion.duration_s, 1e-9);
+    const x = (time) => LEFT + (width - LEFT - RIGHT) * time / duration;
+    const y = (value) => TOP + (height - TOP - BOTTOM) * (high - value) / (high - low);
+    own.x = x;
+    pen.fillStyle = ink["--ink"];
+    pen.textBaseline = "middle";
+    pen.fillText(chart.title, LEFT, 8);
+    pen.strokeStyle = ink["--rule"];
+    pen.lineWidth = 1;
+    pen.fillStyle = ink["--faint"];
+    const up = ticks(low, high, Math.max(2, height / 34));
+    pen.textAlign = "right";
+    up.found.forEach((value) => {
+      pen.beginPath(); pen.moveTo(LEFT, y(value)); pen.lineTo(width - RIGHT, y(value)); pen.stroke();
+      pen.fillText(value.toFixed(up.places), LEFT - 5, y(value));
+    });
+    const scale = duration > 7200 ? [3600, "h"] : duration > 600 ? [60, "min"] : [1, "s"];
+    const along = ticks(0, duration / scale[0], Math.max(3, width / 90));
+    pen.textAlign = "center";
+    along.found.forEach((value, i) => {
+      const last = i === along.found.length - 1 ? ` ${scale[1]}` : "";
+      pen.fillText(value.toFixed(along.places) + last, Math.min(x(value * scale[0]), width - 22), height - 8);
+    });
+    pen.textAlign = "left";
+    if (chart.limit !== null && chart.limit >= low && chart.limit <= high) {
+      pen.strokeStyle = ink["--bad"];
+      pen.lineWidth = 1.5;
+      pen.beginPath(); pen.moveTo(LEFT, y(chart.limit)); pen.lineTo(width - RIGHT, y(chart.limit)); pen.stroke();
+    }
+    chart.lines.forEach((one, number) => {
+      if (own.hidden.has(number)) return;
+      pen.strokeStyle = shade(one.colour);
+      pen.lineWidth = 1.6;
+      pen.setLineDash(one.dashes ? [5, 3] : []);
+      pen.beginPath();
+      one.values.forEach((value, i) => {
+        if (i) pen.lineTo(x(data.times_s[i]), y(value)); else pen.moveTo(x(data.times_s[i]), y(value));
+      });
+      pen.stroke();
+    });
+    pen.setLineDash([]);
+  }
+
+  function at(times, values, time) {
+    const k = Motion.pieceAt(times, time);
+    const share = times[k + 1] > times[k] ? Math.min(Math.max((time - times[k]) / (times[k + 1] - times[k]), 0), 1) : 0;
+    return values[k] + share * (values[k + 1] - values[k]);
+  }
+
+  function cursor(own, time) {
+    own.time = time;
+    const pen = own.canvas.getContext("2d"), ratio = window.devicePixelRatio || 1;
+    pen.setTransform(1, 0, 0, 1, 0, 0);
+    pen.clearRect(0, 0, own.canvas.width, own.canvas.height);
+    pen.drawImage(own.still, 0, 0);
+    pen.scale(ratio, ratio);
+    pen.strokeStyle = ink["--ink"];
+    pen.lineWidth = 1;
+    pen.beginPath(); pen.moveTo(own.x(time), TOP); pen.lineTo(own.x(time), own.canvas.clientHeight - BOTTOM); pen.stroke();
+    own.chart.lines.forEach((one, number) => {
+      const value = at(data.times_s, one.values, time);
+      own.values[number].textContent = one.scale
+        ? `${(value * one.scale / 100).toFixed(one.places)} ${one.unit} (${value.toFixed(0)} %)`
+        : `${value.toFixed(one.places)} ${one.unit}`;
+    });
+  }
+
+  function repaint() { colours(); charts.forEach(paint); charts.forEach((own) => cursor(own, own.time || 0)); }
+
+  return { start, repaint, show: (time) => charts.forEach((own) => cursor(own, time)) };
+})();

@@ -1,0 +1,187 @@
+"""The viewer's page: what it is given, that it asks for nothing, and in a browser what it shows."""
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from browser import BROWSER, matrices, opened, read_back
+from builders import make_plan
+from exports import flown_plan
+from oblique import oblique_craft
+from reference import assert_each
+
+import jaxplan as jp
+from jaxplan.cli import main
+from jaxplan.viewing.content import content
+
+pytest.importorskip("k3d", reason="the extra view is not installed")
+SHARES = np.linspace(0, 1, 10)
+
+
+def plans() -> dict[str, jp.Plan]:
+    """Plans with all kinds of devices, without zones, without joints, and without duration."""
+    return {
+        "four terminals": make_plan(4, 2, zones=6),
+        "no zones": make_plan(2, 1, zones=0),
+        "no joints": make_plan(0, 2),
+        "no duration": make_plan(2, 1, duration=0.0),
+        "oblique": make_plan(craft=oblique_craft(2, 2, 1), zones=3),
+        "flown": flown_plan(),
+    }
+
+
+NAMES = ("four terminals", "no zones", "no joints", "no duration", "oblique", "flown")
+
+
+@pytest.fixture(scope="module")
+def every() -> dict[str, jp.Plan]:
+    return plans()
+
+
+class Links(HTMLParser):
+    """Collects what a page would load."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found += [f"{tag} {name}={value}" for name, value in attrs if name in ("src", "href")]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_page_is_whole_and_small_and_loads_nothing(every, name, tmp_path):
+    file = jp.view(every[name]).save(tmp_path / "view.html")
+    page = file.read_text(encoding="utf-8")
+    assert len(page.encode()) < 6e6
+    links = Links()
+    links.feed(page)
+    assert links.found == []
+    assert "@DATA@" not in page
+    data = json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1])
+    assert data["name"] == every[name].scenario.name
+    assert len(data["devices"]) == len(every[name].scenario.spacecraft.device_names)
+
+
+def test_names_cannot_leave_their_place_in_the_page(every, tmp_path):
+    plan = every["flown"]
+    naughty = "</script><script>alert(1)</script> @DATA@ <!--"
+    page = jp.view(replace(plan, scenario=replace(plan.scenario, name=naughty))).html
+    assert "<script>alert(1)" not in page
+    assert json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1])["name"] == naughty
+
+
+def test_curves_are_those_of_the_plan(every):
+    plan = every["four terminals"]
+    data = content(plan)
+    times = np.array(data["times_s"])
+    values = plan.trajectory.sample(times)
+    craft = plan.scenario.spacecraft
+    charts = {chart["title"]: chart for chart in data["charts"]}
+    joints = np.array([line["values"] for line in charts["joints, deg"]["lines"]]).T
+    np.testing.assert_allclose(joints, np.rad2deg(values.joints), atol=1e-5)
+    rates = np.array([line["values"] for line in charts["rates, percent of their limits"]["lines"]]).T
+    expected = np.abs(
+        np.hstack([values.angular_velocity / craft.rate_limit, values.joint_rates / craft.joint_rate_limits])
+    )
+    np.testing.assert_allclose(rates, 100 * expected, atol=1e-5)
+    beams = np.asarray(craft.boresights(values.attitude, values.joints))
+    zones = plan.scenario.keep_out
+    for number, line in enumerate(charts["smallest margin to zones, deg"]["lines"]):
+        angles = [
+            np.arccos(np.clip(beams[:, number] @ zone.direction, -1, 1)) - zone.half_angle for zone in zones
+        ]
+        np.testing.assert_allclose(line["values"], np.rad2deg(np.min(angles, axis=0)), atol=1e-4)
+    np.testing.assert_allclose(np.array(data["trails"]).transpose(1, 0, 2), beams, atol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
+@pytest.mark.parametrize("name", NAMES)
+def test_in_a_browser_matrices_are_those_of_the_motion_and_nothing_goes_wrong(every, name, tmp_path):
+    plan = every[name]
+    times = SHARES * plan.trajectory.duration
+    told = opened(
+        jp.view(plan).html, tmp_path, f"() => {json.dumps(times.tolist())}.map((t) => Viewer.at(t))"
+    )
+    assert told["wrong"] == told["console"] == []
+    for shown, expected in zip(read_back(told["found"]), matrices(plan, times), strict=True):
+        assert_each(np.abs(shown - expected), "<", 1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
+def test_keys_move_time_and_change_looks(every, tmp_path):
+    script = """() => {
+        const press = (key, more) => window.dispatchEvent(Object.defineProperty(
+            new KeyboardEvent("keydown", { key, cancelable: true, ...more }),
+            "target", { value: document.body }));
+        const slider = document.getElementById("slider");
+        const seen = [];
+        const note = (what) => seen.push([what, document.getElementById("time").textContent]);
+        press("End"); Viewer.at(Number(slider.max)); note("end");
+        press("Home"); Viewer.at(0); note("home");
+        press("t"); seen.push(document.documentElement.dataset.theme);
+        press("t"); seen.push(document.documentElement.dataset.theme);
+        press("b"); seen.push(document.getElementById("frame").textContent);
+        press("?"); seen.push(document.getElementById("help").hidden);
+        press("+"); seen.push(document.getElementById("speed").textContent);
+        press(" "); seen.push(document.getElementById("play").textContent);
+        return seen;
+    }"""
+    told = opened(jp.view(every["flown"]).html, tmp_path, script)
+    end, home, *rest = told["found"]
+    assert end == ["end", "30.00 s of 30.00 s"]
+    assert home == ["home", "0.00 s of 30.00 s"]
+    assert sorted(rest[:2]) == ["dark", "light"]
+    assert rest[2:] == ["Body axes", False, "2\u00d7", "Pause"]
+    assert told["console"] == told["wrong"] == []
+
+
+def test_a_notebook_shows_the_page_in_a_frame_of_its_own(every):
+    shown = jp.view(every["flown"], height=500)._repr_html_()
+    assert shown.startswith("<iframe srcdoc=")
+    assert "height: 500px" in shown
+    assert "<script" not in shown
+
+
+@pytest.mark.parametrize(
+    ("call", "kind", "told"),
+    [
+        (lambda plan: jp.view("plan.json"), TypeError, "jp.load_plan"),
+        (lambda plan: jp.view(plan, height=3), ValueError, r"height = 3: must lie in \[200, 10000\]"),
+        (lambda plan: jp.view(replace(plan, trajectory=None)), ValueError, "has no trajectory to show"),
+        (lambda plan: jp.view(plan).save(""), ValueError, "path"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused(every, call, kind, told):
+    with pytest.raises(kind, match=told):
+        call(every["flown"])
+
+
+def test_without_the_extra_it_is_named(every, monkeypatch):
+    monkeypatch.setattr("jaxplan.viewing.page.find_spec", lambda name: None)
+    with pytest.raises(ValueError, match=r"pip install 'jaxplan\[view\]'"):
+        jp.view(every["flown"])
+
+
+def test_files_are_not_replaced_unless_told(every, tmp_path):
+    shown = jp.view(every["no joints"])
+    file = shown.save(tmp_path / "new" / "view.html")
+    with pytest.raises(FileExistsError):
+        shown.save(file)
+    assert shown.save(file, overwrite=True) == file
+
+
+def test_the_command_line_writes_the_page_beside_the_plan(tmp_path, capsys):
+    plan = jp.plan(jp.paper_case(4))
+    plan.save(tmp_path / "plan.json")
+    assert main(["view", str(tmp_path / "plan.json")]) == 0
+    assert "plan.view.html: open it in a browser" in capsys.readouterr().err
+    assert (tmp_path / "plan.view.html").stat().st_size > 2e6
+    assert main(["view", str(tmp_path / "plan.json")]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main(["view", str(tmp_path / "plan.json"), "--force"]) == 0
