@@ -22,7 +22,7 @@ finely that a turn about one axis is close: on a part of ``h`` seconds with ``|o
 ``a h / 2 (1 + h w / 6)``, since by Magnus' expansion the mean of ``omega`` does from ``c`` by at most
 ``w a h^2 / 12``; and the angle between two attitudes changes by at most the difference of their angular
 velocities, so that it is at most half of ``h`` times that.
-Of `LINEAR` ``a = 16 c^3 / h^2``. Of `RODRIGUES`, whose parameters ``s`` are linear,
+Of `LINEAR` ``a = 16 c^3 / h^2``. Of `RODRIGUES`, whose parameters ``s`` are linear::
 
     omega' = 8 |s'|^2 s / (1 + s^2)^2 - 16 (s . s') N / (1 + s^2)^3,   |N| = (1 + s^2) |s'|,
 
