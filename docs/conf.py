@@ -24,7 +24,7 @@ release = version = __version__
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml"]
 html_math_renderer = "mathml"
-exclude_patterns = ["examples", "generated/front.md", "generated/statuses.md"]
+exclude_patterns = ["examples", "generated/statuses.md"]
 templates_path: list[str] = []
 default_role = "py:obj"  # what stands between single backticks in docstrings
 

@@ -1,12 +1,10 @@
 """Pages that follow from the code, so that they cannot rot: text in Markdown, each by a function of its own.
 
-``front`` and ``guide`` are the README's, ``scenario_file`` and ``timeline_file`` come from the layouts by
-which files are read, ``command_line`` from the parser, ``statuses`` from the outcomes of planning. Nothing
-here needs Sphinx.
+``scenario_file`` and ``timeline_file`` come from the layouts by which files are read, ``command_line`` from
+the parser, ``statuses`` from the outcomes of planning. Nothing here needs Sphinx.
 """
 
 import argparse
-import re
 import shutil
 import textwrap
 from collections.abc import Iterator
@@ -44,37 +42,6 @@ def write(folder: Path) -> None:
         (folder / f"{name}.md").write_text(make(), encoding="utf-8")
     for notebook in sorted(NOTEBOOKS.glob("*.ipynb")):
         shutil.copy(notebook, folder / "notebooks")
-
-
-def front() -> str:
-    """The beginning of the README, until it turns to other tools, for the page above this folder."""
-    return _readme("", "generated/").partition("\n## Into your other tools")[0] + "\n"
-
-
-def guide() -> str:
-    """The README from there to what else there is to read."""
-    text = _readme("../", "")
-    begin, end = text.index("## Into your other tools"), text.index("## Read on")
-    return f"# Guide\n\n{text[begin:end].rstrip()}\n"
-
-
-def _readme(docs: str, generated: str) -> str:
-    """The README with its links as the manual has them; of a file that is not a page the name is left.
-
-    Args:
-        docs: way to the manual's folder.
-        generated: way to the folder that is written.
-    """
-
-    def link(found: re.Match[str]) -> str:
-        mark, text, target = found.groups()
-        if "://" in target or target.startswith("#"):
-            return found[0]
-        if target.startswith("docs/"):
-            return f"{mark}[{text}]({docs}{target.removeprefix('docs/')})"
-        return f"{mark}[{text}]({generated}{target})" if target.startswith("notebooks/") else text
-
-    return re.sub(r"(!?)\[([^]]*)\]\(([^)\s]+)\)", link, (ROOT / "README.md").read_text(encoding="utf-8"))
 
 
 def scenario_file() -> str:
@@ -187,10 +154,8 @@ def statuses() -> str:
     return "\n".join(lines) + "\n"
 
 
-# Of these, `front` and `statuses` are parts of other pages.
+# Of these, `statuses` is a part of another page.
 PAGES = {
-    "front": front,
-    "guide": guide,
     "scenario_file": scenario_file,
     "timeline_file": timeline_file,
     "command_line": command_line,

@@ -12,6 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import unquote, urldefrag
 
+import numpy as np
 import pytest
 
 from jaxplan.cli import main
@@ -206,11 +207,21 @@ def test_the_statuses_are_all_told(pages):
         assert bool(status.advice) == (status is not Status.OK)
 
 
-def test_the_readme_is_the_source_of_the_front_and_the_guide(pages):
+def test_every_page_is_in_the_table_of_contents():
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    listed = {name for tree in blocks(DOCS / "index.md", "{toctree}") for name in tree.split()}
+    assert {page.stem for page in DOCS.glob("*.md")} - {"index"} <= listed
+    assert '"## Read on"' in index
+    assert "\n## Read on\n" in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_readme_is_read_in_five_minutes_and_its_links_lead_somewhere():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    headings = re.findall(r"^## .*", readme, re.MULTILINE)
-    shown = re.findall(r"^## .*", pages.front() + pages.guide(), re.MULTILINE)
-    assert shown == [heading for heading in headings if heading != "## Read on"]
+    assert len(readme.splitlines()) <= 200
+    places = [place.partition("#")[0] for place in re.findall(r"\]\(([^)\s]+)\)", readme)]
+    assert [place for place in places if not (ROOT / place).exists()] == []
+    pages = {place.removeprefix("docs/") for place in places if re.fullmatch(r"docs/\w+\.md", place)}
+    assert {page.name for page in DOCS.glob("*.md")} - {"index.md", "api.md"} <= pages
 
 
 def test_the_names_beside_the_symbols_exist(rows):
@@ -286,23 +297,74 @@ def blocks(file: Path, language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", file.read_text(encoding="utf-8"), re.DOTALL)
 
 
+def commands(block: str) -> list[list[str]]:
+    """The arguments of each line of a block of commands that calls jaxplan."""
+    lines = (line.partition("#")[0].split() for line in block.splitlines())
+    return [words[1:] for words in lines if words[:1] == ["jaxplan"]]
+
+
 @pytest.mark.slow
-def test_the_first_example_of_the_readme_prints_what_it_says(tmp_path, monkeypatch, capsys):
+def test_the_first_commands_of_the_readme_run_one_after_the_other(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    install, first = blocks(ROOT / "README.md", "sh")
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = re.findall(r"^make (\w+)", install, re.MULTILINE)
+    assert targets == ["plan", "test"]
+    assert all(f"\n{target}: " in makefile for target in [*targets, "setup"])
+    asked = commands(first)
+    assert [words[0] for words in asked] == ["new", "validate", "plan", "check", "report", "export"]
+    for words in asked:
+        assert main(words) == 0, words
+    assert (tmp_path / "slew.aem").read_text(encoding="utf-8").startswith("CCSDS_AEM_VERS")
+    capsys.readouterr()
+
+
+@pytest.mark.slow
+def test_the_examples_of_the_readme_run_and_print_what_it_says(tmp_path, monkeypatch, capsys):
     import jaxplan as jp
 
     readme = ROOT / "README.md"
-    (tmp_path / "observer.toml").write_text(blocks(readme, "toml")[0], encoding="utf-8")
+    (file,) = blocks(readme, "toml")
+    (tmp_path / "observer.toml").write_text(file, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    from_file, in_python = blocks(readme, "python")[:2]
+    first, from_file = blocks(readme, "python")
     names: dict[str, object] = {}
+    exec(first, names)
+    assert jp.load_plan("plan.json").ok
+    capsys.readouterr()
     exec(from_file, names)
-    printed, said = capsys.readouterr().out, blocks(readme, "text")[0]
+    printed, (said,) = capsys.readouterr().out, blocks(readme, "text")
     number = r"-?\d+(?:\.\d+)?"
     assert re.sub(number, "#", printed.strip()) == re.sub(number, "#", said.strip())
     for own, told in zip(*(map(float, re.findall(number, text)) for text in (printed, said)), strict=True):
         assert own == pytest.approx(told, rel=0.02)
+    in_python, *_ = blocks(DOCS / "plans.md", "python")
     exec(in_python, names)
     assert names["scenario"] == jp.load_scenario("observer.toml")
+
+
+@pytest.mark.slow
+def test_what_the_page_on_plans_does_with_a_plan_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    _, work = blocks(DOCS / "plans.md", "python")
+    few = work.replace("range(20)", "range(2)")
+    assert few != work
+    names: dict[str, object] = {}
+    exec(f"import numpy as np\nimport jaxplan as jp\n{few}", names)
+    assert names["plan"].ok
+    assert {"slew.gif", "plan.json", "slew.html"} <= {file.name for file in tmp_path.iterdir()}
+    assert "certified" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_the_scenarios_of_the_page_on_zones_are_planned(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    groups, fields_of_view = blocks(DOCS / "zones.md", "python")
+    exec(groups, names)
+    assert "certified" in capsys.readouterr().out
+    exec(fields_of_view, names)
+    assert names["plan"].ok
 
 
 @pytest.mark.slow
@@ -352,6 +414,36 @@ def test_the_timeline_of_its_page_is_planned(tmp_path, monkeypatch, capsys):
     exec("\n".join(blocks(DOCS / "timelines.md", "python")), names)
     assert names["day"].ok
     assert names["again"].certified
+
+
+@pytest.mark.slow
+def test_the_slew_times_of_their_page_are_certified(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (code,) = blocks(DOCS / "slew_times.md", "python")
+    here = code.replace("workers=2, ", "")
+    assert here != code
+    names: dict[str, object] = {}
+    exec(here, names)
+    there_and_back = ~np.eye(2, dtype=bool)
+    assert names["slews"].certified[there_and_back].all()
+    assert names["plan"].ok
+    assert "vela" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_the_slopes_of_the_page_on_derivatives_are_those_of_its_plan(capsys):
+    (code,) = blocks(DOCS / "derivatives.md", "python")
+    slopes, tuned, _ = code.partition("result = jp.tune(")
+    assert tuned
+    names: dict[str, object] = {}
+    exec(slopes, names)
+    # A given effort falls with the duration to the power of three.
+    slope = names["slopes"].trajectory.duration
+    trajectory = names["trajectory"](names["plan"].scenario)
+    effort = float(names["effort"](names["plan"].scenario))
+    assert slope == pytest.approx(-3 * effort / trajectory.duration, rel=0.5)
+    assert slope < 0
+    capsys.readouterr()
 
 
 class Links(HTMLParser):

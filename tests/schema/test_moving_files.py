@@ -266,9 +266,9 @@ def test_two_line_elements_make_targets_too():
     assert np.linalg.norm(read.goal.directions[1].at(asked["times"]) - true, axis=1).max() < 2e-9
 
 
-def test_the_readmes_file_is_read():
-    readme = (Path(__file__).parents[2] / "README.md").read_text()
-    chapter = readme[readme.index("## Moving targets and zones") : readme.index("## Ground targets, lines")]
+def test_the_pages_file_is_read():
+    page = (Path(__file__).parents[2] / "docs" / "sky.md").read_text()
+    chapter = page[page.index("## Moving targets and zones") : page.index("## Ground targets, lines")]
     (toml,) = re.findall(r"```toml\n(.*?)```", chapter, re.DOTALL)
     text = LOW_ORBIT.read_text()
     read = sc.parse_scenario(f"{text[: text.index('[goal]')]}{toml}\n[trajectory]\nduration_s = 80\n")

@@ -1,4 +1,4 @@
-"""Zones about bodies in scenario files, and the README's word on the sky."""
+"""Zones about bodies in scenario files, and the manual's page on the sky."""
 
 import re
 import tomllib
@@ -17,7 +17,7 @@ from jaxplan.tuning.parameters import find_number
 
 pytest.importorskip("erfa", reason="pyerfa is not installed")
 
-README = (Path(__file__).parents[2] / "README.md").read_text()
+PAGE = (Path(__file__).parents[2] / "docs" / "sky.md").read_text()
 ORBIT = (
     "altitude_km = 500.0, inclination_deg = 97.4, ascending_node_deg = 20, argument_of_latitude_deg = 57.0"
 )
@@ -264,8 +264,8 @@ def test_what_was_resolved_is_no_number_to_tune():
             find_number(scenario, name)
 
 
-def test_the_readmes_examples_run(capsys):
-    chapter = README[README.index("## The real sky") : README.index("## Moving targets and zones")]
+def test_the_pages_examples_run(capsys):
+    chapter = PAGE[PAGE.index("## The real sky") : PAGE.index("## Moving targets and zones")]
     (code,) = re.findall(r"```python\n(.*?)```", chapter, re.DOTALL)
     exec(code, {"np": np, "jp": jp})
     printed = capsys.readouterr().out.split()
