@@ -3,6 +3,7 @@
 import importlib
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -334,10 +335,7 @@ def test_the_examples_of_the_readme_run_and_print_what_it_says(tmp_path, monkeyp
     capsys.readouterr()
     exec(from_file, names)
     printed, (said,) = capsys.readouterr().out, blocks(readme, "text")
-    number = r"-?\d+(?:\.\d+)?"
-    assert re.sub(number, "#", printed.strip()) == re.sub(number, "#", said.strip())
-    for own, told in zip(*(map(float, re.findall(number, text)) for text in (printed, said)), strict=True):
-        assert own == pytest.approx(told, rel=0.02)
+    alike(printed, said)
     in_python, *_ = blocks(DOCS / "plans.md", "python")
     exec(in_python, names)
     assert names["scenario"] == jp.load_scenario("observer.toml")
@@ -414,6 +412,47 @@ def test_the_timeline_of_its_page_is_planned(tmp_path, monkeypatch, capsys):
     exec("\n".join(blocks(DOCS / "timelines.md", "python")), names)
     assert names["day"].ok
     assert names["again"].certified
+
+
+def alike(printed: str, said: str, rel: float = 0.02) -> None:
+    """Assert that two texts differ in numbers alone, and these by 2 % or, where they are rounding, by 1e-5."""
+    number = r"-?\d+(?:\.\d+)?(?:e-?\d+)?"
+    assert re.sub(rf" *{number}", "#", printed.strip()) == re.sub(rf" *{number}", "#", said.strip())
+    for own, told in zip(*(map(float, re.findall(number, text)) for text in (printed, said)), strict=True):
+        assert own == pytest.approx(told, rel=rel, abs=1e-5)
+
+
+@pytest.mark.slow
+def test_the_tutorial_can_be_followed_to_its_end(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("erfa")
+    page = DOCS / "tutorial.md"
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "kite.toml").write_text("\n".join(blocks(page, "toml")), encoding="utf-8")
+    (tmp_path / "demo.c").write_text(*blocks(page, "c"), encoding="utf-8")
+    names: dict[str, object] = {}
+    printed, by_code, compared = "", "", 0
+    found = re.findall(r"```(sh|python|text)\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    for language, block in found:
+        if language == "text":
+            alike(printed, block)
+            compared += 1
+        elif language == "python":
+            exec(block, names)
+            printed = capsys.readouterr().out
+        elif block.startswith("jaxplan"):
+            for words in commands(block):
+                assert main(words) == 0, words
+            printed = capsys.readouterr().out
+        elif shutil.which("cc") is not None:
+            built = subprocess.run(["sh", "-e", "-c", block], capture_output=True, text=True)
+            assert (built.returncode, built.stderr) == (0, "")
+            by_code = built.stdout
+    assert compared == 5
+    assert (tmp_path / "out" / "spacecraft.png").exists()
+    half = names["half"]
+    if by_code:
+        own = [*half.attitude[:, 2], half.joints[0]]
+        np.testing.assert_allclose([float(word) for word in by_code.split()], own, atol=1e-11)
 
 
 @pytest.mark.slow
