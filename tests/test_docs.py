@@ -313,7 +313,7 @@ def test_the_first_commands_of_the_readme_run_one_after_the_other(tmp_path, monk
     assert targets == ["plan", "test"]
     assert all(f"\n{target}: " in makefile for target in [*targets, "setup"])
     asked = commands(first)
-    assert [words[0] for words in asked] == ["new", "validate", "plan", "check", "report", "export"]
+    assert [words[0] for words in asked] == ["new", "validate", "plan", "check", "report", "view", "export"]
     for words in asked:
         assert main(words) == 0, words
     assert (tmp_path / "slew.aem").read_text(encoding="utf-8").startswith("CCSDS_AEM_VERS")
