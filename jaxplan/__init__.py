@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from jaxplan.tables import AttitudeTable, TableCertificate, certify_table, load_attitude
     from jaxplan.timeline import TimelineError, TimelinePlan, load_timeline_plan, plan_timeline
     from jaxplan.trajectory import Trajectory, measures
-    from jaxplan.tuning import SearchTuning, Tuning, tune, tune_search
+    from jaxplan.tuning import SearchTuning, Sensitivities, Tuning, sensitivities, tune, tune_search
     from jaxplan.viewing import View, view
     from jaxplan.warming import warm_up
 
@@ -85,6 +85,7 @@ _HOMES = {
     "SearchSettings": "jaxplan.model.scenario",
     "SearchTuning": "jaxplan.tuning",
     "Segment": "jaxplan.model.timeline",
+    "Sensitivities": "jaxplan.tuning",
     "SlewTimes": "jaxplan.scheduling",
     "Spacecraft": "jaxplan.model.spacecraft",
     "Status": "jaxplan.model.status",
@@ -134,6 +135,7 @@ _HOMES = {
     "run_study": "jaxplan.study",
     "save_scenario": "jaxplan.schema",
     "save_timeline": "jaxplan.schema",
+    "sensitivities": "jaxplan.tuning",
     "slew_times": "jaxplan.scheduling",
     "tune": "jaxplan.tuning",
     "tune_search": "jaxplan.tuning",
@@ -168,6 +170,7 @@ __all__ = [
     "SearchSettings",
     "SearchTuning",
     "Segment",
+    "Sensitivities",
     "SlewTimes",
     "Spacecraft",
     "Status",
@@ -219,6 +222,7 @@ __all__ = [
     "run_study",
     "save_scenario",
     "save_timeline",
+    "sensitivities",
     "sky",
     "slew_times",
     "tune",

@@ -415,7 +415,7 @@ def test_the_timeline_of_its_page_is_planned(tmp_path, monkeypatch, capsys):
 
 
 def alike(printed: str, said: str, rel: float = 0.02) -> None:
-    """Assert that two texts differ in numbers alone, and these by 2 % or, where they are rounding, by 1e-5."""
+    """Assert that two texts differ in numbers alone, by 2 % or, where they are rounding, by 1e-5."""
     number = r"-?\d+(?:\.\d+)?(?:e-?\d+)?"
     assert re.sub(rf" *{number}", "#", printed.strip()) == re.sub(rf" *{number}", "#", said.strip())
     for own, told in zip(*(map(float, re.findall(number, text)) for text in (printed, said)), strict=True):
@@ -471,11 +471,14 @@ def test_the_slew_times_of_their_page_are_certified(tmp_path, monkeypatch, capsy
 
 @pytest.mark.slow
 def test_the_slopes_of_the_page_on_derivatives_are_those_of_its_plan(capsys):
-    (code,) = blocks(DOCS / "derivatives.md", "python")
+    code, of_keys = blocks(DOCS / "derivatives.md", "python")
     slopes, tuned, _ = code.partition("result = jp.tune(")
     assert tuned
     names: dict[str, object] = {}
     exec(slopes, names)
+    capsys.readouterr()
+    exec(of_keys, names)
+    assert capsys.readouterr().out.startswith("smallest margin ")
     # A given effort falls with the duration to the power of three.
     slope = names["slopes"].trajectory.duration
     trajectory = names["trajectory"](names["plan"].scenario)

@@ -6,7 +6,7 @@ values, so it may stand between a parameter that is differentiated and the scena
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import EllipsisType
 from typing import Any
@@ -23,6 +23,7 @@ from jaxplan.schema.directions import Axis, TargetList
 from jaxplan.schema.faults import nearest
 from jaxplan.schema.kinds import ANY, Integer, Interval, Number
 from jaxplan.schema.layout import SCENARIO
+from jaxplan.schema.reading import scenario_to_dict
 from jaxplan.schema.states import STATE, TARGETS, Goal, Start
 from jaxplan.schema.tables import Field, Rows, Table
 
@@ -97,6 +98,32 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
     steps, kind = _number(entry, row, value, name, len(scenario.spacecraft.terminals))
     interval = None if kind.interval is ANY else kind.interval
     return NumberPlace(name, (*path, *steps), np.pi / 180 if kind.degrees else 1.0, interval)
+
+
+def numbers_of(scenario: Scenario) -> tuple[NumberPlace, ...]:
+    """All numbers of a scenario that may change by themselves, in the order of a file that holds it."""
+    found = []
+    for name in _names(scenario_to_dict(scenario), ""):
+        try:
+            found.append(find_number(scenario, name))
+        except KeyError:  # a whole number, or one of a vector or matrix, whose numbers depend on each other
+            continue
+    return tuple(found)
+
+
+def _names(held: Any, before: str) -> Iterator[str]:
+    """Yield the dotted names of whatever may be a number in what a file holds, below a name."""
+    if isinstance(held, Mapping):
+        for key, value in held.items():
+            yield from _names(value, f"{before}.{key}" if before else key)
+    elif isinstance(held, list):
+        same = bool(held) and all(isinstance(value, int | float) for value in held) and len(set(held)) == 1
+        if same:  # one number for all axes, perhaps
+            yield before
+        for row, value in enumerate(held):
+            yield from _names(value, f"{before}[{row}]")
+    elif isinstance(held, int | float) and not isinstance(held, bool):
+        yield before
 
 
 def _how_many(key: str, row: int | None, count: int, what: str) -> str:

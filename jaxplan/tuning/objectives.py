@@ -79,6 +79,11 @@ def objective_label(given: str | Mapping[str, float] | Objective) -> str:
     return " + ".join(f"{weight:g} {_spelled(name)}" for name, weight in weights.items())
 
 
+def unit_of_objective(name: str) -> str:
+    """The unit of an objective, by its name."""
+    return _KNOWN[name][1]
+
+
 def _spelled(name: str) -> str:
     """The name of an objective in words, with a minus where its negative is lowered."""
     sign = "\N{MINUS SIGN}" if name == "smallest_margin" else ""

@@ -40,7 +40,7 @@ from jaxplan.study.run import run_task
 from jaxplan.study.table4 import PAPER_KINDS, Row, printed_rows
 from jaxplan.trajectory import FitQuery
 from jaxplan.trajectory import derivative as global_spline
-from jaxplan.tuning import SearchTuning, Tuning
+from jaxplan.tuning import SearchTuning, Sensitivities, Sensitivity, Tuning
 from jaxplan.tuning.descent import State
 
 LINE, PAGE = 240, 6000
@@ -269,6 +269,14 @@ def results(plan, failed, scenario):
             semi_major_axis=7e3, eccentricity=0.01, inclination=0.9, node=0.2, perigee=0.1, anomaly=1.0
         ),
         Hidden(target="lisbon", by="its horizon", start=0.0, end=80.0),
+        Sensitivity(name="a", value=1.0, unit="deg", slope=0.5),
+        Sensitivities(
+            measure="effort",
+            value=1.0,
+            unit="s",
+            rows=(Sensitivity(name="a", value=1.0, unit="deg", slope=0.5),),
+            without_effect=("b",),
+        ),
         Tuning(
             scenarios=(plan.scenario,),
             plans=(plan,),

@@ -1,0 +1,171 @@
+"""How much each number of a scenario's file matters to a plan: slopes by the file's keys, in its units.
+
+They are derivatives of the plan with its choices held (`jaxplan.gradients`), so they hold for small changes:
+the same goal among those that step 1 has, the same corners of the path, the same limits and zones that bind.
+Numbers that depend on each other, as those of a unit vector do, are left out.
+"""
+
+from dataclasses import dataclass
+from types import EllipsisType
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxplan.derivatives import own_arrays
+from jaxplan.gradients import differentiable
+from jaxplan.model.keys import unit_of
+from jaxplan.planner import Plan
+from jaxplan.runtime.display import as_table, shown
+from jaxplan.schema.numbers import NumberPlace, numbers_of
+from jaxplan.tuning.objectives import Objective, make_objective, unit_of_objective
+
+_SHARE = 0.01  # of a number, by which it is changed in the last column
+_ROUNDING = 1e-12  # of the largest slope, below which one is zero but for rounding
+_MARGIN = "smallest_margin"  # which counts negative as an objective, and here as it is
+
+
+@shown("name", "value", "unit", "slope", "effect")
+@dataclass(frozen=True, kw_only=True)
+class Sensitivity:
+    """What a number of a scenario's file does to a plan.
+
+    Attributes:
+        name: dotted, in the file's keys, such as ``keep_out[0].half_angle_deg``.
+        value: in the file's unit.
+        unit: of the number, empty where it has none.
+        slope: derivative of the measure by the number, in the measure's unit over the number's.
+    """
+
+    name: str
+    value: float
+    unit: str
+    slope: float
+
+    @property
+    def effect(self) -> float:
+        """By how much the measure changes where the number grows by a hundredth, to first order."""
+        return self.slope * abs(self.value) * _SHARE
+
+
+@shown("measure", "value", "unit")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sensitivities:
+    """Slopes of a measure of a plan by all numbers of its scenario's file.
+
+    Attributes:
+        measure: its name.
+        value: of the plan at the optimum whose slopes these are.
+        unit: of the value.
+        rows: of all numbers that matter, those first whose change by a hundredth does most; then those that
+            are zero, by their slopes.
+        without_effect: names of the others, whose slopes are zero.
+    """
+
+    measure: str
+    value: float
+    unit: str
+    rows: tuple[Sensitivity, ...]
+    without_effect: tuple[str, ...]
+
+    def __getitem__(self, name: str) -> float:
+        """The slope by a number, by its dotted name; raises a KeyError for one that there is not."""
+        for row in self.rows:
+            if row.name == name:
+                return row.slope
+        if name in self.without_effect:
+            return 0.0
+        raise KeyError(f"{name}: no number of this scenario that may change by itself")
+
+    @property
+    def table(self) -> np.ndarray:
+        """The rows as a structured array: name, value, unit, slope and effect; ``pd.DataFrame`` takes it."""
+        kinds = [("name", "U120"), ("value", float), ("unit", "U12"), ("slope", float), ("effect", float)]
+        return np.array([(r.name, r.value, r.unit, r.slope, r.effect) for r in self.rows], dtype=kinds)
+
+    def __str__(self) -> str:
+        head = ("number", "value", "", f"slope of {self.measure}", "1 % more")
+        rows = [
+            (row.name, f"{row.value:.6g}", row.unit, f"{row.slope:+.4g}", f"{row.effect:+.3g}")
+            for row in self.rows
+        ]
+        wide = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
+        lines = [f"{self.measure.replace('_', ' ')} {self.value:.6g} {self.unit}"]
+        for row in (head, *rows):
+            name, value, unit, slope, effect = row
+            number = f"{name:<{wide[0]}}  {value:>{wide[1]}} {unit:<{wide[2]}}"
+            lines.append(f"{number}  {slope:>{wide[3]}}  {effect:>{wide[4]}}")
+        if self.without_effect:
+            lines.append(f"and {len(self.without_effect)} numbers whose slope is zero")
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (row.name, f"{row.value:.6g} {row.unit}: slope {row.slope:+.4g}, 1 % more {row.effect:+.3g}")
+            for row in self.rows
+        ]
+        caption = f"{self.measure.replace('_', ' ')} {self.value:.6g} {self.unit}"
+        return as_table(caption, rows)
+
+
+def sensitivities(plan: Plan, measure: str = "effort") -> Sensitivities:
+    """Tell how a measure of a plan changes with each number of its scenario's file.
+
+    Args:
+        plan: an OK one that `differentiable` takes.
+        measure: one of `jaxplan.tuning.OBJECTIVES`, such as "effort", "duration" or "smallest_margin".
+
+    Returns:
+        The slopes in the units of files. Where a choice of the plan is about to change a slope is that of the
+        side that is held.
+
+    Raises:
+        TypeError: if it is no plan, or no name.
+        ValueError: if there is no such measure, the plan lacks what it measures, or as of `differentiable`.
+
+    Example:
+        >>> print(jp.sensitivities(plan, "smallest_margin"))
+    """
+    if not isinstance(measure, str):
+        raise TypeError(f"measure must be a name, not {type(measure).__name__}")
+    aim: Objective = make_objective(measure)
+    sign = -1.0 if measure == _MARGIN else 1.0
+    function = differentiable(plan)
+    with jax.enable_x64(True):
+        scenario = own_arrays(plan.scenario)
+        value, slopes = jax.value_and_grad(lambda own: aim(function(own), own), allow_int=True)(scenario)
+    found = [
+        Sensitivity(
+            name=place.name,
+            value=float(place.get(plan.scenario)),
+            unit=_unit(place),
+            slope=sign * _slope(slopes, place.path) * place.factor,
+        )
+        for place in numbers_of(plan.scenario)
+    ]
+    least = _ROUNDING * max((abs(one.slope) for one in found), default=0.0)
+    some = [one for one in found if abs(one.slope) > least]
+    return Sensitivities(
+        measure=measure,
+        value=sign * float(value),
+        unit=unit_of_objective(measure),
+        rows=tuple(sorted(some, key=lambda one: (-abs(one.effect), -abs(one.slope)))),
+        without_effect=tuple(one.name for one in found if one not in some),
+    )
+
+
+def _unit(place: NumberPlace) -> str:
+    """The unit that the last key of a number's name ends in."""
+    return unit_of(place.name.rpartition(".")[2].partition("[")[0])
+
+
+def _slope(slopes: Any, path: tuple[str | int | EllipsisType, ...]) -> float:
+    """The slope at a path as of `NumberPlace`; the sum of all where one number stands for an array."""
+    value = slopes
+    for step in path:
+        if step is ...:
+            return float(np.sum(np.asarray(value, float)))
+        value = getattr(value, step) if isinstance(step, str) else value[step]
+    if getattr(value, "dtype", None) == jax.dtypes.float0 or value is None:
+        return 0.0
+    return float(np.sum(np.asarray(value, float)))

@@ -1,0 +1,87 @@
+"""Slopes of measures by the keys of a file, beside differences of trajectories followed."""
+
+import jax
+import numpy as np
+import pytest
+from builders import make_plan
+
+import jaxplan as jp
+from jaxplan.schema.numbers import find_number, numbers_of, with_numbers
+from jaxplan.tuning import OBJECTIVES
+
+KEYS = {
+    "trajectory.duration_s": 1e-2,
+    "start.yaw_rad[0]": 1e-4,
+    "start.attitude[1]": 1e-4,
+    "spacecraft.terminal[2].mount_deg": 1e-2,
+    "goal.yaw_limit_deg": 1e-2,
+    "keep_out[0].half_angle_deg": 1e-2,
+}
+
+
+def test_all_numbers_of_a_file_that_may_change_by_themselves_are_found():
+    scenario = jp.paper_case(2)
+    found = {place.name: place for place in numbers_of(scenario)}
+    assert set(KEYS) <= set(found)
+    for name, place in found.items():
+        assert place == find_number(scenario, name)
+        changed = with_numbers(scenario, {place: place.get(scenario)})
+        assert place.get(changed) == pytest.approx(place.get(scenario), rel=1e-12)
+    assert not any("targets" in name or "seed" in name for name in found)
+
+
+@pytest.fixture(scope="module")
+def plan() -> jp.Plan:
+    return jp.plan(jp.paper_case(2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("measure", ["effort", "smallest_margin", "duration"])
+def test_slopes_are_those_of_differences(plan, measure):
+    found = jp.sensitivities(plan, measure)
+    function = jp.differentiable(plan)
+    sign = -1 if measure == "smallest_margin" else 1
+
+    def value(scenario: jp.Scenario) -> float:
+        with jax.enable_x64(True):
+            return sign * float(OBJECTIVES[measure](function(scenario), scenario))
+
+    assert found.value == pytest.approx(value(plan.scenario), rel=1e-9)
+    for name, step in KEYS.items():
+        place = find_number(plan.scenario, name)
+        here = place.get(plan.scenario)
+        above, below = (value(with_numbers(plan.scenario, {place: here + side * step})) for side in (1, -1))
+        slope = (above - below) / (2 * step)
+        assert found[name] == pytest.approx(slope, rel=1e-3, abs=1e-6 * abs(found.value)), name
+
+
+@pytest.mark.slow
+def test_the_table_is_told_in_units_of_files_with_what_matters_first(plan):
+    found = jp.sensitivities(plan, "smallest_margin")
+    first = found.rows[0]
+    assert (first.name, first.unit) == ("keep_out[0].half_angle_deg", "deg")
+    assert first.slope == pytest.approx(-1, abs=1e-6)  # a wider zone takes as much off the margin
+    assert first.effect == pytest.approx(-0.21, abs=1e-6)
+    effects = np.abs([row.effect for row in found.rows])
+    assert np.all(np.diff(effects) <= 0)
+    assert found["keep_out[1].half_angle_deg"] == 0
+    text = str(found).splitlines()
+    assert text[0].startswith("smallest margin 1.03")
+    assert len({line.rindex(line.split()[-1]) + len(line.split()[-1]) for line in text[1:-1]}) == 1  # aligned
+    assert text[-1].endswith("numbers whose slope is zero")
+    assert found.table["name"][0] == first.name
+    assert "<table" in found._repr_html_()
+    with pytest.raises(KeyError, match="no number of this scenario"):
+        found["goal.targets"]
+
+
+@pytest.mark.parametrize(
+    ("measure", "kind", "told"),
+    [
+        ("speed", ValueError, "unknown objective 'speed': must be one of"),
+        (3, TypeError, "measure must be a name, not int"),
+    ],
+)
+def test_what_is_no_measure_is_refused(measure, kind, told):
+    with pytest.raises(kind, match=told):
+        jp.sensitivities(make_plan(2, 1, zones=1), measure)
