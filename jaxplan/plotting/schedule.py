@@ -80,12 +80,12 @@ class Following:
 
 def followings(plan: TimelinePlan) -> list[Following]:
     """All that devices follow on a day, in order; those of planned activities alone."""
-    asked = {activity.name: activity for activity in plan.timeline.activities}
+    asked = {activity.name: activity.targets for activity in plan.timeline.activities}
     begins = {segment.name: segment.start for segment in plan.segments if segment.kind != "slew"}
     craft = plan.timeline.scene.spacecraft
     found = []
     for planned in plan.activities:
-        targets = asked[planned.name].targets
+        targets = asked.get(planned.name)  # the rest after the last activity is not asked for
         if planned.start is None or planned.end is None or targets is None:
             continue
         begin = min(planned.start, begins.get(planned.name, planned.start))

@@ -123,8 +123,9 @@ def timeline_size(plan: TimelinePlan) -> tuple[float, float]:
 
 def _title(axes: Axes, plan: TimelinePlan) -> None:
     """Write above the rows what the timeline is called, and how it ended."""
-    done = sum(one.ok for one in plan.activities)
-    words = f"{plan.timeline.name}: {done} of {len(plan.timeline.activities)} activities planned"
+    asked = {activity.name for activity in plan.timeline.activities}  # the rest after the last one was not
+    done = sum(one.ok and one.name in asked for one in plan.activities)
+    words = f"{plan.timeline.name}: {done} of {len(asked)} activities planned"
     outcome = "" if plan.ok else f", {plan.status.name}"
     plain(axes.set_title(words + outcome, fontsize=TEXT + 1, loc="left"))
 

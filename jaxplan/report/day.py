@@ -62,8 +62,9 @@ def _header(plan: TimelinePlan) -> Markup:
 
 def _tiles(plan: TimelinePlan) -> list[Markup]:
     """Activities planned, duration, slews, pointing error, smallest margin and highest peak, as known."""
-    done = sum(one.ok for one in plan.activities)
-    found = [("activities planned", f"{done} of {len(plan.timeline.activities)}", "")]
+    asked = {activity.name for activity in plan.timeline.activities}  # the rest after the last one was not
+    done = sum(one.ok and one.name in asked for one in plan.activities)
+    found = [("activities planned", f"{done} of {len(asked)}", "")]
     slews = [one.end - one.start for one in plan.segments if one.kind == "slew"]
     if plan.trajectory is not None:
         found.append(("duration", duration_text(plan.trajectory.duration), "h:min:s"))

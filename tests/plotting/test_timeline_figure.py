@@ -55,6 +55,14 @@ def test_rows_are_the_activities_and_the_devices_that_follow_something(grid):
     assert grid[0].get_title(loc="left") == "day: 2 of 3 activities planned, GOAL_UNREACHABLE"
 
 
+def test_the_rest_after_the_last_activity_is_drawn_though_nobody_asked_for_it(plan):
+    last = next(one for one in reversed(plan.activities) if one.end is not None)
+    rest = replace(last, name="rest until the end")
+    rested = replace(plan, activities=(*plan.activities, rest))
+    assert len(schedule.followings(rested)) == len(schedule.followings(plan)) > 0
+    assert jp.plot.timeline(rested)[0].get_title(loc="left").startswith("day: 2 of 3 activities planned")
+
+
 def test_bars_stand_where_targets_are_followed_and_are_pale_before_the_window(grid):
     spans = _spans(grid[0])
     colour = device_style(1)["color"].lower()  # of the telescope, which is the second device
