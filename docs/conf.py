@@ -24,7 +24,7 @@ release = version = __version__
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "mathml"]
 html_math_renderer = "mathml"
-exclude_patterns = ["examples", "generated/statuses.md"]
+exclude_patterns = ["examples", "generated/statuses.md", "generated/gallery"]
 templates_path: list[str] = []
 default_role = "py:obj"  # what stands between single backticks in docstrings
 
@@ -32,6 +32,7 @@ smartquotes = False  # keys and values are there to be copied
 
 html_theme = "furo"
 html_static_path = ["static"]
+html_extra_path = ["generated/extra"]  # views of the gallery's plans
 html_css_files = ["manual.css"]
 html_title = "jaxplan"
 html_show_sourcelink = False

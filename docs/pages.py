@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import exhibits
+
 from jaxplan.cli import DESCRIPTION, EXIT_CODES, FIRST_STEPS, _parser
 from jaxplan.model.status import Status
 from jaxplan.schema.directions import TargetList
@@ -35,11 +37,12 @@ CODE_WIDTH = 100  # characters of a line that is made here
 
 
 def write(folder: Path) -> None:
-    """Make all pages, and copies of the notebooks beside them."""
+    """Make all pages, what the gallery's include, and copies of the notebooks beside them."""
     shutil.rmtree(folder, ignore_errors=True)
     (folder / "notebooks").mkdir(parents=True)
     for name, make in PAGES.items():
         (folder / f"{name}.md").write_text(make(), encoding="utf-8")
+    exhibits.write(folder)
     for notebook in sorted(NOTEBOOKS.glob("*.ipynb")):
         shutil.copy(notebook, folder / "notebooks")
 

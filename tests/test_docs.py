@@ -415,7 +415,7 @@ def test_the_timeline_of_its_page_is_planned(tmp_path, monkeypatch, capsys):
 
 
 def alike(printed: str, said: str, rel: float = 0.02) -> None:
-    """Assert that two texts differ in numbers alone, by 2 % or, where they are rounding, by 1e-5."""
+    """Assert that two texts differ in numbers alone, and these by 2 % or, where they round, by 1e-5."""
     number = r"-?\d+(?:\.\d+)?(?:e-?\d+)?"
     assert re.sub(rf" *{number}", "#", printed.strip()) == re.sub(rf" *{number}", "#", said.strip())
     for own, told in zip(*(map(float, re.findall(number, text)) for text in (printed, said)), strict=True):
