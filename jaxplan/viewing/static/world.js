@@ -296,7 +296,6 @@ const World = (() => {
     const box = document.getElementById("stage");
     renderer.setSize(box.clientWidth, box.clientHeight);
     camera.aspect = box.clientWidth / Math.max(box.clientHeight, 1);
-    home();
     camera.updateProjectionMatrix();
   }
 
@@ -351,7 +350,8 @@ const World = (() => {
     addZones();
     addTrails();
     resize();
-    window.addEventListener("resize", resize);
+    home();
+    new ResizeObserver(resize).observe(document.getElementById("stage"));  // it shrinks when curves come
   }
 
   return {
