@@ -1,6 +1,8 @@
-"""The manual: its pages from the code are whole and true, its example runs, and it builds without a fault."""
+"""The manual: its pages from the code are whole and true, its examples run, and it builds without a fault."""
 
+import ast
 import importlib
+import inspect
 import re
 import runpy
 import shutil
@@ -16,7 +18,7 @@ from urllib.parse import unquote, urldefrag
 import numpy as np
 import pytest
 
-from jaxplan.cli import main
+from jaxplan.cli import _parser, main
 from jaxplan.model.status import Status
 from jaxplan.schema.directions import TargetList
 from jaxplan.schema.faults import WRONG, Place, Reading
@@ -27,6 +29,7 @@ from jaxplan.search import PLANNERS, remove_planner
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
+PAGES = (ROOT / "README.md", *sorted(DOCS.glob("*.md")), *sorted(DOCS.glob("gallery/*.md")))
 EVERY_KEY = Path(__file__).parent / "scenarios" / "every_key.toml"
 UNITS = {
     "deg": "deg",
@@ -298,14 +301,65 @@ def blocks(file: Path, language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", file.read_text(encoding="utf-8"), re.DOTALL)
 
 
+def resolved(package: object, name: str) -> object:
+    """What a name with dots stands for, the package being its first word; None where there is nothing."""
+    for part in name.split(".")[1:]:
+        package = getattr(package, part, None)
+    return package
+
+
 def commands(block: str) -> list[list[str]]:
     """The arguments of each line of a block of commands that calls jaxplan."""
     lines = (line.partition("#")[0].split() for line in block.splitlines())
     return [words[1:] for words in lines if words[:1] == ["jaxplan"]]
 
 
+def test_every_command_on_the_pages_is_one_that_the_command_line_takes():
+    parser, taken = _parser(), 0
+    for page in PAGES:
+        for block in blocks(page, "sh"):
+            for words in commands(block):
+                parser.parse_args(words)  # exits where it is not
+                taken += 1
+    assert taken > 35
+
+
+def test_every_extra_on_the_pages_exists_and_the_readme_installs_what_the_tutorial_needs():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = set(project["optional-dependencies"])
+    told = [re.findall(r"'(?:jaxplan|\.)\[([\w,]+)\]'", page.read_text(encoding="utf-8")) for page in PAGES]
+    asked = {extra for found in told for names in found for extra in names.split(",")}
+    assert {"orbit", "oem", "view", "spice"} <= asked <= extras
+    needed, _ = flat("tutorial.md").split("the extras ")[1].split(", as the README installs them")
+    assert set(re.findall(r"`(\w+)`", needed)) == set(told[0][0].split(","))
+
+
+def test_every_name_and_keyword_of_the_package_on_the_pages_exists():
+    import jaxplan as jp
+
+    named = called = 0
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for name in re.findall(r"`(jp(?:\.\w+)+)", re.sub(r"```.*?```", "", text, flags=re.DOTALL)):
+            assert resolved(jp, name) is not None, (page.name, name)
+            named += 1
+        for node in (node for block in blocks(page, "python") for node in ast.walk(ast.parse(block))):
+            if isinstance(node, ast.Attribute) and re.fullmatch(r"jp(\.\w+)+", ast.unparse(node)):
+                assert resolved(jp, ast.unparse(node)) is not None, (page.name, ast.unparse(node))
+                named += 1
+            if isinstance(node, ast.Call) and re.fullmatch(r"jp(\.\w+)+", ast.unparse(node.func)):
+                takes = inspect.signature(resolved(jp, ast.unparse(node.func))).parameters
+                asked = {keyword.arg for keyword in node.keywords} - {None}
+                free = any(one.kind is inspect.Parameter.VAR_KEYWORD for one in takes.values())
+                assert free or asked <= set(takes), (page.name, ast.unparse(node))
+                called += 1
+    assert named > 150
+    assert called > 60
+
+
 @pytest.mark.slow
 def test_the_first_commands_of_the_readme_run_one_after_the_other(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("k3d")
     monkeypatch.chdir(tmp_path)
     install, first = blocks(ROOT / "README.md", "sh")
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
@@ -322,6 +376,7 @@ def test_the_first_commands_of_the_readme_run_one_after_the_other(tmp_path, monk
 
 @pytest.mark.slow
 def test_the_examples_of_the_readme_run_and_print_what_it_says(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("k3d")
     import jaxplan as jp
 
     readme = ROOT / "README.md"
@@ -414,6 +469,11 @@ def test_the_timeline_of_its_page_is_planned(tmp_path, monkeypatch, capsys):
     assert names["again"].certified
 
 
+def flat(name: str) -> str:
+    """The text of a page of the manual in one line."""
+    return " ".join((DOCS / name).read_text(encoding="utf-8").split())
+
+
 def alike(printed: str, said: str, rel: float = 0.02) -> None:
     """Assert that two texts differ in numbers alone, and these by 2 % or, where they round, by 1e-5."""
     number = r"-?\d+(?:\.\d+)?(?:e-?\d+)?"
@@ -425,6 +485,7 @@ def alike(printed: str, said: str, rel: float = 0.02) -> None:
 @pytest.mark.slow
 def test_the_tutorial_can_be_followed_to_its_end(tmp_path, monkeypatch, capsys):
     pytest.importorskip("erfa")
+    pytest.importorskip("k3d")
     page = DOCS / "tutorial.md"
     monkeypatch.chdir(tmp_path)
     (tmp_path / "kite.toml").write_text("\n".join(blocks(page, "toml")), encoding="utf-8")
@@ -448,11 +509,65 @@ def test_the_tutorial_can_be_followed_to_its_end(tmp_path, monkeypatch, capsys):
             assert (built.returncode, built.stderr) == (0, "")
             by_code = built.stdout
     assert compared == 5
-    assert (tmp_path / "out" / "spacecraft.png").exists()
+    made = ("spacecraft.png", "margins.png", "overview.png", "plan.view.html")
+    assert all((tmp_path / "out" / name).exists() for name in made)
     half = names["half"]
     if by_code:
         own = [*half.attitude[:, 2], half.joints[0]]
         np.testing.assert_allclose([float(word) for word in by_code.split()], own, atol=1e-11)
+
+
+@pytest.mark.slow
+def test_the_table_of_its_page_is_proved_and_has_a_few_rows_that_do(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    checked, few = blocks(DOCS / "tables.md", "sh")
+    for words in commands(checked):
+        capsys.readouterr()
+        assert main(words) == 0, words
+    alike(capsys.readouterr().out, *blocks(DOCS / "tables.md", "text"))
+    (words,) = commands(few)
+    assert main(words) == 0
+    rows, numbers = map(int, re.search(r"(\d+) rows, (\d+) numbers", capsys.readouterr().err).groups())
+    said = re.search(r"take (\d+) to (\d+) rows instead of 801, (\d+) to (\d+) numbers", flat("tables.md"))
+    least, most, fewest, greatest = map(int, said.groups())
+    assert least <= rows <= most
+    assert fewest <= numbers <= greatest
+
+
+@pytest.mark.slow
+def test_the_studies_of_their_page_are_made_and_compared(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (code,) = blocks(DOCS / "studies.md", "python")
+    few = code.replace("range(200)", "range(2)").replace("workers=2, ", "")
+    if find_spec("pandas") is None or find_spec("pyarrow") is None:
+        few = few.replace('studies["mha"].to_parquet', "#")
+    names: dict[str, object] = {}
+    exec(few, names)
+    assert [len(study.table) for study in names["studies"].values()] == [2, 2]
+    assert "McNemar" in capsys.readouterr().out
+    *_, report = commands(*blocks(DOCS / "studies.md", "sh"))
+    assert main(report) == 0
+    assert list((tmp_path / "figures").glob("*.png"))
+
+
+@pytest.mark.slow
+def test_the_shell_of_its_page_is_planned_for_a_switch_and_over_time(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("erfa")
+    monkeypatch.chdir(tmp_path)
+    switch, fleet, _ = blocks(DOCS / "constellations.md", "python")
+    few = switch.replace("workers=2)", "satellites=[17, 1000])")
+    short = fleet.replace("duration_s=5739.0", "duration_s=300.0")
+    short = short.replace("range(0, 1584, 132), workers=2", "[0, 132]")
+    assert few != switch
+    assert "[0, 132]" in short
+    assert "300.0" in short
+    names: dict[str, object] = {}
+    exec(few, names)
+    assert names["plan"].ok
+    assert names["result"].certified.all()
+    exec(short, names)
+    assert names["day"].ok
+    assert "satellite" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -5,6 +5,8 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -223,22 +225,18 @@ def test_a_call_takes_no_more_operations_than_the_header_says(written, tmp_path)
         assert counted[:2] == most[:2] or counted[3] > 4, name  # beyond a radian sines stand for the series
 
 
-def test_pieces_are_the_motion_for_a_reader_of_a_few_lines(motions, written):
+def test_pieces_are_the_motion_for_the_reader_of_the_manual(motions, written):
+    page = (Path(__file__).parents[2] / "docs" / "flight.md").read_text(encoding="utf-8")
+    (reader,) = re.findall(r"```python\n([^`]*def attitude.*?)```", page, re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(reader, names)
     for name, motion in motions.items():
         held = json.loads(written[name][1].read_text())
         times, known = instants(motion)[::7], motion.trajectory.sample(instants(motion)[::7])
-        breaks = np.array(held["platform"]["breaks_s"])
         if name == "at rest":
             continue
         for place, t in enumerate(times):
-            k = min(np.searchsorted(breaks, t, side="right"), len(breaks) - 1) - 1
-            x = 2 * (t - breaks[k]) / (breaks[k + 1] - breaks[k]) - 1
-            chart = held["charts"][held["platform"]["chart"][k]]
-            b = np.polynomial.polynomial.polyval(x, np.array(held["platform"]["powers_rad"][k]))
-            turned = (t - chart["start_s"]) * np.array(chart["rate_rad_s"])
-            half = Rotation.from_rotvec(turned / 2)
-            base = Rotation.from_quat(chart["quaternion"], scalar_first=True)
-            own = base * half * Rotation.from_rotvec(b - turned) * half
+            own = names["attitude"](held, t)
             np.testing.assert_allclose(own.as_matrix(), known.attitude[place], atol=1e-13, err_msg=name)
         scene = motion.scenario if isinstance(motion, jp.Plan) else motion.scene
         assert held["joints"]["names"] == list(scene.spacecraft.joint_names)
