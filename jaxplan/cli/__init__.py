@@ -357,11 +357,17 @@ def _add_study(commands: Any) -> None:
     """Add the command ``study`` to the parser."""
     study = commands.add_parser(
         "study",
-        help="plan many random scenes, and say how it went",
+        help="plan many scenes, random ones or files of one's own, and say how it went",
         description=(
-            "Plan many random scenes, or report on studies made before. "
+            "Plan many random scenes, or the scenario files of a folder, or report on studies made before. "
             "Where a study with --out was interrupted, the same command goes on."
         ),
+    )
+    study.add_argument(
+        "scenes",
+        nargs="?",
+        metavar="FOLDER",
+        help="whose scenario files (.toml) are planned, not random scenes",
     )
     study.add_argument("--kind", metavar="K", help=f"kind of the random scenes: {_KINDS} (keep_out)")
     study.add_argument("-n", type=_count, metavar="N", help="number of scenes (100)")

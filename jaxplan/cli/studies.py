@@ -6,39 +6,95 @@ Each is a function that takes the parsed arguments and returns the exit code.
 import argparse
 import shlex
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from jaxplan.cases import RANDOM_KINDS
-from jaxplan.cli.common import DONE, complain, print_result, save, set_up_jax, writable_folder
+from jaxplan.cli.common import DONE, complain, print_result, save, say, set_up_jax, writable_folder
+from jaxplan.cli.plans import load_scene
+from jaxplan.model.scenario import Scenario
 from jaxplan.search import PLANNERS
-from jaxplan.study import compare_studies, load_study, run_study
+from jaxplan.study import Study, compare_studies, load_study, run_study
 from jaxplan.study import table4 as table
 from jaxplan.study.store import HEADER
 
 
 def study(options: argparse.Namespace) -> int:
-    """Plan many random scenes, or report on studies made before."""
+    """Plan many random scenes, or files of one's own, or report on studies made before."""
     if options.report is not None:
         return _report(options)
-    first, count = _first_seed(options), options.n or 100
     settings = dict(map(_setting, options.set or ()))
     set_up_jax()
     workers = None if options.workers in (None, 1) else options.workers
+    own = [] if options.scenes is None else _scenes_of(options)
+    first, count = _first_seed(options), options.n or 100
     study = run_study(
-        range(first, first + count),
-        options.kind or "keep_out",
+        [scene for _, scene in own] if own else range(first, first + count),
+        None if own else options.kind or "keep_out",
         planner=options.planner or "mha",
         settings=settings,
         workers=workers,
         out=options.out,
     )
     summary = study.summary()
-    print_result(summary.record() if options.json else summary)
+    if options.json:
+        files = {"files": [path.name for path, _ in own]} if own else {}
+        print_result(summary.record() | files)
+    else:
+        print_result(f"{_each(own, study)}\n\n{summary}" if own else summary)
     if not study.complete:
         again = "" if options.out is None else ": the same command goes on"
         return complain(f"interrupted after {summary.done} of {summary.scenes} scenes{again}", 130)
     return DONE
+
+
+def _scenes_of(options: argparse.Namespace) -> list[tuple[Path, Scenario]]:
+    """The scenario files of a folder by name, with their scenes; those with faults are told, and left out.
+
+    Raises:
+        ValueError: if it is no folder, none of its files can be planned, or random scenes are asked for.
+    """
+    folder = Path(options.scenes)
+    for name, given in (("--kind", options.kind), ("-n", options.n), ("--first-seed", options.first_seed)):
+        if given is not None:
+            raise ValueError(f"{name} is of random scenes, and {folder} has scenes of its own")
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: must be a folder with scenario files (.toml)")
+    found, left = [], 0
+    for path in sorted(folder.glob("*.toml")):
+        try:
+            found.append((path, load_scene(str(path))))
+        except ValueError as error:
+            say(f"left out: {error}")
+            left += 1
+    if not found:
+        raise ValueError(
+            f"{folder}: has no scenario file (.toml) that can be planned, and {left} with faults"
+        )
+    return found
+
+
+def _each(own: Sequence[tuple[Path, Scenario]], study: Study) -> str:
+    """A table of how each file's scene ended."""
+    head = ("file", "status", "duration, s", "margin, deg", "message")
+    rows = [head]
+    for row in study.table:
+        margin, duration = row["min_margin_deg"], row["duration_s"]
+        rows.append(
+            (
+                own[row["scene"]][0].name,
+                row["status"],
+                "" if duration is None else f"{duration:.2f}",
+                "" if margin is None else f"{margin:.3f}",
+                row["message"] or "",
+            )
+        )
+    wide = [max(len(row[column]) for row in rows) for column in range(4)]
+    return "\n".join(
+        f"{file:<{wide[0]}}  {status:<{wide[1]}}  {lasts:>{wide[2]}}  {margin:>{wide[3]}}  {told}".rstrip()
+        for file, status, lasts, margin, told in rows
+    )
 
 
 def _first_seed(options: argparse.Namespace) -> int:
@@ -66,6 +122,8 @@ def _setting(text: str) -> tuple[str, Any]:
 
 def _report(options: argparse.Namespace) -> int:
     """Print summaries of the studies in folders, and comparisons with the first where there are several."""
+    if options.scenes is not None:
+        raise ValueError(f"{options.scenes}: says what to plan, but --report plans nothing")
     for name in ("kind", "n", "first_seed", "planner", "workers", "set"):
         if getattr(options, name) is not None:
             raise ValueError(

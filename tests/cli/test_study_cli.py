@@ -3,6 +3,7 @@ import json
 import pytest
 from fake_study import plan_nothing
 
+from jaxplan.cases import case_path
 from jaxplan.cli import main
 
 
@@ -94,3 +95,38 @@ def test_an_interrupted_study_says_how_it_goes_on(capsys, monkeypatch, tmp_path)
     code, out, _ = run(capsys, "study", "-n", 24, "--out", tmp_path)
     assert code == 0
     assert "16: 66.67 %" in out
+
+
+def test_the_scenario_files_of_a_folder_are_a_study_of_their_own(capsys, tmp_path):
+    folder = tmp_path / "scenes"
+    folder.mkdir()
+    for name in ("case-1", "case-2", "case-4"):
+        (folder / f"{name}.toml").write_text(case_path(name).read_text())
+    (folder / "wrong.toml").write_text("schema_version = 1\n")
+    (folder / "notes.txt").write_text("no scene")
+    words = ("study", folder, "--out", tmp_path / "kept")
+    code, out, err = run(capsys, *words)
+    assert code == 0
+    assert f"left out: {folder / 'wrong.toml'} has" in err
+    table, _, summary = out.partition("\n\n")
+    head, *rows = table.splitlines()
+    assert head.split()[:2] == ["file", "status"]
+    assert [row.split()[0] for row in rows] == ["case-1.toml", "case-2.toml", "case-4.toml"]
+    assert summary.startswith("Study of 3 scenarios by mha")
+    assert run(capsys, *words)[:2] == (0, out)  # goes on where it was, with nothing left to do
+    record = json.loads(run(capsys, "study", folder, "--json")[1])
+    assert record["files"] == ["case-1.toml", "case-2.toml", "case-4.toml"]
+    for more, said in {
+        ("-n", "3"): "-n is of random scenes",
+        ("--kind", "keep_in"): "--kind is of random scenes",
+        ("--report", tmp_path / "kept"): "says what to plan, but --report plans nothing",
+    }.items():
+        code, _, err = run(capsys, "study", folder, *more)
+        assert code == 2
+        assert said in err
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    for place, said in ((empty, "has no scenario file"), (tmp_path / "absent", "must be a folder")):
+        code, _, err = run(capsys, "study", place)
+        assert code == 2
+        assert said in err
