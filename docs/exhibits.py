@@ -14,7 +14,7 @@ import jaxplan as jp
 
 FOLDER = Path(__file__).parent / "gallery"
 SMALL, DPI = 40, 110  # dots an inch, of the pictures of the index and of the pages
-HEIGHT = 640  # px, of the view
+HEIGHT = 780  # px, of the view
 
 
 def names() -> list[str]:
