@@ -9,14 +9,16 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from html.parser import HTMLParser
 from importlib.util import find_spec
+from itertools import takewhile
 from pathlib import Path
 from urllib.parse import unquote, urldefrag
 
 import numpy as np
 import pytest
+from reference import assert_each
 
 from jaxplan.cli import _parser, main
 from jaxplan.model.status import Status
@@ -568,6 +570,74 @@ def test_the_shell_of_its_page_is_planned_for_a_switch_and_over_time(tmp_path, m
     exec(short, names)
     assert names["day"].ok
     assert "satellite" in capsys.readouterr().out
+
+
+def rows_of(page: str, headings: str) -> list[list[float]]:
+    """The numbers of each row of the table whose headings begin so."""
+    lines = (DOCS / page).read_text(encoding="utf-8").partition(f"\n{headings}")[2].splitlines()[2:]
+    rows = takewhile(lambda line: line.startswith("|"), lines)
+    return [[float(word) for word in re.findall(r"\d+(?:\.\d+)?(?:e-\d+)?", row)] for row in rows]
+
+
+@pytest.mark.paper
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_what_is_told_of_the_papers_cases_is_found(number):
+    import jaxplan as jp
+
+    case = jp.paper_case(number)
+    plan, most = jp.plan(case), []
+    shares = ("angular_velocity", "angular_acceleration", "joint_rates", "joint_accelerations")
+    own = [len(plan.path.attitudes) - 2, plan.path.length]
+    own += [*(100 * plan.certificate.peaks[name] for name in shares), np.rad2deg(plan.certificate.min_margin)]
+    slews = rows_of("published.md", "| case | goal slew")[number - 1]
+    assert slews[2] == pytest.approx(plan.goal.slew_angle, abs=6e-5)
+    assert_each(np.abs(np.subtract(slews[-7:], own)), "<=", [0, 6e-3, *[0.51] * 4, 6e-3])
+
+    for method, duration, criterion in (
+        ("paper", "stretched", "least_rotation"),
+        ("global", "stretched", "least_rotation"),
+        ("global", "minimum", "least_rotation"),
+        ("global", "minimum", "least_time"),
+    ):
+        goal = replace(case.goal, criterion=criterion)
+        trajectory = replace(case.trajectory, method=method, duration=duration)
+        most.append(jp.plan(replace(case, goal=goal, trajectory=trajectory)))
+    paper, stretched, minimum, least = (each.trajectory.duration for each in most)
+    bound, least_bound = most[2].duration_bound, most[3].duration_bound
+    margin = np.rad2deg(most[2].certificate.min_margin)
+    own = [paper, stretched, minimum, bound, 100 * (minimum / bound - 1), margin, least, least_bound]
+    told = rows_of("published.md", "| case | paper, printed")[number - 1]
+    assert told[:2] == [number, plan.trajectory.duration]
+    np.testing.assert_allclose(own, told[2:], rtol=2e-3, atol=0.06)
+
+
+@pytest.mark.slow
+def test_the_turns_that_the_page_on_limits_tells_of_last_as_long():
+    import jaxplan as jp
+
+    deg, own = np.deg2rad, []
+    craft = jp.Spacecraft(
+        instruments=[jp.Instrument(name="eye", boresight=[0, 0, 1])],
+        rate_limit=deg(3),
+        acceleration_limit=deg(2),
+    )
+    for turn in (180, 90):
+        for duration in ("stretched", "minimum"):
+            plan = jp.plan(
+                jp.Scenario(
+                    name="turn",
+                    spacecraft=craft,
+                    start=jp.GivenState(rotation_vector=[0, 0, 0], joints=[]),
+                    goal=jp.GivenState(rotation_vector=[0, 0, deg(turn)], joints=[]),
+                    trajectory=jp.TrajectorySettings(duration=duration),
+                )
+            )
+            own.append(plan.trajectory.duration)
+        own.append(plan.duration_bound)
+    said = flat("limits.md").partition("nothing in the way takes ")[2].partition(" - ")[0]
+    told = [float(word) for word in re.findall(r"(\d+\.\d) s", said)]
+    np.testing.assert_allclose(own, told, atol=0.06)
 
 
 @pytest.mark.slow
