@@ -363,7 +363,7 @@ def test_every_name_and_keyword_of_the_package_on_the_pages_exists():
 def test_the_first_commands_of_the_readme_run_one_after_the_other(tmp_path, monkeypatch, capsys):
     pytest.importorskip("k3d")
     monkeypatch.chdir(tmp_path)
-    install, first = blocks(ROOT / "README.md", "sh")
+    install, _, first = blocks(ROOT / "README.md", "sh")
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     targets = re.findall(r"^make (\w+)", install, re.MULTILINE)
     assert targets == ["plan", "test"]
