@@ -211,6 +211,8 @@ def _check_table(options: argparse.Namespace) -> int:
     scene = load_scene(options.scenario)
     if not Path(options.plan).exists():
         raise ValueError(f"{options.plan}: no such file")
+    if _first_character(options.plan) == "{" or timelines.is_timeline_plan(options.plan):
+        raise ValueError(f"{options.plan}: is a plan and no table; without --scenario it is proved as it is")
     try:
         found = certify_table(options.plan, options.interpolation, scene)
     except ImportError as error:

@@ -26,6 +26,7 @@ def test_the_command_line_checks_a_table_and_tells_of_few_rows(tmp_path, capsys)
         ([str(tmp_path / "absent.csv"), "--scenario", str(scene)], "no such file"),
         ([str(table), "--scenario", str(scene), "--interpolation", "linear"], "must be one of slerp"),
         ([str(scene), "--scenario", str(scene)], "no attitude file"),
+        ([str(file), "--scenario", str(scene)], "is a plan and no table"),
     ):
         assert main(["check", *arguments]) == 2
         assert words in capsys.readouterr().err
