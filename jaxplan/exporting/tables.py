@@ -5,7 +5,8 @@ leap seconds need no care but where a column has UTC.
 """
 
 import csv
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from jaxplan.exporting.sampled import Sampled, Sampling
 from jaxplan.exporting.texts import table_lines
 from jaxplan.model.epochs import utc_texts
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.tables.table import column_name
 
 
 def write_basilisk(sampling: Sampling, path: Path) -> None:
@@ -44,15 +46,19 @@ def write_basilisk(sampling: Sampling, path: Path) -> None:
 
 
 def write_csv(sampling: Sampling, path: Path) -> None:
-    """Write a table in UTF-8: ``time_s``, ``quaternion_w``, ..., ``terminal-1 yaw_rad``, ...
+    """Write a table in UTF-8: ``time_s``, ``quaternion_w``, ..., ``terminal-1_yaw_rad``, ...
 
     Wheels have ``wheel-1_torque_Nm``, ... and then ``wheel-1_momentum_Nms``, ...: what each gives the
-    platform about its axis, and what it holds. A day has ``segment`` and ``segment_kind``: of the segment
+    platform about its axis, and what it holds. No name of a column has a blank: those of devices' names are
+    underscores. A day has ``segment`` and ``segment_kind``: of the segment
     that a row is in, or that begins with it.
 
     Args:
         sampling: the motion; with a start, the last column is ``utc``.
         path: the file. Numbers have all their digits.
+
+    Raises:
+        ValueError: if two columns would have one name.
     """
     segments = sampling.flight.segments
     with path.open("w", encoding="utf-8", newline="") as file:
@@ -76,7 +82,7 @@ def write_csv(sampling: Sampling, path: Path) -> None:
 
 
 def write_npz(sampling: Sampling, path: Path) -> None:
-    """Write arrays: ``time_s``, ``quaternion`` (k, 4), ..., ``terminal-1 yaw_rad`` (k,), ...
+    """Write arrays: ``time_s``, ``quaternion`` (k, 4), ..., ``terminal-1_yaw_rad`` (k,), ...
 
     A day has ``segment`` (k,) int, the number of the segment that a row is in or that begins with it, and of
     its s segments ``segment_name`` and ``segment_kind`` (s,), texts, ``segment_start_s`` and
@@ -85,6 +91,9 @@ def write_npz(sampling: Sampling, path: Path) -> None:
     Args:
         sampling: the motion; its start is ``epoch_utc``, a text that is empty where there is none.
         path: the file, which holds no pickled objects.
+
+    Raises:
+        ValueError: if two arrays would have one name.
     """
     arrays: dict[str, np.ndarray] = {}
     for block in sampling.blocks():
@@ -123,15 +132,26 @@ def _arrays(block: Sampled) -> list[tuple[str, str, np.ndarray]]:
         ("angular_acceleration", "_rad_s2", values.angular_acceleration),
     ]
     for column in sorted(range(craft.joint_count), key=lambda joint: _owner(craft, joint)):
-        name = craft.joint_names[column]
+        name = column_name(craft.joint_names[column])
         arrays += [
             (name, "_rad", values.joints[:, column]),
             (f"{name}_rate", "_rad_s", values.joint_rates[:, column]),
             (f"{name}_acceleration", "_rad_s2", values.joint_accelerations[:, column]),
         ]
     for load, each in zip(("_torque_Nm", "_momentum_Nms"), block.wheels, strict=False):
-        arrays += [(wheel.name, load, each[:, k]) for k, wheel in enumerate(craft.wheels)]
+        arrays += [(column_name(wheel.name), load, each[:, k]) for k, wheel in enumerate(craft.wheels)]
+    _expect_distinct([f"{stem}{unit}" for stem, unit, _ in arrays])
     return arrays
+
+
+def _expect_distinct(columns: Sequence[str]) -> None:
+    """Raise a ValueError if two columns have one name, as those of devices "a b" and "a_b" have."""
+    twice = [name for name, count in Counter(columns).items() if count > 1]
+    if twice:
+        raise ValueError(
+            f"two columns would be called {twice[0]}, since blanks of names become underscores: "
+            "rename one of the devices"
+        )
 
 
 def _axes(array: np.ndarray) -> list[str]:

@@ -23,6 +23,11 @@ _UNIT = 1e-4  # by how much the length of a quaternion may miss one, as digits o
 _WIDEST = np.deg2rad(179.0)  # turn between two rows, above which readers may take either way round
 
 
+def column_name(name: str) -> str:
+    """What a joint or a wheel is called in the head of a table: its name, with underscores for blanks."""
+    return name.replace(" ", "_")
+
+
 @shown("name", "epoch", "interpolation", "joint_names")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AttitudeTable:
@@ -36,7 +41,7 @@ class AttitudeTable:
         angular_velocity: (k, 3) rad/s in body axes; None where the table has none.
         joints: (k, J) rad; None where it has none.
         joint_rates: (k, J) rad/s; None where it has none.
-        joint_names: of the J columns, such as "terminal-1 yaw".
+        joint_names: of the J columns, such as "terminal-1_yaw".
         epoch: UTC of time zero; None where it is the start of whatever the table is held against.
         interpolation: what readers of the table's format do between rows, one of `INTERPOLATIONS`.
         name: of the table in messages, such as that of its file.

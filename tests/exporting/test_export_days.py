@@ -168,7 +168,7 @@ def test_tables_name_the_segment_of_each_row(day, folder):
     for guess in between(times, np.roll(quaternions, -1, axis=1), asked):
         assert_each(apart(guess, expected.attitude), "<", TOLERANCE)
     for number, joint in enumerate(
-        ["terminal-0 yaw", "terminal-1 yaw", "terminal-0 pitch", "terminal-1 pitch"]
+        ["terminal-0_yaw", "terminal-1_yaw", "terminal-0_pitch", "terminal-1_pitch"]
     ):
         linear = np.interp(asked, times, np.array(table[f"{joint}_rad"], float))
         assert_each(np.abs(linear - expected.joints[0, :, number]), "<", TOLERANCE)

@@ -131,6 +131,7 @@ def test_plain_tables_hold_every_column_under_its_name(plan, folder):
     tables = named(folder)
     expected = truth(plan, TIMES)
     wide, stacked = tables["csv"], tables["npz"]
+    assert not [name for name in [*wide, *stacked] if " " in name]
     for name, axes in {
         "quaternion": ["quaternion_w", "quaternion_x", "quaternion_y", "quaternion_z"],
         "angular_velocity_rad_s": [f"angular_velocity_{axis}_rad_s" for axis in "xyz"],
@@ -147,7 +148,7 @@ def test_plain_tables_hold_every_column_under_its_name(plan, folder):
     for axis, rate, acceleration in zip("xyz", expected.rate.T, expected.acceleration.T, strict=True):
         np.testing.assert_allclose(wide[f"angular_velocity_{axis}_rad_s"], rate, atol=1e-9)
         np.testing.assert_allclose(wide[f"angular_acceleration_{axis}_rad_s2"], acceleration, atol=1e-7)
-    columns = ["terminal-0 yaw", "terminal-1 yaw", "terminal-0 pitch", "terminal-1 pitch"]
+    columns = ["terminal-0_yaw", "terminal-1_yaw", "terminal-0_pitch", "terminal-1_pitch"]
     for number, column in enumerate(columns):
         for order, unit in enumerate(["_rad", "_rate_rad_s", "_acceleration_rad_s2"]):
             np.testing.assert_allclose(wide[column + unit], expected.joints[order, :, number], atol=1e-12)
@@ -209,6 +210,17 @@ def test_tables_have_what_each_wheel_gives_and_holds(tmp_path):
             if allocation == "pseudo_inverse":
                 limit = [wheel.torque if name == "torque_Nm" else wheel.momentum for wheel in own.wheels]
                 np.testing.assert_allclose(each, shares * limit, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["csv", "npz"])
+def test_devices_that_would_share_a_column_are_refused(plan, tmp_path, name):
+    craft = plan.scenario.spacecraft
+    terminals = tuple(map(replace, craft.terminals))
+    twins = tuple(replace(one, name=own) for one, own in zip(terminals, ("a b", "a_b"), strict=True))
+    alike = replace(plan, scenario=replace(plan.scenario, spacecraft=replace(craft, terminals=twins)))
+    with pytest.raises(ValueError, match="two columns would be called a_b_yaw_rad"):
+        jp.export(alike, tmp_path / "table", format=name, step_s=STEP)
+    assert not list(tmp_path.iterdir())
 
 
 def test_tables_without_an_epoch_have_no_calendar(plan, tmp_path):

@@ -10,6 +10,7 @@ from reference import assert_each
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
+from jaxplan.tables.known import as_known
 
 STEP = 0.5
 WRITTEN = ("aem", "ck", "stk", "basilisk", "csv", "npz")
@@ -42,6 +43,19 @@ def test_a_file_reads_back_with_the_rows_of_the_motion(plan, folder, name):
         np.testing.assert_allclose(table.angular_velocity, expected.rate, atol=1e-9)
     assert (table.epoch is None) == (name == "basilisk")
     assert (table.joints is not None) == (name in ("csv", "npz"))
+
+
+def test_columns_of_earlier_versions_with_blanks_are_read_as_the_same_joints(plan, folder, tmp_path):
+    fresh, old = folder / "csv", tmp_path / "old.csv"
+    head, rows = fresh.read_text().split("\n", 1)
+    assert "terminal-0_yaw_rate_rad_s" in head
+    for joint in ("yaw", "pitch"):
+        head = head.replace(f"_{joint}_", f" {joint}_")
+    old.write_text(f"{head}\n{rows}")
+    known = [as_known(jp.load_attitude(path), plan.scenario)[0] for path in (fresh, old)]
+    assert known[0].joint_names == known[1].joint_names == plan.scenario.spacecraft.joint_names
+    np.testing.assert_array_equal(known[0].joints, known[1].joints)
+    np.testing.assert_array_equal(known[0].joint_rates, known[1].joint_rates)
 
 
 def test_a_row_is_the_start_of_a_scene(plan, folder):
