@@ -61,19 +61,26 @@ class Head:
         return content
 
     @contextmanager
-    def claimed(self, folder: Path, description: Mapping[str, Any]) -> Iterator[None]:
+    def claimed(
+        self,
+        folder: Path,
+        description: Mapping[str, Any],
+        begun: Callable[[dict[str, Any]], Mapping[str, Any]] | None = None,
+    ) -> Iterator[None]:
         """Hold a folder while a block runs: it is made where it is missing, and locked.
 
         Args:
             folder: a new or empty one, or one with the same head.
             description: the head.
+            begun: function of the head that is there, which returns the one that is allowed there, where
+                that of a smaller beginning is, too; what is done with it is for the block.
 
         Raises:
             StudyFolderError: if it holds anything else, is no folder, or is in use.
         """
         self._make(folder)
         with self._locked(folder):
-            self._claim(folder, description)
+            self._claim(folder, description, begun)
             yield
 
     def _make(self, folder: Path) -> None:
@@ -100,25 +107,35 @@ class Head:
             raise StudyFolderError(f"{folder}: another process is working on this {self.noun}") from error
         return lock
 
-    def _claim(self, folder: Path, description: Mapping[str, Any]) -> None:
+    def write(self, folder: Path, description: Mapping[str, Any]) -> None:
+        """Write the head of a folder that is held, whole or not at all."""
+        text = json.dumps(description, indent=1, allow_nan=False).encode() + b"\n"
+        if len(text) > _LARGEST_HEAD:
+            raise StudyFolderError(
+                f"{folder}: seeds that do not follow one another are too many to be kept: take range(n)"
+            )
+        with open_file(folder / self.part, self.noun) as file:
+            file.truncate(0)
+            file.write(text)
+            force(file)
+        os.replace(folder / self.part, folder / self.name)
+
+    def _claim(
+        self,
+        folder: Path,
+        description: Mapping[str, Any],
+        begun: Callable[[dict[str, Any]], Mapping[str, Any]] | None,
+    ) -> None:
         """Write the head of a folder that has none; raise a StudyFolderError if it has another."""
         if not (folder / self.name).exists():
-            text = json.dumps(description, indent=1, allow_nan=False).encode() + b"\n"
-            if len(text) > _LARGEST_HEAD:
-                raise StudyFolderError(
-                    f"{folder}: seeds that do not follow one another are too many to be kept: take range(n)"
-                )
-            with open_file(folder / self.part, self.noun) as file:
-                file.truncate(0)
-                file.write(text)
-                force(file)
-            os.replace(folder / self.part, folder / self.name)
+            self.write(folder, description)
             return
         there = self.read(folder)
+        allowed = description if begun is None else begun(there)
         differing = [
             f"{key} {_short(there.get(key))} there, {_short(description.get(key))} here"
             for key in dict.fromkeys([*description, *there])
-            if there.get(key) != description.get(key)
+            if there.get(key) != allowed.get(key)
         ]
         if differing:
             raise StudyFolderError(

@@ -61,8 +61,9 @@ def run_study(
         workers: who plans: None for this process; a number of processes of its own, which are begun anew
             when one dies; or any `concurrent.futures.Executor`, such as ``get_executor()`` of a Dask client.
         out: a folder for the results, where each chunk is safe once it is done. If it holds the same study
-            already, only what is missing is planned; another study is refused. Without it rows are kept
-            in memory.
+            already, or one of the first of these scenes with all else alike, only what is missing is planned
+            (and a last block that was not full, as it is planned with those that come); another study is
+            refused. Without it rows are kept in memory.
         chunk: blocks that are handed out together; by default as many as take some two seconds.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
         executor: an older name of workers.

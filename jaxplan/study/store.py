@@ -7,7 +7,9 @@
 
 Lines are appended and forced to disk a chunk at a time, timings first: a scene is done when its line in the
 table is. A line of the table that was not written to its end is cut off with all behind it when the study
-goes on, and its scene is planned again; damaged timings are passed over. Nothing in a folder is taken on
+goes on, and its scene is planned again; damaged timings are passed over. A study that begins with the scenes
+of the one in the folder goes on from it; a last block that was not full is planned again, since its scenes
+are planned together with those that come after. Nothing in a folder is taken on
 trust, and only whole lines count. Names of files are fixed and links are not followed, so nothing is ever
 written elsewhere.
 """
@@ -19,9 +21,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Any
 
+from jaxplan.runtime.files import replacing_file
 from jaxplan.study.folder import Head, StudyFolderError, force, open_file, refuse_constant
 from jaxplan.study.rows import COLUMNS, TIMES, Answer, Row
-from jaxplan.study.task import Task
+from jaxplan.study.task import BLOCK, Task
 
 HEADER, TABLE, TIMINGS = "study.json", "table.jsonl", "timings.jsonl"
 NOUN = "study"
@@ -96,7 +99,8 @@ class Store:
     """Store of a study's rows, in a folder or in memory; a context that holds the folder's lock.
 
     Args:
-        folder: a new or empty one, or one that holds the same study; None to keep rows in memory.
+        folder: a new or empty one, or one that holds the same study, or the first scenes of it; None to keep
+            rows in memory.
         task: the study.
 
     Attributes:
@@ -119,7 +123,14 @@ class Store:
             raise StudyFolderError("out is empty, it must name a folder")
         path = Path(folder)
         with ExitStack() as stack:
-            stack.enter_context(_HEAD.claimed(path, task.describe()))
+            wanted = task.describe()
+            stack.enter_context(
+                _HEAD.claimed(path, wanted, lambda there: task.first(there["scenes"]).describe())
+            )
+            scenes = read_header(path)["scenes"]
+            if scenes < len(task.scenes):
+                _keep_full_blocks(path, scenes)
+                _HEAD.write(path, wanted)
             for name in self.rows:
                 file = self._files[name] = stack.enter_context(open_file(path / name, NOUN))
                 whole = 0
@@ -149,6 +160,15 @@ class Store:
         for row in fresh:
             self.done[row["scene"]] = True
         return fresh
+
+
+def _keep_full_blocks(folder: Path, scenes: int) -> None:
+    """Take the rows of a last block that is not full out of the files of a study of that many scenes."""
+    full = scenes - scenes % BLOCK
+    for name in (TABLE, TIMINGS):  # the table first: a scene without a row there is planned
+        if full < scenes and (folder / name).exists():
+            with replacing_file(folder / name) as fresh, fresh.open("wb") as file:
+                _append(file, (row for _, row in scan(folder, name, scenes) if row["scene"] < full))
 
 
 def _append(file: IO[bytes], rows: Iterable[Mapping[str, Any]]) -> None:

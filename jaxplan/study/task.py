@@ -79,6 +79,10 @@ class Task:
             **({"scenarios": _digest(self.scenes)} if self.kind is None else {"seeds": _runs(self.scenes)}),
         }
 
+    def first(self, scenes: int) -> "Task":
+        """The study of the first of its scenes alone, by their number."""
+        return replace(self, scenes=self.scenes[:scenes])
+
     def chunk(self, blocks: Iterable[int]) -> "Chunk":
         """The scenes of some blocks, by their numbers, as a chunk."""
         every = range(len(self.scenes))

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import fake_study
@@ -15,7 +16,7 @@ import jaxplan as jp
 from jaxplan.study import StudyFolderError
 from jaxplan.study.run import run_task
 from jaxplan.study.store import Store
-from jaxplan.study.task import make_task
+from jaxplan.study.task import BLOCK, make_task
 
 SCENES = 70
 
@@ -99,13 +100,59 @@ def test_another_study_is_refused_and_the_message_names_what_differs(tmp_path):
     first = text(run(tmp_path))
     with pytest.raises(StudyFolderError, match=r'planner "mha" there, "wastar" here'):
         run(tmp_path, planner="wastar")
-    with pytest.raises(StudyFolderError, match=r"scenes 70 there, 71 here; seeds \[\[0, 69\]\] there"):
-        run(tmp_path, SCENES + 1)
+    with pytest.raises(StudyFolderError, match=r"scenes 70 there, 69 here; seeds \[\[0, 69\]\] there"):
+        run(tmp_path, SCENES - 1)
+    with pytest.raises(StudyFolderError) as caught:
+        run(tmp_path, SCENES + 30, planner="wastar")
+    assert 'study (planner "mha" there, "wastar" here):' in str(caught.value)  # more scenes are no fault
+    later = replace(task(SCENES), scenes=range(1, 200))
+    with pytest.raises(StudyFolderError, match=r"study \(seeds \[\[0, 69\]\] there, \[\[1, 199\]\] here\)"):
+        run_task(later, None, tmp_path, 1, False, never)
     header = tmp_path / "study.json"
     header.write_text(header.read_text().replace(jp.__version__, "0.0.1"))
     with pytest.raises(StudyFolderError, match=r'jaxplan "0\.0\.1" there'):
         run(tmp_path)
     assert text(jp.load_study(tmp_path)) == first
+
+
+@pytest.mark.parametrize("scenes", [SCENES + 1, 200])
+@pytest.mark.parametrize("first", [SCENES, 64, 3])
+def test_a_longer_study_goes_on_from_a_shorter_one(tmp_path, first, scenes):
+    planned: list[int] = []
+
+    def in_company(chunk):
+        """Rows that tell with which scenes each was planned, on which last digits of a real plan depend."""
+        planned.extend(chunk.numbers)
+        answer = plan_nothing(chunk)
+        for row in answer.table:
+            row["message"] = f"{[n for n in chunk.numbers if n // BLOCK == row['scene'] // BLOCK]}"
+        return answer
+
+    run(tmp_path, first, work=in_company)
+    planned.clear()
+    grown = run(tmp_path, scenes, work=in_company)
+    assert sorted(planned) == list(range(first - first % BLOCK, scenes))
+    assert grown.complete
+    assert text(grown) == text(run(None, scenes, work=in_company)) == text(jp.load_study(tmp_path))
+    assert [row["scene"] for row in grown.timings] == list(range(scenes))
+    assert text(run(tmp_path, scenes, work=never)) == text(grown)
+
+
+def test_a_study_that_was_interrupted_may_be_made_longer(tmp_path):
+    run(tmp_path)
+    path = tmp_path / "table.jsonl"
+    path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[10:40]))
+    assert text(run(tmp_path, 90)) == text(run(None, 90))
+
+
+def test_scenes_of_ones_own_become_more_at_the_end_alone(tmp_path):
+    scenes = [jp.random_scenario(seed) for seed in range(3)]
+    for count in (1, 3):
+        own = make_task(scenes[:count], None, "mha", None)
+        assert run_task(own, None, tmp_path, 1, False, plan_nothing).complete
+    other = make_task([*scenes[::-1], scenes[0]], None, "mha", None)
+    with pytest.raises(StudyFolderError, match="scenarios"):
+        run_task(other, None, tmp_path, 1, False, never)
 
 
 def test_a_folder_of_something_else_is_refused_and_left_alone(tmp_path):
