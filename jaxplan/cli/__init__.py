@@ -337,7 +337,7 @@ def _add_timeline(commands: Any) -> None:
         "-o",
         "--out",
         metavar="DIR",
-        help="write plan.npz, timeline.toml, activities.csv and segments.csv there",
+        help="write plan.npz, timeline.toml, activities.csv, segments.csv, events.csv and figures there",
     )
     timeline.add_argument(
         "--go-on", action="store_true", help="plan the rest, too, where an activity cannot be done"

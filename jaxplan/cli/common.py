@@ -3,6 +3,7 @@
 import json
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,27 @@ def save(figure: Any, file: Path) -> None:
     with replacing_file(file) as fresh:
         write_png(figure, fresh, MARK)
     say(f"wrote {file}")
+
+
+def draw(plan: Any, folder: Path, frequencies: Sequence[float] = ()) -> None:
+    """Write every figure that a plan has to a folder, and remove those of an earlier plan that it has not.
+
+    Args:
+        plan: of a scenario or of a timeline.
+        folder: there is one.
+        frequencies: Hz, of modes; with some, one figure is the spectrum of the torque.
+    """
+    from jaxplan import plotting
+
+    drawn = []
+    for name, figure in plotting.figures(plan, frequencies):
+        save(figure, folder / f"{name}.png")
+        drawn.append(name)
+    for name in sorted(set(plotting.FIGURE_NAMES) - set(drawn)):
+        file = folder / f"{name}.png"
+        if file.is_file() and MARK.encode() in file.read_bytes()[:200]:  # a picture of somebody else stays
+            file.unlink()
+            say(f"removed {file}, which was of an earlier plan")
 
 
 def set_up_jax() -> None:

@@ -7,7 +7,6 @@ do without, so that each begins soon.
 import argparse
 import os
 import shlex
-from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -19,10 +18,10 @@ from jaxplan.cli import timelines
 from jaxplan.cli.common import (
     BAD_INPUT,
     DONE,
-    MARK,
     NO_PLAN,
     NOT_CERTIFIED,
     complain,
+    draw,
     print_result,
     save,
     say,
@@ -177,7 +176,7 @@ def plan(options: argparse.Namespace) -> int:
     if folder is not None:
         planner.save_plan(result, folder / "plan.json")
         say(f"wrote {folder / 'plan.json'}")
-        _draw(result, folder)
+        draw(result, folder)
     return _code_of(result)
 
 
@@ -229,7 +228,7 @@ def plot(options: argparse.Namespace) -> int:
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
     if plan.ok:  # what figures call proved is proved anew
         plan = replace(plan, certificate=_certified_anew(plan))
-    _draw(plan, folder, options.frequency)
+    draw(plan, folder, options.frequency)
     if plan.certificate is not None and plan.ok and not plan.certificate.certified:
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
     return _code_of(plan)
@@ -329,24 +328,6 @@ def _certified_anew(plan: Plan | TimelinePlan) -> Certificate:
 def _code_of(plan: Plan | TimelinePlan) -> int:
     """The exit code for a plan's status."""
     return {Status.OK: DONE, Status.UNCERTIFIED: NOT_CERTIFIED}.get(plan.status, NO_PLAN)
-
-
-def _draw(plan: Plan | TimelinePlan, folder: Path, frequencies: Sequence[float] = ()) -> None:
-    """Write every figure that a plan has to a folder, and remove those of an earlier plan that it has not.
-
-    With frequencies, Hz, one is the spectrum of the torque.
-    """
-    from jaxplan import plotting
-
-    drawn = []
-    for name, figure in plotting.figures(plan, frequencies):
-        save(figure, folder / f"{name}.png")
-        drawn.append(name)
-    for name in sorted(set(plotting.FIGURE_NAMES) - set(drawn)):
-        file = folder / f"{name}.png"
-        if file.is_file() and MARK.encode() in file.read_bytes()[:200]:  # a picture of somebody else stays
-            file.unlink()
-            say(f"removed {file}, which was of an earlier plan")
 
 
 def load_scene(name: str) -> Scenario:

@@ -10,6 +10,7 @@ from jaxplan.cli.common import (
     NO_PLAN,
     NOT_CERTIFIED,
     complain,
+    draw,
     print_result,
     say,
     set_up_jax,
@@ -24,10 +25,10 @@ from jaxplan.schema.text import LARGEST_TIMELINE, parse
 from jaxplan.schema.timelines import KIND
 from jaxplan.timeline import TimelinePlan, load_timeline_plan
 from jaxplan.timeline.files import is_plan
-from jaxplan.timeline.tables import activities_csv, segments_csv
+from jaxplan.timeline.tables import activities_csv, events_csv, segments_csv
 
 PLAN, TIMELINE = "plan.npz", "timeline.toml"  # what is written to a folder
-_TABLES = {"activities.csv": activities_csv, "segments.csv": segments_csv}
+_TABLES = {"activities.csv": activities_csv, "segments.csv": segments_csv, "events.csv": events_csv}
 
 
 def timeline(options: argparse.Namespace) -> int:
@@ -66,7 +67,7 @@ def _expect_exports(asked: Timeline, formats: tuple[str, ...]) -> None:
 
 
 def _write(plan: TimelinePlan, folder: Path) -> None:
-    """Write timeline, plan and tables to a folder."""
+    """Write timeline, plan, tables and figures to a folder."""
     save_timeline(plan.timeline, folder / TIMELINE)
     plan.save(folder / PLAN)
     for name, table in _TABLES.items():
@@ -74,6 +75,7 @@ def _write(plan: TimelinePlan, folder: Path) -> None:
             fresh.write_text(table(plan), encoding="utf-8")
     for name in (TIMELINE, PLAN, *_TABLES):
         say(f"wrote {folder / name}")
+    draw(plan, folder)
 
 
 def _export(plan: TimelinePlan, folder: Path, name: str) -> None:

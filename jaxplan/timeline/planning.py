@@ -192,7 +192,10 @@ class _Day:
                 error = proving.pointing_error(self.scene, activity.track, motion.trajectory, motion.begin)
             self.seconds["proof"] += clock.monotonic() - begun
             if not proof.certified:
-                raise Refused(Status.UNCERTIFIED, "; ".join(proof.faults))
+                faults = proving.faults_of_day(proof, motion.begin)
+                raise Refused(
+                    Status.UNCERTIFIED, f"{'; '.join(faults)}; the activity begins at {motion.begin:.2f} s"
+                )
             self._expect_near(activity, error)
         if slew.trajectory is not None and slew.proof is not None:
             self._add(activity.name, "slew", slew.trajectory, slew.proof)

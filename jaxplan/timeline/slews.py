@@ -110,7 +110,7 @@ class Departure:
         made = curves.bent(fitted, ends)
         proof = proving.certify_part(self.scene, self.time, made, self.craft)
         if not proof.certified:
-            text = f"{'; '.join(proof.faults)}: {_OTHERWISE}"
+            text = f"{'; '.join(proving.faults_of_day(proof, self.time))}: {_OTHERWISE}"
             blocked = proof.min_margin is None or not proof.min_margin >= 0
             return Slew(status=Status.UNCERTIFIED, message=text, duration=made.duration, blocked=blocked)
         return Slew(status=Status.OK, message="", trajectory=made, duration=made.duration, proof=proof)

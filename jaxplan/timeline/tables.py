@@ -1,4 +1,4 @@
-"""A timeline's plan as tables for spreadsheets: its activities, and its segments in the order of time.
+"""A timeline's plan as tables for spreadsheets: its activities, and segments and events in order of time.
 
 Comma-separated, UTF-8, with a line of names first, seconds from the timeline's start on, and UTC to the
 millisecond where the scene has an epoch; what there is none of is empty.
@@ -10,7 +10,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from jaxplan.timeline.listing import utc_stamps
+from jaxplan.timeline.events import events
+from jaxplan.timeline.listing import event_rows, utc_stamps
 from jaxplan.timeline.record import TimelinePlan
 
 
@@ -49,6 +50,16 @@ def segments_csv(plan: TimelinePlan) -> str:
     utc = _texts(plan, [time for one in plan.segments for time in (one.start, one.end)])
     rows = [(one.name, one.kind, one.start, one.end, utc[one.start], utc[one.end]) for one in plan.segments]
     return _text(["name", "kind", "start_s", "end_s", "start_utc", "end_utc"], rows)
+
+
+def events_csv(plan: TimelinePlan) -> str:
+    """The text of a table with a row for each event, see `events`.
+
+    Args:
+        plan: of a timeline, also one that failed.
+    """
+    names, *rows = event_rows(events(plan), plan.scene.epoch)
+    return _text(names, rows)
 
 
 def _texts(plan: TimelinePlan, times: Iterable[float | None]) -> dict[float | None, str]:

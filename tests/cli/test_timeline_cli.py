@@ -11,6 +11,7 @@ import pytest
 import jaxplan as jp
 from jaxplan.cli import main
 from jaxplan.model.epochs import parse_epoch
+from jaxplan.timeline.events import events
 
 FILE = """
 schema_version = 1
@@ -58,9 +59,12 @@ def folder(tmp_path_factory) -> Path:
 @pytest.mark.slow
 def test_all_is_written_and_reads_back(folder):
     out = folder / "out"
-    names = {"timeline.toml", "plan.npz", "activities.csv", "segments.csv", "motion.csv", "motion.aem"}
-    assert {file.name for file in out.iterdir()} == names
+    names = {"timeline.toml", "plan.npz", "activities.csv", "segments.csv", "events.csv"}
+    names |= {"motion.csv", "motion.aem"}
     plan = jp.load_timeline_plan(out / "plan.npz")
+    figures = {f"{name}.png" for name, _ in jp.plot.figures(plan)}
+    assert figures
+    assert {file.name for file in out.iterdir()} == names | figures
     assert plan.ok
     assert plan.timeline == jp.load_timeline(out / "timeline.toml") == jp.load_timeline(folder / "day.toml")
     assert "OBJECT_NAME = SAT" in (out / "motion.aem").read_text()
@@ -76,6 +80,10 @@ def test_the_tables_say_what_the_plan_does(folder):
         assert float(row["end_s"]) == one.end
         after = parse_epoch(row["end_utc"]) - plan.scene.epoch
         assert after / np.timedelta64(1, "s") == pytest.approx(one.end, abs=6e-4)
+    with (folder / "out" / "events.csv").open(newline="") as file:
+        found = list(csv.DictReader(file))
+    assert [row["text"] for row in found] == [event.text for event in events(plan)]
+    assert found
     with (folder / "out" / "segments.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [(row["name"], row["kind"]) for row in rows] == [(one.name, one.kind) for one in plan.segments]
