@@ -68,5 +68,5 @@ $(READY): pyproject.toml Makefile
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
 	    echo '$(PYTHON) cannot make virtual environments; on Debian: apt-get install python3-venv' >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,notebooks,spice,study,dask,orbit,oem,schedule,view,docs]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,notebooks,spice,study,dask,orbit,oem,schedule,view,czml,docs]'
 	@touch $@

@@ -291,7 +291,7 @@ def _add_plan_commands(commands: Any) -> None:
         "--format",
         required=True,
         metavar="F",
-        help="aem, ck (SPICE), stk, basilisk, csv or npz; c (C99) or json for the polynomials themselves",
+        help="aem, ck (SPICE), stk, czml, basilisk, csv or npz; c (C99) or json for the polynomials",
     )
     export.add_argument(
         "--epoch",
@@ -319,6 +319,9 @@ def _add_plan_commands(commands: Any) -> None:
     ):
         export.add_argument(f"--{name}", metavar=metavar, help=words)
     export.add_argument("--naif-id", type=int, metavar="N", help="SPICE's number of the spacecraft (-999)")
+    export.add_argument(
+        "--observer", metavar="SCENE", help="of czml: a file whose [sky] has the spacecraft's orbit"
+    )
     export.add_argument("-o", "--out", metavar="PATH", help="where to; by default beside the plan")
     export.add_argument("--force", action="store_true", help="replace what an earlier export wrote there")
 
@@ -348,7 +351,7 @@ def _add_timeline(commands: Any) -> None:
         action="extend",
         default=[],
         metavar="F",
-        help="write the motion to DIR for other tools, too: aem, ck, stk, basilisk, csv or npz",
+        help="write the motion to DIR for other tools, too: aem, ck, stk, czml, basilisk, csv or npz",
     )
     timeline.add_argument("--json", action="store_true", help="print a summary for machines")
 

@@ -285,6 +285,7 @@ def export(options: argparse.Namespace) -> int:
     """Write the motion of a plan file as another tool reads it."""
     from jaxplan import exporting
     from jaxplan.model.export_names import ExportNames
+    from jaxplan.schema.reading import load_observer
 
     plan = _load_any_plan(options.plan)
     of_timeline = isinstance(plan, TimelinePlan)
@@ -300,6 +301,7 @@ def export(options: argparse.Namespace) -> int:
             epoch=options.epoch,
             step_s=options.step,
             tolerance_deg=options.tolerance,
+            observer=None if options.observer is None else load_observer(options.observer),
             names=ExportNames(**{key: value for key, value in given.items() if value is not None}),
             overwrite=options.force,
         )

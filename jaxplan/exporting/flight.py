@@ -13,6 +13,7 @@ import numpy as np
 from jaxplan.model.export_names import ExportNames
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan, certify
 from jaxplan.runtime.arguments import expect, number
 from jaxplan.trajectory import Trajectory
@@ -107,6 +108,7 @@ class Flight:
         start: UTC of time zero, None where that is not known.
         segments: without gaps from 0 to the duration; none of a single manoeuvre.
         names: what files are to call things where the user does not say.
+        cones: zones that are cones, to be drawn.
     """
 
     name: str
@@ -115,6 +117,7 @@ class Flight:
     start: np.datetime64 | None
     segments: tuple[Segment, ...] = ()
     names: ExportNames | None = None
+    cones: tuple[KeepOut | KeepIn, ...] = ()
 
     @property
     def boundaries(self) -> np.ndarray:
@@ -152,6 +155,7 @@ def flight_of(subject: Plan | Day) -> Flight:
         start=scene.epoch,
         segments=_joined(parts, trajectory.duration),
         names=names,
+        cones=(*scene.keep_out, *scene.keep_in),
     )
 
 

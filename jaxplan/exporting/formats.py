@@ -6,10 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from jaxplan.exporting.aem import write_aem
+from jaxplan.exporting.czml import write_czml
 from jaxplan.exporting.flight import (
     Day,
     Flight,
@@ -31,9 +33,10 @@ from jaxplan.exporting.tables import write_basilisk, write_csv, write_npz
 from jaxplan.model.epochs import parse_epoch
 from jaxplan.model.export_names import ExportNames
 from jaxplan.planner import Plan
-from jaxplan.runtime.arguments import expect, file_path
+from jaxplan.runtime.arguments import expect, expect_any, file_path
 from jaxplan.runtime.files import replacing_file, replacing_folder
 from jaxplan.schema.faults import nearest
+from jaxplan.sky import Satellite
 from jaxplan.tables.table import RODRIGUES, SLERP
 
 STEP_S = 0.1
@@ -52,6 +55,10 @@ class Format:
         parts: suffixes of the files of a folder, empty for a single file.
         dated: whether it cannot do without an epoch.
         needs: modules to be installed beyond the required ones.
+        extra: that brings them.
+        tolerance_deg: below which interpolation between samples is off, unless told, also of a single
+            manoeuvre; None for the steps and tolerances that most have.
+        placed: whether it says where the spacecraft is.
         interpolation: what its readers do between samples, one of `jaxplan.tables.INTERPOLATIONS`.
         exact: whether it holds the polynomials themselves, so that there are no samples.
         needed: function that says what a motion in this format needs of who reads it, None where that is
@@ -63,6 +70,9 @@ class Format:
     parts: tuple[str, ...] = ()
     dated: bool = False
     needs: tuple[str, ...] = ()
+    extra: str = "spice"
+    tolerance_deg: float | None = None
+    placed: bool = False
     interpolation: str = SLERP
     exact: bool = False
     needed: Callable[[Flight], str] | None = None
@@ -78,6 +88,15 @@ FORMATS = {
         needs=("spiceypy", "erfa"),
     ),
     "stk": Format(write=write_stk, suffix=".stk", parts=(".a", ".sp", ".int"), dated=True),
+    "czml": Format(
+        write=write_czml,
+        suffix=".czml",
+        dated=True,
+        needs=("czml3", "erfa"),
+        extra="czml",
+        tolerance_deg=5e-5,
+        placed=True,
+    ),
     "basilisk": Format(write=write_basilisk, suffix=".basilisk.csv", interpolation=RODRIGUES),
     "csv": Format(write=write_csv, suffix=".csv"),
     "npz": Format(write=write_npz, suffix=".npz"),
@@ -95,6 +114,7 @@ def export(
     step_s: float | str | None = None,
     tolerance_deg: float | None = None,
     names: ExportNames | None = None,
+    observer: Satellite | None = None,
     overwrite: bool = False,
 ) -> Path:
     """Write a plan or a day as a file of another tool, or as a folder for ``"ck"``, ``"stk"`` and ``"c"``.
@@ -115,17 +135,22 @@ def export(
         plan: a certified one; or what has ``ok``, ``scene``, ``trajectory``, ``segments`` and ``certify()``
             as a day of many activities has them.
         path: the file or folder. It appears whole or not at all.
-        format: ``"aem"``, ``"ck"`` (extra ``spice``), ``"stk"``, ``"basilisk"``, ``"csv"`` or ``"npz"``; or
-            the polynomials themselves, as code in C99, ``"c"``, or as JSON, ``"json"``.
-        epoch: UTC of the start in ISO 8601, that of the scene unless told. The first three need it, in the
-            last two it is noted, Basilisk counts from the start of its simulation.
+        format: ``"aem"``, ``"ck"`` (extra ``spice``), ``"stk"``, ``"czml"`` (extra ``czml``), ``"basilisk"``,
+            ``"csv"`` or ``"npz"``; or the polynomials themselves, as code in C99, ``"c"``, or as JSON,
+            ``"json"``.
+        epoch: UTC of the start in ISO 8601, that of the scene unless told. The first four need it, in tables
+            it is noted, Basilisk counts from the start of its simulation.
         step_s: between two samples, s; the end is one, too, and the ends of segments. Polynomials have none.
             ``"sparsest"`` takes as few samples as will do for `tolerance_deg`, 0.05 deg unless told, and
             for all that must hold.
         tolerance_deg: in place of a step: samples are chosen so that linear interpolation between them, of
             the attitude, of each device and of joints, is off by less. Of a plan there is one each 0.1 s, of
-            a day there are those for 1e-4 deg, unless one of the two is told.
+            a day there are those for 1e-4 deg, unless one of the two is told; of either those for 5e-5 deg
+            in ``"czml"``.
         names: what the files call the spacecraft and its frames; those of the day unless told.
+        observer: orbit of the spacecraft, for ``"czml"`` alone: one of `jaxplan.sky`, as
+            `jaxplan.sky.read_oem` and `jaxplan.sky.parse_tle` make them. Without it the spacecraft stands
+            still over the equator.
         overwrite: whether an old file may be replaced, or a folder that holds files of this format only.
 
     Returns:
@@ -146,16 +171,22 @@ def export(
     kind, start = _checked(plan, format, epoch, step_s, tolerance_deg)
     absent = [module for module in kind.needs if find_spec(module) is None]
     if absent:
-        raise ValueError(f"format {format} needs {' and '.join(absent)}: pip install 'jaxplan[spice]'")
+        extra = f"pip install 'jaxplan[{kind.extra}]'"
+        raise ValueError(f"format {format} needs {' and '.join(absent)}: {extra}")
+    if observer is not None:
+        expect_any("observer", observer, get_args(Satellite), "an orbit, as those of jaxplan.sky")
+        if not kind.placed:
+            raise ValueError(f"observer: format {format} does not say where the spacecraft is, czml does")
     target = free_place(path, kind.parts, overwrite=overwrite)
     flight = flight_of(plan)
     few = step_s == SPARSEST
-    steady = flight.boundaries if kind.exact or few else _steady(flight, step_s, tolerance_deg)
+    near = kind.tolerance_deg if tolerance_deg is None else tolerance_deg
+    steady = flight.boundaries if kind.exact or few else _steady(flight, step_s, near)
     proof = proof_of(plan)
     if not proof.certified:
         reasons = "; ".join(proof.faults)
         raise UncertifiedError(f"the plan of {flight.name} fails its certificate, made anew: {reasons}")
-    usual = SPARSEST_DEG if few else TOLERANCE_DEG
+    usual = SPARSEST_DEG if few else kind.tolerance_deg or TOLERANCE_DEG
     tolerance = float(np.deg2rad(usual if tolerance_deg is None else tolerance_deg))
     rodrigues = kind.interpolation == RODRIGUES
     sampling = Sampling(
@@ -164,6 +195,7 @@ def export(
         times=chosen_instants(flight, tolerance, rodrigues=rodrigues) if steady is None else steady,
         names=names or flight.names or ExportNames(),
         tolerance=tolerance if steady is None else None,
+        observer=observer,
     )
     if few and not kind.exact:
         sampling = sparsest(plan, sampling, kind.interpolation, tolerance)

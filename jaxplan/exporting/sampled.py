@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +19,11 @@ from jaxplan.exporting.flight import Flight
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import AnyArray, azimuth_elevation, frame
 from jaxplan.model.export_names import ExportNames
+from jaxplan.model.outlines import FORWARD, UP, field_corners
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheel_shares import wheel_loads
 from jaxplan.runtime.progress import progress_bar
+from jaxplan.sky import Satellite
 from jaxplan.trajectory.curve import Samples, total_momentum
 
 ROWS = 32_768  # most rows of a block: some 20 MB with all of its columns
@@ -64,6 +67,7 @@ class Sampling:
         times: (k,) s, rising from 0 to the duration, with all ends of segments.
         names: what files call the spacecraft and its frames.
         tolerance: rad, below which the errors of linear interpolation are; None where a step was given.
+        observer: orbit of the spacecraft, None where that is not known.
     """
 
     flight: Flight
@@ -71,6 +75,7 @@ class Sampling:
     times: np.ndarray
     names: ExportNames = field(default_factory=ExportNames)
     tolerance: float | None = None
+    observer: Satellite | None = None
 
     @property
     def spacecraft(self) -> Spacecraft:
@@ -200,3 +205,22 @@ def instrument_frames(boresights: np.ndarray) -> np.ndarray:
         (i, 3, 3) instrument to body; one along the body's z axis has its y axis along the body's.
     """
     return frames(*azimuth_elevation(boresights))
+
+
+def field_in_own_axes(device: Any, fixed: np.ndarray | None) -> np.ndarray | None:
+    """Unit vectors to the corners of a device's field of view.
+
+    Args:
+        device: a terminal, drive or instrument.
+        fixed: (3, 3) frame of an instrument, None for what has joints.
+
+    Returns:
+        (4, 3) in its frame, in order around it; None without a field.
+    """
+    angles = getattr(device, "field_of_view", None)
+    if angles is None:
+        return None
+    if fixed is None:  # boresight, left, up of the moving part
+        corners = field_corners(FORWARD, UP if device.up is None else device.up, angles)
+        return np.stack([-corners[:, 2], corners[:, 1], corners[:, 0]], axis=1)
+    return np.asarray(field_corners(device.boresight, device.up, angles) @ fixed)

@@ -40,6 +40,9 @@ from jaxplan.planner import Plan
 from jaxplan.plotting.day import DayPlan, as_plan
 from jaxplan.plotting.time_axis import EndLocator, day_axis, mark_nodes, seconds
 from jaxplan.runtime.arguments import as_floats, expect, show
+from jaxplan.runtime.colours import COLOURS as COLOURS
+from jaxplan.runtime.colours import KEEP_IN as KEEP_IN
+from jaxplan.runtime.colours import KEEP_OUT as KEEP_OUT
 from jaxplan.timeline.record import TimelinePlan
 from jaxplan.trajectory import Trajectory
 from jaxplan.trajectory.curve import Samples
@@ -50,10 +53,6 @@ Entries: TypeAlias = list[Entry]
 Canvas: TypeAlias = Axes | Sequence[Axes] | np.ndarray | Figure | SubFigure | None
 Box: TypeAlias = tuple[np.ndarray, np.ndarray]  # centre and size, (2,) each, in any unit
 
-COLOURS = (
-    *("#0072B2", "#E69F00", "#882255", "#56B4E9", "#332288", "#117733"),
-    *("#CC79A7", "#9F00FF", "#A9A960", "#4C004C", "#9F66FF"),
-)
 LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (1.5, 1.2)))
 AXIS_STYLES: tuple[Look, ...] = (  # of the body axes; no device has these colours
     {"color": "black", "linestyle": LINE_STYLES[0]},
@@ -61,7 +60,7 @@ AXIS_STYLES: tuple[Look, ...] = (  # of the body axes; no device has these colou
     {"color": "#009E73", "linestyle": LINE_STYLES[3]},
 )
 LENGTH_STYLE: Look = {"color": "#8C510A", "linestyle": LINE_STYLES[2]}  # of a vector, beside its components
-KEEP_OUT, KEEP_IN, GREY = "#B2182B", "#1B7837", "0.35"
+GREY = "0.35"
 TEXT, SMALL = 9, 7.5  # points
 HALO: Look = {  # of a name at a place
     "ha": "center",

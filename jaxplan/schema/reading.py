@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from jaxplan import sky
 from jaxplan.model.keys import unit_of
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
@@ -30,6 +31,7 @@ from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError, Spelled,
 from jaxplan.schema.fields import check_zones
 from jaxplan.schema.kinds import Epoch, Kind
 from jaxplan.schema.layout import SCENARIO, SPACECRAFT
+from jaxplan.schema.orbits import Orbit
 from jaxplan.schema.robust import check_robust
 from jaxplan.schema.sky import View, resolve
 from jaxplan.schema.states import Pointing
@@ -158,6 +160,30 @@ def scenario_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
     if root.reading.faults:
         raise ScenarioError(root.reading.faults)
     return scenario
+
+
+def load_observer(path: str | os.PathLike[str]) -> sky.Satellite:
+    """Read the orbit of the observer of a file's ``[sky]``; nothing else of the file is looked at.
+
+    Args:
+        path: of a TOML file in UTF-8, such as that of a scenario.
+
+    Raises:
+        ScenarioError: the file cannot be read, or has none; the message lists every fault.
+    """
+    return read_file(path, _observer)
+
+
+def _observer(text: str, *, folder: str | os.PathLike[str] = "") -> Any:
+    """The observer in the text of a file; raises a `ScenarioError` if there is none."""
+    root = Place(Reading())
+    root.reading.folder = folder
+    table = texts.parse(text).get("sky")
+    given, place = table.get("observer") if isinstance(table, dict) else None, root["sky"]["observer"]
+    observer = place.fault("missing, must say the orbit") if given is None else Orbit().read(given, place)
+    if root.reading.faults:
+        raise ScenarioError(root.reading.faults)
+    return observer
 
 
 def with_epoch(scenario: Scenario, view: Any, root: Place) -> Scenario:

@@ -147,13 +147,26 @@ def earth_fixed_state(
     Returns:
         (..., 3) km and (..., 3) km/s, GCRS.
     """
+    to_sky = np.swapaxes(gcrs_to_earth(epoch, times), -1, -2)
+    return to_sky @ place, to_sky @ np.cross([0.0, 0.0, _EARTH_RATE], place)
+
+
+def gcrs_to_earth(epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
+    """Rotation that takes the axes of the GCRS to those that are fixed to the Earth.
+
+    Args:
+        epoch: UTC, which stands for UT1.
+        times: (...) s after it.
+
+    Returns:
+        (..., 3, 3).
+    """
     erfa = library("erfa")
     instant = terrestrial(epoch, times)
     celestial = erfa.c2ixys(*_pole(*instant))
     moved = erfa.pom00(0.0, 0.0, erfa.sp00(*instant))
-    to_earth = erfa.c2tcio(celestial, erfa.era00(*universal(epoch, times)), moved)
-    to_sky = np.swapaxes(to_earth, -1, -2)
-    return to_sky @ place, to_sky @ np.cross([0.0, 0.0, _EARTH_RATE], place)
+    rotation: np.ndarray = erfa.c2tcio(celestial, erfa.era00(*universal(epoch, times)), moved)
+    return rotation
 
 
 def _pole(day: float, since: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

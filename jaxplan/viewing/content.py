@@ -13,11 +13,10 @@ import numpy as np
 
 from jaxplan.exporting.flight import Flight, Segment
 from jaxplan.exporting.pieces import described
-from jaxplan.exporting.sampled import instrument_frames
+from jaxplan.exporting.sampled import field_in_own_axes, instrument_frames
 from jaxplan.geometry.vectors import pointing
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.goals import GivenState, Targets
-from jaxplan.model.outlines import FORWARD, UP, field_corners
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepIn, KeepOut, masks
@@ -106,6 +105,7 @@ def _devices(craft: Spacecraft) -> Iterator[dict[str, Any]]:
         moving = number < gimbals.count
         terminal = number < len(craft.terminals)
         frame = gimbals.frames[number] if moving else fixed[number - gimbals.count]
+        corners = field_in_own_axes(device, None if moving else fixed[number - gimbals.count])
         kind = "terminal" if terminal else "drive" if moving else "instrument"
         yield {
             "name": device.name,
@@ -116,24 +116,13 @@ def _devices(craft: Spacecraft) -> Iterator[dict[str, Any]]:
             "yaw": int(gimbals.yaws[number]) if moving else None,
             "pitch": len(craft.terminals) + number if terminal else None,
             "tilt": float(gimbals.tilts[number - len(craft.terminals)]) if kind == "drive" else 0.0,
-            "field": _field(device, None if moving else fixed[number - gimbals.count]),
+            "field": None if corners is None else _plain(corners),
             "masks": [
                 {"name": mask.name, "points": _plain(_mask_edge(mask.corners) @ np.asarray(frame).T)}
                 for mask in every
                 if mask.device == device.name
             ],
         }
-
-
-def _field(device: Any, fixed: np.ndarray | None) -> Any:
-    """Corners (4, 3) of a device's field of view in its own axes (-up, left, boresight); None without one."""
-    angles = getattr(device, "field_of_view", None)
-    if angles is None:
-        return None
-    if fixed is None:  # boresight, left, up of the moving part
-        corners = field_corners(FORWARD, UP if device.up is None else device.up, angles)
-        return _plain(np.stack([-corners[:, 2], corners[:, 1], corners[:, 0]], axis=1))
-    return _plain(field_corners(device.boresight, device.up, angles) @ fixed)
 
 
 def _mask_edge(corners: np.ndarray) -> np.ndarray:

@@ -103,7 +103,7 @@ def test_labels_of_devices_differ_and_are_plain():
     ("changes", "words"),
     [
         ({"format": "aen"}, "format = 'aen': perhaps aem is meant"),
-        ({"format": "spice"}, "the formats are aem, ck, stk, basilisk, csv, npz, c, json"),
+        ({"format": "spice"}, "the formats are aem, ck, stk, czml, basilisk, csv, npz, c, json"),
         ({"epoch": "tomorrow"}, "epoch = 'tomorrow': must be a time in UTC such as"),
         ({"epoch": None}, "format aem needs the UTC of the start"),
         ({"step_s": 0}, r"step_s = 0: must lie in \[1e-06, inf\)"),
