@@ -287,6 +287,7 @@ def _add_plan_commands(commands: Any) -> None:
         )
     report.add_argument("-o", "--out", metavar="FILE", help="where to; by default beside the plan, as .html")
     report.add_argument("--force", action="store_true", help="replace a file that is there")
+    report.add_argument("--view", action="store_true", help="with the plan in space, to turn and play")
     export.add_argument(
         "--format",
         required=True,

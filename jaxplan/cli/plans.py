@@ -259,7 +259,8 @@ def report(options: argparse.Namespace) -> int:
     try_folder_of(path)
     if isinstance(plan, TimelinePlan) and plan.ok:  # a page on a single plan makes its certificate by itself
         plan = replace(plan, certificate=plan.certify())
-    say(f"wrote {report_html(plan, path, overwrite=options.force, frequencies=options.frequency)}")
+    frequencies, viewer = options.frequency, options.view
+    say(f"wrote {report_html(plan, path, overwrite=options.force, frequencies=frequencies, viewer=viewer)}")
     if plan.ok and not _certified_anew(plan).certified:  # the page says why
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
     return _code_of(plan)

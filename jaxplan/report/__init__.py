@@ -1,9 +1,10 @@
 """A plan as a page for people: ``jp.report_html(plan, "slew.html")``.
 
-The page is one file that asks for no other: figures are inside it, nothing in it runs, and it forbids
-browsers to load anything. It follows the reader's choice of light or dark, and prints in light. `markup`
-makes HTML in which no text of a scenario can be anything but text, `tables` has what was asked and what was
-found, and here it is put together: head, verdict, and the parts in the order of planning.
+The page is one file that asks for no other: figures are inside it, nothing in it runs unless a viewer is
+asked for, and it forbids browsers to load anything. It follows the reader's choice of light or dark, and
+prints in light. `markup` makes HTML in which no text of a scenario can be anything but text, `tables` has
+what was asked and what was found, and here it is put together: head, verdict, and the parts in the order of
+planning.
 """
 
 import os
@@ -18,12 +19,13 @@ from jaxplan.planner.proving import certify, check_margins
 from jaxplan.report import tables
 from jaxplan.report.day import day_page
 from jaxplan.report.document import document
-from jaxplan.report.markup import Markup, degrees, facts, number, section, tag
+from jaxplan.report.markup import Markup, degrees, facts, framed, number, section, tag
 from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import dump_scenario
 from jaxplan.timeline.record import TimelinePlan
 from jaxplan.version import __version__
+from jaxplan.viewing import view
 
 __all__ = ["report_html"]
 
@@ -34,6 +36,7 @@ def report_html(
     *,
     overwrite: bool = False,
     frequencies: Sequence[float] = (),
+    viewer: bool = False,
 ) -> Path:
     """Write a self-contained HTML page on a plan.
 
@@ -48,20 +51,24 @@ def report_html(
         overwrite: whether an old file may be replaced.
         frequencies: Hz, at which the spectrum of the torque is told and drawn, of a single manoeuvre; none by
             default.
+        viewer: whether to have the plan in space at its head, to turn and play (`jaxplan.view`; extra
+            ``view``). Then something runs in the page, and it has 3 MB more.
 
     Returns:
         The path.
 
     Raises:
         TypeError: for what is no plan or path.
-        ValueError: if the path is empty, or a folder, or a frequency is not positive.
+        ValueError: if the path is empty, or a folder, or a frequency is not positive; if a viewer is wanted,
+            and the extra is missing or the plan has no trajectory.
         FileExistsError: if there is a file at the path, and it may not be replaced.
     """
     if not isinstance(plan, TimelinePlan):
         expect("plan", plan, Plan, "jp.plan makes one of a scenario, jp.plan_timeline that of a timeline")
     file_path("path", path)
     target = free_place(path, overwrite=overwrite)
-    text = day_page(plan) if isinstance(plan, TimelinePlan) else page(plan, frequencies)
+    shown = framed(view(plan).html, f"{plan.scenario.name} in space") if viewer else None
+    text = day_page(plan, shown) if isinstance(plan, TimelinePlan) else page(plan, frequencies, shown)
     with replacing_file(target) as fresh:
         fresh.write_text(text, encoding="utf-8")
     return target
@@ -83,7 +90,7 @@ _CAPTIONS = {
 }
 
 
-def page(plan: Plan, frequencies: Sequence[float] = ()) -> str:
+def page(plan: Plan, frequencies: Sequence[float] = (), viewer: Markup | None = None) -> str:
     """The HTML of the page on a plan of any status, certified anew; see `jaxplan.report.report_html`."""
     there = plan.trajectory is not None and plan.goal is not None
     certificate = certify(plan) if there else None
@@ -96,10 +103,12 @@ def page(plan: Plan, frequencies: Sequence[float] = ()) -> str:
     main = tag(
         "main",
         _header(plan, status, message, certificate),
+        *([] if viewer is None else [section("space", "In space", viewer)]),
         *_parts(plan, certificate, pictures),
         tag("footer", tag("p", colophon)),
     )
-    return document(f"{plan.scenario.name} \N{EN DASH} {_word(status)}", main)
+    title = f"{plan.scenario.name} \N{EN DASH} {_word(status)}"
+    return document(title, main, running=viewer is not None)
 
 
 def _verdict(plan: Plan, certificate: Certificate | None) -> tuple[Status, str]:

@@ -26,15 +26,22 @@ _CAPTIONS = {
 _MOST_EVENTS = 2000  # rows of the table of events
 
 
-def day_page(plan: TimelinePlan) -> str:
+def day_page(plan: TimelinePlan, viewer: Markup | None = None) -> str:
     """The HTML of the page on a timeline's plan of any status; see `jaxplan.report.report_html`."""
     found, pictures = events(plan), dict(_pictures(plan))
     colophon = (
         f"Made by jaxplan {__version__}. The certificate is the one of the plan, from its trajectory alone. "
         "Attitudes map body to inertial axes."
     )
-    main = tag("main", _header(plan), *_parts(plan, found, pictures), tag("footer", tag("p", colophon)))
-    return document(f"{plan.timeline.name} \N{EN DASH} {_word(plan.status)}", main)
+    main = tag(
+        "main",
+        _header(plan),
+        *([] if viewer is None else [section("space", "In space", viewer)]),
+        *_parts(plan, found, pictures),
+        tag("footer", tag("p", colophon)),
+    )
+    title = f"{plan.timeline.name} \N{EN DASH} {_word(plan.status)}"
+    return document(title, main, running=viewer is not None)
 
 
 def _word(status: Status) -> str:

@@ -96,6 +96,11 @@ def facts(rows: Iterable[tuple[str, Any]], caption: str) -> Markup:
     return tag("div", body, class_="scroll")
 
 
+def framed(page: str, title: str) -> Markup:
+    """A page in a frame of another one."""
+    return tag("iframe", srcdoc=page, title=title, class_="view", loading="lazy")
+
+
 def section(name: str, title: str, *content: Any) -> Markup:
     """A part of the page with its heading; `name` is what links go to."""
     return tag("section", tag("h2", title), *content, id=name)
