@@ -15,7 +15,7 @@ import numpy as np
 from jaxplan.runtime.arguments import file_path
 from jaxplan.runtime.display import Cells, as_table, shown
 from jaxplan.runtime.files import replacing_file
-from jaxplan.study.rows import COLUMNS, OK, TIMES, Row
+from jaxplan.study.rows import OK, TIMES, Row, columns_of
 from jaxplan.study.store import TABLE, TIMINGS, read_header, scan
 
 Lines = Sequence[tuple[str, str]]
@@ -180,6 +180,7 @@ class Study:
         settings: that differ from the scenes' own.
         scenes: how many there are; those that were not planned yet have no row.
         folder: where it is kept; None if only here.
+        columns: names of the columns that it has besides those of every study.
     """
 
     kind: str | None
@@ -187,6 +188,7 @@ class Study:
     settings: Mapping[str, Any]
     scenes: int
     folder: Path | None = None
+    columns: tuple[str, ...] = ()
     _held: Mapping[str, list[Row]] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -204,7 +206,7 @@ class Study:
         """Rows of `TABLE` or `TIMINGS`, by name, in the order of scenes; of several of a scene the last."""
         if self.folder is None:
             return sorted(self._held[name], key=lambda row: row["scene"])
-        rows = {row["scene"]: row for _, row in scan(self.folder, name, self.scenes)}
+        rows = {row["scene"]: row for _, row in scan(self.folder, name, self.scenes, self.columns)}
         return [rows[number] for number in sorted(rows)]
 
     @property
@@ -253,7 +255,8 @@ class Study:
 
     def summary(self) -> Summary:
         """Success rate with its interval, and quantiles of what was found; prints as a table."""
-        values = {label: self.values(column, every) for label, column, every in _QUANTITIES}
+        quantities = [*_QUANTITIES, *((name, name, False) for name in self.columns)]
+        values = {label: self.values(column, every) for label, column, every in quantities}
         return Summary(
             study=self.title,
             scenes=self.scenes,
@@ -276,7 +279,7 @@ class Study:
         return pd.DataFrame(
             {
                 name: pd.array([row.get(name) for row in rows], dtype=_TYPES[kind])
-                for name, kind in {**COLUMNS, **TIMES}.items()
+                for name, kind in {**columns_of(self.columns), **TIMES}.items()
             }
         )
 
@@ -331,4 +334,8 @@ def load_study(folder: str | os.PathLike[str]) -> Study:
     """
     place = file_path("folder", folder)
     header = read_header(place)
-    return Study(**{key: header[key] for key in ("kind", "planner", "settings", "scenes")}, folder=place)
+    return Study(
+        **{key: header[key] for key in ("kind", "planner", "settings", "scenes")},
+        folder=place,
+        columns=tuple(header.get("columns", ())),
+    )

@@ -7,9 +7,12 @@ the others of its block are planned one by one.
 """
 
 import math
+import pickle
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from jaxplan.planner import Plan, plan, plan_batch
 from jaxplan.runtime.jit import working_time
@@ -63,21 +66,75 @@ def filled(columns: Mapping[str, type], known: Mapping[str, Any]) -> Row:
     return row
 
 
-def row_of(outcome: Plan | str, head: Row) -> Row:
+def columns_of(own: Iterable[str]) -> Mapping[str, type]:
+    """Columns of a table with those of a study's own, whose values are numbers."""
+    return {**COLUMNS, **dict.fromkeys(own, float)}
+
+
+def check_columns(columns: object, *, sent: bool = False) -> None:
+    """Raise a TypeError or ValueError for columns that are none, or have a name that is taken.
+
+    Args:
+        columns: functions by name.
+        sent: whether they must get to processes of their own.
+    """
+    if not isinstance(columns, Mapping):
+        raise TypeError(f"columns must be a dict of functions by name, not {type(columns).__name__}")
+    for name, function in columns.items():
+        if not isinstance(name, str) or not name or any(letter.isspace() for letter in name):
+            raise ValueError(f"columns: {name!r} must be a name without blanks")
+        if name in COLUMNS or name in TIMES or name == "over_bound":
+            raise ValueError(f"columns: {name} is a column that every study has, take another name")
+        if not callable(function):
+            raise TypeError(f"columns: {name} must be a function of a plan, not {type(function).__name__}")
+        if sent:
+            try:
+                pickle.dumps(function)
+            except Exception as error:
+                raise ValueError(
+                    f"columns: {name} cannot be sent to processes ({error}): define it with def in a module"
+                ) from error
+
+
+def _number(value: Any) -> float:
+    """A value as a number; raises a ValueError if it is none, or not finite."""
+    if isinstance(value, str) or np.ndim(value) or not math.isfinite(value):
+        raise ValueError(f"{value!r} is no finite number")
+    return float(value)
+
+
+def _own_values(columns: Mapping[str, Callable[[Plan], Any]], found: Plan) -> tuple[Row, list[str]]:
+    """The numbers that a study's own functions make of a plan, and a sentence for each that makes none."""
+    row: Row = {}
+    wrong = []
+    for name, function in columns.items():
+        try:
+            row[name] = _number(function(found))
+        except Exception as error:
+            row[name] = None
+            wrong.append(f"column {name}: {type(error).__name__}: {error}")
+    return row, wrong
+
+
+def row_of(outcome: Plan | str, head: Row, own: Mapping[str, Callable[[Plan], Any]] | None = None) -> Row:
     """A scene's row of `COLUMNS`: numbers and words about its plan, no arrays.
 
     Args:
         outcome: a plan, also one that failed, or the message of an error that was raised instead.
         head: values of the columns from scene to planner.
+        own: functions for further columns, called with certified plans alone.
     """
+    columns = columns_of(own or {})
     if isinstance(outcome, str):
-        return filled(COLUMNS, {**head, "status": CRASHED, "message": outcome, "certified": False})
+        return filled(columns, {**head, "status": CRASHED, "message": outcome, "certified": False})
     found = outcome.summary()
     edges, peaks = found["edges"], found["peaks"]
     found["interior_nodes"] = None if edges is None else max(edges - 1, 0)
     found["peak"] = max(peaks.values()) if peaks else None
     found["certified"] = bool(found["certified"])
-    return filled(COLUMNS, {**found, **head})
+    more, wrong = _own_values(own, outcome) if own and outcome.ok else ({}, [])
+    found["message"] = "; ".join(filter(None, (found["message"], *wrong)))
+    return filled(columns, {**found, **more, **head})
 
 
 def times_of(timings: Mapping[str, float] | None, head: Row) -> Row:
@@ -158,7 +215,7 @@ def answer_of(chunk: Chunk, outcomes: Iterable[Plan | str]) -> Answer:
     table, timings = [], []
     for place, outcome in enumerate(outcomes):
         head = chunk.head(place)
-        row = row_of(outcome, head)
+        row = row_of(outcome, head, chunk.columns)
         if chunk.apart:
             row["message"] = "; ".join(filter(None, (row["message"], APART)))
         table.append(row)

@@ -22,11 +22,12 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from jaxplan.model.scenario import Scenario
+from jaxplan.planner import Plan
 from jaxplan.runtime.arguments import file_path
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import WorkerPool, Workers, WorkersDiedError, who_works
 from jaxplan.study.result import Study
-from jaxplan.study.rows import OK, Answer, Work, answer_of, plan_chunk
+from jaxplan.study.rows import OK, Answer, Work, answer_of, check_columns, plan_chunk
 from jaxplan.study.store import Store
 from jaxplan.study.task import BLOCK, Chunk, Task, make_task
 
@@ -42,6 +43,7 @@ def run_study(
     chunk: int | None = None,
     progress: bool = True,
     executor: Workers | None = None,
+    columns: Mapping[str, Callable[[Plan], Any]] | None = None,
 ) -> Study:
     """Plan many scenes, and keep a row of the outcome of each.
 
@@ -67,6 +69,10 @@ def run_study(
         chunk: blocks that are handed out together; by default as many as take some two seconds.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
         executor: an older name of workers.
+        columns: functions that make a number of a certified plan, by names for columns of their own, as in
+            ``{"breaks": lambda plan: len(plan.trajectory.breaks)}``; in other processes only functions of a
+            module. Where one raises an error, the value is missing and the message says why. A folder
+            remembers the names, so that a study that goes on must have the same.
 
     Returns:
         The study.
@@ -88,7 +94,9 @@ def run_study(
     chosen = who_works(workers, executor)
     if out is not None:
         file_path("out", out)
-    task = make_task(scenarios_or_seeds, kind, planner, settings)
+    if columns is not None:
+        check_columns(columns, sent=isinstance(chosen, int))
+    task = make_task(scenarios_or_seeds, kind, planner, settings, columns)
     try:
         return run_task(task, chosen, out, chunk, progress, plan_chunk)
     except WorkersDiedError as error:
@@ -143,6 +151,7 @@ def run_task(
             settings=task.settings,
             scenes=len(task.scenes),
             folder=None if out is None else Path(out),
+            columns=tuple(task.columns),
             _held=store.rows,
         )
 

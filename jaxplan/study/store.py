@@ -23,13 +23,12 @@ from typing import IO, Any
 
 from jaxplan.runtime.files import replacing_file
 from jaxplan.study.folder import Head, StudyFolderError, force, open_file, refuse_constant
-from jaxplan.study.rows import COLUMNS, TIMES, Answer, Row
+from jaxplan.study.rows import TIMES, Answer, Row, columns_of
 from jaxplan.study.task import BLOCK, Task
 
 HEADER, TABLE, TIMINGS = "study.json", "table.jsonl", "timings.jsonl"
 NOUN = "study"
 _LONGEST_LINE = 2**20  # most bytes of a row
-_FILES = {TABLE: COLUMNS, TIMINGS: TIMES}
 _KEYS: Mapping[str, Any] = {  # of the header, with their types
     "jaxplan": str,
     "kind": str | None,
@@ -44,6 +43,9 @@ def _check_header(content: dict[str, Any]) -> None:
     for key, kind in _KEYS.items():
         if not isinstance(content.get(key), kind) or isinstance(content.get(key), bool):
             raise ValueError(f"{key} is missing or wrong")
+    own = content.get("columns", [])
+    if not isinstance(own, list) or not all(isinstance(name, str) for name in own):
+        raise ValueError("columns is wrong")
     if not 0 < content["scenes"] < 2**31:
         raise ValueError(f"scenes = {content['scenes']}")
 
@@ -60,20 +62,22 @@ def read_header(folder: Path) -> dict[str, Any]:
     return _HEAD.read(folder)
 
 
-def scan(folder: Path, name: str, scenes: int) -> Iterator[tuple[int, Row]]:
+def scan(folder: Path, name: str, scenes: int, own: Iterable[str] = ()) -> Iterator[tuple[int, Row]]:
     """Yield the rows of a file up to the first line that is not whole, each after its line's end in bytes.
 
     Args:
         folder: of a study.
         name: `TABLE`, or `TIMINGS`, of which damaged lines are passed over; a missing file has no rows.
         scenes: how many the study has.
+        own: names of columns that it has besides those of every study.
     """
+    columns = columns_of(own) if name == TABLE else TIMES
     if not (folder / name).exists():
         return
     end = 0
     with open(os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW), "rb") as file:
         while line := file.readline(_LONGEST_LINE):
-            row = _row(line, _FILES[name], scenes)
+            row = _row(line, columns, scenes)
             if row is None and not (name == TIMINGS and line.endswith(b"\n")):
                 return
             end += len(line)
@@ -129,12 +133,12 @@ class Store:
             )
             scenes = read_header(path)["scenes"]
             if scenes < len(task.scenes):
-                _keep_full_blocks(path, scenes)
+                _keep_full_blocks(path, scenes, task.columns)
                 _HEAD.write(path, wanted)
             for name in self.rows:
                 file = self._files[name] = stack.enter_context(open_file(path / name, NOUN))
                 whole = 0
-                for end, row in scan(path, name, len(self.done)):
+                for end, row in scan(path, name, len(self.done), task.columns):
                     whole = end
                     if name == TABLE:
                         self.done[row["scene"]] = True
@@ -162,13 +166,13 @@ class Store:
         return fresh
 
 
-def _keep_full_blocks(folder: Path, scenes: int) -> None:
+def _keep_full_blocks(folder: Path, scenes: int, own: Iterable[str]) -> None:
     """Take the rows of a last block that is not full out of the files of a study of that many scenes."""
     full = scenes - scenes % BLOCK
     for name in (TABLE, TIMINGS):  # the table first: a scene without a row there is planned
         if full < scenes and (folder / name).exists():
             with replacing_file(folder / name) as fresh, fresh.open("wb") as file:
-                _append(file, (row for _, row in scan(folder, name, scenes) if row["scene"] < full))
+                _append(file, (row for _, row in scan(folder, name, scenes, own) if row["scene"] < full))
 
 
 def _append(file: IO[bytes], rows: Iterable[Mapping[str, Any]]) -> None:

@@ -9,7 +9,7 @@ it is interrupted. A *chunk* is some blocks as they are sent to a worker.
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from typing import Any
@@ -18,6 +18,7 @@ import numpy as np
 
 from jaxplan.cases import RANDOM_KINDS, random_scenario
 from jaxplan.model.scenario import Scenario
+from jaxplan.planner import Plan
 from jaxplan.planner.runs import as_filed
 from jaxplan.runtime.arguments import several
 from jaxplan.schema import ScenarioError, scenario_to_dict, with_settings
@@ -47,6 +48,7 @@ class Task:
         planner: its name in `PLANNERS`.
         settings: that differ from the scenes' own, by dotted names in a file's keys and units.
         version: of jaxplan, which must be that of all who plan.
+        columns: functions that make a number of each certified plan, by the names of their columns.
     """
 
     kind: str | None
@@ -54,6 +56,7 @@ class Task:
     planner: str
     settings: Mapping[str, Any] = field(default_factory=dict)
     version: str = __version__
+    columns: Mapping[str, Callable[[Plan], Any]] = field(default_factory=dict)
 
     @property
     def examples(self) -> int:
@@ -76,6 +79,7 @@ class Task:
             "planner": self.planner,
             "settings": dict(self.settings),
             "scenes": len(self.scenes),
+            **({"columns": list(self.columns)} if self.columns else {}),
             **({"scenarios": _digest(self.scenes)} if self.kind is None else {"seeds": _runs(self.scenes)}),
         }
 
@@ -139,6 +143,7 @@ def make_task(
     kind: str | None,
     planner: str,
     settings: Mapping[str, Any] | None,
+    columns: Mapping[str, Callable[[Plan], Any]] | None = None,
 ) -> Task:
     """Check the arguments of a study and make its task; they are those of `run_study`.
 
@@ -168,7 +173,13 @@ def make_task(
         if kind not in RANDOM_KINDS:
             raise ValueError(f"kind = {kind!r}: must be one of {', '.join(RANDOM_KINDS)}")
         scenes = _seeds(scenes)
-    task = Task(kind=kind, scenes=scenes, planner=planner, settings=_plain(settings or {}))
+    task = Task(
+        kind=kind,
+        scenes=scenes,
+        planner=planner,
+        settings=_plain(settings or {}),
+        columns=dict(columns or {}),
+    )
     for place in range(task.examples):
         task.scenario(place)
     return task
