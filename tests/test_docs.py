@@ -539,7 +539,7 @@ def test_the_table_of_its_page_is_proved_and_has_a_few_rows_that_do(tmp_path, mo
 @pytest.mark.slow
 def test_the_studies_of_their_page_are_made_and_compared(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (code,) = blocks(DOCS / "studies.md", "python")
+    code, own = blocks(DOCS / "studies.md", "python")
     few = code.replace("range(200)", "range(2)").replace("workers=2, ", "")
     if find_spec("pandas") is None or find_spec("pyarrow") is None:
         few = few.replace('studies["mha"].to_parquet', "#")
@@ -547,6 +547,8 @@ def test_the_studies_of_their_page_are_made_and_compared(tmp_path, monkeypatch, 
     exec(few, names)
     assert [len(study.table) for study in names["studies"].values()] == [2, 2]
     assert "McNemar" in capsys.readouterr().out
+    exec(own.replace("range(200)", "range(2)"), names)
+    assert all(row["breaks"] >= 2 for row in names["study"].table if row["certified"])
     *_, report = commands(*blocks(DOCS / "studies.md", "sh"))
     assert main(report) == 0
     assert list((tmp_path / "figures").glob("*.png"))
