@@ -65,7 +65,7 @@ def played(page: str, folder: Path, seconds: float) -> list[float]:
 def _run(page: str, folder: Path, ask: str, *options: str) -> subprocess.CompletedProcess:
     """Run a browser on a page, see `_command`."""
     command = _command(page, folder, ask, *options)
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
 
 
 def _command(page: str, folder: Path, ask: str, *options: str) -> list[str]:

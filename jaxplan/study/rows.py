@@ -7,9 +7,9 @@ the others of its block are planned one by one.
 """
 
 import math
-import pickle
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from multiprocessing.reduction import ForkingPickler
 from typing import Any
 
 import numpy as np
@@ -89,7 +89,7 @@ def check_columns(columns: object, *, sent: bool = False) -> None:
             raise TypeError(f"columns: {name} must be a function of a plan, not {type(function).__name__}")
         if sent:
             try:
-                pickle.dumps(function)
+                ForkingPickler.dumps(function)
             except Exception as error:
                 raise ValueError(
                     f"columns: {name} cannot be sent to processes ({error}): define it with def in a module"

@@ -63,7 +63,7 @@ def test_mistakes_are_bad_input_without_a_traceback(capsys, tmp_path):
         ("--out", tmp_path): "holds file, but no study",
         ("--out", tmp_path / "file"): "file is a file",
         ("--out", "/proc/nowhere"): "/proc/nowhere: ",
-        ("-n", 4, "--out", tmp_path / "study"): "scenes 3 there, 4 here",
+        ("-n", 2, "--out", tmp_path / "study"): "scenes 3 there, 2 here",
         ("--report", tmp_path): f"{tmp_path}: holds no study; jaxplan study -o {tmp_path} makes one there",
         ("--report", tmp_path / "study", "-n", 4): "-n says what to plan, but --report plans nothing",
         ("--report", tmp_path / "study", "--first-seed", 0): "--first-seed says what to plan",

@@ -58,8 +58,8 @@ def studies() -> dict[str, tuple[Make, str]]:
         "no study": (plain("--report", "{folder}"), "-n says what to plan, but --report plans nothing"),
         "a folder of something else": (foreign, "holds thesis.tex, but no study"),
         "another number": (
-            beside(lambda study: None, "--kind", "keep_in", "-n", "4", "--out", "{folder}/study"),
-            "scenes 3 there, 4 here",
+            beside(lambda study: None, "--kind", "keep_in", "-n", "2", "--out", "{folder}/study"),
+            "scenes 3 there, 2 here",
         ),
         "another kind": (
             beside(lambda study: None, "-n", "3", "--out", "{folder}/study"),
