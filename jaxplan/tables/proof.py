@@ -57,7 +57,8 @@ class TableCertificate:
         attitude_jump: rad, the largest jump of the attitude; zero but with "constant_rate".
         start_off: rad, from the attitude at which the scene starts to the first row.
         goal_off: rad, in the last row: the largest angle between a device and its target, as far as the table
-            knows devices; or from the goal's attitude. None where it knows none that has a target.
+            knows devices; or from the goal's attitude. None where it knows none that has a target, or the
+            targets are not known then.
         left_out: a sentence for each thing that is not claimed.
         faults: a sentence for each thing that fails.
     """
@@ -243,7 +244,8 @@ def _goal_off(scenario: Scenario, table: AttitudeTable, time: float) -> float | 
     beams = np.asarray(craft.boresights(table.attitudes[-1], joints))
     numbers = np.array(asked.numbers(craft), int)
     known = whole | (numbers >= craft.gimbals.count)
-    if not np.any(known):
+    there = all(path.covers(time) for path in asked.paths)
+    if not (there and np.any(known)):
         return None
     apart = np.linalg.norm(beams[numbers] - np.asarray(asked.at(time).directions), axis=-1)
     return float(np.max(2 * np.arcsin(np.clip(apart[known] / 2, 0, 1))))

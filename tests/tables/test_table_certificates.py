@@ -240,6 +240,29 @@ def test_zones_that_move_are_held_against_the_tables_own_times(plan):
     assert "is known from" in " ".join(jp.certify_table(beyond, SLERP, scene).faults)
 
 
+def test_how_far_the_last_row_is_off_its_targets_is_told_as_far_as_it_is_known(plan):
+    scene, table = scene_around(plan, 8.0), table_of(plan, 0.5)
+    craft = scene.spacecraft
+    values = plan.trajectory.sample(np.array([DURATION]))
+    beams = np.asarray(craft.boresights(values.attitude, values.joints))[0]
+    aside = Rotation.from_rotvec(0.01 * unit(np.cross(beams[-1], [0.1, 0.2, 0.9]))).apply(beams[-1])
+    goal = jp.Targets(devices=("terminal-0", "instrument-0"), directions=np.stack([beams[0], aside]))
+    scene = replace(scene, goal=goal)
+    assert jp.certify_table(table, SLERP, scene).goal_off == pytest.approx(0.01, abs=1e-9)
+    assert jp.certify_table(table, SLERP, replace(scene, goal=scene.start)).goal_off > 0.5
+    bare = replace(table, joints=None, joint_rates=None, joint_names=())
+    assert jp.certify_table(bare, SLERP, scene).goal_off == pytest.approx(0.01, abs=1e-9)
+    of_terminal = jp.Targets(devices=("terminal-0",), directions=beams[:1])
+    assert jp.certify_table(bare, SLERP, replace(scene, goal=of_terminal)).goal_off is None
+    short = jp.DirectionPath(  # known for a part of the table alone
+        times=np.array([0.0, 10.0]), samples=np.stack([beams[0], aside]), slopes=np.zeros((2, 3))
+    )
+    moving = jp.Targets(devices=("instrument-0",), directions=(short,))
+    found = jp.certify_table(table, SLERP, replace(scene, goal=moving))
+    assert found.certified
+    assert found.goal_off is None
+
+
 def test_long_tables_are_proved_in_parts_as_in_one(plan, monkeypatch):
     scene, table = scene_around(plan, 8.0), table_of(plan, 0.1)
     whole = jp.certify_table(table, SLERP, scene)
