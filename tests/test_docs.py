@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from reference import assert_each
 
+from jaxplan.cases import case_path
 from jaxplan.cli import _parser, main
 from jaxplan.model.status import Status
 from jaxplan.schema.directions import TargetList
@@ -549,8 +550,12 @@ def test_the_studies_of_their_page_are_made_and_compared(tmp_path, monkeypatch, 
     assert "McNemar" in capsys.readouterr().out
     exec(own.replace("range(200)", "range(2)"), names)
     assert all(row["breaks"] >= 2 for row in names["study"].table if row["certified"])
-    *_, report = commands(*blocks(DOCS / "studies.md", "sh"))
+    _, report, folder = commands(*blocks(DOCS / "studies.md", "sh"))
     assert main(report) == 0
+    (tmp_path / folder[-1]).mkdir()
+    (tmp_path / folder[-1] / "mine.toml").write_text(case_path("case-4").read_text())
+    assert main(folder) == 0
+    assert "mine.toml" in capsys.readouterr().out
     assert list((tmp_path / "figures").glob("*.png"))
 
 

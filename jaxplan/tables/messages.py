@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from datetime import datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from jaxplan.tables.table import AttitudeTable
 INERTIAL = ("EME2000", "J2000", "ICRF", "GCRF", "ICRF1", "ICRF2", "ICRF3")
 """Frames that are taken for the inertial one; they are apart by 1e-7 rad."""
 _TYPES = ("QUATERNION", "QUATERNION/ANGVEL")
+_MEET = 1e-6  # s, within which a segment of a message must begin where the one before ends
 _STK_DATA = ("AttitudeTimeQuaternions", "AttitudeTimeQuatScalarFirst", "AttitudeTimeQuatAngVels")
 _STK_AXES = ("J2000", "ICRF", "Inertial")
 
@@ -37,6 +39,13 @@ def read_aem(path: Path) -> AttitudeTable:
         raise ValueError(f"{path}: has no segment")
     epoch = parse_epoch(str(message.segments[0].metadata.start_time)[:26])
     parts = [_segment(path, number, segment, epoch) for number, segment in enumerate(message.segments, 1)]
+    for number, (before, after) in enumerate(pairwise(parts), 1):
+        apart = float(after[0][0] - before[0][-1])
+        if not abs(apart) <= _MEET:
+            raise ValueError(
+                f"{path}: segment {number + 1} begins {apart:.6g} s after segment {number} ends, and no "
+                "attitude is known between: must be where it ends"
+            )
     times, quaternions = (np.concatenate([part[k] for part in parts]) for k in range(2))
     rates = None if any(part[2] is None for part in parts) else np.concatenate([part[2] for part in parts])
     # the instant at which a segment ends and the next begins is in both
@@ -59,6 +68,12 @@ def _segment(
     where = f"{path}: segment {number}"
     if kind not in _TYPES:
         raise ValueError(f"{where}: ATTITUDE_TYPE = {kind}: must be one of {', '.join(_TYPES)}")
+    method, degree = (getattr(told, f"interpolation_{key}", None) for key in ("method", "degree"))
+    if method is not None and (str(method).upper() != "LINEAR" or degree not in (None, 1)):
+        raise ValueError(
+            f"{where}: INTERPOLATION_METHOD = {method}, INTERPOLATION_DEGREE = {degree}: must be LINEAR of "
+            "degree 1, whose motion between rows is known"
+        )
     if str(told.time_system) != "UTC":
         raise ValueError(f"{where}: TIME_SYSTEM = {told.time_system}: must be UTC")
     inertial = [frame.upper() in INERTIAL for frame in (first, second)]

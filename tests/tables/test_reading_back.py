@@ -96,6 +96,14 @@ def test_a_row_is_the_start_of_a_scene(plan, folder):
         ("stk/platform.a", lambda text: text.replace("END", "1 2 3\nEND"), "rows of 5 numbers"),
         ("aem", lambda text: text.replace("EME2000", "ITRF97"), "REF_FRAME_A = ITRF97"),
         ("aem", lambda text: text.replace("= UTC", "= TDB"), "TIME_SYSTEM = TDB"),
+        (
+            "aem",
+            lambda text: text.replace(
+                "META_STOP", "INTERPOLATION_METHOD = HERMITE\nINTERPOLATION_DEGREE = 7\nMETA_STOP"
+            ),
+            "INTERPOLATION_METHOD = HERMITE",
+        ),
+        ("aem", lambda text: text + _later_segment(text), "no attitude is known between"),
         ("aem", lambda text: text.replace("META_START", "META"), "no Attitude Ephemeris Message"),
     ],
 )
@@ -115,6 +123,11 @@ def _cell(text: str, line: int, column: int, value: str) -> str:
     lines = [row.split(",") for row in text.splitlines()]
     lines[line][column] = value
     return "\n".join(",".join(row) for row in lines) + "\n"
+
+
+def _later_segment(text: str) -> str:
+    """The segment of a message once more, an hour later."""
+    return text[text.index("META_START") :].replace("T06:", "T07:")
 
 
 def _without_last_cell(text: str) -> str:
