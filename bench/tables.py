@@ -1,10 +1,10 @@
 """Tables of attitudes: what is proved of them beside what readers make of them, and how few rows will do.
 
-Plans of random scenes of all kinds are exported in every format that has samples, at 0.1 s and with the
-fewest rows, and each file is read back and interpolated by a foreign reader: CSPICE (ck), Basilisk's formula
-for waypoints (basilisk), and scipy's Slerp between the rows that ccsds-ndm-py and numpy read (aem, stk, csv,
-npz). At 20,000 instants the least margin of the motion, of all zones that bind what the file knows, is held
-against the certificate's.
+Plans of random scenes of all kinds whose zones stand still are exported in every format that has samples, at
+0.1 s and with the fewest rows. Each file is read back and interpolated: by CSPICE (ck), by Basilisk's rule
+for waypoints, written again here (basilisk), and by scipy's Slerp between the rows that
+`jaxplan.load_attitude` reads (aem, stk, csv, npz). At 20,000 instants the least margin of the motion, of all
+zones that bind what the file knows, is held against the certificate's.
 
     python bench/tables.py [-n 200]
 """
