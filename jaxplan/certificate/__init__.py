@@ -12,7 +12,7 @@ about -1e-11), and evaluation in float64 errs by less than a thousandth, 1e-12, 
 extended precision; an estimate of it is counted in as well.
 """
 
-from jaxplan.certificate.claims import Certificate, Claim, EndState, ProvedMargin
+from jaxplan.certificate.claims import Certificate, Claim, EndState, ProvedMargin, faults_later
 from jaxplan.certificate.proof import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, certify, certify_batch, prove_margins
 
 Report = Certificate  # its name before
@@ -27,5 +27,6 @@ __all__ = [
     "Report",
     "certify",
     "certify_batch",
+    "faults_later",
     "prove_margins",
 ]

@@ -1,5 +1,6 @@
 """The data of a certificate: the claim about a trajectory that is to be proved, and what is proved of it."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -9,7 +10,7 @@ from jaxplan.certificate.motion import Trajectory
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.robust import Robust
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.runtime.display import as_table, shown
+from jaxplan.runtime.display import aligned, as_table, shown
 
 
 @shown("joints deg", "angular_velocity deg/s", "joint_rates deg/s", "attitude")
@@ -151,9 +152,22 @@ class Certificate:
         return rows
 
     def __str__(self) -> str:
-        rows = self.rows()
-        width = max(len(label) for label, _ in rows)
-        return "\n".join(f"{label:<{width}}  {value}" for label, value in rows)
+        return "\n".join(aligned(self.rows()))
 
     def _repr_html_(self) -> str:
         return as_table("Certificate", self.rows())
+
+
+def faults_later(proof: Certificate, begin: float) -> list[str]:
+    """Tell what could not be proved of a part of a motion with times from the start of the whole.
+
+    Certificates of parts tell times from their own start, as "at t = 3.25 s".
+
+    Args:
+        proof: of the part.
+        begin: s, of the part.
+    """
+    return [
+        re.sub(r"at t = (\S+) s", lambda found: f"at {begin + float(found[1]):.2f} s", fault)
+        for fault in proof.faults
+    ]

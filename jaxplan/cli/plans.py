@@ -310,12 +310,20 @@ def export(options: argparse.Namespace) -> int:
         return complain(str(error), NOT_CERTIFIED if plan.ok else _code_of(plan))
     told = [f"wrote {written}", exporting.needed_by(plan, options.format)]
     if options.step == exporting.SPARSEST:
-        from jaxplan.tables import load_attitude
-
-        table = load_attitude(written)
-        told.append(f"{len(table.times)} rows, {table.numbers} numbers")
+        told.append(_counted(written))
     say(": ".join(filter(None, told)))
     return DONE
+
+
+def _counted(file: Path) -> str:
+    """Tell how many rows and numbers a written table has; nothing where its format is not read back."""
+    from jaxplan.tables import load_attitude
+
+    try:
+        table = load_attitude(file)
+    except (ValueError, ImportError):  # CZML, or a reader that is not installed
+        return ""
+    return f"{len(table.times)} rows, {table.numbers} numbers"
 
 
 def _load_any_plan(name: str) -> Plan | TimelinePlan:

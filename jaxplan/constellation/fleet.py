@@ -29,7 +29,7 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.model.timeline import SHORTEST, SLEWS
 from jaxplan.runtime.arguments import expect, file_path, show
-from jaxplan.runtime.display import as_table, shown
+from jaxplan.runtime.display import aligned, as_table, shown
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import Workers, WorkersDiedError, who_works
 from jaxplan.schema import ScenarioError, scenario_to_dict, with_settings
@@ -137,11 +137,7 @@ class Fleet:
         return rows
 
     def __str__(self) -> str:
-        rows = self.rows()
-        width = max(len(label) for label, _ in rows)
-        return "\n".join(
-            [f"Fleet of {self.title}", *(f"  {label:<{width}}  {value}" for label, value in rows)]
-        )
+        return "\n".join([f"Fleet of {self.title}", *(f"  {line}" for line in aligned(self.rows()))])
 
     def _repr_html_(self) -> str:
         return as_table(f"Fleet of {self.title}", self.rows())

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan import sky
+from jaxplan import sky, so3
 from jaxplan.exporting.sampled import Sampling, continued, device_frames, field_in_own_axes, instrument_frames
 from jaxplan.model.epochs import utc_texts
 from jaxplan.runtime.colours import COLOURS, KEEP_IN, KEEP_OUT
-from jaxplan.sky.frames import gcrs_to_earth
+from jaxplan.sky.frames import EARTH_RATE, gcrs_to_earth
 
 LENGTH = 1e6
 """m: of lines, from the spacecraft on."""
@@ -27,7 +27,6 @@ STANDS = np.array([7e6, 0.0, 0.0])
 _STEP = 60.0  # s, most between samples of the position, and of what depends on it and on time alone
 _DEGREE = 7
 _ENDS_STEP = 5.0  # s, most between samples of ends of lines: a low orbit bends by 30 m in between
-_EARTH_RATE = 7.292115e-5  # rad/s
 _EARTH_SHARE = 0.1  # of the tolerance: what the Earth's turning may add between two samples
 _RIM = 24  # points on the rim of a cone
 _SATELLITE = "spacecraft"
@@ -79,9 +78,8 @@ def _finer(sampling: Sampling) -> Sampling:
         return sampling
     times, steps = sampling.times, np.diff(sampling.times)
     attitude = sampling.flight.trajectory.sample(times).attitude
-    apart = np.linalg.norm((attitude[1:] - attitude[:-1]).reshape(-1, 9), axis=1) / np.sqrt(8)
-    turned = 2 * np.arcsin(np.clip(apart, 0, 1))
-    off = _EARTH_RATE * steps * turned / 8
+    turned = np.asarray(so3.distance(attitude[:-1], attitude[1:]))
+    off = EARTH_RATE * steps * turned / 8
     parts = np.maximum(1, np.ceil(np.sqrt(off / (_EARTH_SHARE * sampling.tolerance)))).astype(int)
     place = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
     inner = np.repeat(times[:-1], parts) + place * np.repeat(steps / parts, parts)

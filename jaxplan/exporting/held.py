@@ -1,4 +1,4 @@
-"""Whether a table holds zones, ranges and rates as its readers fly it, before it is written.
+"""Prove of a table, before it is written, that it keeps zones, ranges and rates as its readers fly it.
 
 Between rows a reader's motion is another than what was certified. How far it may fall short, without being
 refused, is what tables are for: a plan that touches a zone, as the shortest ones do, leaves none of them a
@@ -47,7 +47,7 @@ def rows_of(sampling: Sampling, first: int, last: int, interpolation: str) -> At
 
 
 def broken_by(plan: Plan | Day, sampling: Sampling, interpolation: str) -> tuple[str, ...]:
-    """What the rows of a motion break as readers fly them, a sentence each, of the first rows that do."""
+    """Find what a table breaks as its readers fly it: sentences on the first stretch of rows that does."""
     scene, last = scene_of(plan), len(sampling.times) - 1
     for first in range(0, last, _TOGETHER):
         rows = rows_of(sampling, first, min(first + _TOGETHER, last), interpolation)
@@ -58,7 +58,7 @@ def broken_by(plan: Plan | Day, sampling: Sampling, interpolation: str) -> tuple
 
 
 def broken(proof: TableCertificate) -> tuple[str, ...]:
-    """What a table breaks by more than tables may, a sentence each."""
+    """Find what a table breaks by more than exports forgive, a sentence for each thing; none if it holds."""
     short = proof.min_margin is not None and not proof.min_margin >= -np.deg2rad(SHORTFALL_DEG)
     over = not all(peak <= 1 + _OVER for peak in proof.peaks.values())
     illegible = not proof.peaks  # of whatever could be evaluated there are some

@@ -20,6 +20,7 @@ from jaxplan.exporting.flight import APART, Flight
 from jaxplan.exporting.sampled import device_frames
 from jaxplan.geometry import quaternion
 from jaxplan.runtime.arguments import show
+from jaxplan.tables.interpolation import linear_between, rodrigues_between, turned_between
 
 MOST_SAMPLES = 10_000_000
 """Most samples of a file."""
@@ -227,9 +228,9 @@ class _Readers:
     ) -> np.ndarray:
         """Largest errors (k,) rad at shares (k, 1) of intervals, from poses at their ends and true ones."""
         end = np.where(np.sum(begin * end, axis=-1, keepdims=True) < 0, -end, end)
-        guesses = [(g, truth) for g in _quaternions_between(begin, end, share[..., None])]
+        guesses = [(rule(begin, end, share[..., None]), truth) for rule in (turned_between, linear_between)]
         if self.rodrigues:
-            guesses.append((_rodrigues_between(begin[:, 0], end[:, 0], share), truth[:, 0]))
+            guesses.append((rodrigues_between(begin[:, 0], end[:, 0], share), truth[:, 0]))
         off = [_angles(guess, true).reshape(len(share), -1).max(axis=1) for guess, true in guesses]
         if joints.shape[1]:
             linear = begin_joints + share * (end_joints - begin_joints)
@@ -243,41 +244,6 @@ class _Readers:
         return np.asarray(
             quaternion.from_matrix(np.stack([values.attitude, *devices], axis=1))
         ), values.joints
-
-
-def _quaternions_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> list[np.ndarray]:
-    """Unit quaternions (..., 4) between two by the turn about one axis, and by linear components."""
-    half = 2 * np.arcsin(np.clip(np.linalg.norm(end - begin, axis=-1, keepdims=True) / 2, 0, 1))
-    still = half < 1e-9
-    sine = np.where(still, 1.0, np.sin(half))
-    linear = begin + share * (end - begin)
-    turned = (np.sin((1 - share) * half) * begin + np.sin(share * half) * end) / sine
-    return [_unit(np.where(still, linear, turned)), _unit(linear)]
-
-
-def _rodrigues_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Quaternions (..., 4) between two whose modified Rodrigues parameters Basilisk takes for linear.
-
-    Each end is given by its parameters of length at most 1, and the second by the others where the two are
-    more than 1 apart.
-    """
-    first, second = (_rodrigues(np.where(q[..., :1] < 0, -q, q)) for q in (begin, end))
-    far = np.linalg.norm(second - first, axis=-1, keepdims=True) > 1
-    square = np.sum(second**2, axis=-1, keepdims=True)
-    second = np.where(far, -second / np.where(far, square, 1.0), second)
-    sigma = first + share * (second - first)
-    square = np.sum(sigma**2, axis=-1, keepdims=True)
-    return np.concatenate([1 - square, 2 * sigma], axis=-1) / (1 + square)
-
-
-def _rodrigues(quaternions: np.ndarray) -> np.ndarray:
-    """Modified Rodrigues parameters (..., 3) of quaternions (..., 4) whose scalar part is not negative."""
-    return np.asarray(quaternions[..., 1:] / (1 + quaternions[..., :1]))
-
-
-def _unit(quaternions: np.ndarray) -> np.ndarray:
-    """The quaternions (..., 4) at unit length."""
-    return np.asarray(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True))
 
 
 def _angles(guess: np.ndarray, truth: np.ndarray) -> np.ndarray:

@@ -109,7 +109,7 @@ def write_pieces(sampling: Sampling, path: Path) -> None:
 
 
 def described(flight: Flight, name: str, start: np.datetime64 | None = None) -> dict[str, Any]:
-    """What a file holds of a flight, for JSON.
+    """Describe the polynomials and the segments of a flight as a dict for JSON.
 
     Args:
         flight: the motion.

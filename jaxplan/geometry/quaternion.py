@@ -98,6 +98,19 @@ def log(quaternion: ArrayLike) -> AnyArray:
     return factor[..., None] * vector
 
 
+def exp(rotation_vector: ArrayLike) -> AnyArray:
+    """Unit quaternion of a rotation vector, the inverse of `log`.
+
+    Args:
+        rotation_vector: (..., 3) rad.
+
+    Returns:
+        (..., 4) as ``w x y z``; the scalar part is negative beyond half a turn.
+    """
+    xp, vector = arrays(rotation_vector)
+    return xp.stack(xp.broadcast_arrays(*rotations.exp(components(vector))), axis=-1)
+
+
 def product(first: ArrayLike, second: ArrayLike) -> AnyArray:
     """Quaternion of the rotation ``R(first) @ R(second)``.
 

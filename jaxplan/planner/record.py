@@ -15,7 +15,7 @@ from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner.files import read_plan, save_plan
-from jaxplan.runtime.display import as_table, shown
+from jaxplan.runtime.display import aligned, as_table, shown
 from jaxplan.search import SearchResult
 from jaxplan.trajectory import Trajectory
 
@@ -194,10 +194,8 @@ class Plan:
         }
 
     def __str__(self) -> str:
-        rows = self.rows()
-        width = max(len(label) for label, _ in rows)
         lines = [f"Plan of {self.scenario.name}"]
-        lines += [f"  {label:<{width}}  {value}" for label, value in rows]
+        lines += [f"  {line}" for line in aligned(self.rows())]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:

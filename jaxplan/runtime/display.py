@@ -83,6 +83,13 @@ def _calm(tell: Callable[[T], str], otherwise: Callable[[T], str]) -> Callable[[
     return told
 
 
+def aligned(rows: Rows) -> list[str]:
+    """Lines of text for pairs of label and value, with all values one below the other."""
+    pairs = list(rows)
+    width = max(len(label) for label, _ in pairs)
+    return [f"{label:<{width}}  {value}" for label, value in pairs]
+
+
 def as_table(caption: str, rows: Rows, cells: Cells = ()) -> str:
     """A table for notebooks, in the colours of the page that it is on.
 

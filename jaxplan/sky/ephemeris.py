@@ -222,7 +222,7 @@ def _pieces(segments: Sequence[Any]) -> tuple[np.datetime64, tuple[Samples, ...]
                 raise EphemerisError(f"segment {i}, {key} = {value}: must be {' or '.join(known)}")
         dates = [*segment.data.state_vector_epochs]
         ends = [told.useable_start_time or dates[0], told.useable_stop_time or dates[-1]]
-        days, seconds = _atomic([*dates, *ends], told.time_system.upper())
+        days, seconds = atomic([*dates, *ends], told.time_system.upper())
         if epoch is None:
             epoch = days[0].astype("datetime64[ns]")
         times = (days - epoch) / _SECOND + seconds - leaps(epoch)
@@ -232,12 +232,15 @@ def _pieces(segments: Sequence[Any]) -> tuple[np.datetime64, tuple[Samples, ...]
     return epoch, tuple(sorted(pieces, key=lambda piece: piece.first))
 
 
-def _atomic(dates: Sequence[str], system: str) -> tuple[np.ndarray, np.ndarray]:
+def atomic(dates: Sequence[str], system: str) -> tuple[np.ndarray, np.ndarray]:
     """Dates in International Atomic Time: midnights (n,) and seconds (n,) from there on.
 
     Args:
         dates: as CCSDS writes them, by calendar or by day of the year; second 60 is a leap second.
         system: their time system, one of `_TIME_SYSTEMS`.
+
+    Raises:
+        EphemerisError: (a ValueError) for a date that is none.
     """
     midnights, seconds = [], []
     for date in dates:

@@ -38,7 +38,7 @@ BODIES = ("sun", "moon", "earth")
 RADII = {"sun": 695_700.0, "moon": 1737.4, "earth": EARTH_RADIUS}  # km, see the module
 _UNIX_DAY_ZERO = 2440587.5  # Julian date of 1970-01-01T00:00
 _DAY = 86400.0  # s in a day
-_EARTH_RATE = 2 * np.pi * 1.00273781191135448 / _DAY  # rad/s, of the Earth rotation angle (IERS 2010, 5.15)
+EARTH_RATE = 2 * np.pi * 1.00273781191135448 / _DAY  # rad/s, of the Earth rotation angle (IERS 2010, 5.15)
 _NODES = 12  # instants between which the Earth's axis is interpolated
 _INTERPOLATED = 1.1  # days for which that is done
 _MOST_SECONDS = 4.1e9  # s, which span all years that an epoch may lie in; times beyond are refused
@@ -148,7 +148,7 @@ def earth_fixed_state(
         (..., 3) km and (..., 3) km/s, GCRS.
     """
     to_sky = np.swapaxes(gcrs_to_earth(epoch, times), -1, -2)
-    return to_sky @ place, to_sky @ np.cross([0.0, 0.0, _EARTH_RATE], place)
+    return to_sky @ place, to_sky @ np.cross([0.0, 0.0, EARTH_RATE], place)
 
 
 def gcrs_to_earth(epoch: np.datetime64, times: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Tables of attitudes: read back, proved as readers fly them, and held beside a motion."""
+"""Tables of attitudes: read back, and proved as their readers fly them."""
 
 from jaxplan.tables.files import load_attitude
 from jaxplan.tables.interpolation import sampled

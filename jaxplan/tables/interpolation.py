@@ -33,6 +33,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxplan import so3
 from jaxplan.geometry import quaternion
 from jaxplan.tables.table import HERMITE, LINEAR, RATE, RODRIGUES, SLERP, AttitudeTable
 
@@ -98,7 +99,7 @@ class Reading:
 
 
 def needs(table: AttitudeTable, interpolation: str) -> str | None:
-    """What a table lacks for an interpolation; None if nothing."""
+    """Say what a table lacks for an interpolation; None if it has all that it needs."""
     if interpolation in (RATE, HERMITE) and table.angular_velocity is None:
         return f"interpolation = {interpolation!r}: {table.name} has no angular velocities, which that takes"
     return None
@@ -107,7 +108,7 @@ def needs(table: AttitudeTable, interpolation: str) -> str | None:
 def sampled(
     table: AttitudeTable, interpolation: str, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """What a reader has at some instants.
+    """Attitudes and joints that a reader of a table finds at some instants.
 
     Args:
         table: as it was read.
@@ -237,27 +238,18 @@ def _cut(
 def _attitude(table: AttitudeTable, interpolation: str, own: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Quaternions (n, 4) at shares (n,) of the intervals of numbers `own` (n,), as a reader has them."""
     begin, end, part = table.quaternions[own], table.quaternions[own + 1], share[:, None]
-    if interpolation == LINEAR:
-        mean = begin + part * (end - begin)
-        return np.asarray(mean / np.linalg.norm(mean, axis=1, keepdims=True))
-    if interpolation == RODRIGUES:
-        first, slope = _rodrigues_lines(begin, end)
-        sigma = first + part * slope
-        square = np.sum(sigma * sigma, axis=1, keepdims=True)
-        return np.concatenate([1 - square, 2 * sigma], axis=1) / (1 + square)
+    if interpolation in _BETWEEN:
+        return _BETWEEN[interpolation](begin, end, part)
+    assert table.angular_velocity is not None
     step = np.diff(table.times)[own]
-    turn = _turns(begin, end)
-    if interpolation == SLERP:
-        vector = part * turn
-    else:
-        assert table.angular_velocity is not None
-        velocity = table.angular_velocity[own]
-        vector = part * step[:, None] * velocity
-        if interpolation == HERMITE:
-            slopes = _slopes(turn, table.angular_velocity[own + 1])
-            a, b = step[:, None] * velocity, step[:, None] * slopes
-            vector = part * (a + part * (3 * turn - 2 * a - b + part * (a + b - 2 * turn)))
-    return np.asarray(quaternion.product(begin, _exp(vector)))
+    velocity = table.angular_velocity[own]
+    vector = part * step[:, None] * velocity
+    if interpolation == HERMITE:
+        turn = _turns(begin, end)
+        slopes = _slopes(turn, table.angular_velocity[own + 1])
+        a, b = step[:, None] * velocity, step[:, None] * slopes
+        vector = part * (a + part * (3 * turn - 2 * a - b + part * (a + b - 2 * turn)))
+    return np.asarray(quaternion.product(begin, quaternion.exp(vector)))
 
 
 def _turns(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -265,18 +257,45 @@ def _turns(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     return np.asarray(quaternion.log(quaternion.product(quaternion.conjugate(begin), end)))
 
 
-def _exp(vector: np.ndarray) -> np.ndarray:
-    """Quaternions (n, 4) of rotation vectors (n, 3) rad."""
-    angle = np.linalg.norm(vector, axis=1, keepdims=True)
-    return np.concatenate([np.cos(angle / 2), np.sinc(angle / (2 * np.pi)) / 2 * vector], axis=1)
+def turned_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Unit quaternions (..., 4) between two of the same sign, by the turn about one axis at constant rate."""
+    half = 2 * np.arcsin(np.clip(np.linalg.norm(end - begin, axis=-1, keepdims=True) / 2, 0, 1))
+    still = half < _STILL
+    sine = np.where(still, 1.0, np.sin(half))
+    turned = (np.sin((1 - share) * half) * begin + np.sin(share * half) * end) / sine
+    return _unit(np.where(still, begin + share * (end - begin), turned))
+
+
+def linear_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Unit quaternions (..., 4) between two of the same sign, by components that are linear."""
+    return _unit(begin + share * (end - begin))
+
+
+def rodrigues_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Quaternions (..., 4) between two whose modified Rodrigues parameters are taken for linear."""
+    first, slope = _rodrigues_lines(begin, end)
+    sigma = first + share * slope
+    square = np.sum(sigma**2, axis=-1, keepdims=True)
+    return np.asarray(np.concatenate([1 - square, 2 * sigma], axis=-1) / (1 + square))
 
 
 def _rodrigues_lines(begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Modified Rodrigues parameters (n, 3) of quaternions (n, 4), and the way to those of others."""
-    first, second = (q[:, 1:] / (1 + q[:, :1]) for q in (np.where(p[:, :1] < 0, -p, p) for p in (begin, end)))
-    far = np.linalg.norm(second - first, axis=1, keepdims=True) > 1
-    square = np.sum(second * second, axis=1, keepdims=True)
-    return first, np.where(far, -second / np.where(far, square, 1.0), second) - first
+    """Modified Rodrigues parameters (..., 3) of quaternions (..., 4), and the way to those of others.
+
+    Each is given by its parameters of length at most 1, and the second by the others where the two are more
+    than 1 apart.
+    """
+    both = (np.where(q[..., :1] < 0, -q, q) for q in (begin, end))
+    first, second = (q[..., 1:] / (1 + q[..., :1]) for q in both)
+    far = np.linalg.norm(second - first, axis=-1, keepdims=True) > 1
+    square = np.sum(second**2, axis=-1, keepdims=True)
+    second = np.where(far, -second / np.where(far, square, 1.0), second)
+    return first, second - first
+
+
+def _unit(quaternions: np.ndarray) -> np.ndarray:
+    """The quaternions (..., 4) at unit length."""
+    return np.asarray(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True))
 
 
 def _spin_of(sigma: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -288,17 +307,8 @@ def _spin_of(sigma: np.ndarray, slope: np.ndarray) -> np.ndarray:
 
 
 def _slopes(turn: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Derivatives (n, 3) of rotation vectors `turn` (n, 3) at angular velocities (n, 3) in body axes.
-
-    That is the inverse of the right Jacobian of SO(3),
-    ``1 + e^/2 + (1 / a^2 - (1 + cos a) / (2 a sin a)) e^ e^``.
-    """
-    angle = np.linalg.norm(turn, axis=1, keepdims=True)
-    small = angle < 1e-4
-    a = np.where(small, 1.0, angle)
-    factor = np.where(small, 1 / 12 + angle**2 / 720, 1 / a**2 - (1 + np.cos(a)) / (2 * a * np.sin(a)))
-    once = np.cross(turn, velocity)
-    return np.asarray(velocity + once / 2 + factor * np.cross(turn, once))
+    """Derivatives (n, 3) of rotation vectors `turn` (n, 3) at angular velocities (n, 3) in body axes."""
+    return np.asarray(np.linalg.solve(so3.right_jacobian(turn), velocity[..., None])[..., 0])
 
 
 def _linear(turn: np.ndarray) -> np.ndarray:
@@ -327,3 +337,6 @@ def _joint_pieces(table: AttitudeTable, interpolation: str, steps: np.ndarray) -
     if interpolation == HERMITE and table.joint_rates is not None:
         return _cubic(begin, table.joint_rates[:-1], end, table.joint_rates[1:], steps)
     return np.stack([(begin + end) / 2, (end - begin) / 2], axis=1)
+
+
+_BETWEEN = {SLERP: turned_between, LINEAR: linear_between, RODRIGUES: rodrigues_between}

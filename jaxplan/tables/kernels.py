@@ -117,9 +117,7 @@ def _records(spice: Any, handle: int, summary: Any, kind: int, clock: int) -> It
 
 def _after(first: Any, rate: np.ndarray, seconds: float) -> np.ndarray:
     """SPICE's quaternion and rates after some seconds at a rate in the base's components."""
-    angle = float(np.linalg.norm(rate)) * seconds
-    half = np.concatenate([[np.cos(angle / 2)], np.sinc(angle / (2 * np.pi)) / 2 * seconds * rate])
-    ours = np.asarray(quaternion.product(half, first))
+    ours = np.asarray(quaternion.product(quaternion.exp(seconds * rate), first))
     return np.concatenate([ours * [1.0, -1.0, -1.0, -1.0], rate])
 
 

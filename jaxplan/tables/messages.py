@@ -1,6 +1,5 @@
 """Reading CCSDS Attitude Ephemeris Messages and STK's attitude files."""
 
-import re
 from collections.abc import Sequence
 from datetime import datetime
 from itertools import pairwise
@@ -10,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from jaxplan.geometry import quaternion
-from jaxplan.model.epochs import parse_epoch, seconds_between
+from jaxplan.model.epochs import leaps
+from jaxplan.sky.ephemeris import atomic
 from jaxplan.sky.frames import library
 from jaxplan.tables.table import AttitudeTable
 
@@ -37,8 +37,8 @@ def read_aem(path: Path) -> AttitudeTable:
         raise ValueError(f"{path}: no Attitude Ephemeris Message ({reason})") from error
     if not message.segments:
         raise ValueError(f"{path}: has no segment")
-    epoch = parse_epoch(str(message.segments[0].metadata.start_time)[:26])
-    parts = [_segment(path, number, segment, epoch) for number, segment in enumerate(message.segments, 1)]
+    day = _midnight(path, message.segments[0])
+    parts = [_segment(path, number, segment, day) for number, segment in enumerate(message.segments, 1)]
     for number, (before, after) in enumerate(pairwise(parts), 1):
         apart = float(after[0][0] - before[0][-1])
         if not abs(apart) <= _MEET:
@@ -51,18 +51,38 @@ def read_aem(path: Path) -> AttitudeTable:
     # the instant at which a segment ends and the next begins is in both
     new = np.append(True, np.diff(times) > 1e-9) | np.append(False, np.diff(times) < -1e-9)
     return AttitudeTable(
-        times=times[new],
+        times=times[new] - times[0],
         quaternions=quaternions[new],
         angular_velocity=None if rates is None else rates[new],
-        epoch=epoch,
+        epoch=day + np.timedelta64(round(float(times[0]) * 1e9), "ns"),
         name=str(path),
     )
 
 
+def _midnight(path: Path, segment: Any) -> np.datetime64:
+    """The midnight of UTC before the first row of a segment.
+
+    Raises:
+        ValueError: if the row's time is none.
+    """
+    try:
+        days, _ = atomic(segment.data.attitude_states_epochs[:1], "UTC")
+    except (ValueError, IndexError) as error:
+        raise ValueError(f"{path}: segment 1: {error}") from error
+    midnight: np.datetime64 = days[0].astype("datetime64[ns]")
+    return midnight
+
+
+def _after(day: np.datetime64, dates: Sequence[str]) -> np.ndarray:
+    """Times (k,) s of dates in UTC, leap seconds included, after a midnight of UTC."""
+    midnights, seconds = atomic(dates, "UTC")
+    return np.asarray((midnights - day) / np.timedelta64(1, "s") + seconds - leaps(day))
+
+
 def _segment(
-    path: Path, number: int, segment: Any, epoch: np.datetime64
+    path: Path, number: int, segment: Any, day: np.datetime64
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Times (k,) s, quaternions (k, 4) scalar first and angular velocities (k, 3) rad/s of a segment."""
+    """Times (k,) s after midnight UTC, quaternions (k, 4) and rates (k, 3) rad/s of a segment."""
     told = segment.metadata
     kind, first, second = (str(getattr(told, key)) for key in ("attitude_type", "ref_frame_a", "ref_frame_b"))
     where = f"{path}: segment {number}"
@@ -82,10 +102,10 @@ def _segment(
             f"{where}: REF_FRAME_A = {first}, REF_FRAME_B = {second}: one must be the body's, and the other "
             f"one of {', '.join(INERTIAL)}"
         )
-    stamps = [parse_epoch(str(stamp)[:26]) for stamp in segment.data.attitude_states_epochs]
-    times = np.array([seconds_between(epoch, stamp) for stamp in stamps]) + _finer(
-        segment.data.attitude_states_epochs
-    )
+    try:
+        times = _after(day, segment.data.attitude_states_epochs)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from error
     states = np.asarray(segment.data.attitude_states_numpy, float)
     quaternions = np.roll(states[:, :4], 1, axis=1)
     if inertial[1]:  # from the body to the inertial frame
@@ -97,12 +117,6 @@ def _segment(
     if frame.upper() in INERTIAL:
         rates = np.einsum("kji,kj->ki", np.asarray(quaternion.to_matrix(quaternions)), rates)
     return times, quaternions, rates
-
-
-def _finer(stamps: Sequence[object]) -> np.ndarray:
-    """What texts of times have beyond microseconds (k,) s."""
-    digits = [re.sub(r"\D.*$", "", str(stamp)[26:]) for stamp in stamps]
-    return np.array([float(f"0.000000{own}") if own else 0.0 for own in digits])
 
 
 def read_stk(path: Path) -> AttitudeTable:

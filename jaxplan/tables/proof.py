@@ -1,19 +1,21 @@
 """What is proved of a table as a reader flies it: zones, ranges and rates at every instant.
 
 The motion between rows is that of `jaxplan.tables.interpolation`, and the prover that of plans. Where a
-reader's angular velocity jumps from interval to interval nothing can be said of accelerations, torque and
-what wheels hold; the jumps are told instead. A table without joints is proved for the platform and for what
-is fixed to it.
+reader's angular velocity jumps from interval to interval nothing can be said of accelerations and torque; the
+jumps are told instead. Nothing is said of wheels, since a table does not know what they hold. A table without
+joints is proved for the platform and for what is fixed to it.
 """
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from jaxplan.certificate import Certificate, Claim, certify_batch
+from jaxplan import so3
+from jaxplan.certificate import Certificate, Claim, certify_batch, faults_later
+from jaxplan.model.epochs import seconds_between
 from jaxplan.model.goals import GivenState
 from jaxplan.model.later import later
 from jaxplan.model.limits import limits
@@ -21,7 +23,7 @@ from jaxplan.model.robust import Robust
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.arguments import expect
-from jaxplan.runtime.display import as_table, shown
+from jaxplan.runtime.display import aligned, as_table, shown
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.tables.files import load_attitude
 from jaxplan.tables.interpolation import Reading, needs, reading
@@ -124,9 +126,7 @@ class TableCertificate:
         return rows + list(zip(labels, self.left_out, strict=False))
 
     def __str__(self) -> str:
-        rows = self.rows()
-        width = max(len(label) for label, _ in rows)
-        return "\n".join(f"{label:<{width}}  {value}" for label, value in rows)
+        return "\n".join(aligned(self.rows()))
 
     def _repr_html_(self) -> str:
         return as_table("Certificate of a table", self.rows())
@@ -202,8 +202,8 @@ def certify_rows(table: AttitudeTable, how: str, scenario: Scenario, begin: floa
         peaks=claim.stated_peaks(joined.peaks),
         rate_jump=jump,
         rate_jump_time=jump_time,
-        attitude_jump=joined.jumps.get("attitude", 0.0) if how == RATE else 0.0,
-        start_off=_turned(scenario.start.attitude, known.attitudes[0]),
+        attitude_jump=_largest_miss(known) if how == RATE else 0.0,
+        start_off=float(so3.distance(scenario.start.attitude, known.attitudes[0])),
         goal_off=_goal_off(scenario, known, float(times[-1])),
         left_out=(*unproved, *claim.left_out),
         faults=joined.faults,
@@ -214,12 +214,12 @@ def _begin(table: AttitudeTable, scenario: Scenario) -> float:
     """Time of the table's first row in the scene's time, s.
 
     Raises:
-        ValueError: if that is before the scene's start.
+        ValueError: if that is before the scene's start; if leap seconds may lie between the two, and pyerfa
+            is not installed.
     """
     if table.epoch is None or scenario.epoch is None:
         return 0.0
-    offset = (table.epoch - scenario.epoch) / np.timedelta64(1, "ns") / 1e9
-    begin = float(offset + table.times[0])
+    begin = seconds_between(scenario.epoch, table.epoch) + float(table.times[0])
     if -_CLOCK <= begin < 0:
         return 0.0
     if begin < 0:
@@ -229,16 +229,11 @@ def _begin(table: AttitudeTable, scenario: Scenario) -> float:
     return begin
 
 
-def _turned(first: np.ndarray, second: np.ndarray) -> float:
-    """The angle between two attitudes (3, 3), rad."""
-    return float(2 * np.arcsin(np.clip(np.linalg.norm(first - second) / np.sqrt(8), 0, 1)))
-
-
 def _goal_off(scenario: Scenario, table: AttitudeTable, time: float) -> float | None:
     """How far the last row is off the goal at a time of the scene, s, see `TableCertificate`."""
     asked, craft = scenario.goal, scenario.spacecraft
     if isinstance(asked, GivenState):
-        return _turned(asked.attitude, table.attitudes[-1])
+        return float(so3.distance(asked.attitude, table.attitudes[-1]))
     whole = table.joints is not None or not craft.joint_count
     joints = np.zeros(craft.joint_count) if table.joints is None else table.joints[-1]
     beams = np.asarray(craft.boresights(table.attitudes[-1], joints))
@@ -289,10 +284,16 @@ class _Claimed:
             quantity.name
             for quantity in every
             if (quantity.power <= (_ACCELERATIONS if smooth else _RATES))
-            and (smooth or not (quantity.of_wheels or quantity.by_inertia))
+            and (smooth or not quantity.by_inertia)
+            and not quantity.of_wheels
         }
-        left = [quantity.name.replace("_", " ") for quantity in every if quantity.name not in claimed]
+        left = [quantity for quantity in every if quantity.name not in claimed]
+        jumping = ", ".join(each.name.replace("_", " ") for each in left if not each.of_wheels)
         reason = "accelerations jump" if smooth else "rates jump"
+        of_wheels = ", ".join(each.name.replace("_", " ") for each in left if each.of_wheels)
+        told = [f"{jumping}: {reason} from row to row"] if jumping else []
+        if of_wheels:
+            told.append(f"{of_wheels}: what wheels hold at a row depends on all that came before")
         robust = scene.robust
         if motion.off > 0:
             own = robust or Robust()
@@ -308,7 +309,7 @@ class _Claimed:
             limits=frozenset(claimed),
             continuous=1 if smooth else (-1 if how == RATE else 0),
             rate_off=off,
-            left_out=(f"{', '.join(left)}: {reason} from row to row",) if left else (),
+            left_out=tuple(told),
         )
 
     def of_part(self, part: Reading, begin: float) -> Claim:
@@ -336,7 +337,7 @@ class _Claimed:
         ):
             if name in found and stated is not None:
                 share = self.rate_off / float(stated)
-                found[name] = found[name] * (1 - share) + share if self.rate_off else found[name]
+                found[name] = found[name] * (1 - share) + share
         return found
 
 
@@ -347,6 +348,14 @@ def _largest_jump(motion: Reading, times: np.ndarray) -> tuple[float, float]:
         return 0.0, float(times[0])
     worst = int(np.argmax(jumps))
     return float(jumps[worst]), float(times[1 + worst])
+
+
+def _largest_miss(table: AttitudeTable) -> float:
+    """The largest angle, rad, by which constant rates from one row on miss the next."""
+    assert table.angular_velocity is not None
+    turns = np.diff(table.times)[:, None] * table.angular_velocity[:-1]
+    reached = table.attitudes[:-1] @ so3.exp(turns)
+    return float(np.max(so3.distance(reached, table.attitudes[1:])))
 
 
 def _joined(proofs: Sequence[tuple[float, Certificate]]) -> Certificate:
@@ -362,7 +371,11 @@ def _joined(proofs: Sequence[tuple[float, Certificate]]) -> Certificate:
         certified=all(proof.certified for _, proof in proofs),
         peaks=peaks,
         jumps=jumps,
-        faults=tuple(fault for pair in proofs for fault in _told(*pair, alone=len(proofs) == 1)),
+        faults=tuple(
+            fault
+            for begin, proof in proofs
+            for fault in (faults_later(proof, begin) if begin else proof.faults)
+        ),
         evaluations=sum(proof.evaluations for _, proof in proofs),
     )
     if not bound:
@@ -376,9 +389,3 @@ def _joined(proofs: Sequence[tuple[float, Certificate]]) -> Certificate:
         worst_device=least.worst_device,
         worst_zone=least.worst_zone,
     )
-
-
-def _told(begin: float, proof: Certificate, *, alone: bool) -> Iterator[str]:
-    """Yield the faults of a part, with when it begins where that is not the scene's start."""
-    for fault in proof.faults:
-        yield fault if alone and begin == 0 else f"{fault}, counted from {begin:.6g} s on"

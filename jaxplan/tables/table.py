@@ -93,8 +93,7 @@ class AttitudeTable:
     @property
     def turns(self) -> np.ndarray:
         """(k - 1,) rad from row to row, the shorter way."""
-        chord = np.linalg.norm(np.diff(self.quaternions, axis=0), axis=1)
-        return np.asarray(4 * np.arcsin(np.clip(chord / 2, 0, 1)))
+        return np.asarray(quaternion.distance(self.quaternions[:-1], self.quaternions[1:]))
 
     @property
     def numbers(self) -> int:

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxplan.certificate import Certificate
+from jaxplan.certificate import Certificate, faults_later
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.model.timeline import CALM, Activity, Segment, Timeline, in_order
@@ -192,7 +192,7 @@ class _Day:
                 error = proving.pointing_error(self.scene, activity.track, motion.trajectory, motion.begin)
             self.seconds["proof"] += clock.monotonic() - begun
             if not proof.certified:
-                faults = proving.faults_of_day(proof, motion.begin)
+                faults = faults_later(proof, motion.begin)
                 raise Refused(
                     Status.UNCERTIFIED, f"{'; '.join(faults)}; the activity begins at {motion.begin:.2f} s"
                 )

@@ -9,14 +9,13 @@ How well devices point is the largest angle from their targets, which is proved 
 each target as it moves.
 """
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from jaxplan.certificate import Certificate, Claim, EndState, certify, prove_margins
+from jaxplan.certificate import Certificate, Claim, EndState, certify, faults_later, prove_margins
 from jaxplan.certificate.limits import TOLERANCE
 from jaxplan.model.goals import Targets
 from jaxplan.model.later import later
@@ -117,17 +116,6 @@ def jumps_between(before: Trajectory, after: Trajectory) -> dict[str, float]:
     }
 
 
-def faults_of_day(proof: Certificate, begin: float) -> list[str]:
-    """What could not be proved of a part that begins at a time, s, with times (s) from the timeline's start.
-
-    Certificates of parts tell times from their own start, as "at t = 3.25 s".
-    """
-    return [
-        re.sub(r"at t = (\S+) s", lambda found: f"at {begin + float(found[1]):.2f} s", fault)
-        for fault in proof.faults
-    ]
-
-
 def merged(parts: Sequence[tuple[float, Trajectory, Certificate]]) -> Certificate:
     """The certificate of a motion from those of its parts, each given after the time (s) at which it begins.
 
@@ -139,7 +127,7 @@ def merged(parts: Sequence[tuple[float, Trajectory, Certificate]]) -> Certificat
     faults = [
         f"{fault}, in the part that begins at {begin:.2f} s"
         for one, begin in zip(found, begins, strict=True)
-        for fault in faults_of_day(one, begin)
+        for fault in faults_later(one, begin)
     ]
     jumps: dict[str, float] = {}
     for each in (*(one.jumps for one in found), *joins):

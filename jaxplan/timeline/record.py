@@ -12,7 +12,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.planner.record import report_summary
-from jaxplan.runtime.display import as_table, shown
+from jaxplan.runtime.display import aligned, as_table, shown
 from jaxplan.timeline.files import read_plan, save_plan
 from jaxplan.timeline.proving import certify_segments
 from jaxplan.trajectory import Trajectory
@@ -210,10 +210,8 @@ class TimelinePlan:
         return "\n".join(lines)
 
     def __str__(self) -> str:
-        rows = self.rows()
-        width = max(len(label) for label, _ in rows)
         lines = [f"Plan of {self.timeline.name}"]
-        lines += [f"  {label:<{width}}  {value}" for label, value in rows]
+        lines += [f"  {line}" for line in aligned(self.rows())]
         return "\n".join([*lines, "", self.table()])
 
     def _repr_html_(self) -> str:

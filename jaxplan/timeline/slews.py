@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.certificate import Certificate
+from jaxplan.certificate import Certificate, faults_later
 from jaxplan.model.duration_bound import duration_bound
 from jaxplan.model.goals import GivenState
 from jaxplan.model.later import later
@@ -110,7 +110,7 @@ class Departure:
         made = curves.bent(fitted, ends)
         proof = proving.certify_part(self.scene, self.time, made, self.craft)
         if not proof.certified:
-            text = f"{'; '.join(proving.faults_of_day(proof, self.time))}: {_OTHERWISE}"
+            text = f"{'; '.join(faults_later(proof, self.time))}: {_OTHERWISE}"
             blocked = proof.min_margin is None or not proof.min_margin >= 0
             return Slew(status=Status.UNCERTIFIED, message=text, duration=made.duration, blocked=blocked)
         return Slew(status=Status.OK, message="", trajectory=made, duration=made.duration, proof=proof)

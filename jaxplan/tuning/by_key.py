@@ -143,8 +143,8 @@ def sensitivities(plan: Plan, measure: str = "effort") -> Sensitivities:
         )
         for place in numbers_of(plan.scenario)
     ]
-    least = _ROUNDING * max((abs(one.slope) for one in found), default=0.0)
-    some = [one for one in found if abs(one.slope) > least]
+    least = _ROUNDING * max((abs(one.slope) for one in found if np.isfinite(one.slope)), default=0.0)
+    some = [one for one in found if not abs(one.slope) <= least]  # a slope that is no number is told, too
     return Sensitivities(
         measure=measure,
         value=sign * float(value),

@@ -16,7 +16,7 @@ from jaxplan.exporting.pieces import described
 from jaxplan.exporting.sampled import field_in_own_axes, instrument_frames
 from jaxplan.geometry.vectors import pointing
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.goals import GivenState, Targets
+from jaxplan.model.goals import Targets
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepIn, KeepOut, masks
@@ -57,7 +57,6 @@ def content(plan: Plan | TimelinePlan) -> dict[str, Any]:
         "tracks": list(_tracks(scene, trajectory.duration)),
         "targets": list(_targets(scene, plan, trajectory.duration)),
         "trails": [_plain(moves.boresights[:, number]) for number in range(len(craft.device_names))],
-        "trail_times_s": _plain(moves.times),
         "times_s": _plain(moves.times),
         "charts": [
             chart for chart in (_margins(scene, moves), _rates(craft, moves), _joints(craft, moves)) if chart
@@ -186,7 +185,7 @@ def _tracks(scene: Scenario, duration: float) -> Iterator[dict[str, Any]]:
 def _targets(scene: Scenario, plan: Plan | TimelinePlan, duration: float) -> Iterator[dict[str, Any]]:
     """Yield the targets of a single manoeuvre, where they are when it ends."""
     asked = scene.goal
-    if isinstance(plan, TimelinePlan) or isinstance(asked, GivenState) or not isinstance(asked, Targets):
+    if isinstance(plan, TimelinePlan) or not isinstance(asked, Targets):
         return
     names = scene.spacecraft.device_names
     there = asked.at(duration).directions
@@ -199,9 +198,9 @@ def _targets(scene: Scenario, plan: Plan | TimelinePlan, duration: float) -> Ite
 
 
 def _line(name: str, colour: str, values: np.ndarray, unit: str, places: int, **more: Any) -> dict[str, Any]:
-    """A curve of a chart."""
-    held = np.where(np.isfinite(values), values, 0.0)
-    return {"name": name, "colour": colour, "values": _plain(held), "unit": unit, "places": places} | more
+    """A curve of a chart, with gaps where it has no value."""
+    told = [value if np.isfinite(value) else None for value in _plain(values)]
+    return {"name": name, "colour": colour, "values": told, "unit": unit, "places": places} | more
 
 
 def _margins(scene: Scenario, moves: Motion) -> dict[str, Any] | None:

@@ -67,18 +67,14 @@ def beside_the_way(plan: jp.Plan, clearance: float) -> jp.Plan:
     """The plan with a zone that the instrument misses by an angle, rad, and cuts into between far rows."""
     boresight = plan.scenario.spacecraft.instruments[0].boresight
     track = plan.trajectory.sample(DENSE).attitude @ boresight
-    far = (plan.trajectory.sample(np.array([0.0, 10.0, 20.0, 30.0])).attitude @ boresight).T
-    between = Slerp(
-        [0, 10, 20, 30],
-        Rotation.from_matrix(plan.trajectory.sample(np.array([0.0, 10.0, 20.0, 30.0])).attitude),
-    )
+    rows = np.array([0.0, 10.0, 20.0, 30.0])
+    between = Slerp(rows, Rotation.from_matrix(plan.trajectory.sample(rows).attitude))
     coarse = between(DENSE).apply(boresight)
     axes = random_units(np.random.default_rng(1), 4000)
     gap = np.arccos(np.clip(track[::50] @ axes.T, -1, 1)).min(axis=0)
     cut = np.arccos(np.clip(coarse[::50] @ axes.T, -1, 1)).min(axis=0)
     axis = axes[np.argmax(np.where(gap > 0.2, gap - cut, -1))]
     least = np.arccos(np.clip(track @ axis, -1, 1)).min()
-    assert far.shape == (3, 4)
     zone = jp.KeepOut(
         name="Sun", direction=axis, half_angle=float(least - clearance), devices=("instrument-0",)
     )

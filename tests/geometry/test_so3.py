@@ -330,3 +330,10 @@ def test_right_jacobian_and_its_rate_have_right_derivatives_at_zero(mode, dtype,
     np.testing.assert_allclose(
         rate_jacobian[0], np.moveaxis(unit @ turn + turn @ unit, 0, -1) / 6, rtol=0, atol=eps
     )
+
+
+def test_quaternions_of_rotation_vectors_are_scipys_and_undone_by_log():
+    vectors = rotation_vectors(np.float64)
+    found = quaternion.exp(vectors)
+    assert_each(np.abs(found - Rotation.from_rotvec(vectors).as_quat(scalar_first=True)), "<", 1e-15)
+    assert_each(np.abs(quaternion.log(found) - vectors), "<", 1e-9)

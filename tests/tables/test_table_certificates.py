@@ -7,6 +7,7 @@ import pytest
 from exports import EPOCH, flown_plan
 from reference import assert_each, random_units, unit
 from scipy.spatial.transform import Rotation, Slerp
+from wheels import INERTIA, random_wheels
 
 import jaxplan as jp
 from jaxplan.tables import INTERPOLATIONS, sampled
@@ -271,6 +272,26 @@ def test_long_tables_are_proved_in_parts_as_in_one(plan, monkeypatch):
     assert parts.min_margin == pytest.approx(whole.min_margin, abs=np.deg2rad(0.01))
     assert parts.worst_time == pytest.approx(whole.worst_time, abs=0.5)
     assert parts.peaks["angular_velocity"] == pytest.approx(whole.peaks["angular_velocity"], rel=1e-6)
+
+
+@pytest.mark.parametrize("together", [7, 500])
+def test_jumps_of_attitude_are_told_of_all_rows_wherever_parts_join(plan, monkeypatch, together):
+    scene, table = scene_around(plan, 8.0), table_of(plan, 1.5)
+    monkeypatch.setattr("jaxplan.tables.proof._TOGETHER", together)
+    rows = rotations(table.quaternions)
+    reached = rows[:-1] * Rotation.from_rotvec(1.5 * table.angular_velocity[:-1])
+    missed = (reached.inv() * rows[1:]).magnitude()
+    assert jp.certify_table(table, RATE, scene).attitude_jump == pytest.approx(missed.max(), rel=1e-9)
+
+
+@pytest.mark.parametrize("how", [SLERP, HERMITE])
+def test_nothing_is_claimed_of_wheels(plan, how):
+    scene = scene_around(plan, 8.0)
+    scene = replace(scene, spacecraft=replace(scene.spacecraft, inertia=INERTIA, wheels=random_wheels(4, 1)))
+    found = jp.certify_table(table_of(plan, 1.5), how, scene)
+    assert found.certified
+    assert not any("wheel" in name for name in found.peaks)
+    assert "what wheels hold at a row depends on all that came before" in " ".join(found.left_out)
 
 
 def mutants(table: jp.AttitudeTable, scene: jp.Scenario) -> dict[str, jp.AttitudeTable]:

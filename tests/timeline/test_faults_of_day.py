@@ -4,8 +4,8 @@ import pytest
 from builders import make_plan
 
 from jaxplan import planner
-from jaxplan.certificate import Certificate
-from jaxplan.timeline.proving import faults_of_day, merged
+from jaxplan.certificate import Certificate, faults_later
+from jaxplan.timeline.proving import merged
 
 
 def proof(*faults: str) -> Certificate:
@@ -13,7 +13,7 @@ def proof(*faults: str) -> Certificate:
 
 
 def test_times_of_faults_are_those_of_the_day():
-    found = faults_of_day(
+    found = faults_later(
         proof(
             "telescope enters sun by 1.5 deg at t = 3.25 s",
             "the margin of antenna to mask is not proved: 0.1 deg was met at t = 1.5e-05 s",
@@ -39,7 +39,7 @@ def test_the_times_that_a_certificate_tells_are_all_moved():
     found = planner.certify(hasty)
     told = [fault for fault in found.faults if " at t = " in fault]
     assert told, found.faults
-    for fault, before in zip(faults_of_day(found, 1000.0), found.faults, strict=True):
+    for fault, before in zip(faults_later(found, 1000.0), found.faults, strict=True):
         assert " at t = " not in fault
         if before in told:
             own, moved = (

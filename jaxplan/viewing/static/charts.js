@@ -58,10 +58,12 @@ const Charts = (() => {
     let low = Infinity, high = -Infinity;
     own.chart.lines.forEach((one, number) => {
       if (own.hidden.has(number)) return;
-      for (const value of one.values) { low = Math.min(low, value); high = Math.max(high, value); }
+      for (const value of one.values) {
+        if (value !== null) { low = Math.min(low, value); high = Math.max(high, value); }
+      }
     });
     if (own.chart.floor !== null) low = Math.min(low, own.chart.floor);
-    if (own.chart.limit !== null) high = Math.max(high, Math.min(own.chart.limit * 1.08, own.chart.limit));
+    if (own.chart.limit !== null) high = Math.max(high, own.chart.limit);
     if (!(high > low)) { high = (Number.isFinite(high) ? high : 0) + 1; low = high - 2; }
     const pad = 0.06 * (high - low);
     return [low - pad, high + pad];
@@ -117,8 +119,10 @@ const Charts = (() => {
       pen.lineWidth = 1.6;
       pen.setLineDash(one.dashes ? [5, 3] : []);
       pen.beginPath();
-      one.values.forEach((value, i) => {
-        if (i) pen.lineTo(x(data.times_s[i]), y(value)); else pen.moveTo(x(data.times_s[i]), y(value));
+      one.values.forEach((value, i) => {  // null is a gap
+        if (value === null) return;
+        if (i && one.values[i - 1] !== null) pen.lineTo(x(data.times_s[i]), y(value));
+        else pen.moveTo(x(data.times_s[i]), y(value));
       });
       pen.stroke();
     });
@@ -128,6 +132,7 @@ const Charts = (() => {
   function at(times, values, time) {
     const k = Motion.pieceAt(times, time);
     const share = times[k + 1] > times[k] ? Math.min(Math.max((time - times[k]) / (times[k + 1] - times[k]), 0), 1) : 0;
+    if (values[k] === null || values[k + 1] === null) return null;
     return values[k] + share * (values[k + 1] - values[k]);
   }
 
@@ -143,6 +148,7 @@ const Charts = (() => {
     pen.beginPath(); pen.moveTo(own.x(time), TOP); pen.lineTo(own.x(time), own.canvas.clientHeight - BOTTOM); pen.stroke();
     own.chart.lines.forEach((one, number) => {
       const value = at(data.times_s, one.values, time);
+      if (value === null) { own.values[number].textContent = "\u2013"; return; }
       own.values[number].textContent = one.scale
         ? `${(value * one.scale / 100).toFixed(one.places)} ${one.unit} (${value.toFixed(0)} %)`
         : `${value.toFixed(one.places)} ${one.unit}`;

@@ -28,7 +28,7 @@ const World = (() => {
     return closed ? new THREE.LineLoop(geometry, material) : new THREE.Line(geometry, material);
   }
 
-  // A cap about +z, its edge, and a wide clear tube over the edge that a pointer finds.
+  // A cap about +z with its edge; the area is what a pointer finds.
   function cap(halfAngle, colour, radius, edgeDashes, filled) {
     const group = new THREE.Group();
     const around = 96, edge = [];
@@ -229,9 +229,8 @@ const World = (() => {
     zones.forEach(({ zone, group }) => {
       if (zone.on === "inertial") turnTo(group, Motion.direction(zone.path, time));
     });
-    const seen = data.trail_times_s;
-    let count = 0;
-    while (count < seen.length && seen[count] <= time) count++;
+    const seen = data.times_s, last = seen.length - 1;
+    const count = time >= seen[last] ? seen.length : Motion.pieceAt(seen, time) + 1;
     trails.forEach((trail) => trail.geometry.setDrawRange(0, count));
     world.matrix.identity();
     if (inBody) world.matrix.copy(platform.matrix).invert();
