@@ -34,7 +34,7 @@ from jaxplan.runtime.linear import linear_map
 from jaxplan.trajectory import Trajectory
 
 # Kernels for all plans of equal shapes. A gradient is asked for seldom, and need not be the quickest.
-_replan = quick_jit(replan, optimised=False)
+_replan = quick_jit(replan, level=0)
 
 
 def _is_real(leaf: Any) -> bool:
@@ -54,7 +54,7 @@ def _replan_by(held: Held, scenario: Scenario, numbers: list[Any]) -> Trajectory
     return replan(held, own)
 
 
-@partial(quick_jit, optimised=False)
+@partial(quick_jit, level=0)
 def _with_slopes(
     held: Held, scenario: Scenario, cotangents: Trajectory, wanted: bool
 ) -> tuple[Trajectory, list[Any]]:
@@ -72,7 +72,7 @@ def _with_slopes(
     return found, slopes
 
 
-@partial(quick_jit, optimised=False)
+@partial(quick_jit, level=0)
 def _along(held: Held, scenario: Scenario, way: list[Any]) -> Trajectory:
     """The derivative of a scenario's trajectory along tangents `way` of its `_real` numbers."""
     along: Trajectory = jax.jvp(partial(_replan_by, held, scenario), (_real(scenario),), (way,))[1]

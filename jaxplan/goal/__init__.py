@@ -27,7 +27,7 @@ from jaxplan.goal.free import settled
 from jaxplan.goal.pairs import cleared
 from jaxplan.goal.problem import GoalProblem, Wished
 from jaxplan.goal.sensitivity import goal_in_time
-from jaxplan.goal.wishes import with_wishes
+from jaxplan.goal.wishes import SPARE, with_wishes
 from jaxplan.model.constraints import Constraints, constraint_margins
 from jaxplan.model.goals import LEAST_TIME, Targets
 from jaxplan.model.path import Goal
@@ -162,6 +162,24 @@ def decompose(
         worst_device=worst_device,
         aim_excesses=excess,
     )
+
+
+def descend_once(
+    spacecraft: Spacecraft,
+    start_attitude: np.ndarray,
+    targets: Targets,
+    cones: Constraints,
+    *,
+    start_joints: np.ndarray | None = None,
+) -> None:
+    """Call what looks for goals of the least time, so that it is compiled; arguments as of `decompose`."""
+    problem = GoalProblem.of(spacecraft, start_attitude, targets, cones, start_joints)
+    with jax.enable_x64(True):
+        wishes = Wished.all_of(spacecraft, targets, problem.ranges)
+        problem = replace(
+            problem, wishes=tuple(wish._replace(reach=SPARE) for wish in wishes)
+        )  # as if all met
+        least_time.descended(problem, assemble(problem), quaternion.exp(np.zeros((1, 3))))
 
 
 def _goal(problem: GoalProblem, turn: np.ndarray) -> Goal:

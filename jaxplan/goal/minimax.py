@@ -16,6 +16,7 @@ Ways with their slopes and bends are those of `jaxplan.goal.ways`. Time is in un
 turn. Shapes: w ways, m caps, K lanes (problems side by side, the last axis).
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -79,7 +80,7 @@ class Soonest(NamedTuple):
     residual: np.ndarray
 
 
-@quick_jit
+@partial(quick_jit, level=1)
 def soonest_ends(
     starts: Array,
     times: Array,

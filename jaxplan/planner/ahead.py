@@ -15,7 +15,7 @@ from jaxplan.model.limits import timed_limits
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Scenario, moves
 from jaxplan.planner.moving import swept
-from jaxplan.planner.steps import find_goals
+from jaxplan.planner.steps import find_goals, soonest_task
 from jaxplan.runtime.ahead import Task
 from jaxplan.search import Scene, make_scene
 from jaxplan.search.ahead import further_tasks
@@ -42,9 +42,20 @@ def usual_tasks(scenarios: Sequence[Scenario]) -> list[Task]:
         many = len(alike) > 1
         if (kind, many) not in _begun:
             _begun.add((kind, many))
-            tasks += usual_search_of(alike[0], many)
-            tasks += kernel_tasks(alike[0].usable, alike[0].trajectory)
+            tasks += _usual(alike[0], many)
     return tasks
+
+
+def _usual(scenario: Scenario, many: bool) -> list[Task]:
+    """Tasks for the plan of a scenario, with `many` as of `every_task`.
+
+    What finds goals of least time takes the longest, so it comes first. Of the search the straight motion is
+    needed first; what comes after it takes long, too, and is not needed where that motion is clear.
+    """
+    soonest = soonest_task(scenario, _end(scenario))
+    fits = kernel_tasks(scenario.usable, scenario.trajectory)
+    search = usual_search_of(scenario, many)
+    return [*([soonest] if soonest else []), *search[:1], *fits, *search[1:]]
 
 
 def every_task(scenario: Scenario, *, many: bool) -> list[Task]:

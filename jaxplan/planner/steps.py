@@ -6,13 +6,14 @@ the end of the manoeuvre. Step 3 returns the trajectory along a path. A certific
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from jaxplan import so3
 from jaxplan.certificate import Certificate
-from jaxplan.goal import decompose, tracking_rates
+from jaxplan.goal import decompose, descend_once, tracking_rates
 from jaxplan.goal.rates import least_rates
 from jaxplan.model.goals import LEAST_TIME, GivenState, Targets
 from jaxplan.model.limits import longest
@@ -22,6 +23,7 @@ from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches, hidden_targets
+from jaxplan.runtime.ahead import Task
 from jaxplan.search import Scene
 from jaxplan.trajectory import Fit, FitQuery, Trajectory, fit_batch
 
@@ -94,6 +96,21 @@ def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...
         message = "; ".join(broken[0]) + messages.when(scenario, end)
         return Plan(scenario=scenario, status=Status.INVALID_GOAL, message=message, goal=candidates[0])
     return valid[:wanted]
+
+
+def soonest_task(scenario: Scenario, time: float | None) -> Task | None:
+    """A task that compiles what finds goals of the least time; None where none are looked for.
+
+    Args:
+        scenario: the problem.
+        time: s, as of `find_goals`.
+    """
+    asked, end = scenario.asked, 0.0 if time is None else time
+    if isinstance(asked, GivenState) or asked.criterion != LEAST_TIME:
+        return None
+    start = scenario.start
+    problem = scenario.usable, start.attitude, asked.at(end), scenario.constraints.at(end)
+    return partial(descend_once, *problem, start_joints=start.joints)
 
 
 def other_turns(scenario: Scenario, goal: Goal, device: int) -> list[Goal]:

@@ -3,7 +3,8 @@
 XLA lets go of Python's lock while it compiles, so on several cores a kernel that will be needed soon can be
 compiled beside the one that is needed now. A task here is a call of one kernel with arguments of the right
 shapes; what it answers does not matter. Whoever needs the kernel meanwhile waits for it and does not compile
-it twice (`jaxplan.runtime.jit.quick_jit`).
+it twice (`jaxplan.runtime.jit.quick_jit`). A kernel that nobody waits for any more is left when it has been
+traced, so that a process need not wait for it at its end.
 """
 
 import os
@@ -13,6 +14,20 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 
 Task = Callable[[], object]
+
+
+class _Own(threading.local):
+    """What a thread that works ahead has been told of its end; None in all other threads."""
+
+    over: threading.Event | None = None
+
+
+_own = _Own()
+
+
+def still_wanted() -> bool:
+    """Tell whether somebody waits, or may soon, for what this thread does; not after the end of `ahead`."""
+    return _own.over is None or not _own.over.is_set()
 
 
 def cores() -> int:
@@ -27,17 +42,21 @@ def cores() -> int:
 def ahead(tasks: Sequence[Task]) -> Iterator[None]:
     """Run tasks in threads of their own while a block runs; those not begun at its end are dropped.
 
+    There are as many threads as cores, though the block's own is at work, too: of those that trace only one
+    goes on at a time, so a core would wait. On a single core there are none.
+
     Args:
         tasks: in the order in which they will be needed. One that fails ends its thread in silence: whoever
             needs what it would have made meets the same fault, and tells of it.
     """
-    threads = min(len(tasks), cores() - 1)
-    if threads < 1:
+    threads = min(len(tasks), cores())
+    if threads < 1 or cores() == 1:
         yield
         return
     left, over = iter(tasks), threading.Event()
 
     def work() -> None:
+        _own.over = over
         for task in left:  # each takes the next one, which Python's lock makes safe
             if over.is_set():
                 return

@@ -42,7 +42,7 @@ class Kernel:
         self.__wrapped__ = function
         answers = partial(_answers, function)
         answers.__name__ = _name(function)  # type: ignore[attr-defined]  # by which profiles tell kernels apart
-        self.answers = quick_jit(answers, static_argnames="layout")
+        self.answers = quick_jit(answers, level=1, static_argnames="layout")
 
 
 def _name(function: Any) -> str:

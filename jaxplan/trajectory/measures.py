@@ -71,14 +71,14 @@ def _by_numbers(name: str, chosen: Chosen, given: dict[str, Any]) -> tuple[Calla
     return measured, list(filter(_is_real, jax.tree.leaves(given)))
 
 
-@partial(quick_jit, optimised=False, static_argnums=(0, 1))
+@partial(quick_jit, level=0, static_argnums=(0, 1))
 def _pushed(name: str, chosen: Chosen, given: dict[str, Any], way: list[Any]) -> Array:
     """The derivative of a measure along tangents `way` of its numbers, see `_by_numbers`."""
     measured, numbers = _by_numbers(name, chosen, given)
     return jax.jvp(measured, (numbers,), (way,))[1]
 
 
-@partial(quick_jit, optimised=False, static_argnums=(0, 1))
+@partial(quick_jit, level=0, static_argnums=(0, 1))
 def _pulled(name: str, chosen: Chosen, given: dict[str, Any], cotangents: Array) -> list[Any]:
     """The product of cotangents with a measure's derivatives by its numbers, see `_by_numbers`."""
     measured, numbers = _by_numbers(name, chosen, given)
@@ -96,8 +96,8 @@ def _slopes(name: str, chosen: Chosen) -> Callable[..., list[Array]]:
     )
 
 
-_value = quick_jit(_measured, optimised=False, static_argnums=(0, 1))
-_value_with_slopes = quick_jit(_measured_with_slopes, optimised=False, static_argnums=(0, 1))
+_value = quick_jit(_measured, level=0, static_argnums=(0, 1))
+_value_with_slopes = quick_jit(_measured_with_slopes, level=0, static_argnums=(0, 1))
 _followed = jax.custom_jvp(_measured, nondiff_argnums=(0, 1))
 
 

@@ -207,4 +207,4 @@ def _value_and_slope(
 
 
 _slope = quick_jit(_value_and_slope, static_argnums=(3, 4))
-_slope_soon = quick_jit(_value_and_slope, optimised=False, static_argnums=(3, 4))
+_slope_soon = quick_jit(_value_and_slope, level=0, static_argnums=(3, 4))

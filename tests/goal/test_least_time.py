@@ -10,11 +10,12 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan import so3
 from jaxplan.cases import paper_case
-from jaxplan.goal import Decomposition
+from jaxplan.goal import Decomposition, least_time
+from jaxplan.goal.minimax import soonest_ends
 from jaxplan.goal.sensitivity import differentiable_goal
 from jaxplan.model.duration_bound import rest_bounds
 from jaxplan.model.path import Goal
-from jaxplan.planner.steps import find_goals
+from jaxplan.planner.steps import find_goals, soonest_task
 from jaxplan.trajectory import evaluate
 
 SAMPLES = Rotation.random(20000, rng=np.random.default_rng(2)).as_matrix()
@@ -250,6 +251,26 @@ def test_wishes_come_before_the_time():
     assert off(one.attitude) > least + 0.01
     nearest = find_goals(replace(bound, goal=replace(bound.goal, criterion="least_rotation")))[0]
     assert reached(bound, other) <= reached(bound, nearest) * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("prefer", [(), (jp.Wish(device="array", direction=[0.0, 0.6, 0.8]),)])
+def test_what_is_compiled_ahead_is_what_finds_goals(monkeypatch, prefer):
+    kinds = []
+
+    def noted(*arguments):
+        kinds.append(jax.tree.map(lambda leaf: (np.shape(leaf), np.asarray(leaf).dtype), arguments))
+        return soonest_ends(*arguments)
+
+    monkeypatch.setattr(least_time, "soonest_ends", noted)
+    scenario = telescope(prefer=prefer)
+    soonest_task(scenario, None)()
+    assert len(kinds) == 1
+    assert find_goals(scenario)
+    assert len(kinds) > 1
+    assert all(kind == kinds[0] for kind in kinds)
+    assert (
+        soonest_task(replace(scenario, goal=replace(scenario.goal, criterion="least_rotation")), None) is None
+    )
 
 
 def test_the_criterion_follows_from_the_duration():
