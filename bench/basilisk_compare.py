@@ -17,8 +17,11 @@ without, and flown once each by Basilisk's own wheels under its controller, with
 many broke a cone of those that stayed in it and of those that left, and in how many a wheel was saturated;
 margins are beyond the cones as they are, torque and momentum the largest shares of the wheels' limits.
 
+`orbit`: the first orbit of `case-day` as one file, slews and tracks, flown by the same wheels without errors
+(`_wheel_orbit`); it needs the extra `orbit`, too.
+
     pip install -e '.[basilisk]'
-    python bench/basilisk_compare.py [planners wheels] [-n 20] [--workers 1] [--momentum-reserve 10] [--each]
+    python bench/basilisk_compare.py [planners wheels orbit] [-n 20] [--workers 1] [--each]
 """
 
 import argparse
@@ -47,6 +50,7 @@ from jaxplan.model.zones import KeepOut
 
 try:
     import _basilisk
+    import _wheel_orbit
     import _wheel_report
 except ModuleNotFoundError as missing:
     if missing.name != "Basilisk":
@@ -243,7 +247,7 @@ def planners(count: int, each: bool) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parts = ("planners", "wheels")
+    parts = ("planners", "wheels", "orbit")
     parser.add_argument("parts", nargs="*", default=parts, choices=(*parts, []), metavar="PART")
     parser.add_argument("-n", "--scenes", type=positive, default=20, help="of each part")
     parser.add_argument("--workers", type=positive, default=1, help="processes that plan and fly, for wheels")
@@ -262,3 +266,5 @@ if __name__ == "__main__":
     if "wheels" in options.parts:
         tube = replace(TUBE, momentum_reserve=options.momentum_reserve)
         _wheel_report.report(options.scenes, options.workers, tube, options.each)
+    if "orbit" in options.parts:
+        _wheel_orbit.report()
