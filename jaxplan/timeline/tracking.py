@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan import so3
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.timeline import curves
 from jaxplan.timeline.least_motion import LeastMotion, Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
-from jaxplan.trajectory import Trajectory
+from jaxplan.trajectory import Samples, Trajectory
 
 _FEWEST, _MOST = 12, 240  # intervals between the nodes of least energy
 _LONGEST = 120.0  # s between them, as far as there are enough
@@ -84,17 +85,20 @@ class Tracked:
         nodes: of least energy, from which it was made.
         broken: (K + 1,) rad, how far each node breaks a range or a constraint.
         between: rad, how far the trajectory does at most at instants between the nodes.
+        too_quick: rad, by how much the fastest turn there, kept up from node to node, is beyond what limits
+            of rate allow.
     """
 
     trajectory: Trajectory
     nodes: Nodes
     broken: np.ndarray
     between: float
+    too_quick: float
 
     @property
     def depth(self) -> tuple[float, float]:
         """How far nodes, and what lies between them, break something at most, rad; zero where all is kept."""
-        return float(np.max(self.broken)), self.between
+        return float(np.max(self.broken)), max(self.between, self.too_quick)
 
     @property
     def worst(self) -> int:
@@ -125,8 +129,9 @@ def track(
     """
     times = np.linspace(start, end, _intervals(pursuit, start, end) + 1)
     search = LeastMotion(pursuit, wanted, free)
-    if len(guess) == len(times):
-        guesses = [guess]  # an earlier answer
+    if len(guess) >= len(times):  # an earlier answer, perhaps with more nodes
+        times = np.linspace(start, end, len(guess))
+        guesses = [guess]
     else:
         guesses = [make(pursuit, guess[0], times) for make in (_still, _carried)]
         guesses.sort(key=lambda one: search.price(search.first(times, one, wanted.joints)))
@@ -141,7 +146,20 @@ def track(
             best = _better(best, _found(search, times, one, tolerance))
             if best.depth <= (0.0, 0.0):
                 break
-    return best
+    return _refined(search, best, tolerance)
+
+
+def _refined(search: LeastMotion, found: Tracked, tolerance: float) -> Tracked:
+    """A motion with twice as many nodes, and again, while these keep all and what is between does not."""
+    while found.depth[0] <= 0 < found.depth[1] and 2 * (len(found.nodes.times) - 1) <= _MOST:
+        first, last = found.nodes.times[[0, -1]]
+        times = np.linspace(first, last, 2 * len(found.nodes.times) - 1)
+        guess = found.trajectory.sample(np.clip(times - first, 0, found.trajectory.duration)).attitude
+        finer = _found(search, times, guess, tolerance)
+        if finer.depth >= found.depth:
+            break
+        found = finer
+    return found
 
 
 def _better(best: Tracked | None, found: Tracked) -> Tracked:
@@ -161,7 +179,19 @@ def _found(search: LeastMotion, times: np.ndarray, guess: np.ndarray, tolerance:
         nodes=nodes,
         broken=search.broken(nodes),
         between=float(np.max(search.broken(inner))),
+        too_quick=_too_quick(search.pursuit.craft, at) * (times[1] - times[0]),
     )
+
+
+def _too_quick(craft: Spacecraft, at: Samples) -> float:
+    """By how much a motion is beyond limits of rate at most, rad/s; at least zero."""
+    speeds = [
+        np.abs(at.angular_velocity) - craft.rate_limit,
+        np.abs(at.joint_rates) - craft.joint_rate_limits,
+    ]
+    if craft.rate_norm_limit is not None:
+        speeds.append(np.linalg.norm(at.angular_velocity, axis=1) - craft.rate_norm_limit)
+    return float(max(np.max(one, initial=0.0) for one in speeds))
 
 
 def _between(times: np.ndarray) -> np.ndarray:
