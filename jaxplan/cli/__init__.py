@@ -182,9 +182,11 @@ def _add_scene_commands(commands: Any) -> None:
         help="write a scenario file to begin with",
         description=(
             "Write a scenario file that can be planned as it is, with a comment on every option; "
-            "or that of a timeline."
+            "or that of a timeline. With --ask it is made of answers to questions about a spacecraft and a "
+            "task, which may come from a file or a pipe, too."
         ),
     )
+    new.add_argument("--ask", action="store_true", help="ask what you have, and write a scenario of that")
     new.add_argument("file", metavar="FILE", help="its name, such as scene.toml; - for stdout")
     new.add_argument(
         "--from",

@@ -7,6 +7,7 @@ do without, so that each begins soon.
 import argparse
 import os
 import shlex
+import sys
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -59,21 +60,35 @@ _COUNTED = {  # what a scene, its spacecraft or a timeline has several of, and w
 
 def new(options: argparse.Namespace) -> int:
     """Write a scenario or timeline file to begin with: the template, a case of the paper, or an example."""
-    text = _text(options.source, options.timeline)
+    if options.ask and (options.source is not None or options.timeline):
+        raise ValueError("--ask: makes a scenario of answers, so it goes without --from and --timeline")
+    file = Path(options.file)
+    if options.file != "-":
+        if not options.file or options.file.endswith(os.sep) or file.is_dir():
+            raise ValueError(f"{options.file or 'FILE'}: must name a file, such as {file / 'scene.toml'}")
+        if file.exists() and not options.force:
+            raise ValueError(f"{file}: is there already; take another name, or replace it with --force")
+        try_folder_of(file)
+    text = _answered(file) if options.ask else _text(options.source, options.timeline)
     if options.file == "-":
         print(text, end="")
         return DONE
-    file = Path(options.file)
-    if not options.file or options.file.endswith(os.sep) or file.is_dir():
-        raise ValueError(f"{options.file or 'FILE'}: must name a file, such as {file / 'scene.toml'}")
-    if file.exists() and not options.force:
-        raise ValueError(f"{file}: is there already; take another name, or replace it with --force")
-    try_folder_of(file)
     with replacing_file(file) as fresh:
         fresh.write_text(text, encoding="utf-8")
     command = "timeline" if options.timeline or options.source in TIMELINE_NAMES else "plan"
+    if options.ask:
+        say(_line(_findings(str(file))))
     say(f"wrote {file}; plan it with: jaxplan {command} {shlex.quote(str(file))} -o out")
     return DONE
+
+
+def _answered(file: Path) -> str:
+    """Text of a scenario file made of answers on stdin, one a line; questions go to stderr."""
+    from jaxplan.cli.interview import interview
+    from jaxplan.cli.questions import Dialog
+
+    set_up_jax()
+    return interview(Dialog(sys.stdin, sys.stderr), file.stem if file.stem != "-" else "scene", _breaches)
 
 
 def _text(source: str | None, timeline: bool) -> str:
