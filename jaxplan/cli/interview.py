@@ -38,6 +38,7 @@ _ORBITS = {  # words to choose from, and those of the layout's tables
     "elliptic": "on a Keplerian orbit",
     _TLE: "by two-line elements",
     "oem": "by an ephemeris",
+    "spk": "by SPICE kernels",
 }
 _LEAST = 1e-3  # deg/s^2, of an acceleration that is proposed, also about an axis without torque
 _TWO_ANGLES = Array((2,), ANGLE_DEG, noun="2 numbers, yaw and pitch")
@@ -88,7 +89,7 @@ def interview(dialog: Dialog, name: str, broken: Callable[[Scenario], tuple[list
         dialog.say()
         dialog.say(title)
         tables = _settled(dialog, tables, part)
-    while any(found := broken(scenario_from_dict(tables))):
+    while any(found := broken(scenario_from_dict(tables, folder=dialog.folder))):
         dialog.say()
         for fault in (*found[0], *found[1]):
             dialog.faulty([fault])
@@ -108,7 +109,7 @@ def _settled(dialog: Dialog, tables: Tables, part: Callable[[Dialog, Tables], Ta
         grown = _merged(tables, part(dialog, tables))
         filled = {"start": _AT_REST, "goal": _AT_REST, **grown}
         try:
-            scenario_from_dict(filled)
+            scenario_from_dict(filled, folder=dialog.folder)
         except ScenarioError as error:
             dialog.faulty(error.faults)
             dialog.say("  so once more:")

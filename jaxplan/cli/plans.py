@@ -88,7 +88,8 @@ def _answered(file: Path) -> str:
     from jaxplan.cli.questions import Dialog
 
     set_up_jax()
-    return interview(Dialog(sys.stdin, sys.stderr), file.stem if file.stem != "-" else "scene", _breaches)
+    name = "scene" if file.name == "-" else file.stem
+    return interview(Dialog(sys.stdin, sys.stderr, file.parent), name, _breaches)
 
 
 def _text(source: str | None, timeline: bool) -> str:

@@ -8,6 +8,7 @@ An answer is a number, several with blanks or commas between, a word, ``yes`` or
 an axis, or whatever TOML has for a value. An empty one takes what stands in brackets.
 """
 
+import os
 import re
 import textwrap
 from collections.abc import Callable, Sequence
@@ -44,12 +45,13 @@ class Dialog:
     Args:
         answers: whence a line each comes.
         out: where questions and messages go.
+        folder: of the file, to which paths in answers are relative.
 
     What was answered before stands in brackets when the same is asked again.
     """
 
-    def __init__(self, answers: TextIO, out: TextIO) -> None:
-        self._answers, self._out = answers, out
+    def __init__(self, answers: TextIO, out: TextIO, folder: str | os.PathLike[str] = "") -> None:
+        self._answers, self._out, self.folder = answers, out, folder
         self._told: set[str] = set()
         self._before: dict[str, Any] = {}
 
@@ -96,6 +98,7 @@ class Dialog:
 
         def faults(value: Any) -> Sequence[str]:
             place = Place(reading())
+            place.reading.folder = self.folder
             for step in (*path, key):
                 place = place[step]
             before = len(place.reading.faults)
