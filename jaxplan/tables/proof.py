@@ -25,6 +25,7 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import aligned, as_table, shown
 from jaxplan.runtime.progress import progress_bar
+from jaxplan.tables.devices import OtherDevicesError
 from jaxplan.tables.files import load_attitude
 from jaxplan.tables.interpolation import Reading, needs, reading
 from jaxplan.tables.known import as_known
@@ -138,7 +139,7 @@ def certify_table(
     """Prove what a table keeps of a scene's zones, ranges and rates as a reader flies it, or say what fails.
 
     Args:
-        table: a table, or the path of a file as `load_attitude` reads it.
+        table: a table, or the path of a file as `load_attitude` reads it, with the scene's spacecraft.
         interpolation: what the reader does between rows, one of `jaxplan.tables.INTERPOLATIONS`; None for
             what readers of the file's format do.
         scenario: the scene with zones and spacecraft. A table with an epoch is held against it at its times
@@ -155,15 +156,21 @@ def certify_table(
         >>> print(jp.certify_table("slew.aem", "slerp", jp.load_scenario("scene.toml")))
     """
     expect("scenario", scenario, Scenario)
+    foreign: tuple[str, ...] = ()
     if not isinstance(table, AttitudeTable):
-        table = load_attitude(table)
+        path = table
+        try:
+            table = load_attitude(path, scenario.spacecraft)
+        except OtherDevicesError as error:  # of these nothing is claimed then
+            table, foreign = load_attitude(path), (str(error),)
     how = table.interpolation if interpolation is None else interpolation
     if how not in INTERPOLATIONS:
         raise ValueError(f"interpolation = {how!r}: must be one of {', '.join(INTERPOLATIONS)}")
     lacking = needs(table, how)
     if lacking is not None:
         raise ValueError(lacking)
-    return certify_rows(table, how, scenario, _begin(table, scenario))
+    found = certify_rows(table, how, scenario, _begin(table, scenario))
+    return replace(found, left_out=(*found.left_out, *foreign))
 
 
 def certify_rows(table: AttitudeTable, how: str, scenario: Scenario, begin: float) -> TableCertificate:
