@@ -277,6 +277,19 @@ def _add_plan_commands(commands: Any) -> None:
             "what readers of the format do if absent"
         ),
     )
+    for each in (check, export):
+        each.add_argument(
+            "--forgive-deg",
+            type=float,
+            metavar="DEG",
+            help="by which margins of a table may fall short of zero (0.001)",
+        )
+        each.add_argument(
+            "--forgive-percent",
+            type=float,
+            metavar="P",
+            help="of a limit, by which a table may exceed it (0.5)",
+        )
     plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the file")
     for each in (plot, report):
         each.add_argument(

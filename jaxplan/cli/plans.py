@@ -200,8 +200,9 @@ def check(options: argparse.Namespace) -> int:
     """Certify a plan file anew, or a table of attitudes, and print the certificate."""
     if options.scenario is not None:
         return _check_table(options)
-    if options.interpolation is not None:
-        raise ValueError("--interpolation: is of a table, which takes --scenario, too")
+    for name in ("interpolation", "forgive_deg", "forgive_percent"):
+        if getattr(options, name) is not None:
+            raise ValueError(f"--{name.replace('_', '-')}: is of a table, which takes --scenario, too")
     if Path(options.plan).suffix.lower() in _TABLES:
         raise ValueError(
             f"{options.plan}: is no plan but a table of attitudes: hold it against a scene with "
@@ -229,11 +230,17 @@ def _check_table(options: argparse.Namespace) -> int:
     if _first_character(options.plan) == "{" or timelines.is_timeline_plan(options.plan):
         raise ValueError(f"{options.plan}: is a plan and no table; without --scenario it is proved as it is")
     try:
-        found = certify_table(options.plan, options.interpolation, scene)
+        found = certify_table(options.plan, options.interpolation, scene, **_forgiving(options))
     except ImportError as error:
         raise ValueError(f"{options.plan}: {error}") from error
     print_result(found.summary() if options.json else found)
     return DONE if found.certified else NOT_CERTIFIED
+
+
+def _forgiving(options: argparse.Namespace) -> dict[str, float]:
+    """What is to be forgiven of a table, as far as it is told."""
+    given = {name: getattr(options, name) for name in ("forgive_deg", "forgive_percent")}
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def plot(options: argparse.Namespace) -> int:
@@ -321,6 +328,7 @@ def export(options: argparse.Namespace) -> int:
             observer=None if options.observer is None else load_observer(options.observer),
             names=ExportNames(**{key: value for key, value in given.items() if value is not None}),
             overwrite=options.force,
+            **_forgiving(options),
         )
     except exporting.UncertifiedError as error:
         return complain(str(error), NOT_CERTIFIED if plan.ok else _code_of(plan))

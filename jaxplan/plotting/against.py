@@ -49,7 +49,7 @@ _RATE = 2  # number of the row of rates
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Moved:
+class _Motion:
     """A motion that can be asked for its state at any time of its span.
 
     Attributes:
@@ -108,7 +108,7 @@ class Moved:
         middle = np.clip(times, rows[own] + side, rows[own + 1] - side)
         return middle - side, middle + side
 
-    def grid(self, other: "Moved") -> np.ndarray:
+    def grid(self, other: "_Motion") -> np.ndarray:
         """Times (k,) s to draw it at: a grid, with both sides of its corners, and those of another."""
         even = np.linspace(self.first, self.last, _INSTANTS if self.last > self.first else 1)
         corners = np.concatenate([self.corners, other.corners])
@@ -121,7 +121,7 @@ def _shorter(turned: np.ndarray) -> np.ndarray:
     return np.where(turned[:, :1] < 0, -turned, turned)
 
 
-def moved(given: Mapping[str, Trajectory | Plan | AttitudeTable], craft: Spacecraft) -> dict[str, Moved]:
+def _motions(given: Mapping[str, Trajectory | Plan | AttitudeTable], craft: Spacecraft) -> dict[str, _Motion]:
     """Motions by name, in one time.
 
     Args:
@@ -133,11 +133,13 @@ def moved(given: Mapping[str, Trajectory | Plan | AttitudeTable], craft: Spacecr
     """
     epochs = [each.scenario.epoch for each in given.values() if isinstance(each, Plan)]
     zero = next((epoch for epoch in epochs if epoch is not None), None)
-    return {name: _moved(each, craft, zero) for name, each in given.items()}
+    return {name: _motion_of(each, craft, zero) for name, each in given.items()}
 
 
-def _moved(given: Trajectory | Plan | AttitudeTable, craft: Spacecraft, zero: np.datetime64 | None) -> Moved:
-    """One motion, see `moved`; `zero` is the UTC of time zero, None where it is not known."""
+def _motion_of(
+    given: Trajectory | Plan | AttitudeTable, craft: Spacecraft, zero: np.datetime64 | None
+) -> _Motion:
+    """One motion, see `_motions`; `zero` is the UTC of time zero, None where it is not known."""
     if isinstance(given, AttitudeTable):
         return _of_table(given, craft, zero)
     trajectory = given.trajectory if isinstance(given, Plan) else given
@@ -145,7 +147,7 @@ def _moved(given: Trajectory | Plan | AttitudeTable, craft: Spacecraft, zero: np
     what = "trajectory"
     if isinstance(given, Plan):
         what = "certified plan" if given.ok else f"plan, {given.status.value}"
-    return Moved(
+    return _Motion(
         what=what,
         first=0.0,
         last=trajectory.duration,
@@ -154,7 +156,7 @@ def _moved(given: Trajectory | Plan | AttitudeTable, craft: Spacecraft, zero: np
     )
 
 
-def _of_table(table: AttitudeTable, craft: Spacecraft, zero: np.datetime64 | None) -> Moved:
+def _of_table(table: AttitudeTable, craft: Spacecraft, zero: np.datetime64 | None) -> _Motion:
     """The motion of a table."""
     shift = -float(table.times[0])
     if zero is not None and table.epoch is not None:
@@ -163,7 +165,7 @@ def _of_table(table: AttitudeTable, craft: Spacecraft, zero: np.datetime64 | Non
     names = [column_name(name) for name in table.joint_names]
     wanted = [column_name(name) for name in craft.joint_names]
     known = table.joints is not None and bool(wanted) and set(wanted) <= set(names)
-    return Moved(
+    return _Motion(
         what=f"table, {len(rows)} rows, {table.interpolation.replace('_', ' ')}",
         first=float(rows[0]),
         last=float(rows[-1]),
@@ -193,7 +195,7 @@ class _Curves:
     joints: np.ndarray
 
     @classmethod
-    def of(cls, motion: Moved, first: Moved, joint_count: int) -> "_Curves":
+    def of(cls, motion: _Motion, first: _Motion, joint_count: int) -> "_Curves":
         """Sample a motion beside the first one."""
         times = motion.grid(first)
         attitude, joints = motion.state(times)
@@ -247,7 +249,7 @@ def against(
     legend: bool = True,
 ) -> list[Axes]:
     """Draw motions with tables among them; see `jaxplan.plotting.side_by_side.compare`."""
-    motions = moved(given, craft)
+    motions = _motions(given, craft)
     named = next(iter(motions))
     first = motions[named]
     count = craft.joint_count
