@@ -143,7 +143,7 @@ def value_text(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{spell_key(key)} = {value_text(item)}' for key, item in value.items())} }}"
+        return _inline(value, value_text)
     if not isinstance(value, list):
         return repr(value)
     items = [value_text(item) for item in value]
@@ -197,7 +197,14 @@ def commented(document: Mapping[str, Any], layout: Table = SCENARIO) -> str:
 
 def _line_text(value: Any) -> str:
     """A value as TOML on one line, however long."""
+    if isinstance(value, dict):
+        return _inline(value, _line_text)
     return f"[{', '.join(map(_line_text, value))}]" if isinstance(value, list) else value_text(value)
+
+
+def _inline(table: Mapping[str, Any], spell: Callable[[Any], str]) -> str:
+    """A table as a value on the right side of a line, with a function that spells what it holds."""
+    return f"{{ {', '.join(f'{spell_key(key)} = {spell(item)}' for key, item in table.items())} }}"
 
 
 def _commented(text: str, layout: Table) -> str:

@@ -11,10 +11,15 @@ import pytest
 import jaxplan as jp
 from jaxplan.cli import main
 from jaxplan.cli.questions import value_of
+from jaxplan.model.epochs import ephemeris_time
 from jaxplan.schema import dump_scenario, parse_scenario
 from jaxplan.schema.directions import Axis
 from jaxplan.schema.kinds import Choice, Epoch, Names, Number, Text, YesNo
+from jaxplan.schema.text import commented
 
+EPOCH = "2024-03-19T02:00:00"
+TLE = """1 25544U 98067A   24079.07757601  .00016717  00000-0  30270-3 0  9992
+2 25544  51.6400 208.9163 0006317  69.9862  25.2906 15.49560532444998"""
 SMALL = [  # a camera, no joints, no sky, one zone, a goal by a target
     *["small", "rates", "2 2 1", "0.5"],
     *["1", "camera", "0.6 0 0.8"],
@@ -109,6 +114,40 @@ def test_wheels_joints_bodies_and_orbits_are_asked_for_too(monkeypatch, capsys, 
     known = jp.sky.keep_out("sun", exclusion_deg=35.0, observer=orbit, **when)
     assert np.allclose(sun.direction, known.direction)
     assert np.isclose(sun.half_angle, known.half_angle)
+
+
+def test_orbits_come_from_elements_lines_or_files_beside_the_scenario(monkeypatch, capsys, tmp_path):
+    spice = pytest.importorskip("spiceypy", reason="spiceypy is not installed")
+    lines = TLE.splitlines()
+    times = np.arange(0.0, 1800.0, 60.0)
+    when = {"epoch": EPOCH, "times": times}
+    tle = jp.sky.parse_tle(TLE)
+    states = np.concatenate([of(tle, **when) for of in (jp.sky.positions, jp.sky.velocities)], axis=1)
+    moments = ephemeris_time(np.datetime64(EPOCH, "ns"), times)
+    folder = tmp_path / "scenes"
+    folder.mkdir()
+    handle = spice.spkopn(str(folder / "own.bsp"), "test", 0)
+    spice.spkw13(handle, -999, 399, "J2000", moments[0], moments[-1], "own", 7, len(times), states, moments)
+    spice.spkcls(handle)
+    before = SMALL[: SMALL.index("30") + 1]
+    rest = ["1", "earth", "", "5", "yes", "camera", "attitude", "0 0 0", "targets", "zenith"]
+    found = []
+    for orbit in (
+        ["tle", lines[0], lines[1]],
+        ["spk", "own.bsp", "-999"],
+        ["elliptic", "6800", "", "51.6", "0", "0", "0"],
+    ):
+        answers = [*before, "yes", EPOCH, *orbit, *rest, "no"]
+        code, _, err = ask(monkeypatch, capsys, answers, folder / "scene.toml", "--force")
+        assert code == 0, err
+        found.append(jp.load_scenario(folder / "scene.toml").keep_out[0].direction)
+    np.testing.assert_allclose(found[0].at(15.0), found[1].at(15.0), atol=1e-7)
+    wrong = [lines[0], lines[1][:-1] + str((int(lines[1][-1]) + 1) % 10)]
+    again = ["yes", "", "", *["", lines[1]]]
+    answers = [*before, "yes", EPOCH, "tle", *wrong, *again, *rest, "no"]
+    code, _, err = ask(monkeypatch, capsys, answers, folder / "scene.toml", "--force")
+    assert code == 0, err
+    assert "sky.observer.tle: line 2, column 69 (check sum)" in " ".join(err.split())
 
 
 def test_a_file_of_answers_tells_of_each_key_and_keeps_what_was_said(monkeypatch, capsys):
@@ -249,3 +288,31 @@ def test_answers_need_neither_quotes_nor_brackets():
         ("1e999", number, float("inf")),
     ):
         assert value_of(answer, kind) == value, answer
+
+
+def test_commented_files_hold_what_they_were_made_of_whatever_the_names():
+    odd = 'a # "b" = [c]'
+    document = {
+        "schema_version": 1,
+        "name": odd,
+        "spacecraft": {
+            "rate_limit_deg_s": [1.0, 2.0, 0.1],
+            "acceleration_limit_deg_s2": 0.25,
+            "inertia_kg_m2": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            "drive": [
+                {
+                    "name": odd,
+                    "axis": [0.0, 0.0, 1.0],
+                    "boresight": [1.0, 0.0, 0.0],
+                    "range_deg": [-1.0, 1.0],
+                    "rate_limit_deg_s": 1.0,
+                    "acceleration_limit_deg_s2": 1.0,
+                }
+            ],
+        },
+        "start": {"attitude": [0.0, 0.0, 0.0], "joints_deg": {odd: [0.5]}},
+        "goal": {"targets": {odd: [1.0, 0.0, 0.0]}},
+    }
+    text = commented(document)
+    assert tomllib.loads(text) == document
+    assert parse_scenario(text).spacecraft.drives[0].name == odd
