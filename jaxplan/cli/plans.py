@@ -7,6 +7,7 @@ do without, so that each begins soon.
 import argparse
 import os
 import shlex
+import sys
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -59,21 +60,36 @@ _COUNTED = {  # what a scene, its spacecraft or a timeline has several of, and w
 
 def new(options: argparse.Namespace) -> int:
     """Write a scenario or timeline file to begin with: the template, a case of the paper, or an example."""
-    text = _text(options.source, options.timeline)
+    if options.ask and (options.source is not None or options.timeline):
+        raise ValueError("--ask: makes a scenario of answers, so it goes without --from and --timeline")
+    file = Path(options.file)
+    if options.file != "-":
+        if not options.file or options.file.endswith(os.sep) or file.is_dir():
+            raise ValueError(f"{options.file or 'FILE'}: must name a file, such as {file / 'scene.toml'}")
+        if file.exists() and not options.force:
+            raise ValueError(f"{file}: is there already; take another name, or replace it with --force")
+        try_folder_of(file)
+    text = _answered(file) if options.ask else _text(options.source, options.timeline)
     if options.file == "-":
         print(text, end="")
         return DONE
-    file = Path(options.file)
-    if not options.file or options.file.endswith(os.sep) or file.is_dir():
-        raise ValueError(f"{options.file or 'FILE'}: must name a file, such as {file / 'scene.toml'}")
-    if file.exists() and not options.force:
-        raise ValueError(f"{file}: is there already; take another name, or replace it with --force")
-    try_folder_of(file)
     with replacing_file(file) as fresh:
         fresh.write_text(text, encoding="utf-8")
     command = "timeline" if options.timeline or options.source in TIMELINE_NAMES else "plan"
+    if options.ask:
+        say(_line(_findings(str(file))))
     say(f"wrote {file}; plan it with: jaxplan {command} {shlex.quote(str(file))} -o out")
     return DONE
+
+
+def _answered(file: Path) -> str:
+    """Text of a scenario file made of answers on stdin, one a line; questions go to stderr."""
+    from jaxplan.cli.interview import interview
+    from jaxplan.cli.questions import Dialog
+
+    set_up_jax()
+    name = "scene" if file.name == "-" else file.stem
+    return interview(Dialog(sys.stdin, sys.stderr, file.parent), name, _breaches)
 
 
 def _text(source: str | None, timeline: bool) -> str:
@@ -184,8 +200,9 @@ def check(options: argparse.Namespace) -> int:
     """Certify a plan file anew, or a table of attitudes, and print the certificate."""
     if options.scenario is not None:
         return _check_table(options)
-    if options.interpolation is not None:
-        raise ValueError("--interpolation: is of a table, which takes --scenario, too")
+    for name in ("interpolation", "forgive_deg", "forgive_percent"):
+        if getattr(options, name) is not None:
+            raise ValueError(f"--{name.replace('_', '-')}: is of a table, which takes --scenario, too")
     if Path(options.plan).suffix.lower() in _TABLES:
         raise ValueError(
             f"{options.plan}: is no plan but a table of attitudes: hold it against a scene with "
@@ -213,11 +230,17 @@ def _check_table(options: argparse.Namespace) -> int:
     if _first_character(options.plan) == "{" or timelines.is_timeline_plan(options.plan):
         raise ValueError(f"{options.plan}: is a plan and no table; without --scenario it is proved as it is")
     try:
-        found = certify_table(options.plan, options.interpolation, scene)
+        found = certify_table(options.plan, options.interpolation, scene, **_forgiving(options))
     except ImportError as error:
         raise ValueError(f"{options.plan}: {error}") from error
     print_result(found.summary() if options.json else found)
     return DONE if found.certified else NOT_CERTIFIED
+
+
+def _forgiving(options: argparse.Namespace) -> dict[str, float]:
+    """What is to be forgiven of a table, as far as it is told."""
+    given = {name: getattr(options, name) for name in ("forgive_deg", "forgive_percent")}
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def plot(options: argparse.Namespace) -> int:
@@ -305,6 +328,7 @@ def export(options: argparse.Namespace) -> int:
             observer=None if options.observer is None else load_observer(options.observer),
             names=ExportNames(**{key: value for key, value in given.items() if value is not None}),
             overwrite=options.force,
+            **_forgiving(options),
         )
     except exporting.UncertifiedError as error:
         return complain(str(error), NOT_CERTIFIED if plan.ok else _code_of(plan))

@@ -16,7 +16,8 @@ import numpy as np
 from jaxplan.exporting.flight import Flight
 from jaxplan.exporting.pieces import Pieces, pieces_of
 from jaxplan.exporting.sampled import Sampling
-from jaxplan.exporting.texts import labels, plain
+from jaxplan.exporting.texts import plain
+from jaxplan.model.export_names import labels
 from jaxplan.version import __version__
 
 LONGEST_PREFIX = 18  # characters: C99 tells external names apart by 31, of which _evaluate has 9

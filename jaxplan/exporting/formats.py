@@ -37,6 +37,7 @@ from jaxplan.runtime.arguments import expect, expect_any, file_path
 from jaxplan.runtime.files import replacing_file, replacing_folder
 from jaxplan.schema.faults import nearest
 from jaxplan.sky import Satellite
+from jaxplan.tables.forgiven import FORGIVE_DEG, FORGIVE_PERCENT, forgiven
 from jaxplan.tables.table import RODRIGUES, SLERP
 
 STEP_S = 0.1
@@ -115,6 +116,8 @@ def export(
     tolerance_deg: float | None = None,
     names: ExportNames | None = None,
     observer: Satellite | None = None,
+    forgive_deg: float = FORGIVE_DEG,
+    forgive_percent: float = FORGIVE_PERCENT,
     overwrite: bool = False,
 ) -> Path:
     """Write a plan or a day as a file of another tool, or as a folder for ``"ck"``, ``"stk"`` and ``"c"``.
@@ -125,8 +128,8 @@ def export(
     a list of intervals of ``"stk"``, and in the comments of ``"ck"``.
 
     A table is held against zones, ranges and rates as readers of its format fly it, too, between its rows
-    (`jaxplan.certify_table`, with joints linear there), and refused where it breaks them by more than
-    1e-3 deg or half a percent of a limit.
+    (`jaxplan.certify_table`, with joints linear there), and refused where it breaks them by more than is
+    forgiven.
 
         >>> jp.export(plan, "slew.aem", format="aem", epoch="2026-01-01T00:00:00")
         >>> jp.export(day, "day.ck", format="ck", names=jp.ExportNames(naif_id=-2000, frame_name="EO1_BUS"))
@@ -151,6 +154,8 @@ def export(
         observer: orbit of the spacecraft, for ``"czml"`` alone: one of `jaxplan.sky`, as
             `jaxplan.sky.read_oem` and `jaxplan.sky.parse_tle` make them. Without it the spacecraft stands
             still over the equator.
+        forgive_deg: by which margins of a table may fall short of zero, in [0, 1], as of `certify_table`.
+        forgive_percent: of a limit or range, by which a table may exceed it, in [0, 10], likewise.
         overwrite: whether an old file may be replaced, or a folder that holds files of this format only.
 
     Returns:
@@ -168,6 +173,7 @@ def export(
     file_path("path", path)
     if names is not None:
         expect("names", names, ExportNames)
+    forgives = forgiven(forgive_deg, forgive_percent)
     kind, start = _checked(plan, format, epoch, step_s, tolerance_deg)
     absent = [module for module in kind.needs if find_spec(module) is None]
     if absent:
@@ -198,9 +204,9 @@ def export(
         observer=observer,
     )
     if few and not kind.exact:
-        sampling = sparsest(plan, sampling, kind.interpolation, tolerance)
+        sampling = sparsest(plan, sampling, kind.interpolation, tolerance, forgives)
     elif not kind.exact:
-        expect_held(plan, sampling, kind.interpolation, format)
+        expect_held(plan, sampling, kind.interpolation, format, forgives)
     with (replacing_folder if kind.parts else replacing_file)(target) as fresh:
         kind.write(sampling, fresh)
     return target

@@ -1,8 +1,7 @@
 """Prove of a table, before it is written, that it keeps zones, ranges and rates as its readers fly it.
 
-Between rows a reader's motion is another than what was certified. How far it may fall short, without being
-refused, is what tables are for: a plan that touches a zone, as the shortest ones do, leaves none of them a
-margin, and between rows a tenth of a second apart is some 1e-4 deg inside.
+How far it may fall short without being refused is the rule of `jaxplan.tables.forgiven`, by which tables are
+checked, too.
 """
 
 from dataclasses import replace
@@ -14,7 +13,8 @@ from jaxplan.exporting.instants import chosen_instants, sparsest_instants
 from jaxplan.exporting.sampled import Sampling
 from jaxplan.geometry import quaternion
 from jaxplan.planner import Plan
-from jaxplan.tables import AttitudeTable, TableCertificate
+from jaxplan.tables import AttitudeTable
+from jaxplan.tables.forgiven import Forgiven
 from jaxplan.tables.proof import certify_rows
 from jaxplan.tables.table import RODRIGUES
 
@@ -22,9 +22,6 @@ SPARSEST = "sparsest"
 """The step of a table with the fewest rows."""
 SPARSEST_DEG = 0.05
 """deg: by which such a table may be off the motion, unless told."""
-SHORTFALL_DEG = 1e-3
-"""deg: by which a table may fall short of a margin of zero."""
-_OVER = 5e-3  # of a limit, by which its peaks may exceed it
 _HALVINGS = 12  # of the tolerance of a sparse table that does not hold
 _TOGETHER = 2_000  # rows that are held against the scene at once
 _MOST_ROWS = 200_000  # that are proved; tables of more have rows too close together for a reader to matter
@@ -46,26 +43,26 @@ def rows_of(sampling: Sampling, first: int, last: int, interpolation: str) -> At
     )
 
 
-def broken_by(plan: Plan | Day, sampling: Sampling, interpolation: str) -> tuple[str, ...]:
-    """Find what a table breaks as its readers fly it: sentences on the first stretch of rows that does."""
+def broken_by(
+    plan: Plan | Day, sampling: Sampling, interpolation: str, forgives: Forgiven
+) -> tuple[str, ...]:
+    """Find what a table breaks as its readers fly it, by more than is forgiven.
+
+    Returns:
+        Sentences on the first stretch of rows that does; none if all hold.
+    """
     scene, last = scene_of(plan), len(sampling.times) - 1
     for first in range(0, last, _TOGETHER):
         rows = rows_of(sampling, first, min(first + _TOGETHER, last), interpolation)
-        found = broken(certify_rows(rows, interpolation, scene, float(rows.times[0])))
+        found = certify_rows(rows, interpolation, scene, float(rows.times[0]), forgives).faults
         if found:
             return found
     return ()
 
 
-def broken(proof: TableCertificate) -> tuple[str, ...]:
-    """Find what a table breaks by more than exports forgive, a sentence for each thing; none if it holds."""
-    short = proof.min_margin is not None and not proof.min_margin >= -np.deg2rad(SHORTFALL_DEG)
-    over = not all(peak <= 1 + _OVER for peak in proof.peaks.values())
-    illegible = not proof.peaks  # of whatever could be evaluated there are some
-    return proof.faults if short or over or illegible else ()
-
-
-def expect_held(plan: Plan | Day, sampling: Sampling, interpolation: str, format: str) -> None:
+def expect_held(
+    plan: Plan | Day, sampling: Sampling, interpolation: str, format: str, forgives: Forgiven
+) -> None:
     """Refuse a table that breaks something as its readers fly it.
 
     Raises:
@@ -73,16 +70,19 @@ def expect_held(plan: Plan | Day, sampling: Sampling, interpolation: str, format
     """
     if not 1 < len(sampling.times) <= _MOST_ROWS:
         return
-    faults = broken_by(plan, sampling, interpolation)
+    faults = broken_by(plan, sampling, interpolation, forgives)
     if faults:
         raise UncertifiedError(
             f"a table of {len(sampling.times)} rows does not hold as readers of format {format} fly it, with "
-            f"{interpolation.replace('_', ' ')} between rows: {'; '.join(faults)}. Take a smaller step_s "
-            "(--step) or tolerance_deg (--tolerance), or format c or json, which hold the polynomials"
+            f"{interpolation.replace('_', ' ')} between rows: {'; '.join(faults)}. Forgiven is "
+            f"{forgives.words}. Take a smaller step_s (--step) or tolerance_deg (--tolerance), or format c "
+            "or json, which hold the polynomials"
         )
 
 
-def sparsest(plan: Plan | Day, sampling: Sampling, interpolation: str, tolerance: float) -> Sampling:
+def sparsest(
+    plan: Plan | Day, sampling: Sampling, interpolation: str, tolerance: float, forgives: Forgiven
+) -> Sampling:
     """The table with the fewest rows that is near a motion and holds as its readers fly it.
 
     Args:
@@ -90,6 +90,7 @@ def sparsest(plan: Plan | Day, sampling: Sampling, interpolation: str, tolerance
         sampling: of the motion, with all but the instants.
         interpolation: what readers do.
         tolerance: rad, by which attitude, devices and joints may be off the motion; halved until all holds.
+        forgives: by how much the table may fall short.
 
     Raises:
         UncertifiedError: if no table holds.
@@ -101,7 +102,7 @@ def sparsest(plan: Plan | Day, sampling: Sampling, interpolation: str, tolerance
         near = tolerance / 2**halving
         times = choose(flight, near, rodrigues=interpolation == RODRIGUES)
         found = replace(sampling, times=times, tolerance=near)
-        faults = broken_by(plan, found, interpolation)
+        faults = broken_by(plan, found, interpolation, forgives)
         if not faults:
             return found
     raise UncertifiedError(f"no table of {flight.name} holds, however close its rows: {'; '.join(faults)}")

@@ -15,14 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan.exporting.sampled import instrument_frames
-from jaxplan.exporting.texts import labels, plain
-from jaxplan.model.export_names import LONGEST_FRAME, ExportNames
+from jaxplan.exporting.texts import plain
+from jaxplan.model.export_names import LONGEST_FRAME, ExportNames, labels
 from jaxplan.model.outlines import UP
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.tables.devices import FIRST_TURNING
 
 MOST_DEVICES = 499
 """Most devices with joints, and most instruments, for which there are numbers."""
-_FIRST_TURNING, _FIRST_INSTRUMENT = 1, 501  # how far numbers are below the bus, and those that follow
+_FIRST_INSTRUMENT = 501  # how far the first instrument's number is below the bus
 _BUS_NAME = "JAXPLAN_BUS"  # where the user gives none
 _LONGEST_STEM = 15  # characters that names of devices begin with, which leaves them ten after an underscore
 _LONGEST_BODY = 36  # characters of a body's name
@@ -76,7 +77,7 @@ def frames_of(craft: Spacecraft, names: ExportNames) -> Frames:
         )
     spelled = (name.replace("-", "_") for name in craft.device_names)
     own = labels(spelled, taken=[bus.name.removeprefix(stem)], longest=LONGEST_FRAME - len(stem))
-    below = [*range(_FIRST_TURNING, _FIRST_TURNING + count)]
+    below = [*range(FIRST_TURNING, FIRST_TURNING + count)]
     below += range(_FIRST_INSTRUMENT, _FIRST_INSTRUMENT + fixed)
     devices = tuple(
         Frame(number=bus.number - away, name=stem + name.upper(), what=plain(device))

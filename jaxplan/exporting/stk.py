@@ -10,7 +10,8 @@ import numpy as np
 
 from jaxplan.exporting.flight import Segment
 from jaxplan.exporting.sampled import Sampling, continued, device_frames
-from jaxplan.exporting.texts import labels, table_lines
+from jaxplan.exporting.texts import table_lines
+from jaxplan.tables.devices import sensor_files
 
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 _AXES = {"EME2000": "J2000", "ICRF": "ICRF", "GCRF": "ICRF"}  # STK's names of the inertial frames
@@ -32,7 +33,7 @@ def write_stk(sampling: Sampling, folder: Path) -> None:
     assert sampling.start is not None
     craft, count = sampling.spacecraft, sampling.spacecraft.gimbals.count
     inertial = ("CentralBody Earth", f"CoordinateAxes {_AXES[sampling.names.reference_frame]}")
-    names = [f"{name}.sp" for name in labels(craft.device_names[:count], taken=(), longest=100)]
+    names = sensor_files(craft)
     with ExitStack() as stack:
         files = [
             stack.enter_context((folder / name).open("w", encoding="ascii"))

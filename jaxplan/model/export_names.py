@@ -6,7 +6,7 @@ at most 26 characters, since variables of at most 32 are called after them, and 
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -121,3 +121,27 @@ def _number_fault(value: object) -> str | None:
     return (
         f"must be a whole number in [{NAIF_IDS[0]}, {NAIF_IDS[1]}], since SPICE numbers spacecraft below zero"
     )
+
+
+def labels(names: Iterable[str], taken: Iterable[str], longest: int) -> list[str]:
+    """Short names of letters, digits, ``-`` and ``_`` that differ also where case does not count.
+
+    Args:
+        names: any text, such as names of devices.
+        taken: names that they must not have.
+        longest: characters of one at most, 10 or more.
+
+    Returns:
+        For each name itself with other characters made ``_``, or ``device_3`` where that is too long, empty
+        or taken.
+    """
+    used = {name.lower() for name in taken}
+    result = []
+    for number, name in enumerate(names, start=1):
+        label = re.sub(r"[^A-Za-z0-9_-]", "_", name)
+        spare = (f"device_{k}" for k in range(number, 10**9))
+        while not label.strip("_-") or len(label) > longest or label.lower() in used:
+            label = next(spare)
+        used.add(label.lower())
+        result.append(label)
+    return result

@@ -10,7 +10,7 @@ degrees and seconds.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,6 +18,9 @@ from matplotlib.lines import Line2D
 
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.planner import Plan
+from jaxplan.plotting.against import against
+from jaxplan.plotting.day import as_plan
 from jaxplan.plotting.style import (
     AXIS_STYLES,
     GREY,
@@ -29,6 +32,7 @@ from jaxplan.plotting.style import (
     both_sides,
     curve,
     device_style,
+    expect_mapping,
     expect_trajectories,
     legend_beside,
     limit_lines,
@@ -37,6 +41,9 @@ from jaxplan.plotting.style import (
     time_span,
 )
 from jaxplan.plotting.time_panels import AXIS_ENTRIES, BODY, SPIN, labelled
+from jaxplan.runtime.arguments import expect, expect_any
+from jaxplan.tables import AttitudeTable
+from jaxplan.timeline.record import TimelinePlan
 from jaxplan.trajectory import Trajectory
 
 _FAR_OF_SEVERAL = 1.5  # multiple of the highest value beyond which a limit is written and not drawn
@@ -47,34 +54,81 @@ _JOIN: Look = {"color": "0.7", "linewidth": 0.9, "linestyle": (0, (1, 2))}
 
 
 def compare(
-    trajectories: Mapping[str, Trajectory],
-    spacecraft: Spacecraft,
+    trajectories: Mapping[str, Trajectory | Plan | TimelinePlan | AttitudeTable],
+    spacecraft: Spacecraft | None = None,
     ax: Canvas = None,
     *,
     legend: bool = True,
 ) -> list[Axes]:
-    """Draw rates, accelerations and jerks of several trajectories, with limits.
+    """Draw several motions with limits: rates, accelerations and jerks, or how far tables are off the first.
 
-    There is a column for each body axis of the platform, and one, with a scale of its own, for the joint that
-    comes nearest to a limit of its rate or acceleration in any of the trajectories.
+    There is a column for each body axis of the platform, and one, with a scale of its own, for a joint: the
+    one that comes nearest to a limit of its rate or acceleration in any of the trajectories.
+
+    With a table of attitudes among them, as `jaxplan.load_attitude` reads one, the rows are how far each has
+    turned from the first attitude of the first, or the angle of the joint; how far it is off the first; and
+    rates, for tables those of the motion that their readers make. The joint is the one that is farthest off.
 
     Args:
-        trajectories: by what they are called.
-        spacecraft: whose limits are meant.
+        trajectories: trajectories, plans and tables by what they are called.
+        spacecraft: whose limits are meant; that of the first plan unless told.
         ax: twelve axes in three rows of four, without joints nine in rows of three; a figure to put them
             in, or None for a new one.
-        legend: whether to name the trajectories beside the panels.
+        legend: whether to name the motions beside the panels; with tables it says what each is.
 
     Returns:
-        The axes, row by row: rates, accelerations and jerks.
+        The axes, row by row: rates, accelerations and jerks; or turns, differences and rates.
 
     Raises:
-        TypeError: if they are no trajectories by names, or it is no spacecraft.
-        ValueError: if there are no trajectories, or another number of axes is given.
+        TypeError: if they are none of these by names, or it is no spacecraft.
+        ValueError: if there are none, a plan has no trajectory, a spacecraft is needed, or another number of
+            axes is given.
 
     Example:
         >>> jp.plot.compare({"paper": slow.trajectory, "global": fast.trajectory}, scenario.spacecraft)
+        >>> jp.plot.compare({"plan": plan, "table": jp.load_attitude("slew.aem")})
     """
+    given, craft = _taken(trajectories, spacecraft)
+    if any(isinstance(each, AttitudeTable) for each in given.values()):
+        return against(given, craft, ax, legend=legend)
+    bare = {name: each.trajectory if isinstance(each, Plan) else each for name, each in given.items()}
+    return _of_trajectories(bare, craft, ax, legend=legend)
+
+
+def _taken(
+    given: object, spacecraft: object
+) -> tuple[dict[str, Trajectory | Plan | AttitudeTable], Spacecraft]:
+    """Check the arguments of `compare`; plans of timelines come back as plans.
+
+    Raises:
+        TypeError: see `compare`.
+        ValueError: likewise.
+    """
+    taken: dict[str, Trajectory | Plan | AttitudeTable] = {}
+    for name, each in expect_mapping("trajectories", given).items():
+        plan = as_plan(each) if isinstance(each, TimelinePlan) else each
+        known = (Trajectory, Plan, AttitudeTable)
+        expect_any(f"trajectories[{name!r}]", plan, known, "a trajectory, a plan or a table of attitudes")
+        if isinstance(plan, Plan) and plan.trajectory is None:
+            ending = ": ".join(filter(None, [plan.status.name, plan.message]))
+            raise ValueError(
+                f"trajectories[{name!r}]: the plan has no trajectory to draw; it ended as {ending}"
+            )
+        taken[name] = plan
+    if not taken:
+        raise ValueError("there are no trajectories to draw")
+    if spacecraft is None:
+        plans = [each for each in taken.values() if isinstance(each, Plan)]
+        if not plans:
+            raise ValueError("spacecraft: missing, whose limits are meant; only a plan has one of its own")
+        spacecraft = plans[0].scenario.spacecraft
+    return taken, expect("spacecraft", spacecraft, Spacecraft, "scenario.spacecraft is one")
+
+
+def _of_trajectories(
+    trajectories: Mapping[str, Any], spacecraft: Spacecraft, ax: Canvas, *, legend: bool
+) -> list[Axes]:
+    """Draw what `compare` does of trajectories alone."""
     sampled = _sampled(trajectories, spacecraft)
     bounds = _spin_limits(spacecraft)
     titles, values = [*BODY], [one.platform for one in sampled.values()]  # each (3, k, 3)

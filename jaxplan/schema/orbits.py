@@ -1,4 +1,4 @@
-"""How a file gives an orbit: circular, Keplerian, two-line elements, an ephemeris file, or samples."""
+"""How a file gives an orbit: circular, Keplerian, two-line elements, ephemeris files, or samples."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from typing import Any
 from jaxplan import sky
 from jaxplan.schema.arrays import Array, rising
 from jaxplan.schema.faults import WRONG, Place
-from jaxplan.schema.kinds import Choice, Interval, Kind, Number
+from jaxplan.schema.kinds import Choice, Integer, Interval, Kind, Number
 from jaxplan.schema.tables import Either, Field, Table
 from jaxplan.sky.ephemeris import FRAMES
 from jaxplan.sky.orbits import EARTH_RADIUS
@@ -52,6 +52,35 @@ class Message(Kind):
             return place.fault(f"cannot be read: {error.strerror or error}", value)
         except (ValueError, ImportError) as error:
             return place.fault(str(error), value)
+
+
+@dataclass(frozen=True)
+class Kernels(Kind):
+    """Paths of SPICE's ephemeris kernels, relative to that of the scenario."""
+
+    wanted = "the path of an SPK kernel of SPICE (.bsp), or an array of such, relative to this file"
+
+    def read(self, value: Any, place: Place) -> Any:
+        paths = [value] if isinstance(value, str) else value
+        if (
+            not isinstance(paths, list)
+            or not paths
+            or not all(isinstance(each, str) and each for each in paths)
+        ):
+            return place.refuse(f"must be {self.wanted}", value)
+        return [Path(place.reading.folder) / each for each in paths]
+
+
+def _make_of_kernels(parts: dict[str, Any], place: Place) -> Any:
+    """Make the body of kernels from what was read, by attribute; notes why there is none."""
+    if WRONG in parts.values():
+        return WRONG
+    try:
+        return sky.read_spk(parts["files"], parts["number"])
+    except OSError as error:
+        return place["spk"].fault(f"{error.filename}: cannot be read: {error.strerror or error}")
+    except (ValueError, ImportError) as error:
+        return place["spk"].fault(str(error))
 
 
 def _make_circular(parts: dict[str, Any], place: Place) -> Any:
@@ -106,6 +135,16 @@ _KEPLERIAN = (
 )
 _TWO_LINES = (Field("tle", TwoLines(), "tle", "two-line elements", required=True),)
 _MESSAGE = (Field("ephemeris", Message(), "ephemeris", "needs the extra oem", required=True),)
+_KERNELS = (
+    Field("spk", Kernels(), "files", "later ones have precedence; needs the extra spice", required=True),
+    Field(
+        "naif_id",
+        Integer(Interval("[-2147483647, 2147483647]")),
+        "number",
+        "SPICE's number of the satellite or body",
+        required=True,
+    ),
+)
 _SAMPLES = (
     Field(
         "position_samples_km",
@@ -138,6 +177,7 @@ def _tables() -> dict[str, Table]:
         "on a Keplerian orbit": (sky.KeplerOrbit, _KEPLERIAN, _make_keplerian),
         "by two-line elements": (sky.Tle, _TWO_LINES, lambda parts, place: parts["tle"]),
         "by an ephemeris": (sky.Ephemeris, _MESSAGE, lambda parts, place: parts["ephemeris"]),
+        "by SPICE kernels": (sky.SpkBody, _KERNELS, _make_of_kernels),
         "by samples": (sky.Ephemeris, _SAMPLES, _make_samples),
     }
     every = [entry.key for _, fields, _ in kinds.values() for entry in fields]
@@ -158,7 +198,7 @@ _TABLES = _tables()
 class Orbit(Either):
     """A satellite's orbit: one of several tables, told apart by their keys."""
 
-    wanted = "a table with tle, ephemeris, position_samples_km, semi_major_axis_km or altitude_km"
+    wanted = "a table with tle, ephemeris, spk, position_samples_km, semi_major_axis_km or altitude_km"
 
     @property
     def tables(self) -> dict[str, Table]:

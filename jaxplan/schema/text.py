@@ -12,7 +12,7 @@ examples of what has no default stand in ``template.toml``, whose comments say w
 import re
 import textwrap
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib.resources import files
 from typing import Any
 
@@ -106,11 +106,18 @@ def write(document: Mapping[str, Any]) -> str:
     Returns:
         Text that `parse` reads back with the same bits in every number.
     """
-    return "\n\n".join(_blocks(document, "", "")) + "\n"
+    return "\n\n".join(_blocks(document, "", "", value_text)) + "\n"
 
 
-def _blocks(table: Mapping[str, Any], path: str, header: str) -> Iterator[str]:
-    """Yield a table's own lines, then a block for each inner table; a dict below the top goes in line."""
+def _blocks(table: Mapping[str, Any], path: str, header: str, spell: Callable[[Any], str]) -> Iterator[str]:
+    """Yield a table's own lines, then a block for each inner table; a dict below the top goes in line.
+
+    Args:
+        table: what it holds.
+        path: dotted keys that lead to it.
+        header: its first line; empty for none.
+        spell: the text of a value.
+    """
     lines = [header] if header else []
     inner: list[tuple[str, Any]] = []
     for key, value in table.items():
@@ -118,15 +125,15 @@ def _blocks(table: Mapping[str, Any], path: str, header: str) -> Iterator[str]:
         if rows or (isinstance(value, dict) and not path):
             inner.append((key, value))
         else:
-            lines.append(f"{spell_key(key)} = {value_text(value)}")
+            lines.append(f"{spell_key(key)} = {spell(value)}")
     yield "\n".join(lines)
     for key, value in inner:
         name = f"{path}.{spell_key(key)}".lstrip(".")
         if isinstance(value, dict):
-            yield from _blocks(value, name, f"[{name}]")
+            yield from _blocks(value, name, f"[{name}]", spell)
         else:
             for row in value:
-                yield from _blocks(row, name, f"[[{name}]]")
+                yield from _blocks(row, name, f"[[{name}]]", spell)
 
 
 def value_text(value: Any) -> str:
@@ -136,7 +143,7 @@ def value_text(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{spell_key(key)} = {value_text(item)}' for key, item in value.items())} }}"
+        return _inline(value, value_text)
     if not isinstance(value, list):
         return repr(value)
     items = [value_text(item) for item in value]
@@ -175,7 +182,33 @@ def template(source: str = "template.toml", layout: Table = SCENARIO) -> str:
         source: name of the file with the scene.
         layout: of the file.
     """
-    text = files("jaxplan.schema").joinpath(source).read_text(encoding="utf-8")
+    return _commented(files("jaxplan.schema").joinpath(source).read_text(encoding="utf-8"), layout)
+
+
+def commented(document: Mapping[str, Any], layout: Table = SCENARIO) -> str:
+    """Write a document as TOML with a comment on each key where it stands first, as a template has them.
+
+    Args:
+        document: tables and values with the keys of the layout.
+        layout: of the file.
+    """
+    return _commented("\n\n".join(_blocks(document, "", "", _line_text)), layout)
+
+
+def _line_text(value: Any) -> str:
+    """A value as TOML on one line, however long."""
+    if isinstance(value, dict):
+        return _inline(value, _line_text)
+    return f"[{', '.join(map(_line_text, value))}]" if isinstance(value, list) else value_text(value)
+
+
+def _inline(table: Mapping[str, Any], spell: Callable[[Any], str]) -> str:
+    """A table as a value on the right side of a line, with a function that spells what it holds."""
+    return f"{{ {', '.join(f'{spell_key(key)} = {spell(item)}' for key, item in table.items())} }}"
+
+
+def _commented(text: str, layout: Table) -> str:
+    """A text with a value a line, with comments from the layout."""
     told: set[tuple[str, str]] = set()
     return "\n\n".join(_block(block, layout, told) for block in text.strip().split("\n\n")) + "\n"
 
@@ -209,7 +242,7 @@ def _section(lines: list[str], layout: Table, told: set[tuple[str, str]]) -> Ite
     yield from (line for line in lines if line not in given.values() and not _HEADER.fullmatch(line))
     if not header and not given:
         return
-    table, meaning = _table(path, layout, given)
+    table, meaning = table_at(path, layout, given)
     if header:
         yield header[0] if (path, "") in told else _beside(header[0], meaning)
     inline = [entry for entry in table.fields if entry.key in given]  # tables may be written as values
@@ -223,12 +256,12 @@ def _section(lines: list[str], layout: Table, told: set[tuple[str, str]]) -> Ite
         if line is None and (path, "") not in told and usual is not None:
             line = f"{'' if entry.always else '#'}{key} = {usual}"
         if line is not None:
-            yield line if (path, key) in told else _beside(line, _comment(table, entry))
+            yield line if (path, key) in told else _beside(line, comment_on(table, entry))
             told.add((path, key))
     told.add((path, ""))
 
 
-def _table(path: str, layout: Table, given: Iterable[str]) -> tuple[Table, str]:
+def table_at(path: str, layout: Table, given: Iterable[str]) -> tuple[Table, str]:
     """The table under a dotted header, and its meaning; of alternative ones the first with the given keys."""
     table, meaning = layout, ""
     for key in filter(None, path.split(".")):
@@ -242,7 +275,7 @@ def _table(path: str, layout: Table, given: Iterable[str]) -> tuple[Table, str]:
     return table, meaning
 
 
-def _comment(table: Table, entry: Field) -> str:
+def comment_on(table: Table, entry: Field) -> str:
     """Comment on a key: meaning, what it must be, unit, range, and the keys that may stand in its place."""
     unit = f", {entry.unit}" if entry.unit else ""
     interval = f" in {entry.kind.range.replace(' ', _NO_BREAK)}" if entry.kind.range else ""

@@ -18,7 +18,7 @@ for that of a satellite in low orbit. The Moon is good to 1e-4 rad, the Sun to 1
 elements to about 1 km at their epoch, and several more for each day since.
 
 It needs the extra ``orbit``: pyerfa for bodies and frames, sgp4 for two-line elements; and for ephemeris
-messages the extra ``oem``.
+messages the extra ``oem``, for kernels of SPICE ``spice``.
 """
 
 from jaxplan.sky.ephemeris import Ephemeris, EphemerisError, read_oem
@@ -37,6 +37,7 @@ from jaxplan.sky.sights import (
     positions,
     velocities,
 )
+from jaxplan.sky.spk import SpkBody, read_spk
 from jaxplan.sky.zone import keep_out, path
 
 __all__ = [
@@ -50,6 +51,7 @@ __all__ = [
     "KeplerOrbit",
     "Occulter",
     "Satellite",
+    "SpkBody",
     "StaleTleWarning",
     "Tle",
     "TleError",
@@ -64,6 +66,7 @@ __all__ = [
     "path",
     "positions",
     "read_oem",
+    "read_spk",
     "target",
     "velocities",
 ]

@@ -45,7 +45,7 @@ _MOST_SECONDS = 4.1e9  # s, which span all years that an epoch may lie in; times
 
 
 def library(module: str) -> Any:
-    """Import a module of the extra ``orbit``, ``erfa`` or one of ``sgp4``, or ``ccsds_ndm`` of ``oem``.
+    """Import a module of an extra: ``erfa`` or one of ``sgp4`` of ``orbit``, ``ccsds_ndm``, or ``spiceypy``.
 
     Raises:
         ImportError: if it is not installed; the message names the extra.
@@ -54,7 +54,7 @@ def library(module: str) -> Any:
         return import_module(module)
     except ImportError as error:
         package = {"erfa": "pyerfa", "ccsds_ndm": "ccsds-ndm-py"}.get(module, module.partition(".")[0])
-        extra = "oem" if module == "ccsds_ndm" else "orbit"
+        extra = {"ccsds_ndm": "oem", "spiceypy": "spice"}.get(module, "orbit")
         raise ImportError(f"{package} is missing: pip install 'jaxplan[{extra}]'") from error
 
 

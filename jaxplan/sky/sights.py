@@ -1,8 +1,8 @@
 """Positions of things, directions in which they are seen, how fast these turn, and how large bodies look.
 
-Who looks, and what is looked at, is a satellite (`CircularOrbit`, `KeplerOrbit`, `Tle` or `Ephemeris`), a
-`GroundPoint`, a body's name or a position in km from the Earth's centre: (3,), or (k, 3) for k times. Times
-are (...) s after the epoch, a number or (k,).
+Who looks, and what is looked at, is a satellite (`CircularOrbit`, `KeplerOrbit`, `Tle`, `Ephemeris` or
+`SpkBody`), a `GroundPoint`, a body's name or a position in km from the Earth's centre: (3,), or (k, 3) for
+k times. Times are (...) s after the epoch, a number or (k,).
 
 Directions that go with the observer's own motion have names, too, with ``r`` its position from the Earth's
 centre and ``v`` its velocity, both inertial, in the GCRS:
@@ -27,8 +27,9 @@ from jaxplan.sky.frames import BODIES, RADII, body_state, seconds
 from jaxplan.sky.ground import GroundPoint, ground_state
 from jaxplan.sky.kepler import KeplerOrbit, kepler_state
 from jaxplan.sky.satellites import CircularOrbit, Tle, orbit_state, tle_state
+from jaxplan.sky.spk import SpkBody, spk_state
 
-Satellite: TypeAlias = CircularOrbit | KeplerOrbit | Tle | Ephemeris
+Satellite: TypeAlias = CircularOrbit | KeplerOrbit | Tle | Ephemeris | SpkBody
 Thing: TypeAlias = Satellite | GroundPoint | str | np.ndarray | Sequence[float]
 Epoch: TypeAlias = str | np.datetime64
 
@@ -39,6 +40,7 @@ _STATES: dict[type, Callable[[Any, np.datetime64, np.ndarray], tuple[np.ndarray,
     KeplerOrbit: kepler_state,
     Tle: tle_state,
     Ephemeris: ephemeris_state,
+    SpkBody: spk_state,
     GroundPoint: ground_state,
 }
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from jaxplan.geometry import quaternion
 from jaxplan.model.epochs import parse_epoch
-from jaxplan.runtime.arguments import file_path
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.tables.kernels import read_ck
 from jaxplan.tables.messages import read_aem, read_stk
 from jaxplan.tables.table import RODRIGUES, AttitudeTable
@@ -19,22 +20,27 @@ _ARCHIVE = b"PK\x03\x04"  # how files of npz begin
 _BASILISK = 11  # columns: time, quaternion, angular velocity and acceleration
 
 
-def load_attitude(path: str | os.PathLike[str]) -> AttitudeTable:
+def load_attitude(path: str | os.PathLike[str], spacecraft: Spacecraft | None = None) -> AttitudeTable:
     """Read the attitudes of a file that `export` or another tool has written.
 
     By its name and its first line it is a CCSDS AEM (needs ``jaxplan[oem]``), a SPICE C-kernel of type 2 or 3
     with its clock kernel beside it (``.bc``, needs ``jaxplan[spice]``), an STK attitude file (``.a``), a
     table with a header as of format ``"csv"``, one without as of ``"basilisk"``, or an archive as of
-    ``"npz"``. A folder is that of a C-kernel or of STK. Joints are read from ``"csv"`` and ``"npz"``.
+    ``"npz"``. A folder is that of a C-kernel or of STK. Joints are read from ``"csv"`` and ``"npz"``; of a
+    C-kernel or STK's files, which have frames of devices and not how these are mounted, with the spacecraft.
 
     Args:
         path: of the file, or of a folder of format ``"ck"`` or ``"stk"``.
+        spacecraft: whose joints are told from the frames of its devices, where the files have them as
+            `export` writes them; of several whole turns all angles of a joint are taken nearest to the
+            middle of its range.
 
     Returns:
         The table, with the interpolation that readers of the format do.
 
     Raises:
-        ValueError: if it is no such file, or its rows are no attitudes.
+        ValueError: if it is no such file, or its rows are no attitudes; if devices have frames that those of
+            the spacecraft cannot have.
         OSError: if it cannot be read.
         ImportError: if an extra is missing.
 
@@ -42,6 +48,8 @@ def load_attitude(path: str | os.PathLike[str]) -> AttitudeTable:
         >>> start = jp.load_attitude("yesterday.aem").state(-1)
     """
     given = file_path("path", path)
+    if spacecraft is not None:
+        expect("spacecraft", spacecraft, Spacecraft, "scenario.spacecraft is one")
     target = _within(given) if given.is_dir() else given
     suffix = target.suffix.lower()
     read = _BY_SUFFIX.get(suffix)
@@ -54,6 +62,8 @@ def load_attitude(path: str | os.PathLike[str]) -> AttitudeTable:
                 f"{target}: no attitude file: must be a CCSDS AEM, a C-kernel (.bc), an attitude file of STK "
                 "(.a), an archive (.npz) or a table with the columns time_s and quaternion_w to quaternion_z"
             )
+    if spacecraft is not None and spacecraft.joint_count and read in (read_ck, read_stk):
+        return (read_ck if read is read_ck else read_stk)(target, spacecraft)
     return read(target)
 
 

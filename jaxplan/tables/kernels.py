@@ -13,6 +13,8 @@ import numpy as np
 
 from jaxplan.geometry import quaternion
 from jaxplan.model.epochs import ephemeris_time
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.tables.devices import FIRST_TURNING, OtherDevicesError, joint_rates_of, joints_of
 from jaxplan.tables.table import RATE, SLERP, AttitudeTable
 
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
@@ -21,14 +23,17 @@ _SAME = 1e-4  # s, within which rows of overlapping segments are one row; kernel
 _KINDS = {2: RATE, 3: SLERP}
 
 
-def read_ck(path: Path) -> AttitudeTable:
-    """Read the first object of a C-kernel whose attitude is relative to J2000.
+def read_ck(path: Path, craft: Spacecraft | None = None) -> AttitudeTable:
+    """Read the first object of a C-kernel whose attitude is relative to J2000, and perhaps its devices.
 
     Args:
         path: of the ``.bc`` file; clock kernels (``.tsc``) in its folder are loaded meanwhile.
+        craft: whose joints are told from frames of its devices, where the kernel has these with the numbers
+            that exports give them: those below the platform's. None to leave joints alone.
 
     Raises:
-        ValueError: if there is no clock kernel, or nothing of types 2 or 3 on J2000.
+        ValueError: if there is no clock kernel, or nothing of types 2 or 3 on J2000; an `OtherDevicesError`
+            if devices have other rows, or frames that the spacecraft's cannot have.
         ImportError: if the extra ``spice`` is not installed.
     """
     try:
@@ -41,21 +46,53 @@ def read_ck(path: Path) -> AttitudeTable:
         raise ValueError(f"{path}: needs a clock kernel (.tsc) in the same folder")
     try:
         with _loaded(spice, clocks):
-            kind, rows = _rows(spice, path)
+            kind, rows, devices = _rows(spice, path, 0 if craft is None else craft.gimbals.count)
     except SpiceyError as error:
         raise ValueError(f"{path}: no C-kernel that SPICE reads ({error})") from error
-    moments, quaternions, rates = rows[:, 0], rows[:, 1:5] * [1.0, -1.0, -1.0, -1.0], rows[:, 5:8]
+    moments, quaternions, rates = _taken_apart(rows)
     new = np.append(True, np.abs(np.diff(moments)) > _SAME)
     start = _utc(moments[0])
     attitudes = np.asarray(quaternion.to_matrix(quaternions))
+    joints = joint_rates = None
+    if craft is not None and devices:
+        joints, joint_rates = _joints(path, craft, moments, devices)
+        joints, joint_rates = joints[new], joint_rates[new]
     return AttitudeTable(
         times=(moments - float(ephemeris_time(start)))[new],
         quaternions=quaternions[new],
         angular_velocity=np.einsum("kji,kj->ki", attitudes, rates)[new],
+        joints=joints,
+        joint_rates=joint_rates,
+        joint_names=() if craft is None or joints is None else craft.joint_names,
         epoch=start,
         interpolation=_KINDS[kind],
         name=str(path),
     )
+
+
+def _taken_apart(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times (k,) s of TDB, our quaternions (k, 4) and SPICE's angular velocities (k, 3) rad/s of rows."""
+    return rows[:, 0], rows[:, 1:5] * [1.0, -1.0, -1.0, -1.0], rows[:, 5:8]
+
+
+def _joints(
+    path: Path, craft: Spacecraft, moments: np.ndarray, devices: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Joints (k, J) rad and their rates (k, J) rad/s from the rows of the devices.
+
+    Raises:
+        OtherDevicesError: if a device has rows at other times than the platform, `moments` (k,) s, or a frame
+            that it cannot have.
+    """
+    frames, spins = [], []
+    for name, rows in zip(craft.device_names, devices, strict=False):
+        times, quaternions, rates = _taken_apart(rows)
+        if times.shape != moments.shape or not np.all(np.abs(times - moments) <= _SAME):
+            raise OtherDevicesError(f"{path}: {name} has rows at other times than the platform")
+        frames.append(np.asarray(quaternion.to_matrix(quaternions)))
+        spins.append(rates)
+    joints = joints_of(frames, craft, str(path))
+    return joints, joint_rates_of(spins, joints, craft)
 
 
 @contextmanager
@@ -70,36 +107,66 @@ def _loaded(spice: Any, files: list[Path]) -> Iterator[None]:
             spice.unload(str(file))
 
 
-def _rows(spice: Any, path: Path) -> tuple[int, np.ndarray]:
-    """The type of the segments of the first object on J2000, and their rows: TDB in s, quaternion, rates.
+def _rows(spice: Any, path: Path, count: int) -> tuple[int, np.ndarray, list[np.ndarray]]:
+    """The type of the segments of the first object on J2000, their rows, and those of devices upon it.
+
+    A row is TDB in s, quaternion, rates. Of devices there are `count`, or none where the kernel has none.
 
     Raises:
-        ValueError: if there is none, or its segments are of several types, or some without rates.
+        ValueError: if there is no object, its segments are of several types, or some are without rates; an
+            `OtherDevicesError` if some of the devices are there and others are not.
     """
-    handle, object_number, kinds, rows = spice.dafopr(str(path)), None, set(), []
+    handle = spice.dafopr(str(path))
     try:
-        spice.dafbfs(handle)
-        while spice.daffna():
-            summary = spice.dafgs(5)
-            _, about = spice.dafus(summary, 2, 6)
-            number, base, kind, has_rates = (int(part) for part in about[:4])
-            if base != _INERTIAL or object_number not in (None, number):
-                continue
-            object_number = number
-            kinds.add(kind)
-            if kind not in _KINDS or not has_rates:
-                break
-            rows += list(_records(spice, handle, summary, kind, number // 1000))
+        segments = list(_segments(spice, handle))
+        bus = next((number for number, base, *_ in segments if base == _INERTIAL), None)
+        if bus is None:
+            raise ValueError(f"{path}: has no attitude relative to J2000")
+        kind, rows = _of_object(spice, path, handle, segments, bus, _INERTIAL)
+        numbers = [bus - FIRST_TURNING - device for device in range(count)]
+        known = {number for number, base, *_ in segments if base == bus}
+        there = [number for number in numbers if number in known]
+        if there and there != numbers:
+            missing = next(number for number in numbers if number not in known)
+            raise OtherDevicesError(
+                f"{path}: has {len(there)} of {count} devices with joints upon {bus}, and no {missing}"
+            )
+        devices = []
+        for number in there:
+            own, found = _of_object(spice, path, handle, segments, number, bus)
+            if own != kind:
+                raise OtherDevicesError(f"{path}: {number} is of type {own}, and {bus} of type {kind}")
+            devices.append(found)
+        return kind, rows, devices
     finally:
         spice.dafcls(handle)
-    if object_number is None:
-        raise ValueError(f"{path}: has no attitude relative to J2000")
-    if len(kinds) != 1 or not kinds <= set(_KINDS) or not rows:
+
+
+def _segments(spice: Any, handle: int) -> Iterator[tuple[int, int, int, bool, np.ndarray]]:
+    """Yield number, base, type, whether it has rates, and the descriptor of each segment of a kernel."""
+    spice.dafbfs(handle)
+    while spice.daffna():
+        summary = np.array(spice.dafgs(5))
+        _, about = spice.dafus(summary, 2, 6)
+        number, base, kind, has_rates = (int(part) for part in about[:4])
+        yield number, base, kind, bool(has_rates), summary
+
+
+def _of_object(
+    spice: Any, path: Path, handle: int, segments: list[Any], wanted: int, upon: int
+) -> tuple[int, np.ndarray]:
+    """The type and the rows of an object's segments; raises ValueError where they are not of one type."""
+    own = [each[2:] for each in segments if each[0] == wanted and each[1] == upon]
+    kinds = {kind for kind, _, _ in own}
+    if len(kinds) != 1 or not kinds <= set(_KINDS) or not all(rated for _, rated, _ in own):
         told = ", ".join(map(str, sorted(kinds)))
         raise ValueError(
             f"{path}: segments of type {told}: must be of one type, 2 or 3, with angular velocities"
         )
-    return kinds.pop(), np.array(rows)
+    clock = wanted // 1000 if upon == _INERTIAL else upon // 1000  # exports have one clock for all
+    (kind,) = kinds
+    rows = [row for _, _, summary in own for row in _records(spice, handle, summary, kind, clock)]
+    return kind, np.array(rows)
 
 
 def _records(spice: Any, handle: int, summary: Any, kind: int, clock: int) -> Iterator[np.ndarray]:

@@ -10,8 +10,10 @@ import numpy as np
 
 from jaxplan.geometry import quaternion
 from jaxplan.model.epochs import leaps
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.sky.ephemeris import atomic
 from jaxplan.sky.frames import library
+from jaxplan.tables.devices import OtherDevicesError, joints_of, sensor_files
 from jaxplan.tables.table import AttitudeTable
 
 INERTIAL = ("EME2000", "J2000", "ICRF", "GCRF", "ICRF1", "ICRF2", "ICRF3")
@@ -119,11 +121,69 @@ def _segment(
     return times, quaternions, rates
 
 
-def read_stk(path: Path) -> AttitudeTable:
-    """Read an STK attitude file of quaternions on an inertial frame.
+def read_stk(path: Path, craft: Spacecraft | None = None) -> AttitudeTable:
+    """Read an STK attitude file of quaternions on an inertial frame, and perhaps its devices' beside it.
+
+    Args:
+        path: of the file.
+        craft: whose joints are told from the sensor files (``.sp``) in the folder, where these have the names
+            that exports give them. None to leave joints alone.
 
     Raises:
-        ValueError: if it is no such file, or one of other data or axes.
+        ValueError: if it is no such file, or one of other data or axes; an `OtherDevicesError` if sensor
+            files are of other rows, or have frames that the spacecraft's devices cannot have.
+    """
+    header, times, quaternions = _stk_rows(path)
+    axes = header.get("coordinateaxes", "")
+    if axes not in _STK_AXES:
+        raise ValueError(f"{path}: CoordinateAxes {axes or '(none)'}: must be one of {', '.join(_STK_AXES)}")
+    joints = None if craft is None else _stk_joints(path, craft, times)
+    return AttitudeTable(
+        times=times,
+        quaternions=quaternions,
+        joints=joints,
+        joint_names=() if craft is None or joints is None else craft.joint_names,
+        epoch=_stk_epoch(path, header.get("scenarioepoch")),
+        name=str(path),
+    )
+
+
+def _stk_joints(path: Path, craft: Spacecraft, times: np.ndarray) -> np.ndarray | None:
+    """Joints (k, J) rad from the sensor files beside an attitude file with rows at times (k,) s.
+
+    Returns:
+        None where there is no sensor file of the spacecraft's.
+
+    Raises:
+        OtherDevicesError: if some are missing, have rows at other times, are upon other axes than the body's,
+            or have frames that devices cannot have.
+    """
+    names = sensor_files(craft)
+    there = [name for name in names if (path.parent / name).is_file()]
+    if not there:
+        return None
+    if there != names:
+        missing = next(name for name in names if name not in there)
+        raise OtherDevicesError(f"{path}: has {there[0]} beside it, and no {missing}")
+    frames = []
+    for name in names:
+        file = path.parent / name
+        header, rows, quaternions = _stk_rows(file)
+        if "coordinateaxes" in header:
+            axes = header["coordinateaxes"]
+            raise OtherDevicesError(f"{file}: CoordinateAxes {axes}: must be none, which are the body's")
+        if rows.shape != times.shape or not np.all(np.abs(rows - times) <= _MEET):
+            raise OtherDevicesError(f"{file}: has rows at other times than {path.name}")
+        length = np.linalg.norm(quaternions, axis=1, keepdims=True)
+        frames.append(np.asarray(quaternion.to_matrix(quaternions / length)))
+    return joints_of(frames, craft, str(path))
+
+
+def _stk_rows(path: Path) -> tuple[dict[str, str], np.ndarray, np.ndarray]:
+    """The header of an STK attitude file by keywords, times (k,) s, and quaternions (k, 4), scalar first.
+
+    Raises:
+        ValueError: if it is no such file, or its motion between rows is not known.
     """
     lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
     words = [line.split() for line in lines if line and not line.startswith("#")]
@@ -131,9 +191,6 @@ def read_stk(path: Path) -> AttitudeTable:
     if not begins:
         raise ValueError(f"{path}: has no data of {' or '.join(_STK_DATA)}")
     header = {line[0].lower(): " ".join(line[1:]) for line in words[: begins[0]]}
-    axes = header.get("coordinateaxes", "")
-    if axes not in _STK_AXES:
-        raise ValueError(f"{path}: CoordinateAxes {axes or '(none)'}: must be one of {', '.join(_STK_AXES)}")
     order = header.get("interpolationorder", "1")
     if order != "1":
         raise ValueError(f"{path}: InterpolationOrder {order}: must be 1, whose motion between rows is known")
@@ -149,12 +206,8 @@ def read_stk(path: Path) -> AttitudeTable:
     if any(len(row) != width for row in rows) or not rows:
         raise ValueError(f"{path}: {kind} must have rows of {width} numbers")
     table = np.array(rows)
-    return AttitudeTable(
-        times=table[:, 0],
-        quaternions=table[:, 1:5] if kind == _STK_DATA[1] else np.roll(table[:, 1:5], 1, axis=1),
-        epoch=_stk_epoch(path, header.get("scenarioepoch")),
-        name=str(path),
-    )
+    scalar_first = kind == _STK_DATA[1]
+    return header, table[:, 0], table[:, 1:5] if scalar_first else np.roll(table[:, 1:5], 1, axis=1)
 
 
 def _stk_epoch(path: Path, text: str | None) -> np.datetime64 | None:

@@ -25,7 +25,9 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import aligned, as_table, shown
 from jaxplan.runtime.progress import progress_bar
+from jaxplan.tables.devices import OtherDevicesError
 from jaxplan.tables.files import load_attitude
+from jaxplan.tables.forgiven import FORGIVE_DEG, FORGIVE_PERCENT, NOTHING, Forgiven, forgiven
 from jaxplan.tables.interpolation import Reading, needs, reading
 from jaxplan.tables.known import as_known
 from jaxplan.tables.table import HERMITE, INTERPOLATIONS, RATE, AttitudeTable
@@ -44,7 +46,9 @@ class TableCertificate:
     """What is proved of a table, for all times and not for its rows alone.
 
     Attributes:
-        certified: whether everything holds that is claimed.
+        certified: whether everything holds that is claimed, but for what is forgiven.
+        forgives: by how much the table may fall short.
+        forgiven: a sentence for each thing that fails by no more than that; without them nothing fails.
         interpolation: what is done between rows, one of `jaxplan.tables.INTERPOLATIONS`.
         rows_count: of the table.
         numbers: that the table takes.
@@ -66,6 +70,8 @@ class TableCertificate:
     """
 
     certified: bool
+    forgives: Forgiven = NOTHING
+    forgiven: tuple[str, ...] = ()
     interpolation: str
     rows_count: int
     numbers: int
@@ -87,6 +93,9 @@ class TableCertificate:
         margin = self.min_margin
         return {
             "certified": self.certified,
+            "forgives_deg": self.forgives.deg,
+            "forgives_percent": self.forgives.percent,
+            "forgiven": list(self.forgiven),
             "interpolation": self.interpolation,
             "rows": self.rows_count,
             "numbers": self.numbers,
@@ -108,7 +117,12 @@ class TableCertificate:
         """What is proved, as (label, value) rows for a table."""
         how = f"with {self.interpolation.replace('_', ' ')} between {self.rows_count} rows"
         known = f"yes, at every instant {how}" if self.certified else f"no: not certified {how}"
+        if self.forgiven:
+            known = f"within what is forgiven, at every instant {how}"
         rows = [("certified", known), *(("", fault) for fault in self.faults)]
+        used = "" if self.forgiven or not self.certified or self.forgives == NOTHING else "; none was needed"
+        rows.append(("forgives", f"{self.forgives.words}{used}"))
+        rows += [("", f"forgiven: {fault}") for fault in self.forgiven]
         if self.min_margin is not None:
             where = f"{self.worst_device} to {self.worst_zone} at {self.worst_time:.2f} s"
             rows.append(("smallest margin", f"{np.rad2deg(self.min_margin):.3f} deg, {where}"))
@@ -133,40 +147,57 @@ class TableCertificate:
 
 
 def certify_table(
-    table: AttitudeTable | str | os.PathLike[str], interpolation: str | None, scenario: Scenario
+    table: AttitudeTable | str | os.PathLike[str],
+    interpolation: str | None,
+    scenario: Scenario,
+    *,
+    forgive_deg: float = FORGIVE_DEG,
+    forgive_percent: float = FORGIVE_PERCENT,
 ) -> TableCertificate:
     """Prove what a table keeps of a scene's zones, ranges and rates as a reader flies it, or say what fails.
 
     Args:
-        table: a table, or the path of a file as `load_attitude` reads it.
+        table: a table, or the path of a file as `load_attitude` reads it, with the scene's spacecraft.
         interpolation: what the reader does between rows, one of `jaxplan.tables.INTERPOLATIONS`; None for
             what readers of the file's format do.
         scenario: the scene with zones and spacecraft. A table with an epoch is held against it at its times
             where the scene has one, too; else the table's first row is the scene's start.
+        forgive_deg: by which margins may fall short of zero, in [0, 1]; as exports forgive unless told.
+        forgive_percent: of a limit or range, by which it may be exceeded, in [0, 10]; likewise.
 
     Returns:
         The certificate; a motion that breaks something is no error.
 
     Raises:
         TypeError: if it is no table, path or scenario.
-        ValueError: for a file that is no table, or one that lacks what the interpolation takes.
+        ValueError: for a file that is no table, or one that lacks what the interpolation takes; or what is to
+            be forgiven lies outside.
 
     Example:
         >>> print(jp.certify_table("slew.aem", "slerp", jp.load_scenario("scene.toml")))
     """
     expect("scenario", scenario, Scenario)
+    forgives = forgiven(forgive_deg, forgive_percent)
+    foreign: tuple[str, ...] = ()
     if not isinstance(table, AttitudeTable):
-        table = load_attitude(table)
+        path = table
+        try:
+            table = load_attitude(path, scenario.spacecraft)
+        except OtherDevicesError as error:  # of these nothing is claimed then
+            table, foreign = load_attitude(path), (str(error),)
     how = table.interpolation if interpolation is None else interpolation
     if how not in INTERPOLATIONS:
         raise ValueError(f"interpolation = {how!r}: must be one of {', '.join(INTERPOLATIONS)}")
     lacking = needs(table, how)
     if lacking is not None:
         raise ValueError(lacking)
-    return certify_rows(table, how, scenario, _begin(table, scenario))
+    found = certify_rows(table, how, scenario, _begin(table, scenario), forgives)
+    return replace(found, left_out=(*found.left_out, *foreign))
 
 
-def certify_rows(table: AttitudeTable, how: str, scenario: Scenario, begin: float) -> TableCertificate:
+def certify_rows(
+    table: AttitudeTable, how: str, scenario: Scenario, begin: float, forgives: Forgiven
+) -> TableCertificate:
     """Prove what a table keeps of a scene, see `certify_table`.
 
     Args:
@@ -174,6 +205,7 @@ def certify_rows(table: AttitudeTable, how: str, scenario: Scenario, begin: floa
         how: one of `INTERPOLATIONS`, for which the table has what is needed.
         scenario: the scene.
         begin: s, the time of the first row in the scene's time.
+        forgives: by how much it may fall short.
     """
     known, scene, unproved = as_known(table, scenario)
     motion = reading(known, how, TOLERANCE, _RATE_SHARE * _least_rate(scene.spacecraft))
@@ -189,9 +221,13 @@ def certify_rows(table: AttitudeTable, how: str, scenario: Scenario, begin: floa
             proofs.append((times[number], certify_batch([claim.of_part(part, times[number])])[0]))
             bar.update(len(part.joint_breaks) - 1)
     jump, jump_time = _largest_jump(motion, times)
-    joined = _joined(proofs)
+    stated = _joined(proofs)
+    joined = replace(stated, peaks=claim.stated_peaks(stated.peaks))
+    covered = bool(joined.faults) and forgives.covers(joined, claim.continuous)
     return TableCertificate(
-        certified=joined.certified,
+        certified=joined.certified or covered,
+        forgives=forgives,
+        forgiven=joined.faults if covered else (),
         interpolation=how,
         rows_count=len(known.times),
         numbers=table.numbers,
@@ -199,14 +235,14 @@ def certify_rows(table: AttitudeTable, how: str, scenario: Scenario, begin: floa
         worst_time=joined.worst_time,
         worst_device=joined.worst_device,
         worst_zone=joined.worst_zone,
-        peaks=claim.stated_peaks(joined.peaks),
+        peaks=joined.peaks,
         rate_jump=jump,
         rate_jump_time=jump_time,
         attitude_jump=_largest_miss(known) if how == RATE else 0.0,
         start_off=float(so3.distance(scenario.start.attitude, known.attitudes[0])),
         goal_off=_goal_off(scenario, known, float(times[-1])),
         left_out=(*unproved, *claim.left_out),
-        faults=joined.faults,
+        faults=() if covered else joined.faults,
     )
 
 

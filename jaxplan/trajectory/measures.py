@@ -7,12 +7,15 @@ the samples may be missed: that a trajectory is safe is for the certificate to s
 
 A trajectory of numpy arrays gives numbers of 64 bits, whatever JAX is set to; one of JAX arrays, traced or
 not, gives numbers of their precision.
+
+A plan may stand for its trajectory, also that of a timeline; then its own spacecraft and zones are meant
+where none are told.
 """
 
 from collections.abc import Callable
 from functools import cache, partial, wraps
 from inspect import signature
-from typing import Any, ParamSpec
+from typing import Any, ParamSpec, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +28,7 @@ from jaxplan.model.constraints import Constraints, constraint_margins, state_mar
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheel_shares import wheel_loads
+from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.jit import is_traced, quick_jit
 from jaxplan.runtime.linear import linear_map
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate, total_momentum
@@ -33,6 +37,7 @@ from jaxplan.trajectory.spectrum import expect_frequencies, magnitude, transform
 
 Quantity = Callable[[Samples], Array]
 Given = ParamSpec("Given")
+Out = TypeVar("Out")
 
 _EACH, _ALL = 12, 600  # least numbers of samples on a piece and on a trajectory
 _GAUSS = 12  # samples on a piece for an integral
@@ -41,6 +46,12 @@ _LOOKS = 4  # rounds of samples: the first over the whole trajectory, the next a
 
 _MEASURES: dict[str, Callable[..., Array]] = {}  # the undecorated functions by name
 _OF_ARRAYS: set[str] = set()  # names of those that are no single number
+
+# Arguments that a plan's scene has: their classes, and functions that find them.
+_OF_SCENES: dict[str, tuple[type, Callable[[Any], Any]]] = {
+    "craft": (Spacecraft, lambda scene: scene.spacecraft),
+    "cones": (Constraints, lambda scene: scene.constraints),
+}
 
 Chosen = tuple[tuple[str, Any], ...]  # names and values of arguments that are no numbers
 
@@ -157,6 +168,49 @@ def _along(slopes: Any, ways: Any) -> Array:
     )
 
 
+def _of_plans(measure: Callable[..., Out]) -> Callable[..., Out]:
+    """Make a measure of a trajectory, its first argument, one of a plan, too.
+
+    Of a plan ``craft`` and ``cones`` may be left out.
+    """
+    parameters = signature(measure)
+    wanted = [name for name in _OF_SCENES if name in parameters.parameters]
+
+    @wraps(measure)
+    def of_plans(*args: Any, **kwargs: Any) -> Out:
+        given = dict(parameters.bind_partial(*args, **kwargs).arguments)
+        plan = given.get("trajectory")
+        if plan is not None and not isinstance(plan, Trajectory):
+            given["trajectory"] = _trajectory_of(plan)
+            scene = getattr(plan, "scenario", getattr(plan, "scene", None))
+            for name in wanted:
+                given.setdefault(name, _OF_SCENES[name][1](scene))
+        for name in wanted:
+            if name in given:
+                kind = _OF_SCENES[name][0]
+                hint = f"of a plan {name} may be left out, and what comes after is told by its name"
+                expect(name, given[name], kind, hint)
+        return measure(**given)
+
+    return of_plans
+
+
+def _trajectory_of(plan: object) -> Trajectory:
+    """The trajectory of a plan.
+
+    Raises:
+        TypeError: if it is none.
+        ValueError: if the plan has no trajectory.
+    """
+    found = getattr(plan, "trajectory", plan)
+    if found is None:
+        ending = getattr(getattr(plan, "status", None), "name", "without one")
+        raise ValueError(f"trajectory: the plan has none, it ended as {ending}")
+    if isinstance(found, Trajectory):
+        return found
+    return expect("trajectory", plan, Trajectory, "a plan may stand for its own")
+
+
 def time_factors(samples: Samples, craft: Spacecraft, total: Array | None = None) -> Array:
     """Factors on the duration at which the limit that a motion uses most would just be kept.
 
@@ -187,6 +241,7 @@ def torque(samples: Samples, craft: Spacecraft, total: Array | None = None) -> A
     return jnp.moveaxis(jnp.asarray(samples.kinematics(craft, total).torque), 0, -1)
 
 
+@_of_plans
 def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
     """Largest value of a quantity over all time.
 
@@ -216,6 +271,7 @@ def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
     return jnp.where(sound, quantity(evaluate(trajectory, moving)), jnp.nan)
 
 
+@_of_plans
 @_at_once("field")
 def peak(trajectory: Trajectory, field: str) -> Array:
     """Largest magnitude of any component of a field of `Samples` over all time.
@@ -230,6 +286,7 @@ def peak(trajectory: Trajectory, field: str) -> Array:
     return largest(trajectory, lambda samples: _largest_of(jnp.abs(getattr(samples, field))))
 
 
+@_of_plans
 @_at_once("field", "power")
 def power_mean(trajectory: Trajectory, field: str, power: int = 16) -> Array:
     """Smooth stand-in for `peak`: the power mean of a field over time and components.
@@ -251,6 +308,7 @@ def power_mean(trajectory: Trajectory, field: str, power: int = 16) -> Array:
     return largest_held * mean ** (1 / power)
 
 
+@_of_plans
 def integral(trajectory: Trajectory, quantity: Quantity) -> Array:
     """Integral of a quantity over time, by Gauss' rule on every piece.
 
@@ -268,12 +326,14 @@ def integral(trajectory: Trajectory, quantity: Quantity) -> Array:
     return jnp.sum((half * weights).ravel() * quantity(evaluate(trajectory, times.ravel())))
 
 
+@_of_plans
 @_at_once()
 def effort(trajectory: Trajectory) -> Array:
     """Integral of the squared accelerations of platform and joints over time, rad^2/s^3."""
     return _squares(trajectory, "angular_acceleration", "joint_accelerations")
 
 
+@_of_plans
 @_at_once()
 def roughness(trajectory: Trajectory) -> Array:
     """Integral of the squared jerks of platform and joints over time, rad^2/s^5."""
@@ -290,12 +350,14 @@ def _squares(trajectory: Trajectory, *names: str) -> Array:
     return integral(trajectory, squares)
 
 
+@_of_plans
 def duration(trajectory: Trajectory) -> Array:
     """Time from start to goal, s."""
     last: Array = arrays(trajectory.breaks)[1][-1]
     return last
 
 
+@_of_plans
 @_at_once()
 def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Constraints) -> Array:
     """Smallest margin of any device to any zone over all time, rad; infinite without zones.
@@ -321,6 +383,7 @@ def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Constraints) 
     return -largest(trajectory, short)
 
 
+@_of_plans
 @_at_once()
 def peak_torque(trajectory: Trajectory, craft: Spacecraft) -> Array:
     """Largest component of the torque on the platform over all time, N m, body axes; it needs the inertia."""
@@ -332,6 +395,7 @@ SPECTRA = ("torque", "wheel_torques", "angular_acceleration")
 """Names of quantities whose spectrum `torque_spectrum` tells."""
 
 
+@_of_plans
 def torque_spectrum(
     trajectory: Trajectory, craft: Spacecraft, frequencies: ArrayLike, of: str | None = None
 ) -> Array:
@@ -380,6 +444,7 @@ def _spectrum(trajectory: Trajectory, craft: Spacecraft, frequencies: Array, nam
     return magnitude(transform(values, _breaks(trajectory), jnp.asarray(frequencies)))
 
 
+@_of_plans
 def wheel_torques(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np.ndarray:
     """Torques that wheels give the platform, about their axes.
 
@@ -398,6 +463,7 @@ def wheel_torques(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np
     return np.moveaxis(_of_wheels(trajectory, craft, t)[0], 0, -1)
 
 
+@_of_plans
 def wheel_momenta(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np.ndarray:
     """Momenta that wheels hold, (n,) or (k, n) N m s; arguments and errors as of `wheel_torques`.
 
@@ -413,6 +479,7 @@ def _of_wheels(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> tuple
     return wheel_loads(trajectory.sample(t).kinematics(craft, total_momentum(trajectory, craft)), craft)
 
 
+@_of_plans
 @_at_once()
 def stretch(trajectory: Trajectory, craft: Spacecraft) -> Array:
     """Factor on time at which the first limit is just met; infinite where slowing down does not help."""
@@ -420,6 +487,7 @@ def stretch(trajectory: Trajectory, craft: Spacecraft) -> Array:
     return largest(trajectory, lambda samples: time_factors(samples, craft, total))
 
 
+@_of_plans
 def to_limits(trajectory: Trajectory, craft: Spacecraft) -> Trajectory:
     """The same motion scaled to the shortest time in which it keeps all limits, plus a millionth."""
     factor: Any = stretch(trajectory, craft) * SAFETY

@@ -19,9 +19,9 @@ from jaxplan.exporting import FORMATS, formats
 from jaxplan.exporting.flight import Flight
 from jaxplan.exporting.instants import steady_instants
 from jaxplan.exporting.sampled import Sampling
-from jaxplan.exporting.texts import labels
 from jaxplan.geometry import quaternion
 from jaxplan.model.epochs import parse_epoch, utc_texts
+from jaxplan.model.export_names import labels
 
 STEP = 0.05
 

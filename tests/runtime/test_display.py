@@ -36,6 +36,7 @@ from jaxplan.planner.steps import fit
 from jaxplan.runtime.display import UNKNOWN, as_table, shown
 from jaxplan.schema.states import Pointing
 from jaxplan.search import Barrier, JointBarrier
+from jaxplan.sky import spk
 from jaxplan.study.run import run_task
 from jaxplan.study.table4 import PAPER_KINDS, Row, printed_rows
 from jaxplan.trajectory import FitQuery
@@ -264,6 +265,8 @@ def results(plan, failed, scenario):
         *(study, study.summary(), jp.compare_studies(study, study), switch, switch.shell),
         *(constellation, constellation.summary(), next(iter(printed_rows(PAPER_KINDS))), sky.parse_tle(TLE)),
         sky.CircularOrbit(altitude=500.0, inclination=0.9, node=0.2, latitude=1.0),
+        sky.SpkBody(name="MARS", number=499, files=("de440s.bsp",), segments=()),
+        spk.Segment(file=0, body=499, center=4, frame=1, first=0.0, last=1.0, summary=np.zeros(5)),
         *(ephemeris, ephemeris.pieces[0], sky.occulter("moon"), sky.GroundPoint(latitude=0.7, longitude=0.1)),
         sky.KeplerOrbit(
             semi_major_axis=7e3, eccentricity=0.01, inclination=0.9, node=0.2, perigee=0.1, anomaly=1.0

@@ -495,8 +495,12 @@ CALLS = {
         lambda plan: jp.plot.globe(plan, view=(1, 2, 3)),
         "view = (1, 2, 3): must be azimuth and elevation",
     ),
-    "compare of a plan": (
-        lambda plan: jp.plot.compare({"mine": plan}, SCENE.spacecraft),
+    "compare of a scenario": (
+        lambda plan: jp.plot.compare({"mine": SCENE}, SCENE.spacecraft),
+        "trajectories['mine'] must be a trajectory, a plan or a table of attitudes, not Scenario",
+    ),
+    "segments of a plan": (
+        lambda plan: jp.plot.segments({"mine": plan}, SCENE.spacecraft),
         "trajectories['mine'] must be a Trajectory, not Plan; a plan has one as plan.trajectory",
     ),
     "compare of a list": (

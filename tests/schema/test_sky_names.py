@@ -330,7 +330,7 @@ def test_python_may_say_when_a_target_is_hidden():
 
 def test_the_pages_examples_run(capsys):
     page = (Path(__file__).parents[2] / "docs" / "sky.md").read_text()
-    chapter = page[page.index("## Ground targets, lines") :]
+    chapter = page[page.index("## Ground targets, lines") : page.index("## Ephemeris kernels")]
     (toml,), (code,) = (
         re.findall(rf"```{kind}\n(.*?)```", chapter, re.DOTALL) for kind in ("toml", "python")
     )

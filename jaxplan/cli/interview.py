@@ -1,0 +1,373 @@
+"""What is asked of somebody who has a spacecraft and a task and wants a scenario file of them.
+
+The parts are platform, instruments, terminals, drives, duration, date and orbit, zones, start and goal.
+What is asked for is a key of the file, told by its layout. After each part the whole file so far is read,
+with a start and a goal at rest in the place of those that are not known yet, and a part with faults is
+asked again with its answers in brackets.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxplan.cli.questions import NOTHING, Dialog
+from jaxplan.model.scenario import MINIMUM, Scenario
+from jaxplan.schema import ScenarioError, scenario_from_dict
+from jaxplan.schema.arrays import Array
+from jaxplan.schema.declared import ANGLE_DEG
+from jaxplan.schema.directions import Axis
+from jaxplan.schema.faults import Place, Reading
+from jaxplan.schema.layout import SCENARIO, SCHEMA_VERSION, SPACECRAFT
+from jaxplan.schema.orbits import Orbit
+from jaxplan.schema.text import commented, table_at
+from jaxplan.sky import BODIES, LOCAL
+from jaxplan.sky.frames import library
+
+Tables = dict[str, Any]
+Path = tuple[str | int, ...]
+Known = Callable[[], Reading]
+_AT_REST = {"attitude": [0.0, 0.0, 0.0], "joints_deg": {}}  # joints are at zero, or the nearest in range
+_PYRAMID = [[0.5774 * x, 0.5774 * y, 0.5774] for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+_RATES, _TORQUE, _WHEELS = "rates", "torque", "wheels"
+_ATTITUDE, _QUATERNION, _TARGETS = "attitude", "quaternion", "targets"
+_DIRECTION = "direction"
+_CIRCULAR, _TLE = "circular", "tle"
+_ORBITS = {  # words to choose from, and those of the layout's tables
+    _CIRCULAR: "on a circular orbit",
+    "elliptic": "on a Keplerian orbit",
+    _TLE: "by two-line elements",
+    "oem": "by an ephemeris",
+    "spk": "by SPICE kernels",
+}
+_LEAST = 1e-3  # deg/s^2, of an acceleration that is proposed, also about an axis without torque
+_TWO_ANGLES = Array((2,), ANGLE_DEG, noun="2 numbers, yaw and pitch")
+_USUAL_ORBIT: Tables = {"altitude_km": 550.0, "inclination_deg": 97.6, "eccentricity": 0.0}
+_EPHEMERIDES = "erfa"  # of the extra that places of Sun, Moon and Earth take
+_INTRODUCTION = """\
+# Made of the answers to jaxplan new --ask.
+#
+#   jaxplan validate FILE         what it holds, or everything that is wrong with it
+#   jaxplan plan FILE -o out      plan it: out/plan.json and figures
+#
+# A line that begins with # and no blank is an option: take the # away to use it. What else there is, such as
+# jerk limits, masks, fields of view, zones to stay in and margins for errors, is in what jaxplan new writes.
+
+"""
+
+
+def interview(dialog: Dialog, name: str, broken: Callable[[Scenario], tuple[list[str], list[str]]]) -> str:
+    """Ask for all that a scenario file needs.
+
+    Args:
+        dialog: who asks.
+        name: proposed for the scene.
+        broken: function of a scenario that returns what its start breaks, and its goal.
+
+    Returns:
+        Text of the file, which is valid.
+
+    Raises:
+        AnswersEnded: if there are fewer answers than questions.
+    """
+    dialog.say(
+        "An empty answer takes what stands in brackets; words and numbers need no quotes or brackets. For a "
+        "direction x, y, z, -x, -y or -z will do, too. Nothing is written before the last answer."
+    )
+    tables: Tables = {"schema_version": SCHEMA_VERSION, "name": dialog.ask((), "name", name)}
+    for title, part in (
+        ("Platform", _platform),
+        ("Instruments, fixed to the body: cameras, star trackers, antennas", _instruments),
+        ("Terminals with a yaw and a pitch joint, such as of lasers", _terminals),
+        ("Drives that turn about one axis, such as of solar arrays", _drives),
+        ("Duration of the manoeuvre", _duration),
+        ("Date and orbit, if Sun, Moon or Earth matter", _sky),
+        ("Zones to keep out of", _zones),
+        ("Start", _start),
+        ("Goal", _goal),
+    ):
+        dialog.say()
+        dialog.say(title)
+        tables = _settled(dialog, tables, part)
+    while any(found := broken(scenario_from_dict(tables, folder=dialog.folder))):
+        dialog.say()
+        for fault in (*found[0], *found[1]):
+            dialog.faulty([fault])
+        if not dialog.confirm("again", "whether start and goal are asked for again", True):
+            break
+        dialog.forget()
+        tables = _settled(dialog, _settled(dialog, tables, _start), _goal)
+    craft = {key: value for key, value in tables["spacecraft"].items() if value != []}
+    tables |= {"spacecraft": craft, "search": {}}  # of the search, its options
+    ordered = {entry.key: tables[entry.key] for entry in SCENARIO.fields if tables.get(entry.key, []) != []}
+    return _INTRODUCTION + commented(ordered)
+
+
+def _settled(dialog: Dialog, tables: Tables, part: Callable[[Dialog, Tables], Tables]) -> Tables:
+    """Ask a part until the file so far has no faults; returns the tables with it."""
+    while True:
+        grown = _merged(tables, part(dialog, tables))
+        filled = {"start": _AT_REST, "goal": _AT_REST, **grown}
+        try:
+            scenario_from_dict(filled, folder=dialog.folder)
+        except ScenarioError as error:
+            dialog.faulty(error.faults)
+            dialog.say("  so once more:")
+            dialog.forget()
+        else:
+            return grown
+
+
+def _merged(tables: Tables, more: Mapping[str, Any]) -> Tables:
+    """The tables with more; of the spacecraft the keys are put together."""
+    craft = {**tables.get("spacecraft", {}), **more.get("spacecraft", {})}
+    merged = {**tables, **more}
+    return {**merged, "spacecraft": craft} if craft else merged
+
+
+def _asked(dialog: Dialog, path: Path, usual: Mapping[str, Any], known: Known = Reading) -> Tables:
+    """Ask for keys of a table, each with its default, a dict for a table within; returns those given."""
+    found: Tables = {}
+    for key, default in usual.items():
+        if isinstance(default, dict):
+            found[key] = _asked(dialog, (*path, key), default, known)
+        elif (value := dialog.ask(path, key, default, reading=known)) is not NOTHING:
+            found[key] = value
+    return found
+
+
+def _row(dialog: Dialog, path: Path, usual: Mapping[str, Any], known: Known = Reading) -> Tables:
+    """Ask for keys of a table, as `_asked`, until all of it goes together."""
+    table, _ = table_at(".".join(step for step in path if isinstance(step, str)), SCENARIO, usual)
+    while True:
+        row = _asked(dialog, path, usual, known)
+        place = _place(known(), path)
+        table.read(row, place)
+        if not place.reading.faults:
+            return row
+        dialog.faulty(place.reading.faults)
+
+
+def _place(reading: Reading, path: Path) -> Place:
+    """The place that keys and indices lead to."""
+    place = Place(reading)
+    for step in path:
+        place = place[step]
+    return place
+
+
+def _knowing(tables: Tables) -> Known:
+    """Makes readings that know the names of a file's devices."""
+
+    def known() -> Reading:
+        reading = Reading()
+        SPACECRAFT.read(tables["spacecraft"], _place(reading, ("spacecraft",)))
+        return reading
+
+    return known
+
+
+def _names(tables: Tables, *kinds: str) -> list[str]:
+    """Names of the devices of some kinds, such as "terminal"."""
+    craft = tables["spacecraft"]
+    return [row["name"] for kind in kinds for row in craft.get(kind, ())]
+
+
+def _platform(dialog: Dialog, tables: Tables) -> Tables:
+    """Ask what limits the platform's turning."""
+    limited = dialog.choose(
+        "limited by",
+        "what limits its turning: rates and accelerations alone, torque about an inertia, or reaction wheels",
+        (_RATES, _TORQUE, _WHEELS),
+        _RATES,
+    )
+    path = ("spacecraft",)
+    found: Tables = {}
+    most: Any = 0.5
+    if limited != _RATES:
+        found["inertia_kg_m2"] = dialog.ask(path, "inertia_kg_m2")
+        if limited == _TORQUE:
+            found["torque_limit_nm"] = torque = dialog.ask(path, "torque_limit_nm", 0.1)
+        else:
+            found["wheel"] = wheels = _wheels(dialog)
+            torque = np.abs([each["axis"] for each in wheels]).T @ [each["torque_nm"] for each in wheels]
+        reached = np.rad2deg(np.broadcast_to(torque, (3,)) / np.diag(found["inertia_kg_m2"]))
+        most = [float(f"{1.5 * max(each, _LEAST):.2g}") for each in reached]  # so that the torque limits
+    return {
+        "spacecraft": _asked(dialog, path, {"rate_limit_deg_s": 1.0, "acceleration_limit_deg_s2": most})
+        | found
+    }
+
+
+def _wheels(dialog: Dialog) -> list[Tables]:
+    """Ask for the reaction wheels; each is proposed as the one before."""
+    count = dialog.count("wheels", "how many reaction wheels", 4)
+    axes = {3: np.eye(3).tolist(), 4: _PYRAMID}.get(count, [None] * count)
+    rows: list[Tables] = []
+    usual: Tables = {"torque_nm": 0.1, "momentum_nms": 4.0, "stored_nms": 0.0}
+    for number in range(count):
+        asked = {"name": f"wheel {number + 1}", "axis": axes[number]} | {key: usual[key] for key in usual}
+        rows.append(_row(dialog, ("spacecraft", "wheel", number), asked))
+        usual = {key: rows[-1][key] for key in usual}
+    return rows
+
+
+def _instruments(dialog: Dialog, tables: Tables) -> Tables:
+    """Ask for the instruments."""
+    rows = []
+    for number in range(dialog.count("instruments", "how many", 1)):
+        usual = {"name": f"instrument {number + 1}", "boresight": None if number else [0.0, 0.0, 1.0]}
+        rows.append(_row(dialog, ("spacecraft", "instrument", number), usual))
+    return {"spacecraft": {"instrument": rows}}
+
+
+def _terminals(dialog: Dialog, tables: Tables) -> Tables:
+    """Ask for the terminals; ranges and limits are proposed as those of the one before."""
+    rows: list[Tables] = []
+    usual: Tables = {
+        "yaw_range_deg": [-180.0, 180.0],
+        "pitch_range_deg": [-20.0, 80.0],
+        "rate_limit_deg_s": 3.0,
+        "acceleration_limit_deg_s2": 1.0,
+    }
+    for number in range(dialog.count("terminals", "how many", 0)):
+        mount = {"yaw_axis": [0.0, 0.0, 1.0], "boresight": None if number else [1.0, 0.0, 0.0]}
+        asked = {"name": f"terminal {number + 1}", "mount": mount} | usual
+        rows.append(_row(dialog, ("spacecraft", "terminal", number), asked))
+        usual = {key: rows[-1][key] for key in usual}
+    return {"spacecraft": {"terminal": rows}}
+
+
+def _drives(dialog: Dialog, tables: Tables) -> Tables:
+    """Ask for the drives."""
+    rows = []
+    for number in range(dialog.count("drives", "how many", 0)):
+        usual = {
+            "name": f"drive {number + 1}",
+            "axis": None if number else [0.0, 1.0, 0.0],
+            "boresight": None if number else [0.0, 0.0, -1.0],
+            "range_deg": [-180.0, 180.0],
+            "rate_limit_deg_s": 0.5,
+            "acceleration_limit_deg_s2": 0.1,
+        }
+        rows.append(_row(dialog, ("spacecraft", "drive", number), usual))
+    return {"spacecraft": {"drive": rows}}
+
+
+def _duration(dialog: Dialog, tables: Tables) -> Tables:
+    """Ask how long the manoeuvre may take."""
+    return {"trajectory": _asked(dialog, ("trajectory",), {"duration_s": MINIMUM})}
+
+
+def _sky(dialog: Dialog, tables: Tables) -> Tables:
+    """Ask when the manoeuvre is and from which orbit it is seen, where that matters."""
+    if not dialog.confirm("sky", "whether places of Sun, Moon, Earth or of the orbit are needed", False):
+        return {}
+    try:
+        library(_EPHEMERIDES)
+    except ImportError as error:
+        dialog.faulty([f"{error}; then ask again, or go on with fixed directions"])
+        return {}
+    path = ("sky",)
+    found = _asked(dialog, path, {"epoch_utc": None})
+    told = dialog.choose("orbit", "of the spacecraft, told by elements or from", tuple(_ORBITS), _CIRCULAR)
+    table = Orbit().tables[_ORBITS[told]]
+    if told == _TLE:
+        lines = [dialog.line(f"line {number}", "two-line elements") for number in (1, 2)]
+        found["observer"] = {"tle": lines}
+    else:
+        found["observer"] = {
+            entry.key: dialog.ask((*path, "observer"), entry.key, _USUAL_ORBIT.get(entry.key), table=table)
+            for entry in table.fields
+        }
+    if isinstance(tables["trajectory"]["duration_s"], str):
+        found |= _asked(dialog, path, {"for_duration_s": 600.0})
+    return {"sky": found}
+
+
+def _zones(dialog: Dialog, tables: Tables) -> Tables:
+    """Ask for the zones to keep out of."""
+    every = _names(tables, "terminal", "drive", "instrument")
+    if not every:
+        dialog.say("  There is no device that a zone could bind.")
+        return {}
+    known = _knowing(tables)
+    bodies = BODIES if "sky" in tables else ()
+    rows = []
+    for number in range(dialog.count("zones", "how many", 1 if bodies else 0)):
+        path = ("keep_out", number)
+        about = _DIRECTION
+        if bodies:
+            about = dialog.choose(
+                f"zone {number + 1}", "what it is about", (*bodies, _DIRECTION), bodies[number % len(bodies)]
+            )
+        usual: Tables = {"name": about if bodies else f"zone {number + 1}"}
+        if about == _DIRECTION:
+            usual |= {"direction": None, "half_angle_deg": 30.0}
+        else:
+            usual |= {"exclusion_deg": 30.0 if about == "sun" else 10.0, "moving": about == "earth"}
+        usual["devices"] = _names(tables, "instrument") or every
+        fixed = {} if about == _DIRECTION else {"body": about}
+        rows.append(fixed | _asked(dialog, path, usual, known))
+    return {"keep_out": rows}
+
+
+def _start(dialog: Dialog, tables: Tables) -> Tables:
+    """Ask for the start."""
+    return {"start": _end(dialog, tables, "start", _ATTITUDE)}
+
+
+def _goal(dialog: Dialog, tables: Tables) -> Tables:
+    """Ask for the goal."""
+    return {"goal": _end(dialog, tables, "goal", _TARGETS)}
+
+
+def _end(dialog: Dialog, tables: Tables, end: str, usual: str) -> Tables:
+    """Ask for a start or a goal: an attitude with joints, or what devices point at."""
+    path, devices = (end,), _names(tables, "terminal", "drive", "instrument")
+    told = _ATTITUDE
+    if devices:
+        told = dialog.choose(
+            f"{end} by",
+            "how it is told: an attitude (rotation vector or quaternion), or targets of devices",
+            (_ATTITUDE, _QUATERNION, _TARGETS),
+            usual,
+        )
+    if told == _TARGETS:
+        return {"targets": _targets(dialog, path, devices, known_sky="sky" in tables)}
+    if told == _QUATERNION:
+        found = _asked(dialog, path, {"quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]})
+    else:
+        found = _asked(dialog, path, {"attitude": [0.0, 0.0, 0.0]})
+    joints: Tables = {}
+    for kind, of, words in (
+        ("terminal", _TWO_ANGLES, "its yaw and pitch, deg"),
+        ("drive", ANGLE_DEG, "its angle, deg"),
+    ):
+        for device in tables["spacecraft"].get(kind, ()):
+            name, nearest = device["name"], _nearest(device, kind)
+            value = dialog.ask((*path, "joints_deg"), name, nearest, kind=of, words=words)
+            joints[name] = value if isinstance(value, list) else [value]
+    return found | ({"joints_deg": joints} if joints else {})
+
+
+def _nearest(device: Mapping[str, Any], kind: str) -> Any:
+    """The angles, deg, nearest to zero within the ranges of a terminal (2) or a drive (a number)."""
+    if kind == "drive":
+        return float(np.clip(0.0, *device["range_deg"]))
+    return [float(np.clip(0.0, *device[key])) for key in ("yaw_range_deg", "pitch_range_deg")]
+
+
+def _targets(dialog: Dialog, path: Path, devices: Sequence[str], *, known_sky: bool) -> Tables:
+    """Ask which devices point at what; at least one does."""
+    named = f"; or a name: {', '.join((*BODIES, *LOCAL))}" if known_sky else ""
+    words = f"where the device points, a unit vector along inertial axes{named}; none where it is free"
+    while True:
+        found: Tables = {}
+        for name in devices:
+            value = dialog.ask((*path, "targets"), name, NOTHING, kind=Axis(inline=True), words=words)
+            if value is not NOTHING:
+                found[name] = value
+        if found:
+            return found
+        dialog.faulty([f"{path[0]}.targets: must name a device at least, and what it points at"])

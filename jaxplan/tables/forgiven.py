@@ -1,0 +1,77 @@
+"""What is forgiven of tables: the one rule of exports and checks.
+
+Between rows a reader's motion is another than what was certified. A plan that touches a zone or a limit, as
+the shortest ones do, leaves none of its tables a margin, and between rows a tenth of a second apart is some
+1e-4 deg inside. So a table may fall short by a little, which is told with it and may be set, down to nothing.
+Jumps, and what cannot be evaluated, are never forgiven.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxplan.certificate import Certificate
+from jaxplan.certificate.limits import TOLERANCE
+from jaxplan.runtime.arguments import number
+
+FORGIVE_DEG = 1e-3
+"""deg: by which a table may fall short of a margin of zero, unless told."""
+FORGIVE_PERCENT = 0.5
+"""Percent of a limit by which its peaks may exceed it, unless told."""
+MOST_DEG, MOST_PERCENT = 1.0, 10.0
+_CONTINUOUS = (("attitude", "joints"), ("angular_velocity", "joint_rates"))  # by number of derivatives
+
+
+class Forgiven(NamedTuple):
+    """By how much a table may fall short.
+
+    Attributes:
+        deg: of margins to zones.
+        percent: of limits and ranges.
+    """
+
+    deg: float = FORGIVE_DEG
+    percent: float = FORGIVE_PERCENT
+
+    @property
+    def words(self) -> str:
+        """The two as words."""
+        if self.deg == 0 and self.percent == 0:
+            return "nothing"
+        return f"{self.deg:g} deg of margins and {self.percent:g} % of limits"
+
+    def covers(self, proof: Certificate, continuous: int) -> bool:
+        """Whether all that a certificate finds fault with is forgiven.
+
+        Args:
+            proof: with faults.
+            continuous: number of derivatives that must not jump; -1 where attitudes may, too.
+        """
+        margin = proof.min_margin
+        short = margin is not None and not margin >= -np.deg2rad(self.deg)
+        over = not all(peak <= 1 + self.percent / 100 for peak in proof.peaks.values())
+        steps = [proof.jumps.get(name, 0.0) for names in _CONTINUOUS[: continuous + 1] for name in names]
+        jumps = not all(step <= TOLERANCE for step in steps)
+        illegible = not proof.peaks  # of whatever could be evaluated there are some
+        return not (short or over or jumps or illegible)
+
+
+NOTHING = Forgiven(0.0, 0.0)
+
+
+def forgiven(deg: object, percent: object) -> Forgiven:
+    """Check by how much a table may fall short.
+
+    Args:
+        deg: of margins, in [0, 1].
+        percent: of limits, in [0, 10].
+
+    Raises:
+        ValueError: if one is no such number, with what it must be.
+    """
+    found = []
+    for name, value, most in (("forgive_deg", deg, MOST_DEG), ("forgive_percent", percent, MOST_PERCENT)):
+        found.append(number(name, value, f"a number in [0, {most:g}]"))
+        if not 0 <= found[-1] <= most:
+            raise ValueError(f"{name} = {value}: must lie in [0, {most:g}]")
+    return Forgiven(*found)
