@@ -208,6 +208,11 @@ def closest(name: str, known: Sequence[str]) -> str | None:
     return close[0] if close else None
 
 
+def plural(noun: str) -> str:
+    """The plural of a noun that is formed by the rule."""
+    return f"{noun.removesuffix('y')}ies" if noun.endswith("y") else f"{noun}s"
+
+
 def nearest(name: str, known: Sequence[str], kind: str) -> str:
     """Advice on an unknown name: the known one it resembles, or else all of them.
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.arguments import as_floats
-from jaxplan.schema.faults import WRONG, Place, Reading, closest, nearest, quote, show
+from jaxplan.schema.faults import WRONG, Place, Reading, closest, nearest, plural, quote, show
 
 
 class Kind(ABC):
@@ -333,7 +333,7 @@ class Name(Kind):
         known = place.reading.names.get(self.noun)
         if known is not None and value not in known:
             called = _CALLED.get(self.noun, self.noun)
-            return place.fault(f"no such {called}, {nearest(value, known, f'{called}s')}", value)
+            return place.fault(f"no such {called}, {nearest(value, known, plural(called))}", value)
         return value
 
 
@@ -390,7 +390,7 @@ class ByName(Kind):
         unknown = [name for name in value if known is not None and name not in known]
         for name in unknown:
             called = _CALLED.get(self.noun, self.noun)
-            place[name].fault(f"no such {called}, {nearest(name, known or (), f'{called}s')}")
+            place[name].fault(f"no such {called}, {nearest(name, known or (), plural(called))}")
         read = {name: self.of.read(number, place[name]) for name, number in value.items()}
         return WRONG if unknown or WRONG in read.values() else read
 

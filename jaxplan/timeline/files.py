@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import Timeline, in_order
+from jaxplan.model.timeline import REST, Timeline, in_order
 from jaxplan.planner.files import CERTIFICATE, PlanFileError, plain, record_table, trajectory_table
 from jaxplan.runtime.arguments import file_path
 from jaxplan.runtime.files import replacing_file
@@ -268,7 +268,7 @@ def _parts(content: dict[str, Any]) -> dict[str, Any]:
         raise ScenarioError([f"timeline: {fault}" for fault in error.faults]) from error
     scene = timeline.scene
     names = {
-        "activity": tuple(one.name for one in timeline.activities),
+        "activity": (*(one.name for one in timeline.activities), REST),
         "device": scene.sight_names,
         "zone": tuple(zone.name for zone in scene.zones),
     }

@@ -15,7 +15,7 @@ import numpy as np
 from jaxplan.certificate import Certificate, faults_later
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import CALM, Activity, Segment, Timeline, in_order
+from jaxplan.model.timeline import CALM, REST, Activity, Segment, Timeline, in_order
 from jaxplan.planner.validity import start_breaches
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.progress import progress_bar
@@ -30,7 +30,6 @@ from jaxplan.timeline.stored import holding, total_in
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory
 
-_REST = "rest until the end"  # name of what is done in the time that is left
 _GENTLE = 6.0  # times the strict bound: how long a slew takes at most where there is time
 _USUAL = 60.0  # s: a slew that long is gentle in any case, and less time is not worth a rest
 _SAME = 1e-9  # s, below which there is no time for a slew
@@ -167,7 +166,7 @@ class _Day:
         """Rest until the timeline's end, if time is left."""
         until = self.timeline.until
         if until is not None and until > self.time + _SAME:
-            self.do(Activity(name=_REST, idle=True))
+            self.do(Activity(name=REST, idle=True))
 
     def _do(self, activity: Activity, *, listed: bool = True) -> None:
         """Plan an activity; raises `Refused`. What only fills time is not listed among the activities."""

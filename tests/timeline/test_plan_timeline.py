@@ -288,7 +288,7 @@ def test_wheels_hold_what_the_conservation_of_momentum_leaves_them():
     np.testing.assert_allclose(each[0], stored, rtol=0, atol=1e-7)
 
 
-def test_an_activity_that_comes_after_another_is_done_after_it():
+def test_an_activity_that_comes_after_another_is_done_after_it(tmp_path):
     rests = [
         jp.Activity(name=name, idle=True, duration=1.0, after=after)
         for name, after in (("a", "c"), ("b", ""), ("c", ""))
@@ -299,6 +299,9 @@ def test_an_activity_that_comes_after_another_is_done_after_it():
     assert [one.name for one in plan.activities] == ["b", "c", "a", "rest until the end"]
     starts = [one.start for one in plan.activities]
     assert starts == sorted(starts)
+    plan.save(tmp_path / "plan.npz")  # with what is done in the time that is left
+    read = jp.load_timeline_plan(tmp_path / "plan.npz")
+    assert [one.name for one in read.activities] == [one.name for one in plan.activities]
 
 
 def test_planning_ends_at_what_cannot_be_done_unless_it_shall_go_on():
