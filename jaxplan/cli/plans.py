@@ -224,7 +224,8 @@ def _check_table(options: argparse.Namespace) -> int:
     """Prove what a table of attitudes keeps of a scene, and print that."""
     from jaxplan.tables import certify_table
 
-    scene = load_scene(options.scenario)
+    name = options.scenario
+    scene = timelines.load_timeline_file(name) if timelines.is_timeline(name) else load_scene(name)
     if not Path(options.plan).exists():
         raise ValueError(f"{options.plan}: no such file")
     if _first_character(options.plan) == "{" or timelines.is_timeline_plan(options.plan):

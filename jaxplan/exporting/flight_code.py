@@ -17,7 +17,6 @@ from jaxplan.exporting.flight import Flight
 from jaxplan.exporting.pieces import Pieces, pieces_of
 from jaxplan.exporting.sampled import Sampling
 from jaxplan.exporting.texts import plain
-from jaxplan.model.export_names import labels
 from jaxplan.version import __version__
 
 LONGEST_PREFIX = 18  # characters: C99 tells external names apart by 31, of which _evaluate has 9
@@ -102,9 +101,8 @@ def what_is_needed(flight: Flight) -> str:
 
 def prefix_of(title: str) -> str:
     """What all names of a motion's code begin with, of letters, digits and underscores."""
-    (label,) = labels([title.lower()], taken=(), longest=LONGEST_PREFIX)
-    word = re.sub(r"_+", "_", label.replace("-", "_")).strip("_")
-    return word if word[0].isalpha() else f"m_{word}"[:LONGEST_PREFIX]
+    word = re.sub(r"[^a-z0-9]+", "_", title.lower()).strip("_") or "motion"
+    return (word if word[0].isalpha() else f"m_{word}")[:LONGEST_PREFIX].rstrip("_")
 
 
 def _values(flight: Flight, own: Pieces, prefix: str) -> dict[str, str]:

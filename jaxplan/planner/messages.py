@@ -43,13 +43,15 @@ def _or_errors(scenario: Scenario) -> str:
     return "" if scenario.robust is None else ", or lower the errors of [robust], which count"
 
 
-def unreachable(scenario: Scenario, rows: Constraints, found: Decomposition, most: float) -> str:
+def unreachable(
+    scenario: Scenario, rows: Constraints, found: Decomposition, most: float, time: float = 0.0
+) -> str:
     """Text why no attitude reaches the targets while it keeps the rows of the scenario's constraints.
 
-    `found` is the decomposition without goals, within `most` rad from the start.
+    `found` is the decomposition without goals, within `most` rad from the start, at a time, s.
     """
     craft = scenario.usable
-    asked = scenario.goal
+    asked = scenario.goal.at(time) if isinstance(scenario.goal, Targets) else scenario.goal
     if found.aim_excess > 0 and isinstance(asked, Targets):
         contrary = apart(craft, asked)
         if contrary is not None:

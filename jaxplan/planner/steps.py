@@ -85,7 +85,7 @@ def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...
             seed=scenario.search.seed,
         )
         if not found.goals:
-            message = messages.unreachable(scenario, rows, found, most) + messages.when(scenario, end)
+            message = messages.unreachable(scenario, rows, found, most, end) + messages.when(scenario, end)
             return Plan(scenario=scenario, status=Status.GOAL_UNREACHABLE, message=message)
         candidates = found.goals
     if moves(scenario):

@@ -19,6 +19,7 @@ from jaxplan.schema.arrays import (
     range_of,
     rising,
     units,
+    within_a_turn,
 )
 from jaxplan.schema.inertias import Moments, inertia
 from jaxplan.schema.kinds import ByName, Epoch, FromZero, Interval, Kind, Name, Names, Number, Text
@@ -42,6 +43,7 @@ KINDS: dict[Any, Any] = {
         ANGLE,
         noun="a rotation vector of 3 numbers",
         hint=", as scipy's Rotation has by as_rotvec()",
+        rule=within_a_turn,
     ),
     "angular velocity": Array((3,), ANGLE, zero=True),
     "joints": each_joint(ANGLE),

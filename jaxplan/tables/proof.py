@@ -22,7 +22,8 @@ from jaxplan.model.limits import limits
 from jaxplan.model.robust import Robust
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.runtime.arguments import expect
+from jaxplan.model.timeline import Timeline
+from jaxplan.runtime.arguments import expect_any
 from jaxplan.runtime.display import aligned, as_table, shown
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.tables.devices import OtherDevicesError
@@ -64,7 +65,7 @@ class TableCertificate:
         start_off: rad, from the attitude at which the scene starts to the first row.
         goal_off: rad, in the last row: the largest angle between a device and its target, as far as the table
             knows devices; or from the goal's attitude. None where it knows none that has a target, or the
-            targets are not known then.
+            targets are not known then, or where the table is held against a timeline.
         left_out: a sentence for each thing that is not claimed.
         faults: a sentence for each thing that fails.
     """
@@ -149,7 +150,7 @@ class TableCertificate:
 def certify_table(
     table: AttitudeTable | str | os.PathLike[str],
     interpolation: str | None,
-    scenario: Scenario,
+    scenario: Scenario | Timeline,
     *,
     forgive_deg: float = FORGIVE_DEG,
     forgive_percent: float = FORGIVE_PERCENT,
@@ -160,8 +161,9 @@ def certify_table(
         table: a table, or the path of a file as `load_attitude` reads it, with the scene's spacecraft.
         interpolation: what the reader does between rows, one of `jaxplan.tables.INTERPOLATIONS`; None for
             what readers of the file's format do.
-        scenario: the scene with zones and spacecraft. A table with an epoch is held against it at its times
-            where the scene has one, too; else the table's first row is the scene's start.
+        scenario: the scene with zones and spacecraft, or a timeline, whose scene counts and not its
+            activities. A table with an epoch is held against it at its times where the scene has one, too;
+            else the table's first row is the scene's start.
         forgive_deg: by which margins may fall short of zero, in [0, 1]; as exports forgive unless told.
         forgive_percent: of a limit or range, by which it may be exceeded, in [0, 10]; likewise.
 
@@ -176,13 +178,14 @@ def certify_table(
     Example:
         >>> print(jp.certify_table("slew.aem", "slerp", jp.load_scenario("scene.toml")))
     """
-    expect("scenario", scenario, Scenario)
+    expect_any("scenario", scenario, (Scenario, Timeline), "a Scenario or a Timeline")
+    scene = scenario.scene if isinstance(scenario, Timeline) else scenario
     forgives = forgiven(forgive_deg, forgive_percent)
     foreign: tuple[str, ...] = ()
     if not isinstance(table, AttitudeTable):
         path = table
         try:
-            table = load_attitude(path, scenario.spacecraft)
+            table = load_attitude(path, scene.spacecraft)
         except OtherDevicesError as error:  # of these nothing is claimed then
             table, foreign = load_attitude(path), (str(error),)
     how = table.interpolation if interpolation is None else interpolation
@@ -191,8 +194,9 @@ def certify_table(
     lacking = needs(table, how)
     if lacking is not None:
         raise ValueError(lacking)
-    found = certify_rows(table, how, scenario, _begin(table, scenario), forgives)
-    return replace(found, left_out=(*found.left_out, *foreign))
+    found = certify_rows(table, how, scene, _begin(table, scene), forgives)
+    goal_off = found.goal_off if scene is scenario else None
+    return replace(found, goal_off=goal_off, left_out=(*found.left_out, *foreign))
 
 
 def certify_rows(

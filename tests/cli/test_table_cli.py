@@ -22,6 +22,12 @@ def test_the_command_line_checks_a_table_and_tells_of_few_rows(tmp_path, capsys)
     assert found["interpolation"] == "hermite"
     assert found["rate_jump_deg_s"] == 0
     assert "angular_acceleration" in found["peaks"]
+    day = tmp_path / "day.toml"  # of the same scene
+    rest = (jp.Activity(name="rest", idle=True, duration=5.0),)
+    moving = jp.Timeline(name="day", scene=own.scenario, activities=rest, until=60.0)
+    jp.save_timeline(moving, day)
+    assert main(["check", str(table), "--scenario", str(day), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["goal_off_deg"] is None
     for arguments, words in (
         ([str(table)], "--scenario"),
         ([str(file), "--interpolation", "slerp"], "takes --scenario, too"),

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.cli import main
+from jaxplan.exporting.flight_code import prefix_of
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-pedantic", "-Werror")
 WAYS = {
@@ -270,3 +271,17 @@ def test_names_of_any_kind_become_names_of_c(motions, tmp_path):
         if shutil.which("gcc"):
             call = ["gcc", *STRICT, "-c", source, "-o", tmp_path / "object"]
             assert subprocess.run(call, capture_output=True).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("title", "prefix"),
+    [
+        ("Deimos-2 over Madrid", "deimos_2_over_madr"),
+        ("a  b--c", "a_b_c"),
+        ("7 of nine", "m_7_of_nine"),
+        ("\u03c0", "motion"),
+        ("a name that is - cut", "a_name_that_is_cut"),
+    ],
+)
+def test_code_is_called_after_the_title(title, prefix):
+    assert prefix_of(title) == prefix

@@ -442,3 +442,27 @@ def test_a_spacecraft_that_stays_is_certified_for_all_of_a_given_time(method):
         jp.plan(hold(0.0, word), throw=False) for word in ("stretched", "minimum") if method == "global"
     ]
     assert all(plan.ok and plan.trajectory.duration == plan.goal.time == 0.0 for plan in at_once)
+
+
+def test_targets_that_move_apart_from_what_devices_can_do_are_told_by_their_angle():
+    craft = jp.Spacecraft(
+        instruments=tuple(
+            jp.Instrument(name=name, boresight=np.array(axis))
+            for name, axis in (("camera", [0.0, 0, 1]), ("star tracker", [0, 0.8, -0.6]))
+        ),
+        rate_limit=0.03,
+        acceleration_limit=0.003,
+    )
+    times = np.linspace(0.0, 300.0, 31)
+    around = np.stack([np.cos(1e-3 * times), np.sin(1e-3 * times), 0 * times], axis=1)
+    across = np.stack([-around[:, 1], around[:, 0], around[:, 2]], axis=1)
+    targets = {
+        "camera": DirectionPath.through(times, around),
+        "star tracker": DirectionPath.through(times, across),
+    }
+    start = jp.GivenState(rotation_vector=np.zeros(3), joints=np.zeros(0))
+    asked = jp.Scenario(name="apart", spacecraft=craft, start=start, goal=Targets.of(targets))
+    for duration in (90.0, "minimum"):
+        plan = jp.plan(with_duration(asked, duration), throw=False, progress=False)
+        assert plan.status is jp.Status.GOAL_UNREACHABLE
+        assert "camera and star tracker are 126.87 deg apart, their targets 90 deg" in plan.message

@@ -945,3 +945,11 @@ def test_targets_of_no_terminals_are_planned_beside_others(directions):
     assert none.ok
     assert none.goal.slew_angle == pytest.approx(0, abs=1e-9)
     assert other.ok
+
+
+def test_rotation_vectors_that_would_be_of_degrees_are_refused():
+    turned = replace(SCENE.start, rotation_vector=np.array([0.0, 90.0, 0.0]))
+    with pytest.raises(
+        jp.ScenarioError, match=r"start\.rotation_vector .*is 90 rad long, must be at most a turn"
+    ):
+        jp.plan(replace(SCENE, start=turned), progress=False)
