@@ -183,6 +183,29 @@ def test_moments_are_a_matrix_about_the_devices_axes_and_round_stages_turn_freel
     )
 
 
+def test_three_moments_of_the_whole_are_a_matrix_in_measures_peaks_and_proof():
+    trajectory = manoeuvre(3, terminals=2, drives=1, wiggle=0.3, step=1.0)
+    base = oblique(2, 1, size=0.5, seed=1)
+    moments = np.array([70.0, 80.0, 90.0])
+    for loads in (
+        {"wheels": random_wheels(4, 1)},
+        {"torque_limit": np.array([2.0, 3, 4]), "wheel_momentum_limit": 5.0},
+    ):
+        for craft in (base, without(base)):
+            own, other = (
+                replace(craft, inertia=given, rate_limit=9.0, acceleration_limit=9.0, **loads)
+                for given in (moments, np.diag(moments))
+            )
+            first, second = (peaks(trajectory, each) for each in (own, other))
+            np.testing.assert_allclose(first.ratios, second.ratios, rtol=1e-12)
+            assert judge(trajectory, own).peaks == judge(trajectory, other).peaks
+            assert (
+                judge(trajectory, replace(own, inertia=moments[:2]))
+                .faults[0]
+                .startswith("spacecraft.inertia has")
+            )
+
+
 def with_inertias(craft, of):
     """The spacecraft with the inertia of each stage made by a function of what it is."""
     return replace(
