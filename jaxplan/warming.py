@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxplan.gradients import differentiable
 from jaxplan.model.goals import GivenState, Targets
+from jaxplan.model.robust import Robust
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepOut
@@ -37,7 +38,8 @@ def warm_up(
     these.
 
     Args:
-        problem: a scenario, or a spacecraft for scenarios of up to 8 zones without groups.
+        problem: a scenario, or a spacecraft for scenarios of up to 8 zones without groups, with and without a
+            tube (`Scenario.robust`).
         gradients: also those of `jaxplan.differentiable` for the scenario's own plan; which these are depends
             on its nodes and on what binds.
         batches: also those by which `plan_batch` and `run_study` answer several searches at once.
@@ -78,11 +80,20 @@ def _differentiate(scenario: Scenario) -> None:
 
 
 def _quiet(spacecraft: Spacecraft) -> list[Scenario]:
-    """Scenarios of a spacecraft that stays where it is: without zones, and with one behind a device."""
+    """Scenarios of a spacecraft that stays where it is: without zones, and with one behind a device.
+
+    Masks have more rows where a tube is about the plan. If that is another table, each is there twice.
+    """
     joints = np.mean(spacecraft.joint_ranges, axis=-1)
     rest = GivenState(rotation_vector=np.zeros(3), joints=joints)
     sights = np.asarray(spacecraft.boresights(np.eye(3), joints))
     goal = Targets(directions=sights[: len(spacecraft.terminals)]) if spacecraft.terminals else rest
     free = Scenario(name="warm-up", spacecraft=spacecraft, start=rest, goal=goal)
     zones = [KeepOut(name="behind", direction=-sight, half_angle=0.1) for sight in sights]
-    return [free, *(replace(free, keep_out=(zone,)) for zone in zones[:1])]
+    found = [free, *(replace(free, keep_out=(zone,)) for zone in zones[:1])]
+    within = [replace(own, robust=Robust()) for own in found]
+    shapes = [own.constraints.bound.shape for own in found]
+    return [
+        *found,
+        *(own for own, shape in zip(within, shapes, strict=True) if own.constraints.bound.shape != shape),
+    ]

@@ -96,7 +96,8 @@ def _shapes(given: dict[str, np.ndarray], claim: Claim, cones: Constraints) -> I
     rows, joints = cones.half_angle.size, claim.spacecraft.joint_count
     body, carried = (len(np.atleast_1d(vectors)) for vectors in (cones.body, cones.carried))
     sights = len(claim.spacecraft.device_names) + body + carried
-    shapes: dict[str, tuple[int, ...]] = {"spacecraft.inertia": (3, 3)}
+    by_moments = np.ndim(given.get("spacecraft.inertia", 0.0)) == 1
+    shapes: dict[str, tuple[int, ...]] = {"spacecraft.inertia": (3,) if by_moments else (3, 3)}
     for prefix, components in (("trajectory.", 3), ("trajectory.joint_", joints)):
         pieces = max(given[f"{prefix}breaks"].size - 1, 1)
         length = max((1, *given[f"{prefix}coefficients"].shape[1:2]))

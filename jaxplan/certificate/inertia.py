@@ -21,8 +21,9 @@ since ``C`` has the majorant ``exp(y + p)`` and ``e`` the majorant ``exp(y)``; t
 derivative. How errors of the angles and of ``w`` move it follows from the same majorant, to first order.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from jaxplan.certificate.series import ROUNDING
 from jaxplan.model.spacecraft import Spacecraft
 
 _FACTOR = 2.0 ** (1 - DEGREE)  # of what polynomials through samples leave out
+T = TypeVar("T")
 Sampled = Sequence[np.ndarray]  # values, what is left out, and rounding
 
 
@@ -83,7 +85,7 @@ def matrix(given: np.ndarray) -> np.ndarray:
 
 def left(craft: Spacecraft) -> np.ndarray:
     """The inertia (3, 3) kg m^2 that no joint turns."""
-    inertia = np.asarray(craft.inertia, np.float64)
+    inertia = matrix(np.asarray(craft.inertia, np.float64))
     for stage in stages(craft):
         inertia = inertia - stage.at_zero
     return inertia
@@ -106,35 +108,35 @@ def numbers(craft: Spacecraft) -> np.ndarray:
 
 def momentum(evidence: Evidence, craft: Spacecraft) -> Sampled:
     """The momentum ``L`` (3, n, m) N m s, body axes, what is left out of it (n,), and rounding (n,)."""
-    inertia, size = fixed(craft)
-    spin, joints = evidence.samples.spin, evidence.samples.joints
-    values = np.einsum("ij,jnm->inm", inertia, spin[0])
-    for stage in stages(craft):
-        values = values + _carried(stage, spin, joints)
-    left_out = size * evidence.left_out.spin[0]
-    rounding = size * evidence.rounding.spin[0]
-    half = evidence.on.half
-    for stage in stages(craft):
-        left_out = left_out + _FACTOR * _majorant(evidence.majorants, stage)[DEGREE + 1] / half
-        rounding = rounding + _error(evidence, stage)[0] / half
-    return values, left_out, rounding
+    return _both(evidence, craft)[0]
 
 
 def change(evidence: Evidence, craft: Spacecraft) -> Sampled:
     """The derivative ``L'`` (3, n, m) N m, body axes, what is left out of it (n,), and rounding (n,)."""
+    return _both(evidence, craft)[1]
+
+
+def _both(evidence: Evidence, craft: Spacecraft) -> tuple[Sampled, Sampled]:
+    """The momentum and its derivative, see `momentum` and `change`; made once for torque and momentum."""
+    return _once(evidence, "_momentum_and_change", craft, lambda: _sampled(evidence, craft))
+
+
+def _sampled(evidence: Evidence, craft: Spacecraft) -> tuple[Sampled, Sampled]:
+    """The momentum and its derivative, made anew."""
     inertia, size = fixed(craft)
-    spin, joints = evidence.samples.spin, evidence.samples.joints
-    values = np.einsum("ij,jnm->inm", inertia, spin[1])
-    for stage in stages(craft):
-        values = values + _carried_change(stage, spin, joints)
-    left_out = size * evidence.left_out.spin[1]
-    rounding = size * evidence.rounding.spin[1]
-    half = evidence.on.half
-    for stage in stages(craft):
-        slope = series.slope(_majorant(evidence.majorants, stage))
-        left_out = left_out + _FACTOR * slope[DEGREE + 1] / half**2
-        rounding = rounding + _error(evidence, stage)[1] / half**2
-    return values, left_out, rounding
+    spin, joints, half = evidence.samples.spin, evidence.samples.joints, evidence.on.half
+    values = [np.einsum("ij,jnm->inm", inertia, spin[order]) for order in range(2)]
+    left_out = [size * evidence.left_out.spin[order] for order in range(2)]
+    rounding = [size * evidence.rounding.spin[order] for order in range(2)]
+    for stage, own in zip(stages(craft), _majorants(evidence.majorants, craft), strict=True):
+        error, series_of = _error(evidence, stage), (own, series.slope(own))
+        for order, carried in enumerate(_carried_and_change(stage, spin, joints)):
+            values[order] = values[order] + carried
+            unit = half ** (order + 1)
+            left_out[order] = left_out[order] + _FACTOR * series_of[order][DEGREE + 1] / unit
+            rounding[order] = rounding[order] + error[order] / unit
+    first, second = zip(values, left_out, rounding, strict=True)
+    return first, second
 
 
 def at_starts(samples: Samples, first: np.ndarray, craft: Spacecraft) -> np.ndarray:
@@ -149,8 +151,7 @@ def at_starts(samples: Samples, first: np.ndarray, craft: Spacecraft) -> np.ndar
 def majorant(majorants: Majorants, craft: Spacecraft) -> np.ndarray:
     """Majorant (orders, n) of the momentum ``L`` times the half widths, N m s^2."""
     found = fixed(craft)[1] * majorants.spin
-    for stage in stages(craft):
-        own = _majorant(majorants, stage)
+    for own in _majorants(majorants, craft):
         found = found[: len(own)] + own
     return found
 
@@ -165,8 +166,7 @@ def excess(craft: Spacecraft, least: tuple[float, float], on: Intervals, majoran
         majorants: of the motion on them.
     """
     found, half = np.zeros(len(on.half)), on.half
-    for stage in stages(craft):
-        own = _majorant(majorants, stage)
+    for own in _majorants(majorants, craft):
         crossed = series.product("n,n->n", majorants.spin, own)[DEGREE + 1]
         torque = series.slope(own)[DEGREE + 1] + crossed
         for limit, left_out in zip(least, (own[DEGREE + 1] / half, torque / half**2), strict=True):
@@ -203,8 +203,8 @@ def _carried(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> np.ndarray:
     return _times_inertia(stage, at, spin[0] + _rate(stage, at, joints, 1))
 
 
-def _carried_change(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """The torque (3, n, m) N m that a stage adds to the derivative ``L'``, at samples of a motion."""
+def _carried_and_change(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What `_carried` gives, and the torque (3, n, m) N m that it adds to the derivative ``L'``."""
     at = _turned(stage, joints[0])
     rate, driven = _rate(stage, at, joints, 1), spin[1] + _rate(stage, at, joints, 2)
     if stage.pitch is not None:  # the pitch axis is opposite to the left, which yaws
@@ -212,7 +212,7 @@ def _carried_change(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> np.nd
         driven = driven + joints[1, stage.yaw] * joints[1, stage.pitch] * across
     driven = driven + np.cross(spin[0], rate, axis=0)
     momentum = _times_inertia(stage, at, spin[0] + rate)
-    return np.cross(rate, momentum, axis=0) + _times_inertia(stage, at, driven)
+    return momentum, np.cross(rate, momentum, axis=0) + _times_inertia(stage, at, driven)
 
 
 def _angles(majorants: Majorants, stage: Stage) -> tuple[np.ndarray, np.ndarray]:
@@ -221,6 +221,19 @@ def _angles(majorants: Majorants, stage: Stage) -> tuple[np.ndarray, np.ndarray]
     pitch = np.zeros_like(yaw) if stage.pitch is None else majorants.joints[:, stage.pitch].copy()
     yaw[0] = pitch[0] = 0
     return yaw, pitch
+
+
+def _majorants(majorants: Majorants, craft: Spacecraft) -> list[np.ndarray]:
+    """`_majorant` of every stage, made once for all quantities."""
+    return _once(majorants, "_of_stages", craft, lambda: [_majorant(majorants, own) for own in stages(craft)])
+
+
+def _once(owner: object, name: str, craft: Spacecraft, make: Callable[[], T]) -> T:
+    """What follows from an owner that does not change and a spacecraft: made once, and kept in the owner."""
+    known: dict[str, tuple[Spacecraft, T]] = vars(owner)
+    if name not in known or known[name][0] is not craft:
+        known[name] = craft, make()
+    return known[name][1]
 
 
 def _majorant(majorants: Majorants, stage: Stage) -> np.ndarray:

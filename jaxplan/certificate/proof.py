@@ -280,7 +280,7 @@ def negligible(spacecraft: Spacecraft, several: Sequence[Bindings]) -> Errors:
         spacecraft: of all trajectories.
         several: the bindings of each, which number the last axis.
     """
-    heaviest = 1.0 if spacecraft.inertia is None else np.linalg.norm(spacecraft.inertia, 2)
+    heaviest = 1.0 if spacecraft.inertia is None else np.linalg.norm(inertia.matrix(spacecraft.inertia), 2)
     spin, joints, attitude = np.full(3, np.inf), [[np.zeros(0)] for _ in range(3)], None
     if spacecraft.wheels:
         needed = wheels.negligible(spacecraft)

@@ -179,9 +179,9 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
     """
     given = {limit.quantity.name: limit.bound for limit in limits(craft)}
     xp, rate, acceleration = arrays(given["angular_velocity"], given["angular_acceleration"])
-    if craft.inertia is not None:
+    if (inertia := craft.whole_inertia) is not None:
         xp, light, rate, acceleration = arrays(np.eye(3), rate, acceleration)
-        light = xp.abs(array_module(craft.inertia).linalg.inv(craft.inertia))
+        light = xp.abs(array_module(inertia).linalg.inv(inertia))
         for name, power in (("wheel_momentum", 1), ("torque", 2)):
             if name in given and power == 1:
                 rate = xp.minimum(rate, light @ given[name])
@@ -189,7 +189,7 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
                 acceleration = xp.minimum(acceleration, light @ given[name])
     norms, planes = [longest(craft, 1), longest(craft, 2)], [[np.inf] * 3] * 2
     if craft.wheels:
-        own = WheelSpeeds.of(craft, 0.0, craft.inertia)
+        own = WheelSpeeds.of(craft, 0.0, craft.whole_inertia)
         xp, rate, acceleration, by_momentum, by_torque = arrays(
             rate, acceleration, own.rate, own.acceleration(0.0)
         )

@@ -136,14 +136,14 @@ class Terminal:
         "yaw_inertia_kg_m2",
         "of what yaws and does not pitch, in its axes boresight, left, yaw axis at zero angles",
         "[-1e12, 1e12]",
-        kind="stage inertia",
+        kind="inertia",
     )
     pitch_inertia: np.ndarray | None = keyed(
         None,
         "pitch_inertia_kg_m2",
         "of what yaws and pitches, in the same axes",
         "[-1e12, 1e12]",
-        kind="stage inertia",
+        kind="inertia",
     )
 
     field_of_view: np.ndarray | None = keyed(
@@ -248,7 +248,7 @@ class Drive:
         "inertia_kg_m2",
         "of what turns, in its axes boresight (its part across the axis), left, axis at zero angle",
         "[-1e12, 1e12]",
-        kind="stage inertia",
+        kind="inertia",
     )
 
     @property

@@ -424,7 +424,7 @@ def _total(craft: Spacecraft, ends: _Ends) -> AnyArray:
         return length(
             craft.wheel_array.stored if resting else craft.wheel_array.stored + ends.momenta(craft)[0]
         )
-    xp, inertia, stored = arrays(craft.inertia, craft.wheel_array.stored)
+    xp, inertia, stored = arrays(craft.whole_inertia, craft.wheel_array.stored)
     return length(stored if ends.spins is None else stored + inertia @ xp.asarray(ends.spins[0]))
 
 

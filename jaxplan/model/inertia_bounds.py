@@ -51,7 +51,7 @@ def inertia_bounds(craft: Spacecraft) -> InertiaBounds:
     """The bounds of a spacecraft with an inertia, within the limits of its joints."""
     stages = craft.stages
     if stages is None:
-        return InertiaBounds(craft.inertia, craft.inertia, craft.inertia)
+        return InertiaBounds(craft.whole_inertia, craft.whole_inertia, craft.whole_inertia)
     xp, fixed, inertias, rates, accelerations = arrays(
         craft.fixed_inertia, stages.inertias, craft.joint_rate_limits, craft.joint_acceleration_limits
     )

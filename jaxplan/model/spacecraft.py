@@ -16,7 +16,7 @@ from jaxplan.geometry.vectors import AnyArray, arrays
 from jaxplan.model.devices import Drive, Instrument, Terminal
 from jaxplan.model.gimbals import Gimbals, angles_toward, stacked
 from jaxplan.model.keys import key, keyed
-from jaxplan.model.stages import Stages, stages_of
+from jaxplan.model.stages import Stages, matrix_of, stages_of
 from jaxplan.model.wheels import ALLOCATIONS, PSEUDO_INVERSE, Wheel, WheelArray, wheel_array
 from jaxplan.runtime.arguments import expect_numbers
 from jaxplan.runtime.display import shown
@@ -54,7 +54,8 @@ class Spacecraft:
         acceleration_limit: of its angular acceleration, rad/s^2.
         acceleration_norm_limit: of the length of that, rad/s^2; None for no bound.
         jerk_limit: of its second derivative, rad/s^3; None for no bound.
-        inertia: (3, 3) kg m^2 in body axes, of the whole with wheels locked and joints at zero; None where
+        inertia: (3, 3) kg m^2 in body axes, or its three moments about them (3,), of the whole with wheels
+            locked and joints at zero, as it is given (`whole_inertia` is always the matrix); None where
             torque does not matter.
         torque_limit: of the torque ``J omega' + omega x J omega``, which thrusters give, N m; None for no
             bound. Stages of terminals and drives that have an inertia add to it.
@@ -87,7 +88,9 @@ class Spacecraft:
     jerk_limit: EachAxis | None = keyed(
         None, "jerk_limit_deg_s3", "of the platform, per body axis", "[1e-12, 1e12]", kind="per axis"
     )
-    inertia: np.ndarray | None = keyed(None, "inertia_kg_m2", "in body axes", "[-1e12, 1e12]", kind="inertia")
+    inertia: np.ndarray | None = keyed(
+        None, "inertia_kg_m2", "in body axes, or three moments about them", "[-1e12, 1e12]", kind="inertia"
+    )
     torque_limit: EachAxis | None = keyed(
         None, "torque_limit_nm", "per body axis; needs the inertia", "[1e-12, 1e12]", kind="per axis"
     )
@@ -176,11 +179,17 @@ class Spacecraft:
 
     @property
     @made_once
+    def whole_inertia(self) -> np.ndarray | None:
+        """(3, 3) kg m^2 in body axes, `inertia` as a matrix; None where none is given."""
+        return None if self.inertia is None else matrix_of(self.inertia)
+
+    @property
+    @made_once
     def fixed_inertia(self) -> np.ndarray | None:
         """(3, 3) kg m^2 in body axes, of what joints do not turn; None where no inertia is given."""
         if self.stages is None or self.inertia is None:
-            return self.inertia
-        _, whole, moving = arrays(self.inertia, self.stages.at_zero)
+            return self.whole_inertia
+        _, whole, moving = arrays(self.whole_inertia, self.stages.at_zero)
         return whole - moving
 
     @property

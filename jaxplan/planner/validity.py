@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxplan.model.breaches import ROUNDING, constraint_breaches
 from jaxplan.model.hidden import after_hidden
+from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.scenario import Scenario, known_until, target_paths
 from jaxplan.model.wheels import MINIMAX, row_names
 
@@ -105,7 +106,7 @@ def start_breaches(scenario: Scenario) -> tuple[str, ...]:
     """Everything that the scenario's start breaks, a phrase each, wheels that hold too much among them."""
     start = scenario.start
     state = start.attitude, start.joints, start.angular_velocity, start.joint_rates
-    return (*breaches(scenario, *state), *_overfull(scenario))
+    return (*breaches(scenario, *state), *_overfull(scenario), *_too_quick(scenario))
 
 
 def _overfull(scenario: Scenario) -> Iterator[str]:
@@ -125,14 +126,46 @@ def _overfull(scenario: Scenario) -> Iterator[str]:
         broken = broken[[np.argmax(shares[broken])]]
     names = row_names(craft.wheels, craft.allocation)
     for row in broken:
-        most = f"{array.momentum[row]:.6g} N m s at most"
-        if scenario.robust is not None and scenario.robust.momentum_reserve:
-            reserve = scenario.robust.momentum_reserve
-            limit = array.momentum[row] / (1 - reserve / 100)
-            kept = f"[robust] momentum_reserve_percent = {reserve:g} leaves of {limit:.6g} N m s"
-            most = f"{most}, which {kept}; without it that is enough"
         owner = f"the {names[row]}" if envelope else f'wheel "{names[row]}"'
+        most = _most(scenario, float(array.momentum[row]), float(stored[row]))
         yield f"{owner} stores {stored[row]:.6g} N m s at the start, of {most}"
+
+
+def _too_quick(scenario: Scenario) -> Iterator[str]:
+    """Yield a phrase for each body axis about which a start in motion has more momentum than wheels may hold.
+
+    They are those of `wheel_momentum_limit`, which hold what the body and its stages carry.
+    """
+    craft, start = scenario.usable, scenario.start
+    if craft.wheel_momentum_limit is None or craft.inertia is None:
+        return
+    motion = Kinematics(
+        spin=[np.asarray(start.angular_velocity)],
+        joints=[np.asarray(start.joints), np.asarray(start.joint_rates)],
+        inertia=craft.fixed_inertia,
+        stages=craft.stages,
+    )
+    limits = np.broadcast_to(np.asarray(craft.wheel_momentum_limit, float), 3)
+    for axis, held, limit in zip("xyz", np.asarray(motion.momentum).tolist(), limits.tolist(), strict=True):
+        if not abs(held) <= limit * (1 + ROUNDING):
+            most = _most(scenario, limit, held)
+            yield (
+                f"at its rates the wheels hold {held:.6g} N m s about body {axis} at the start, of "
+                f"wheel_momentum_limit_nms = {most}"
+            )
+
+
+def _most(scenario: Scenario, limit: float, held: float) -> str:
+    """Words for a limit of momentum that a plan may use, N m s, with what is kept back of the whole one."""
+    most = f"{limit:.6g} N m s at most"
+    if scenario.robust is None or not scenario.robust.momentum_reserve:
+        return most
+    reserve = scenario.robust.momentum_reserve
+    whole = limit / (1 - reserve / 100)
+    enough = "; without it that is enough" if abs(held) <= whole * (1 + ROUNDING) else ""
+    return (
+        f"{most}, which [robust] momentum_reserve_percent = {reserve:g} leaves of {whole:.6g} N m s{enough}"
+    )
 
 
 def hidden_targets(scenario: Scenario, time: float) -> tuple[str, ...]:

@@ -129,7 +129,8 @@ def _entries(plan: Plan) -> Entries:
     drawn += [(Line2D([], [], color=GREY, **_NODE), "node of the path")] if plan.path is not None else []
     drawn.append((Line2D([], [], color=GREY, **_START), "start"))
     drawn += [(Line2D([], [], color=GREY, **_END), "goal")] if plan.goal is not None else []
-    drawn += band_entry() if plan.trajectory and plan.scenario.robust is not None else []
+    error = 0.0 if plan.scenario.robust is None else float(plan.scenario.robust.joint_error)
+    drawn += band_entry(error) if plan.trajectory and error > 0 else []
     return [*drawn, (Patch(**_MASK), "mask"), (Patch(**_RANGE), "range")]
 
 

@@ -125,7 +125,14 @@ def barrier(side: int) -> Look:
 
 
 def limit_lines(
-    axes: Axes, ends: np.ndarray, styles: Sequence[Look], highest: float, *, far: float
+    axes: Axes,
+    ends: np.ndarray,
+    styles: Sequence[Look],
+    highest: float,
+    *,
+    far: float,
+    name: str = "limit",
+    look: Look | None = None,
 ) -> Entries:
     """Draw least and largest values as lines, or write those far from the curves above the panel.
 
@@ -137,6 +144,8 @@ def limit_lines(
         highest: largest magnitude of the curves.
         far: a limit beyond this multiple of `highest` is written, since the curves would shrink to a line.
             Where nearly nothing moves every limit is drawn, or the panel would show rounding errors.
+        name: what to call the limit.
+        look: of its lines in place of a `barrier`.
 
     Returns:
         Entry for a legend; none where no limit is drawn.
@@ -150,13 +159,13 @@ def limit_lines(
                 continue
             owners = np.flatnonzero(np.isclose(values, value, rtol=0, atol=1e-8))
             colour = styles[owners[0]]["color"] if several and len(owners) == 1 else GREY
-            axes.axhline(value, color=colour, zorder=1.5, **barrier(side))
+            axes.axhline(value, color=colour, zorder=1.5, **(barrier(side) if look is None else look))
             drawn = True
     if told:
-        words = f"limit{'s' * (len(told) > 1)} {', '.join(f'±{value:.3g}' for value in sorted(told))}"
+        words = f"{name}{'s' * (len(told) > 1)} {', '.join(f'±{value:.3g}' for value in sorted(told))}"
         place: Look = {"xy": (1, 1), "xycoords": "axes fraction", "xytext": (0, 2), "ha": "right"}
         axes.annotate(words, textcoords="offset points", va="bottom", color=GREY, fontsize=SMALL, **place)
-    return [(Line2D([], [], color=GREY, **barrier(1)), "limit")] if drawn else []
+    return [(Line2D([], [], color=GREY, **(barrier(1) if look is None else look)), name)] if drawn else []
 
 
 def both_sides(limits: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.limits import QUANTITIES, Quantity, timed_limits
+from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheel_shares import wheel_loads
 from jaxplan.planner import Plan
@@ -50,6 +51,8 @@ BODY = ("body x", "body y", "body z")
 AXIS_ENTRIES: Entries = [
     (Line2D([], [], linewidth=1.6, **look), name) for look, name in zip(AXIS_STYLES, BODY, strict=True)
 ]
+_LESS = "limit less\nthe reserve"  # what `[robust]` leaves of a limit, which is then drawn dashed beyond it
+_WHOLE: Look = {"linewidth": 1, "linestyle": (0, (5, 3))}
 _NODE: Look = {"marker": ".", "linestyle": "none"}
 # Quantities of the platform's rate, acceleration and jerk.
 SPIN = sorted(
@@ -69,6 +72,7 @@ class Panel(NamedTuple):
         styles: of the curves.
         nodes: (c, m) at the path's nodes, or none.
         error: in SI units, of the tube about each curve; zero for none.
+        whole: (c, 2) as `limits`, of which these are what a reserve leaves; None without one.
     """
 
     quantity: Quantity
@@ -78,6 +82,7 @@ class Panel(NamedTuple):
     styles: Sequence[Look]
     nodes: np.ndarray | None = None
     error: float = 0.0
+    whole: np.ndarray | None = None
 
     def draw(self, axes: Axes, moves: Motion) -> Entries:
         """Draw the panel; returns legend entries for limits, if there are any."""
@@ -91,7 +96,13 @@ class Panel(NamedTuple):
                 draw_band(axes, moves.times, values, error, style["color"])
         highest = float(np.max(np.abs(shown), initial=0.0))
         far = _FAR if self.quantity.power else np.inf
-        entries = limit_lines(axes, self.quantity.in_unit(self.limits), self.styles, highest, far=far)
+        ends = self.quantity.in_unit(self.limits)
+        whole = ends if self.whole is None else self.quantity.in_unit(self.whole)
+        reserved = not np.array_equal(whole, ends)
+        name = _LESS if reserved else "limit"
+        entries = limit_lines(axes, ends, self.styles, highest, far=far, name=name)
+        if reserved and entries:  # else it is farther still
+            entries += limit_lines(axes, whole, self.styles, highest, far=far, look=_WHOLE)
         for values, style in zip(() if self.nodes is None else self.nodes, self.styles, strict=False):
             dots = self.quantity.in_unit(values)
             axes.plot(moves.node_times, dots, color=style["color"], markersize=4.5, **_NODE)
@@ -138,20 +149,32 @@ def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -
 
     Of wheels there is a curve for each.
     """
-    given = quantity.given(craft)
+    ends = _ends(craft, quantity)
+    if quantity.of_wheels:
+        curves = wheel_loads(values, craft)[0 if quantity.power == 2 else 1]
+        styles = [device_style(number) for number in range(len(curves))]
+        return Panel(quantity, quantity.caption, curves, ends, styles)
+    curves, length = quantity.values(values), _limited_length(craft, quantity)
+    if length is None:
+        return Panel(quantity, quantity.caption, curves, ends, AXIS_STYLES)
+    curves = np.concatenate([curves, length.values(values)])
+    return Panel(quantity, quantity.caption, curves, ends, (*AXIS_STYLES, LENGTH_STYLE))
+
+
+def _load_panel(scenario: Scenario, values: Kinematics, quantity: Quantity) -> Panel:
+    """The panel of a load of the platform or its wheels, with the limit that a plan keeps and the whole."""
+    whole = _ends(scenario.spacecraft, quantity)
+    return _platform_panel(scenario.usable, values, quantity)._replace(whole=whole)
+
+
+def _ends(craft: Spacecraft, quantity: Quantity) -> np.ndarray:
+    """Least and largest values (c, 2) of the curves of `_platform_panel`, in SI units."""
     if quantity.of_wheels:
         by_time = quantity.power == 2
-        curves = wheel_loads(values, craft)[0 if by_time else 1]
-        each = np.array([wheel.torque if by_time else wheel.momentum for wheel in craft.wheels])
-        styles = [device_style(number) for number in range(len(curves))]
-        return Panel(quantity, quantity.caption, curves, both_sides(each), styles)
-    curves, bounds = quantity.values(values), np.full(3, np.inf if given is None else given)
-    length = _limited_length(craft, quantity)
-    if length is None:
-        return Panel(quantity, quantity.caption, curves, both_sides(bounds), AXIS_STYLES)
-    curves = np.concatenate([curves, length.values(values)])
-    bounds = np.append(bounds, length.given(craft))
-    return Panel(quantity, quantity.caption, curves, both_sides(bounds), (*AXIS_STYLES, LENGTH_STYLE))
+        return both_sides(np.array([one.torque if by_time else one.momentum for one in craft.wheels]))
+    given, length = quantity.given(craft), _limited_length(craft, quantity)
+    bounds = np.full(3, np.inf if given is None else given)
+    return both_sides(bounds if length is None else np.append(bounds, length.given(craft)))
 
 
 def _limited_length(craft: Spacecraft, quantity: Quantity) -> Quantity | None:
@@ -219,7 +242,8 @@ def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
         owners += [(Line2D([], [], color=GREY, **_NODE), "node of the path")]
     if plan.scenario.robust is not None:
         error = float(plan.scenario.robust.joint_error)
-        shown, owners = [panel._replace(error=error) for panel in shown], [*owners, *band_entry()]
+        shown = [panel._replace(error=error) for panel in shown]
+        owners += band_entry(error) if error > 0 else []
     return _figure(plan, ax, [(owners, shown)], moves, legend)
 
 
@@ -276,7 +300,8 @@ def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]
 def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     """Draw torque, angular momentum and jerk of the platform over time, and what wheels give and hold.
 
-    Limits of torque are drawn without what the plan keeps back of them.
+    Where a plan keeps something back of the limits of torque and momentum (`Scenario.robust`), what is left
+    is drawn as "limit less the reserve", and the whole limit dashed beyond it.
 
     Args:
         plan: with a trajectory.
@@ -306,7 +331,7 @@ def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     total = None if plan.trajectory is None else total_momentum(plan.trajectory, craft)
     values = moves.values.kinematics(craft, total)
     own, of_wheels = (
-        [_platform_panel(craft, values, quantity) for quantity in shown if quantity.of_wheels == wheels]
+        [_load_panel(plan.scenario, values, quantity) for quantity in shown if quantity.of_wheels == wheels]
         for wheels in (False, True)
     )
     entries = device_entries([wheel.name for wheel in craft.wheels]) if of_wheels else []
@@ -343,7 +368,7 @@ def draw_wheel_momenta(axes: Axes, plan: Plan, moves: Motion) -> Entries:
     total = None if plan.trajectory is None else total_momentum(plan.trajectory, craft)
     values = moves.values.kinematics(craft, total)
     (held,) = (quantity for quantity in QUANTITIES if quantity.of_wheels and quantity.power == 1)
-    panel = _platform_panel(craft, values, held)
+    panel = _load_panel(plan.scenario, values, held)
     return [*device_entries([wheel.name for wheel in craft.wheels]), *panel.draw(axes, moves)]
 
 

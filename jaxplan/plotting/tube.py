@@ -40,7 +40,16 @@ def draw_tubes(axes: Axes, projection: Projection, scenario: Scenario, tracks: n
     for device, radius in enumerate(found):
         for line in edges(tracks[:, device], radius) if radius > 0 else ():
             draw_line(axes, projection, line, {"color": device_style(device)["color"], **_EDGE})
-    return [(Line2D([], [], color=GREY, **_EDGE), NAME)] if np.any(found > 0) else []
+    return [(Line2D([], [], color=GREY, **_EDGE), told(found))] if np.any(found > 0) else []
+
+
+def told(radii: np.ndarray | float) -> str:
+    """The tube's name with its radius, rad, or the least and the largest of several (D,).
+
+    At the size of a figure a tube of a tenth of a degree cannot be told from its track.
+    """
+    least, largest = (f"{np.rad2deg(own):.3g}" for own in (np.min(radii), np.max(radii)))
+    return f"{NAME},\n\N{PLUS-MINUS SIGN}{least if least == largest else f'{least} to {largest}'} deg"
 
 
 def edges(track: np.ndarray, radius: float) -> Iterator[np.ndarray]:
@@ -69,6 +78,6 @@ def draw_squares(axes: Axes, points: np.ndarray, error: float, colour: str) -> N
     axes.add_collection(PatchCollection(squares, facecolor=[pale], edgecolor="none", zorder=1.4))
 
 
-def band_entry() -> Entries:
-    """The legend entry of a band."""
-    return [(Patch(facecolor=GREY, alpha=_BAND, linewidth=0), NAME)]
+def band_entry(error: float) -> Entries:
+    """The legend entry of a band of an error, rad."""
+    return [(Patch(facecolor=GREY, alpha=_BAND, linewidth=0), told(error))]

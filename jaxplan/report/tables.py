@@ -109,8 +109,8 @@ def _platform(craft: Spacecraft) -> list[tuple[str, str]]:
         for limit in limits(craft)
         if not (limit.quantity.of_joints or limit.quantity.of_wheels)
     ]
-    if craft.inertia is not None:
-        rows.append(("Moments of inertia", f"{_list(np.diagonal(craft.inertia), 4)} kg m\N{SUPERSCRIPT TWO}"))
+    if (inertia := craft.whole_inertia) is not None:
+        rows.append(("Moments of inertia", f"{_list(np.diagonal(inertia), 4)} kg m\N{SUPERSCRIPT TWO}"))
     return rows
 
 

@@ -143,7 +143,10 @@ def _check_wheels(craft: Any, place: Place) -> None:
     check_unique(placed(wheels, here))
     axes = [wheel.axis for wheel in wheels if wheel is not WRONG]
     if len(wheels) < 3:
-        here.fault(f"{len(wheels)} of them, must be three or more, so that they turn the body about any axis")
+        here.fault(
+            f"{len(wheels)} of them, must be three or more, so that they turn the body about any axis: about "
+            "one that they miss, torque would have to be exactly zero at every instant, which is not proved"
+        )
     elif len(axes) == len(wheels) and not any(axis is WRONG for axis in axes):
         sizes = np.linalg.svd(np.array(axes), compute_uv=False)
         if not sizes[-1] >= FLAT:
@@ -198,7 +201,7 @@ def _check_stages(craft: Any, place: Place) -> None:
     if any(device is WRONG or any(own is WRONG for own in vars(device).values()) for device in devices):
         return  # it is told what is wrong, and how they are mounted may not be known
     left = np.linalg.eigvalsh(craft.fixed_inertia)
-    rounding = _LEFT * np.linalg.norm(craft.inertia, 2)
+    rounding = _LEFT * np.linalg.norm(craft.whole_inertia, 2)
     names = ", ".join(there.path for there, _ in given)
     whole = "is of the whole spacecraft with joints at zero, so"
     if not left[0] > rounding:

@@ -21,7 +21,7 @@ from jaxplan.schema.arrays import (
     units,
     within_a_turn,
 )
-from jaxplan.schema.inertias import Moments, inertia
+from jaxplan.schema.inertias import Moments
 from jaxplan.schema.kinds import ByName, Epoch, FromZero, Interval, Kind, Name, Names, Number, Text
 from jaxplan.schema.tables import Table, table
 
@@ -50,16 +50,7 @@ KINDS: dict[Any, Any] = {
     "joint rates": each_joint(ANGLE, zero=True),
     "per axis": _of_number(PerAxis),
     "range": _of_number(lambda each: Array((2,), each, noun="2 numbers, least and largest", rule=range_of)),
-    "inertia": _of_number(
-        lambda each: Array(
-            (3, 3),
-            each,
-            noun="3 rows of 3 numbers",
-            hint="; np.diag makes them of principal moments",
-            rule=inertia,
-        )
-    ),
-    "stage inertia": _of_number(Moments),
+    "inertia": _of_number(Moments),
     "device": Name("device"),
     "terminal": Name("terminal"),
     "gimbal": Name("gimbal"),

@@ -1,4 +1,4 @@
-"""Kinds of moments of inertia: a matrix in body axes, or one, or three moments, in a device's axes."""
+"""Moments of inertia: a matrix, or three moments, about body axes or a device's own."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,15 +7,16 @@ import numpy as np
 
 from jaxplan.runtime.arguments import as_floats
 from jaxplan.schema.arrays import Array, shown_value
-from jaxplan.schema.faults import WRONG, Place
+from jaxplan.schema.faults import Place
 from jaxplan.schema.kinds import Kind, Number
 
 NO_BODY = "no principal moment above the sum of the other two, as no body has"
 """What inertias are refused for that no distribution of mass has."""
 
 
-def inertia(matrix: np.ndarray, value: Any, place: Place) -> Any:
-    """Check that a matrix (3, 3) is a moment of inertia that a body can have; a `Rule`."""
+def _inertia(array: np.ndarray, value: Any, place: Place) -> Any:
+    """Check that a matrix, or the moments about its axes, are an inertia that a body can have; a `Rule`."""
+    matrix = array if array.ndim == 2 else np.diag(array)
     scaled = matrix / (np.max(np.abs(matrix)) or 1)  # so that the thresholds below are relative
     small, middle, large = np.linalg.eigvalsh((scaled + scaled.T) / 2)
     if np.max(np.abs(scaled - scaled.T)) > 1e-9:
@@ -27,8 +28,8 @@ def inertia(matrix: np.ndarray, value: Any, place: Place) -> Any:
     elif large > (small + middle) * (1 + 1e-9):
         complaint = f"must have {NO_BODY}"
     else:
-        return matrix
-    return place.fault(complaint, shown_value(matrix, value, place))
+        return array
+    return place.fault(complaint, shown_value(array, value, place))
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Moments(Kind):
             size = f", not of {len(rows)}" if isinstance(value, list | tuple) else ""
             return place.refuse(f"must be an array of {self.wanted}{size}", value)
         nested = sum(isinstance(row, list | tuple) or np.ndim(row) > 0 for row in rows) > 1
-        return Array((3, 3) if nested else (3,), self.of, noun=self._noun(nested), rule=_moments).read(
+        return Array((3, 3) if nested else (3,), self.of, noun=self._noun(nested), rule=_inertia).read(
             value, place
         )
 
@@ -69,9 +70,3 @@ class Moments(Kind):
     def _noun(self, nested: bool) -> str:
         """What the numbers are, for messages."""
         return "3 rows of 3 numbers" if nested else "3 numbers"
-
-
-def _moments(array: np.ndarray, value: Any, place: Place) -> Any:
-    """Check a matrix, or the moments about its axes, as `inertia` does; a `Rule`."""
-    matrix = array if array.ndim == 2 else np.diag(array)
-    return WRONG if inertia(matrix, value, place) is WRONG else array

@@ -393,7 +393,7 @@ def total_momentum(trajectory: Trajectory, craft: Spacecraft) -> AnyArray | None
     first = Piece(**{each.name: getattr(pieces, each.name)[0] for each in fields(Piece)})
     attitude, velocity, *_ = platform(first, first.start)
     if craft.stages is None:
-        _, inertia, velocity, stored = arrays(craft.inertia, velocity, array.stored)
+        _, inertia, velocity, stored = arrays(craft.whole_inertia, velocity, array.stored)
         return attitude @ (inertia @ velocity + stored)
     begin, end = trajectory.joint_breaks[:2]
     joints = polynomial(trajectory.joint_coefficients[0], begin, end, begin)

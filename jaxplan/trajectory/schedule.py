@@ -107,7 +107,7 @@ def edge_times(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
     # In a second every edge is gone along at a steady pace, which is to be slowed to the limits. Wheels count
     # as if they held nothing at the start: what they hold then fills them more on one edge, less on another.
     # Of stages it counts neither how they are turned nor what they carry.
-    steady = Kinematics(spin=[turns.T], joints=[0 * moves.T, moves.T], inertia=craft.inertia)
+    steady = Kinematics(spin=[turns.T], joints=[0 * moves.T, moves.T], inertia=craft.whole_inertia)
     if craft.wheel_array is not None:
         empty = craft.wheel_array
         empty = empty._replace(apart=0 * empty.apart)
@@ -135,7 +135,7 @@ def turn_time(turn: np.ndarray, craft: Spacecraft) -> float:
     # likewise in a second, now at a steady acceleration from rest
     begun = Kinematics(
         spin=[np.zeros((3, 1)), turn[:, None], np.zeros((3, 1))],
-        inertia=craft.inertia,
+        inertia=craft.whole_inertia,
         total=np.zeros((3, 1)),
         array=craft.wheel_array,
     )
@@ -157,7 +157,7 @@ def axis_bounds(craft: Spacecraft, power: int) -> AnyArray:
     bounds = [limit.bound for limit in limits(craft)]
     xp = array_module(craft.inertia, *bounds)
     platform, joints = xp.full(3, np.inf), xp.full(len(craft.joint_names), np.inf)
-    heaviest = 1.0 if craft.inertia is None else xp.linalg.norm(xp.asarray(craft.inertia), 2)
+    heaviest = 1.0 if craft.inertia is None else xp.linalg.norm(xp.asarray(craft.whole_inertia), 2)
     for limit, bound in zip(limits(craft), bounds, strict=True):
         quantity = limit.quantity
         if quantity.power != power or (quantity.by_inertia and power == 1):

@@ -32,6 +32,7 @@ _DURATION_HESSIAN = 12.0  # in the logarithm of the duration: without constraint
 _BOLD_HESSIAN = 3.0  # the same where the duration alone is lowered, and not the energy
 _OVERLOOKED = 1e-3  # of a row's tolerance: a step that breaks it by less is not computed again with it
 _BOLDLY_OVERLOOKED = 3e-2  # the same where the duration alone is lowered, and the end is less precise
+_ROUGHLY_BROKEN = 5e-4  # of a limit, or rad; by less a curve is still the beginning of another search
 _SETTLED = 1e-4  # of the merit: a smaller change between steps ends the search, as `ftol` does
 _FTOL = 1e-3  # of the energy: the least decrease for which another step is made
 _DAMPING = 8.0  # factor by which damping grows after a failed step, and falls after a good one
@@ -256,7 +257,7 @@ class SQPState:
         self.failed = np.where(better, 0, self.failed + 1)
         dearest = self.penalty_updates == _PENALTY_UPDATES
         done = better & (self.at.duration <= self.target_duration)
-        done |= close & (self.at.is_sound | dearest)
+        done |= close & (self.at.is_sound | dearest | self._kept_roughly)
         if not self._free_time:
             done |= little & self.at.is_sound  # before the step and after it
             hopeless = self.stack.members[0].problem.at_speed & (self.at.violations[:, LIMIT] > _HOPELESS)
@@ -264,6 +265,14 @@ class SQPState:
             self._stop(done, better & self.at.is_sound)
         self._increase_penalty(close & ~done)
         return done
+
+    @property
+    def _kept_roughly(self) -> np.ndarray:
+        """(G,) whether only the duration is looked for, and constraints are broken by next to nothing.
+
+        Such a curve is the beginning of another search, which mends that.
+        """
+        return (self.pull == 0) & np.all(self.at.violations <= _ROUGHLY_BROKEN, axis=1)
 
     def _stop(self, done: np.ndarray, asked: np.ndarray) -> None:
         """Set `done`, in place, where `asked` is true and the next program promises too small a decrease."""

@@ -68,6 +68,26 @@ def test_slopes_of_the_shortest_duration_are_differences(plan):
 
 
 @pytest.mark.slow
+def test_slopes_of_the_effort_by_what_is_kept_back_are_differences():
+    """In a time not much longer than the shortest, so that wheels bind in torque and in momentum."""
+    scenario = replace(with_wheels(scarce(4, seed=5), duration="minimum"), robust=ROBUST)
+    shortest = jp.plan(scenario, progress=False).trajectory.duration
+    plan = jp.plan(timed(scenario, 1.25 * shortest), progress=False)
+    held = jp.hold(plan)
+    value = quick_jit(lambda own, held: jp.measures.effort(jp.replan(held, own)))
+    slope = quick_jit(jax.grad(lambda own, held: jp.measures.effort(jp.replan(held, own)), allow_int=True))
+    with jax.enable_x64(True):
+        own = jax.tree.map(np.asarray, plan.scenario)
+        here, slopes = float(value(own, held)), slope(own, held)
+        for name in ("torque_reserve", "momentum_reserve"):
+            ends = [float(value(moved(own, name, side * STEPS[name]), held)) for side in (1, -1)]
+            told, expected = float(getattr(slopes.robust, name)), (ends[0] - ends[1]) / (2 * STEPS[name])
+            assert told == pytest.approx(expected, rel=1e-5, abs=1e-8 * here), name
+            binding = abs(expected) > 1e-4 * here  # a percent more costs effort
+            assert binding or name == "momentum_reserve"
+
+
+@pytest.mark.slow
 def test_slopes_in_a_given_time_are_differences():
     """Among masks, beams and zones of all kinds, on some of which the motion leans."""
     scene = replace(jp.random_scenario(3, "mixed"), robust=ROBUST)

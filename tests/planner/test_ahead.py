@@ -9,6 +9,7 @@ import pytest
 from builders import make_scenario
 
 import jaxplan as jp
+from jaxplan import warming
 from jaxplan.planner import ahead as planner_ahead
 from jaxplan.runtime import jit
 from jaxplan.runtime.ahead import ahead, cores, side_by_side
@@ -16,6 +17,7 @@ from jaxplan.runtime.jit import kernel_count
 
 KINDS = ("keep_out", "keep_in", "hard_keep_out", "hard_keep_in", "held_links")
 DURATIONS = ("stretched", "minimum", 60.0)
+ROBUST = jp.Robust(attitude_error=0.002, joint_error=0.001)
 
 
 @contextmanager
@@ -75,6 +77,22 @@ def test_a_spacecraft_stands_for_scenarios_of_up_to_eight_zones(compilations):
     jp.warm_up(scenario.spacecraft, progress=False)
     with nothing_new(compilations):
         assert jp.plan(timed(scenario, "stretched"), progress=False).ok
+
+
+def test_a_spacecraft_stands_for_scenarios_with_a_tube_too():
+    """A mask of four corners has four more rows there, so three of them need twelve more."""
+    corners = np.deg2rad([[60, 0], [70, -5], [80, 0], [70, 10]])
+    masked = [
+        replace(one, mask=tuple(corners + np.deg2rad([shift, 0]) for shift in (0, 8)))
+        for one in make_scenario(1).spacecraft.terminals
+    ]
+    craft = replace(make_scenario(1).spacecraft, terminals=tuple(masked))
+    found = warming._quiet(craft)
+    shapes = [one.constraints.bound.shape for one in found]
+    for own in found[:2]:
+        assert replace(own, robust=ROBUST).constraints.bound.shape in shapes
+    assert len(set(shapes)) > 1
+    assert len(warming._quiet(make_scenario(1).spacecraft)) == 2  # without masks tables are the same
 
 
 @pytest.mark.parametrize(

@@ -87,3 +87,38 @@ def test_a_start_that_turns_too_fast_about_an_axis_or_in_all_is_told():
     assert told(1.9, 2.0, -1.1) == ("the platform's rate about z is 1.1 deg/s, its limit 1 deg/s",)
     (length,) = told(-1.9, 2.9, 0.0)
     assert length == "the length of the platform's rate is 3.467 deg/s, its limit 3.2 deg/s"
+
+
+def test_a_start_that_turns_with_more_momentum_than_wheels_may_hold_is_told():
+    """About each body axis, with the reserve, and with what joints carry that turn then."""
+    scenario = make_scenario(1)
+    start = replace(scenario.start, angular_velocity=np.array([0.02, 0.0, -0.03]))
+    moments = np.array([20.0, 25.0, 30.0])
+    craft = replace(scenario.spacecraft, rate_limit=0.1, inertia=moments, wheel_momentum_limit=1.0)
+
+    def told(craft, **changes):
+        return start_breaches(replace(scenario, **{"spacecraft": craft, "start": start} | changes))
+
+    assert told(craft) == ()
+    (phrase,) = told(replace(craft, wheel_momentum_limit=np.array([0.5, 0.5, 0.8])))
+    most = "wheel_momentum_limit_nms = 0.8 N m s at most"
+    assert phrase == f"at its rates the wheels hold -0.9 N m s about body z at the start, of {most}"
+    kept = jp.Robust(momentum_reserve=15.0)
+    plan = jp.plan(replace(scenario, spacecraft=craft, start=start, robust=kept), throw=False, progress=False)
+    assert plan.status is jp.Status.INVALID_START
+    for words in (
+        "-0.9 N m s about body z at the start, of wheel_momentum_limit_nms = 0.85 N m s at most, which",
+        "[robust] momentum_reserve_percent = 15 leaves of 1 N m s; without it that is enough",
+    ):
+        assert words in plan.message, plan.message
+    (phrase,) = told(replace(craft, wheel_momentum_limit=0.8), robust=kept)
+    assert phrase.endswith(
+        "= 0.68 N m s at most, which [robust] momentum_reserve_percent = 15 leaves of 0.8 N m s"
+    )
+    (terminal,) = craft.terminals
+    rates = np.array([0.05, 0.0])  # about z
+    stage = replace(craft, terminals=(replace(terminal, yaw_inertia=np.array([1.0, 1.0, 1.5])),))
+    turning = replace(start, joint_rates=rates)
+    assert told(stage, start=turning) == ()  # -0.9 + 1.5 * 0.05
+    (phrase,) = told(replace(stage, wheel_momentum_limit=0.82), start=turning)
+    assert "-0.825 N m s about body z" in phrase

@@ -249,9 +249,13 @@ SCENARIOS = {
     ),
     "a limit in words": (craft(torque_limit="much"), "spacecraft.torque_limit = 'much': must be a number"),
     "torque alone": (craft(torque_limit=1.0), "torque_limit = 1.0 N m: needs spacecraft.inertia"),
-    "three moments": (
-        craft(inertia=[1, 2, 2.5]),
-        "inertia = [1, 2, 2.5]: must be an array of 3 rows of 3 numbers; np.diag",
+    "two moments": (
+        craft(inertia=[1, 2]),
+        "inertia = [1, 2]: must be an array of 3 moments, or 3 rows of 3 numbers, not of 2",
+    ),
+    "moments that no body has": (
+        craft(inertia=[1, 2, 3.5]),
+        "inertia = [1.0, 2.0, 3.5]: must have no principal moment above the sum",
     ),
     "a negative limit": (
         craft(rate_limit=-0.1),

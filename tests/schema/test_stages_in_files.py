@@ -47,6 +47,21 @@ def test_inertias_are_read_and_written_back(tmp_path):
     assert sc.scenario_from_dict(sc.scenario_to_dict(harmless)).spacecraft.stages is not None
 
 
+def test_the_whole_inertia_may_be_three_moments_and_is_written_back_so(tmp_path):
+    three = [40.0, 45.0, 50.0]
+    own = sc.scenario_from_dict(tables(three, yaw_inertia_kg_m2=MOMENTS))
+    np.testing.assert_array_equal(own.spacecraft.inertia, three)
+    matrix = sc.scenario_from_dict(tables(np.diag(three), yaw_inertia_kg_m2=MOMENTS))
+    for craft in (own.spacecraft, matrix.spacecraft):
+        np.testing.assert_array_equal(craft.whole_inertia, np.diag(three))
+    np.testing.assert_array_equal(own.spacecraft.fixed_inertia, matrix.spacecraft.fixed_inertia)
+    for scenario, kept in ((own, three), (matrix, np.diag(three).tolist())):
+        jp.save_scenario(scenario, tmp_path / "own.toml")
+        found = jp.load_scenario(tmp_path / "own.toml")
+        assert found.spacecraft.inertia.tolist() == kept
+        assert sc.scenario_to_dict(found)["spacecraft"]["inertia_kg_m2"] == kept
+
+
 YAW = "spacecraft.terminal[0].yaw_inertia_kg_m2"
 REFUSED = {
     "without the whole": (

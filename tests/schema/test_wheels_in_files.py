@@ -57,7 +57,11 @@ REFUSED = {
         "its momentum_nms for what they hold together, and by stored_nms one has 87.5 %: they hold momentum "
         'against each other, which is for "pseudo_inverse" to count; or give them stored_nms 1, 0, 0, 0',
     ),
-    "two": (tables(FOUR[:2]), "spacecraft.wheel: 2 of them, must be three or more"),
+    "two": (
+        tables(FOUR[:2]),
+        "spacecraft.wheel: 2 of them, must be three or more, so that they turn the body about any axis: "
+        "about one that they miss, torque would have to be exactly zero at every instant, which is not",
+    ),
     "in a plane": (
         tables([FOUR[1], FOUR[2], FOUR[3]]),
         "spacecraft.wheel: their axes must not lie in one plane",

@@ -284,6 +284,20 @@ def test_numbers_without_a_certified_plan_are_never_the_answer():
         assert str(result).splitlines()[3].split()[-1] == f"{result.objective:.6g}"
 
 
+def test_what_is_kept_back_of_the_torque_is_tuned_as_its_scaling_says():
+    """Of a motion that is stretched to its torque the time is one over the root of what is left of that."""
+    reserve = "robust.torque_reserve_percent"
+    craft = replace(SMALL.spacecraft, inertia=np.array([2000.0, 2500.0, 3000.0]), torque_limit=0.5)
+    scenario = replace(SMALL, spacecraft=craft, robust=jp.Robust(torque_reserve=20.0))
+    scenario = replace(scenario, trajectory=replace(scenario.trajectory, duration="stretched"))
+    result = jp.tune(scenario, "duration", over={reserve: (5.0, 40.0)}, steps=3, progress=False)
+    assert result.plans[0].ok
+    found = result.numbers[reserve]
+    assert 5.0 < found < 19.0
+    assert result.scenario.robust.torque_reserve == pytest.approx(found)
+    assert result.objective == pytest.approx(result.before * np.sqrt(0.8 / (1 - found / 100)), rel=1e-6)
+
+
 DURATION = "trajectory.duration_s"
 
 
