@@ -75,7 +75,7 @@ class Following:
     @property
     def name(self) -> str:
         """Name of the target where its path has one, else nothing."""
-        return min({span.target for span in self.path.hidden} - {"target"}, default="")
+        return self.path.target
 
 
 def followings(plan: TimelinePlan) -> list[Following]:
