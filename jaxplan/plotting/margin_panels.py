@@ -24,6 +24,7 @@ from jaxplan.plotting.style import (
     KEEP_OUT,
     SMALL,
     TEXT,
+    WIDTH,
     Canvas,
     Entries,
     Labels,
@@ -50,7 +51,7 @@ _TICKS = [
     *(sign * value for value in _DEGREES if value <= 180 for sign in (-1, 1)),
 ]  # nearest to zero first
 _MINOR = 0.2  # least distance of ticks without a label, in widths of a label, lest they run together
-SIZE = (9.0, 4.2)  # inches
+SIZE = (WIDTH, 4.2)  # inches
 _PROVED: Look = {"marker": "^", "color": "black", "markersize": 7, "linestyle": "none"}
 # Offsets of a name's centre from the lowest point of its curve, in halves of the name's size, the best first.
 _OFFSETS = np.array(

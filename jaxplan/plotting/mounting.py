@@ -34,6 +34,7 @@ from jaxplan.plotting.style import (
     KEEP_OUT,
     SMALL,
     TEXT,
+    WIDTH,
     Canvas,
     Entries,
     Labels,
@@ -45,7 +46,7 @@ from jaxplan.plotting.style import (
 )
 from jaxplan.runtime.arguments import expect, expect_numbers
 
-SIZE = (9.0, 6.4)  # inches
+SIZE = (WIDTH, 5.7)  # inches
 _BODY, _DOME, _AXIS, _LOOK, _FIELD = 0.55, 0.38, 0.52, 0.62, 0.54
 """Lengths in the picture: half edge of the platform; from the foot of a device the radius of what it reaches,
 its axis, its boresight, and its field of view."""

@@ -6,11 +6,12 @@ when the target of the activity that is under way, or comes next, is hidden; aft
 the last. Activities that could not be planned have a row, in which they are outlined in red over the time in
 which they were allowed, each after the one before it.
 
-A name stands in its bar or, where it does not fit, beside it, and in a crowd turned by 90 deg.
+A name stands in its bar or, where it does not fit, beside it, and in a crowd turned by 90 deg; then not all
+bars are named, and those in a row that follow the same target are named together.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -29,14 +30,15 @@ Span = tuple[float, float]
 _BAR = 0.74  # of a row: height of bars
 _LETTER = 0.56  # width of a letter in units of its size
 _ROOM = 3.0  # points that a bar is longer than the name in it
-_TURNED, _SIZE = 6.0, 7.0  # points: size of names turned by 90 deg, and of upright ones
+_TURNED, _SIZE = 8.0, 8.6  # points: size of names turned by 90 deg, and of upright ones
 _ENOUGH = 0.75  # of the names that have room where they are turned: so many make them upright
-_TALLEST = 60.0  # points of a name for which rows are made higher
+_TALLEST = 80.0  # points of a name for which rows are made higher
+_NEAR = 0.02  # of the day: bars of one target that are not farther apart are named together
 _NARROW = 0.006  # of the day: shorter bars have no white edge
 _PALE = 0.35  # opacity of bars before a window opens
 _NOT_PLANNED = "not planned"
 _KINDS: dict[str, str] = {"track": "0.35", "point": "0.35", "attitude": "0.55", "idle": "0.75"}
-_HIDDEN: Look = {"facecolor": "none", "edgecolor": "0.6", "hatch": "/////", "linewidth": 0.0}
+_HIDDEN: Look = {"facecolor": "none", "edgecolor": "0.72", "hatch": "////", "linewidth": 0.0}
 _FAILED: Look = {"facecolor": to_rgba(KEEP_OUT, 0.10), "edgecolor": KEEP_OUT, "linewidth": 1.0}
 _SLEW: Look = {"facecolor": "0.92", "edgecolor": "0.84", "linewidth": 0.5, "zorder": 0.7}
 _POINT: Look = {"marker": "D", "markersize": 5.5, "linestyle": "none", "markeredgewidth": 0.6}
@@ -251,9 +253,28 @@ def write_names(axes: Axes, plan: TimelinePlan, end: float, size: tuple[float, f
     bars = list(_bars(plan, end))
     for row in {bar.row for bar in bars}:
         own = sorted((bar for bar in bars if bar.row == row), key=lambda bar: bar.start)
+        if row:
+            own = list(_together(own, _NEAR * end))
         upright, turned = (list(_placed(own, width, height, end, turned)) for turned in (False, True))
         for place in upright if len(upright) >= _ENOUGH * len(turned) else turned:
             _write(axes, place)
+
+
+def _together(bars: Sequence[_Bar], near: float) -> Iterator[_Bar]:
+    """Yield bars of a row, by time, as one where they have the same name and are within `near`, s."""
+    before: _Bar | None = None
+    pale: _Bar | None = None  # the part before a bar's window, which does not part two of the same name
+    for bar in bars:
+        if bar.waiting:
+            pale = bar
+            continue
+        if before is not None and bar.name == before.name and bar.start - before.end <= near:
+            before = replace(before, end=bar.end)
+        else:
+            yield from (one for one in (before, pale) if one is not None)
+            before = bar
+        pale = None
+    yield from (one for one in (before, pale) if one is not None)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -276,7 +297,7 @@ def _placed(bars: Sequence[_Bar], width: float, height: float, end: float, turne
         end: s, of the panel.
         turned: whether names are turned by 90 deg.
     """
-    taken = 0.0  # s, until when the row is
+    taken = written = 0.0  # s, until when the row is, and until when its names are
     for number, bar in enumerate(bars):
         length = len(bar.name) * _LETTER * (_TURNED if turned else _SIZE)
         needed = _TURNED if turned else length + _ROOM
@@ -286,17 +307,28 @@ def _placed(bars: Sequence[_Bar], width: float, height: float, end: float, turne
         after = bars[number + 1].start if number + 1 < len(bars) else end
         gap = _ROOM / 2 / width
         place: tuple[float, str] | None = None
+        middle = (bar.start + bar.end) / 2
         if needed <= (bar.end - bar.start) * width:
-            place = (bar.start + bar.end) / 2, "center"
+            place = middle, "center"
         elif needed <= (after - bar.end) * width:
             place = bar.end + gap, "left"
         elif needed <= (bar.start - taken) * width:
             place = bar.start - gap, "right"
+        elif turned and _amid(bars[max(number - 1, 0) : number + 2], middle, needed / width, written):
+            place = middle, "center"
         taken = bar.end
         if place is not None:
+            written = middle + needed / width / 2
             yield _Place(bar=bar, time=place[0], side=place[1], turned=turned)
             if place[1] == "left":
                 taken += needed / width
+
+
+def _amid(bars: Sequence[_Bar], middle: float, length: float, written: float) -> bool:
+    """Whether a name of a length, s, fits upon a bar and its neighbours, if they look the same."""
+    first, last = middle - length / 2, middle + length / 2
+    same = all(bar.look == bars[0].look for bar in bars)
+    return same and first >= max(written, bars[0].start) and last <= bars[-1].end
 
 
 def _write(axes: Axes, place: _Place) -> None:

@@ -12,6 +12,7 @@ can show it: in a notebook it appears below its cell, with a window system after
 can be shown (the backends that only write files) it is a plain figure, which nobody has to close; save it
 with ``axes.figure.savefig(...)``.
 
+All figures of a page's width are `WIDTH` wide, so that text in them is as large as that of the page.
 A name stands at the first of some places where it covers no other name, and the fewest points of curves.
 
 Arguments that cannot be drawn raise an error that names them.
@@ -61,7 +62,9 @@ AXIS_STYLES: tuple[Look, ...] = (  # of the body axes; no device has these colou
 )
 LENGTH_STYLE: Look = {"color": "#8C510A", "linestyle": LINE_STYLES[2]}  # of a vector, beside its components
 GREY = "0.35"
-TEXT, SMALL = 9, 7.5  # points
+WIDTH = 8.0
+"""Inches of a figure's width. Pages show it at some 700 pixels, where `SMALL` is 8 points."""
+TEXT, SMALL = 9.5, 8.8  # points
 HALO: Look = {  # of a name at a place
     "ha": "center",
     "va": "center",

@@ -25,6 +25,7 @@ from jaxplan.plotting.style import (
     GREY,
     LENGTH_STYLE,
     TEXT,
+    WIDTH,
     Canvas,
     Entries,
     Look,
@@ -361,4 +362,4 @@ def labelled(words: str, quantity: Quantity) -> str:
 
 def size(count: int) -> tuple[float, float]:
     """Width and height in inches of a figure of so many panels."""
-    return 9.0, 0.8 + 1.9 * count
+    return WIDTH, 0.8 + 1.75 * count

@@ -75,7 +75,7 @@ class Given:
 
 
 def _make_given(parts: dict[str, Any], place: Place) -> Given:
-    """Make a path by name of what was read; what is there is called so, too, unless the file calls it else."""
+    """Make a path by name of what was read; what is there is called so, too, unless the file says else."""
     name, called = parts.pop("name"), parts.pop("called", "")
     if not called and name is not WRONG and not _NUMBERED.fullmatch(name):
         called = name

@@ -34,6 +34,7 @@ from jaxplan.sky.sights import (
     direction_rates,
     directions,
     drift,
+    local_axes,
     positions,
     velocities,
 )
@@ -59,6 +60,7 @@ __all__ = [
     "drift",
     "hidden",
     "keep_out",
+    "local_axes",
     "occulter",
     "parse_tle",
     "path",

@@ -148,10 +148,10 @@ def test_what_is_followed_for_a_short_while_has_a_dot_of_its_largest_error():
     [
         (
             np.datetime64("2026-06-20T23:55:00"),
-            ["23:55", "23:56", "23:57", "23:58", "23:59", "00:00\n2026-06-21", "00:01"],
+            ["23:56", "23:58", "00:00\n2026-06-21", "00:02", "00:04", "00:06"],
             "UTC (h:min) from 2026-06-20 on",
         ),
-        (None, ["00:00", "00:01", "00:02"], "time from the start (h:min)"),
+        (None, ["00:00", "00:02", "00:04"], "time from the start (h:min)"),
     ],
 )
 def test_the_axis_of_time_is_in_utc_where_there_is_an_epoch(epoch, labels, axis):
@@ -160,14 +160,16 @@ def test_the_axis_of_time_is_in_utc_where_there_is_an_epoch(epoch, labels, axis)
     form = axes.xaxis.get_major_formatter()
     assert [form(tick) for tick in ticks][: len(labels)] == labels
     assert axes.get_xlabel() == axis
-    assert (ticks[0], ticks[-1]) == (0.0, END)
+    assert len(ticks) < 10
+    assert ticks[0] >= 0
+    assert ticks[-1] <= END
 
 
 def test_an_epoch_between_minutes_has_ticks_at_whole_ones():
     axes = jp.plot.timeline(day(epoch=np.datetime64("2026-06-20T09:30:40.5")))[-1]
     ticks, form = axes.get_xticks(), axes.xaxis.get_major_formatter()
-    assert ticks[0] == pytest.approx(19.5)
-    assert form(ticks[0]) == "09:31"
+    assert ticks[0] == pytest.approx(79.5)
+    assert form(ticks[0]) == "09:32"
 
 
 def test_names_are_shown_letter_by_letter_and_only_where_they_fit():
