@@ -32,6 +32,7 @@ _LETTER = 0.56  # width of a letter in units of its size
 _ROOM = 3.0  # points that a bar is longer than the name in it
 _TURNED, _SIZE = 8.0, 8.6  # points: size of names turned by 90 deg, and of upright ones
 _ENOUGH = 0.75  # of the names that have room where they are turned: so many make them upright
+_LOOSE = 1.12  # by which rows are higher than their names need, as the layout takes some of them
 _TALLEST = 80.0  # points of a name for which rows are made higher
 _NEAR = 0.02  # of the day: bars of one target that are not farther apart are named together
 _NARROW = 0.006  # of the day: shorter bars have no white edge
@@ -250,11 +251,7 @@ def write_names(axes: Axes, plan: TimelinePlan, end: float, size: tuple[float, f
     """
     low, high = sorted(axes.get_ylim())
     width, height = size[0] / end, size[1] / (high - low) * _BAR
-    bars = list(_bars(plan, end))
-    for row in {bar.row for bar in bars}:
-        own = sorted((bar for bar in bars if bar.row == row), key=lambda bar: bar.start)
-        if row:
-            own = list(_together(own, _NEAR * end))
+    for own in _rows_of_bars(plan, end):
         upright, turned = (list(_placed(own, width, height, end, turned)) for turned in (False, True))
         for place in upright if len(upright) >= _ENOUGH * len(turned) else turned:
             _write(axes, place)
@@ -353,16 +350,26 @@ def _write(axes: Axes, place: _Place) -> None:
 
 
 def row_height(plan: TimelinePlan, width: float, end: float) -> float:
-    """Points that a row needs, so that names of activities that only fit where they are turned have room.
+    """Points that a row needs, so that names that only fit where they are turned have room.
 
     Args:
         plan: of the timeline.
         width: points, of the panel.
         end: s, of the panel.
     """
-    bars = sorted((bar for bar in _bars(plan, end) if bar.row == 0), key=lambda bar: bar.start)
-    fitting = len(list(_placed(bars, width / max(end, 1e-9), np.inf, end, turned=False)))
-    if fitting >= _ENOUGH * len(bars):
-        return 0.0
-    longest = max(len(bar.name) for bar in bars) * _LETTER * _TURNED
-    return (longest + _ROOM) / _BAR if longest <= _TALLEST else 0.0
+    needed = 0.0
+    for bars in _rows_of_bars(plan, end):
+        fitting = len(list(_placed(bars, width / max(end, 1e-9), np.inf, end, turned=False)))
+        named = [bar for bar in bars if bar.name]
+        if named and fitting < _ENOUGH * len(named):
+            longest = max(len(bar.name) for bar in named) * _LETTER * _TURNED
+            needed = max(needed, longest if longest <= _TALLEST else 0.0)
+    return _LOOSE * (needed + _ROOM) / _BAR if needed else 0.0
+
+
+def _rows_of_bars(plan: TimelinePlan, end: float) -> Iterator[list[_Bar]]:
+    """Yield the bars of each row by time, in rows of devices those that follow one target together as one."""
+    bars = list(_bars(plan, end))
+    for row in sorted({bar.row for bar in bars}):
+        own = sorted((bar for bar in bars if bar.row == row), key=lambda bar: bar.start)
+        yield list(_together(own, _NEAR * end)) if row else own

@@ -150,7 +150,7 @@ def _parts(plan: Plan, certificate: Certificate | None, pictures: dict[str, Mark
 
     craft = plan.scenario.spacecraft
     parts = [
-        section("manoeuvre", "The manoeuvre", *shown("globe", "sphere")),
+        section("manoeuvre", "The manoeuvre", *shown("globe", "sphere", *ALONG_ORBIT)),
         section(
             "scenario",
             "Scenario",
