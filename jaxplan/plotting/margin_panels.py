@@ -34,6 +34,7 @@ from jaxplan.plotting.style import (
     curve,
     device_entries,
     device_style,
+    expect_plan,
     legend_beside,
     motion,
     note,
@@ -41,6 +42,7 @@ from jaxplan.plotting.style import (
     plain,
     plain_numbers,
     time_axis,
+    titled,
 )
 from jaxplan.trajectory.zone_margins import ZoneMargins
 
@@ -155,6 +157,7 @@ def margins(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
     devices, others = draw(axes, plan, moves)
     time_axis([axes], moves)
     if legend:
+        titled(axes, expect_plan(plan), "margins")
         legend_beside(axes, [*devices, *others])
     return axes
 

@@ -22,7 +22,7 @@ from matplotlib.patches import Patch
 
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.timeline import Activity
-from jaxplan.plotting.style import GREY, HALO, KEEP_OUT, Entries, Look, device_style, name_lines, plain
+from jaxplan.plotting.style import GREY, HALO, KEEP_OUT, SMALL, Entries, Look, device_style, name_lines, plain
 from jaxplan.timeline.record import PlannedActivity, TimelinePlan
 
 Span = tuple[float, float]
@@ -251,10 +251,18 @@ def write_names(axes: Axes, plan: TimelinePlan, end: float, size: tuple[float, f
     """
     low, high = sorted(axes.get_ylim())
     width, height = size[0] / end, size[1] / (high - low) * _BAR
+    left_out = False
     for own in _rows_of_bars(plan, end):
         upright, turned = (list(_placed(own, width, height, end, turned)) for turned in (False, True))
-        for place in upright if len(upright) >= _ENOUGH * len(turned) else turned:
+        places = upright if len(upright) >= _ENOUGH * len(turned) else turned
+        for place in places:
             _write(axes, place)
+        left_out |= len(places) < sum(bool(bar.name) for bar in own)
+    if left_out:
+        words = "not all bars have room for their names"
+        look: Look = {"fontsize": SMALL, "color": GREY, "ha": "right", "va": "top"}
+        below: Look = {"xycoords": "axes fraction", "xytext": (0, -4), "textcoords": "offset points"}
+        plain(axes.annotate(words, (1, 0), **below, **look))
 
 
 def _together(bars: Sequence[_Bar], near: float) -> Iterator[_Bar]:

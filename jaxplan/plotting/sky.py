@@ -60,6 +60,7 @@ from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
 
 SPHERE_SIZE, GLOBE_SIZE = (WIDTH, 4.1), (WIDTH, 6.0)  # inches
+_ROWS = 24  # entries of a legend that is not higher than the map
 # The square is open, and the star fits into it, so that both show where a device does not move.
 _START: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgewidth": 0.5}
 _END: Look = {
@@ -245,7 +246,7 @@ def _draw_plan(
     ends = draw_ends(axes, plan, projection, frame)
     entries += [*ends, *_draw_fields(axes, plan, projection, frame), *tubes]
     if legend:
-        legend_beside(axes, [*entries, *zone_entries(scenario, frame)])
+        legend_beside(axes, [*entries, *zone_entries(scenario, frame)], rows=_ROWS)
 
 
 def _draw_fields(axes: Axes, plan: Plan, projection: Projection, frame: Inertial) -> Entries:

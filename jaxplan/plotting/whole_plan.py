@@ -25,7 +25,7 @@ from jaxplan.plotting.mounting import spacecraft
 from jaxplan.plotting.orbital import attitude, attitude_size
 from jaxplan.plotting.sky import GLOBE_SIZE, SPHERE_SIZE, globe, sphere
 from jaxplan.plotting.spectrum import spectrum
-from jaxplan.plotting.style import WIDTH, expect_plan, legend_beside, motion, new_figure, time_axis
+from jaxplan.plotting.style import TEXT, WIDTH, expect_plan, legend_beside, motion, new_figure, time_axis
 from jaxplan.plotting.time_panels import (
     accelerations,
     angles,
@@ -42,7 +42,7 @@ from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
 from jaxplan.trajectory.spectrum import expect_frequencies
 
-_SPHERE, _ROW = 4.2, 1.35  # inches of an overview: heights of the sphere and of each panel below
+_SPHERE, _ROW = 4.1, 1.6  # inches of an overview: heights of the sphere and of each panel below
 FIGURE_NAMES = (
     "timeline",
     "overview",
@@ -92,6 +92,7 @@ def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
         angles(plan, ax=joints, legend=False)
     named, lines = margin_panels.draw(others[0], plan, moves)
     further = [entry for entry in named if entry[1] not in craft.device_names]  # the sphere names devices
+    others[0].set_ylabel("margin to\nzones (deg)", fontsize=TEXT)
     legend_beside(others[0], [*further, *lines])
     legend_beside(others[1], draw_platform_rate(others[1], moves, craft))
     time_axis(below, moves)
