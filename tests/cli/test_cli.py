@@ -104,7 +104,7 @@ def test_what_figures_call_proved_is_not_what_a_file_claims(planned, monkeypatch
     claims["min_margin"] = 1.0
     file.write_text(json.dumps(content))
     drawn = []
-    monkeypatch.setattr(plans, "draw", lambda plan, folder, _: drawn.append(plan))
+    monkeypatch.setattr(plans, "draw", lambda plan, *_: drawn.append(plan))
     assert main(["plot", str(file)]) == 0
     assert drawn[0].certificate.min_margin == pytest.approx(told, abs=1e-12)
 
