@@ -50,7 +50,14 @@ if TYPE_CHECKING:
     from jaxplan.report import report_html
     from jaxplan.runtime.cache import compilation_cache
     from jaxplan.scheduling import SlewTimes, load_slew_times, slew_times
-    from jaxplan.schema import ScenarioError, load_scenario, load_timeline, save_scenario, save_timeline
+    from jaxplan.schema import (
+        ScenarioError,
+        load_observer,
+        load_scenario,
+        load_timeline,
+        save_scenario,
+        save_timeline,
+    )
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.tables import AttitudeTable, TableCertificate, certify_table, load_attitude
     from jaxplan.timeline import TimelineError, TimelinePlan, load_timeline_plan, plan_timeline
@@ -116,6 +123,7 @@ _HOMES = {
     "link_switch": "jaxplan.constellation",
     "load_attitude": "jaxplan.tables",
     "load_fleet": "jaxplan.constellation",
+    "load_observer": "jaxplan.schema",
     "load_plan": "jaxplan.planner",
     "load_scenario": "jaxplan.schema",
     "load_slew_times": "jaxplan.scheduling",
@@ -201,6 +209,7 @@ __all__ = [
     "link_switch",
     "load_attitude",
     "load_fleet",
+    "load_observer",
     "load_plan",
     "load_scenario",
     "load_slew_times",

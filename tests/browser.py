@@ -31,16 +31,19 @@ def read_back(found: list[dict]) -> tuple[np.ndarray, np.ndarray]:
     return np.swapaxes(platform, -1, -2)[..., :3, :3], np.swapaxes(devices, -1, -2)[..., :3, :3]
 
 
-def opened(page: str, folder: Path, script: str) -> dict:
+def opened(page: str, folder: Path, script: str, *, later: bool = False) -> dict:
     """What a script finds in a page that a browser opens from a file without a network, with its errors.
 
-    The script is a function that returns something for JSON at once.
+    The script is a function that returns something for JSON at once; it runs at the end of the page or,
+    later, two seconds after everything in it was loaded.
     """
     ask = (
-        "<pre id='answer'></pre><script>document.getElementById('answer').textContent = "
-        f"JSON.stringify({{ found: ({script})(), wrong: window.wrong }});</script>"
+        "<pre id='answer'></pre><script>const ask = () => {"
+        "document.getElementById('answer').textContent = "
+        f"JSON.stringify({{ found: ({script})(), wrong: window.wrong }}); }};"
+        f"{'addEventListener(`load`, () => setTimeout(ask, 2000))' if later else 'ask()'};</script>"
     )
-    run = _run(page, folder, ask, "--dump-dom")
+    run = _run(page, folder, ask, "--dump-dom", *(["--virtual-time-budget=6000"] if later else []))
     answer = re.search(r"<pre id=\"answer\">(.*?)</pre>", run.stdout, re.DOTALL)
     assert answer, run.stdout[-500:]
     return json.loads(answer[1].replace("&amp;", "&").replace("&lt;", "<")) | {"console": _consoled(run)}

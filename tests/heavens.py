@@ -55,12 +55,17 @@ def on_the_ground(utc: str, latitude: float, longitude: float) -> np.ndarray:
     fixed = normal * np.array(
         [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), 0.99330562 * np.sin(lat)]
     )
+    return earth_to_j2000(utc) @ fixed
+
+
+def earth_to_j2000(utc: str) -> np.ndarray:
+    """From the axes that are fixed to the Earth to J2000; UT1 is taken as UTC."""
     days = float(
         (np.datetime64(utc, "ns") - np.datetime64("2000-01-01T12:00:00", "ns")) / np.timedelta64(1, "D")
     )
     t = days / 36525
     sidereal = np.deg2rad(280.46061837 + 360.98564736629 * days + 0.000387933 * t**2)  # Meeus, 12.4
-    return teme_to_j2000(utc) @ about(3, -sidereal) @ fixed
+    return teme_to_j2000(utc) @ about(3, -sidereal)
 
 
 def almanac_sun(utc: str) -> np.ndarray:

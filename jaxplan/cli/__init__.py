@@ -300,6 +300,14 @@ def _add_plan_commands(commands: Any) -> None:
             metavar="HZ",
             help="draw the spectrum of the plan's torque with a line there; may be repeated",
         )
+        each.add_argument(
+            "--observer",
+            metavar="SCENE",
+            help=(
+                "a file whose [sky] has the spacecraft's orbit: draw attitude and sphere in the local "
+                "orbital frame, too, and the ground track"
+            ),
+        )
     report.add_argument("-o", "--out", metavar="FILE", help="where to; by default beside the plan, as .html")
     report.add_argument("--force", action="store_true", help="replace a file that is there")
     report.add_argument("--view", action="store_true", help="with the plan in space, to turn and play")

@@ -65,18 +65,19 @@ def save(figure: Any, file: Path) -> None:
     say(f"wrote {file}")
 
 
-def draw(plan: Any, folder: Path, frequencies: Sequence[float] = ()) -> None:
+def draw(plan: Any, folder: Path, frequencies: Sequence[float] = (), observer: Any = None) -> None:
     """Write every figure that a plan has to a folder, and remove those of an earlier plan that it has not.
 
     Args:
         plan: of a scenario or of a timeline.
         folder: there is one.
         frequencies: Hz, of modes; with some, one figure is the spectrum of the torque.
+        observer: the spacecraft's orbit, with which there are figures in its frame and the ground track.
     """
     from jaxplan import plotting
 
     drawn = []
-    for name, figure in plotting.figures(plan, frequencies):
+    for name, figure in plotting.figures(plan, frequencies, observer):
         save(figure, folder / f"{name}.png")
         drawn.append(name)
     for name in sorted(set(plotting.FIGURE_NAMES) - set(drawn)):

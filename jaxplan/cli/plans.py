@@ -39,9 +39,10 @@ from jaxplan.planner.clock import expect_shortest
 from jaxplan.planner.record import report_summary
 from jaxplan.planner.validity import hidden_targets, start_breaches
 from jaxplan.runtime.files import replacing_file
-from jaxplan.schema import ScenarioError, load_scenario
+from jaxplan.schema import ScenarioError, find_observer, load_observer, load_scenario
 from jaxplan.schema.text import template
 from jaxplan.schema.timelines import timeline_template
+from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
 
 _TABLES = (".aem", ".a", ".bc", ".csv")  # suffixes of files that are tables of attitudes and no plans
@@ -192,7 +193,7 @@ def plan(options: argparse.Namespace) -> int:
     if folder is not None:
         planner.save_plan(result, folder / "plan.json")
         say(f"wrote {folder / 'plan.json'}")
-        draw(result, folder)
+        draw(result, folder, observer=find_observer(_file_of(options.scenario)))
     return _code_of(result)
 
 
@@ -249,10 +250,11 @@ def plot(options: argparse.Namespace) -> int:
     if _is_scenario(options.plan) or timelines.is_timeline(options.plan):
         return _plot_spacecraft(options)
     plan = _load_any_plan(options.plan)
+    observer = _observer(options, plan)
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
     if plan.ok:  # what figures call proved is proved anew
         plan = replace(plan, certificate=_certified_anew(plan))
-    draw(plan, folder, options.frequency)
+    draw(plan, folder, options.frequency, observer)
     if plan.certificate is not None and plan.ok and not plan.certificate.certified:
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
     return _code_of(plan)
@@ -267,6 +269,8 @@ def _plot_spacecraft(options: argparse.Namespace) -> int:
             f"--frequency {options.frequency[0]:g}: is for a plan, and {options.plan} is a scenario; make "
             f"out/plan.json of it with: jaxplan plan {shlex.quote(options.plan)} -o out"
         )
+    if options.observer is not None:
+        raise ValueError(f"--observer {options.observer}: is for a plan, and {options.plan} is a scenario")
     of_timeline = timelines.is_timeline(options.plan)
     scene = timelines.load_timeline_file(options.plan).scene if of_timeline else load_scene(options.plan)
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
@@ -279,12 +283,13 @@ def report(options: argparse.Namespace) -> int:
     from jaxplan.report import report_html
 
     plan = _load_any_plan(options.plan)
+    observer = _observer(options, plan)
     path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
     try_folder_of(path)
     if isinstance(plan, TimelinePlan) and plan.ok:  # a page on a single plan makes its certificate by itself
         plan = replace(plan, certificate=plan.certify())
-    frequencies, viewer = options.frequency, options.view
-    say(f"wrote {report_html(plan, path, overwrite=options.force, frequencies=frequencies, viewer=viewer)}")
+    more = {"frequencies": options.frequency, "viewer": options.view, "observer": observer}
+    say(f"wrote {report_html(plan, path, overwrite=options.force, **more)}")
     if plan.ok and not _certified_anew(plan).certified:  # the page says why
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
     return _code_of(plan)
@@ -310,7 +315,6 @@ def export(options: argparse.Namespace) -> int:
     """Write the motion of a plan file as another tool reads it."""
     from jaxplan import exporting
     from jaxplan.model.export_names import ExportNames
-    from jaxplan.schema.reading import load_observer
 
     plan = _load_any_plan(options.plan)
     of_timeline = isinstance(plan, TimelinePlan)
@@ -326,7 +330,7 @@ def export(options: argparse.Namespace) -> int:
             epoch=options.epoch,
             step_s=options.step,
             tolerance_deg=options.tolerance,
-            observer=None if options.observer is None else load_observer(options.observer),
+            observer=None if options.observer is None else load_observer(_file_of(options.observer)),
             names=ExportNames(**{key: value for key, value in given.items() if value is not None}),
             overwrite=options.force,
             **_forgiving(options),
@@ -349,6 +353,21 @@ def _counted(file: Path) -> str:
     except (ValueError, ImportError):  # CZML, or a reader that is not installed
         return ""
     return f"{len(table.times)} rows, {table.numbers} numbers"
+
+
+def _observer(options: argparse.Namespace, plan: Plan | TimelinePlan) -> Satellite | None:
+    """The orbit of the file that ``--observer`` names, for a plan with an epoch; None without that option."""
+    name = options.observer
+    if name is None:
+        return None
+    if plan.scenario.epoch is None:
+        raise ValueError(f"--observer {name}: {options.plan} has no epoch, at which the orbit would be known")
+    return load_observer(_file_of(name))
+
+
+def _file_of(name: str) -> str:
+    """The path of a scenario or timeline file, which may be an example by its name."""
+    return str(case_path(name)) if name in (*CASE_NAMES, *TIMELINE_NAMES) else name
 
 
 def _load_any_plan(name: str) -> Plan | TimelinePlan:

@@ -20,9 +20,10 @@ from jaxplan.model.status import Status
 from jaxplan.model.timeline import Timeline
 from jaxplan.planner.record import report_summary
 from jaxplan.runtime.files import replacing_file
-from jaxplan.schema import load_timeline, save_timeline
+from jaxplan.schema import find_observer, load_timeline, save_timeline
 from jaxplan.schema.text import LARGEST_TIMELINE, parse
 from jaxplan.schema.timelines import KIND
+from jaxplan.sky import Satellite
 from jaxplan.timeline import TimelinePlan, load_timeline_plan
 from jaxplan.timeline.files import is_plan
 from jaxplan.timeline.tables import activities_csv, events_csv, segments_csv
@@ -45,7 +46,7 @@ def timeline(options: argparse.Namespace) -> int:
     print_result(plan.summary() if options.json else plan)
     code = _code_of(plan)
     if folder is not None:
-        _write(plan, folder)
+        _write(plan, folder, find_observer(_file_of(options.timeline)))
         if formats and not plan.ok:
             return complain(f"{options.timeline}: is not exported, since it is not certified", code)
         for name in formats:
@@ -66,7 +67,12 @@ def _expect_exports(asked: Timeline, formats: tuple[str, ...]) -> None:
             raise ValueError(f"--export {name}: needs an epoch: give the timeline epoch_utc, or [sky]")
 
 
-def _write(plan: TimelinePlan, folder: Path) -> None:
+def _file_of(name: str) -> str:
+    """The path of a timeline's file, which may be an example by its name."""
+    return str(case_path(name)) if name in TIMELINE_NAMES else name
+
+
+def _write(plan: TimelinePlan, folder: Path, observer: Satellite | None) -> None:
     """Write timeline, plan, tables and figures to a folder."""
     save_timeline(plan.timeline, folder / TIMELINE)
     plan.save(folder / PLAN)
@@ -75,7 +81,7 @@ def _write(plan: TimelinePlan, folder: Path) -> None:
             fresh.write_text(table(plan), encoding="utf-8")
     for name in (TIMELINE, PLAN, *_TABLES):
         say(f"wrote {folder / name}")
-    draw(plan, folder)
+    draw(plan, folder, observer=observer)
 
 
 def _export(plan: TimelinePlan, folder: Path, name: str) -> None:

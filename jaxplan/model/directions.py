@@ -26,7 +26,7 @@ from jax.typing import ArrayLike
 from jaxplan.geometry import vectors
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, separation
 from jaxplan.model.gimbals import Gimbals
-from jaxplan.model.hidden import Hidden
+from jaxplan.model.hidden import UNNAMED, Hidden
 from jaxplan.model.keys import key, keyed
 from jaxplan.runtime.arguments import floats
 from jaxplan.runtime.display import shown
@@ -50,6 +50,7 @@ class DirectionPath:
         times: (n,) s, rising; a single one of a direction that stands still.
         slopes: (n, 3) 1/s, derivatives of the spline at the samples.
         hidden: when what is there cannot be seen, and so is no target.
+        called: name of what is there, for figures, events and the viewer; empty where it is not known.
     """
 
     samples: np.ndarray = field(
@@ -65,6 +66,9 @@ class DirectionPath:
     )
     slopes: np.ndarray = field(metadata=key("", kind="slopes"))
     hidden: tuple[Hidden, ...] = keyed((), "hidden", "when what is there is hidden, of a target", static=True)
+    called: str = keyed(
+        "", "target", "name of what is there, for figures and events", kind="target name", static=True
+    )
 
     @classmethod
     def through(cls, times: ArrayLike, samples: ArrayLike) -> Self:
@@ -113,6 +117,11 @@ class DirectionPath:
     def moves(self) -> bool:
         """Whether the direction changes with time."""
         return len(self.times) > 1
+
+    @property
+    def target(self) -> str:
+        """Name of what is there: its own, or else that which spans carry when it is hidden; perhaps empty."""
+        return self.called or min({span.target for span in self.hidden} - {UNNAMED}, default="")
 
     def at(self, time: ArrayLike) -> Any:
         """The direction at some times.

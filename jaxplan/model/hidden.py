@@ -10,6 +10,9 @@ from dataclasses import dataclass, field
 from jaxplan.model.keys import key
 from jaxplan.runtime.display import shown
 
+UNNAMED = "target"
+"""What is hidden is called so where nobody gave it a name."""
+
 
 @shown("target", "by", "start s", "end s")
 @dataclass(frozen=True, kw_only=True)

@@ -18,10 +18,12 @@ from jaxplan.plotting.comparison import comparison_figure as comparison_figure
 from jaxplan.plotting.comparison import durations, table4
 from jaxplan.plotting.constellation_figure import constellation
 from jaxplan.plotting.film import animate
+from jaxplan.plotting.ground_track import ground_track
 from jaxplan.plotting.joint_map import joint_map
 from jaxplan.plotting.margin_panels import margins
 from jaxplan.plotting.mounting import spacecraft
 from jaxplan.plotting.mounting import spacecraft_figure as spacecraft_figure
+from jaxplan.plotting.orbital import attitude
 from jaxplan.plotting.side_by_side import compare, segments
 from jaxplan.plotting.sky import globe, sphere
 from jaxplan.plotting.spectrum import spectrum
@@ -40,12 +42,14 @@ __all__ = [
     "accelerations",
     "angles",
     "animate",
+    "attitude",
     "compare",
     "constellation",
     "distribution",
     "durations",
     "figures",
     "globe",
+    "ground_track",
     "joint_map",
     "margins",
     "outcomes",

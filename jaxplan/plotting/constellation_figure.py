@@ -14,6 +14,7 @@ from jaxplan.plotting.style import (
     KEEP_OUT,
     SMALL,
     TEXT,
+    WIDTH,
     Canvas,
     Entries,
     Look,
@@ -25,7 +26,7 @@ from jaxplan.plotting.style import (
 )
 from jaxplan.runtime.arguments import expect_any
 
-_SIZE = (11.5, 5.0)  # inches
+_SIZE = (WIDTH, 3.9)  # inches
 _EARTH: Look = {"facecolor": "#EAF1F6", "edgecolor": "0.6", "linewidth": 0.8}
 _SUN = "#E69F00"
 _LINE: Look = {"color": "black", "linewidth": 1.4}  # of the histogram of `minimum`

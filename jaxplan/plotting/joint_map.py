@@ -24,6 +24,7 @@ from jaxplan.plotting.style import (
     KEEP_OUT,
     SMALL,
     TEXT,
+    WIDTH,
     Canvas,
     Entries,
     Look,
@@ -37,7 +38,7 @@ from jaxplan.plotting.style import (
 )
 from jaxplan.plotting.tube import band_entry, draw_squares
 
-_PANEL = (7.5, 2.6)  # inches: width and height of a terminal's panel
+_PANEL = (WIDTH, 2.6)  # inches: width and height of a terminal's panel
 _MASK: Look = {"facecolor": "#B2182B22", "edgecolor": KEEP_OUT, "linewidth": 1.1, "zorder": 1.6}
 _RANGE: Look = {"fill": False, "edgecolor": GREY, "linewidth": 1.0, "zorder": 1.5}
 _START: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgecolor": "white"}

@@ -24,6 +24,7 @@ from jaxplan.plotting.style import (
     KEEP_OUT,
     SMALL,
     TEXT,
+    WIDTH,
     Canvas,
     Entries,
     Labels,
@@ -33,6 +34,7 @@ from jaxplan.plotting.style import (
     curve,
     device_entries,
     device_style,
+    expect_plan,
     legend_beside,
     motion,
     note,
@@ -40,6 +42,7 @@ from jaxplan.plotting.style import (
     plain,
     plain_numbers,
     time_axis,
+    titled,
 )
 from jaxplan.trajectory.zone_margins import ZoneMargins
 
@@ -50,7 +53,7 @@ _TICKS = [
     *(sign * value for value in _DEGREES if value <= 180 for sign in (-1, 1)),
 ]  # nearest to zero first
 _MINOR = 0.2  # least distance of ticks without a label, in widths of a label, lest they run together
-SIZE = (9.0, 4.2)  # inches
+SIZE = (WIDTH, 4.2)  # inches
 _PROVED: Look = {"marker": "^", "color": "black", "markersize": 7, "linestyle": "none"}
 # Offsets of a name's centre from the lowest point of its curve, in halves of the name's size, the best first.
 _OFFSETS = np.array(
@@ -154,6 +157,7 @@ def margins(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
     devices, others = draw(axes, plan, moves)
     time_axis([axes], moves)
     if legend:
+        titled(axes, expect_plan(plan), "margins")
         legend_beside(axes, [*devices, *others])
     return axes
 

@@ -34,6 +34,7 @@ from jaxplan.plotting.style import (
     KEEP_OUT,
     SMALL,
     TEXT,
+    WIDTH,
     Canvas,
     Entries,
     Labels,
@@ -45,7 +46,7 @@ from jaxplan.plotting.style import (
 )
 from jaxplan.runtime.arguments import expect, expect_numbers
 
-SIZE = (9.0, 6.4)  # inches
+SIZE = (WIDTH, 5.7)  # inches
 _BODY, _DOME, _AXIS, _LOOK, _FIELD = 0.55, 0.38, 0.52, 0.62, 0.54
 """Lengths in the picture: half edge of the platform; from the foot of a device the radius of what it reaches,
 its axis, its boresight, and its field of view."""
@@ -55,7 +56,7 @@ _CELL = np.deg2rad(5.0)  # rad: width of the cells that surfaces are made of
 _STEP = np.deg2rad(2.0)  # rad between points of lines on them, at most
 _REACH, _MASKED, _SIDE = 0.20, 0.45, 0.10  # opacities: of what is reached, of masks, of the platform's faces
 _NARROW = 0.01  # width of the axes that the legend stands beside, in widths of the picture
-_LINES = 36  # lines of text in a column of the legend
+_LINES, _KINDS = 34, 9  # lines of text in a column of the legend, and of those on what lines mean
 _FILLED = 0.84  # share of the axes' width or height that the picture fills
 _LETTER = np.array([0.75, 1.8])  # width of a letter and height of a line, in sizes of the font
 _HEAD = 0.07  # length of an arrow's head, in the picture's units
@@ -72,7 +73,7 @@ def spacecraft(
         joints: (2n + d,) rad, at which boresights are drawn as well, with fields of view there; None for
             zero angles alone.
         ax: 3-D axes, a figure to put them in, or None for a new one.
-        legend: whether to say beside the picture what is drawn, with the ranges.
+        legend: whether to say beside the picture what is drawn, with the ranges unless devices are too many.
 
     Returns:
         The axes, to the right and up in the picture as the mouse turns it.
@@ -328,8 +329,9 @@ class _Picture:
     def entries(self) -> Entries:
         """Legend entries: devices with their ranges, and what the lines are."""
         devices = self.craft.devices
+        crowded = sum(_device_label(device).count("\n") + 1 for device in devices) > _LINES - _KINDS
         found: Entries = [
-            (Line2D([], [], linewidth=2.2, **device_style(number)), _device_label(device))
+            (Line2D([], [], linewidth=2.2, **device_style(number)), _device_label(device, short=crowded))
             for number, device in enumerate(devices)
         ]
         joints = [device for device in devices if not isinstance(device, Instrument)]
@@ -364,8 +366,10 @@ class _Picture:
         return found + [(handle, text) for there, handle, text in kinds if there]
 
 
-def _device_label(device: Terminal | Drive | Instrument) -> str:
-    """Legend text of a device: its name, its ranges and its field of view, deg."""
+def _device_label(device: Terminal | Drive | Instrument, *, short: bool = False) -> str:
+    """Legend text of a device: its name, its ranges and its field of view, deg; if short its name alone."""
+    if short:
+        return device.name
     lines = [device.name]
     if isinstance(device, Terminal):
         yaw, pitch = np.asarray(device.ranges, float)

@@ -120,8 +120,8 @@ class FlatMap:
         gap: deg between a zone and a name beside it.
     """
 
-    letter: ClassVar = np.array([3.0, 5.5])
-    mark: ClassVar = 8.0
+    letter: ClassVar = np.array([4.6, 8.6])
+    mark: ClassVar = 10.0
     gap: ClassVar = 2.0
 
     def project(self, directions: np.ndarray) -> np.ndarray:
@@ -186,12 +186,14 @@ class GlobeView:
 
     Attributes:
         axes: (3, 3) rows right, up and toward the eye, inertial.
+        told: caption of axes that are not inertial.
         letter: radii that a letter of a name is wide and a line of it high.
         mark: radii that a start or a goal takes.
         gap: radii between a zone and a name beside it.
     """
 
     axes: np.ndarray
+    told: str = ""
 
     letter: ClassVar = np.array([0.032, 0.07])
     mark: ClassVar = 0.08
@@ -218,7 +220,7 @@ class GlobeView:
     def words(self) -> str:
         """Caption that says from where the globe is seen."""
         azimuth, elevation = np.rad2deg(azimuth_elevation(self.axes[2]))
-        return f"seen from azimuth {azimuth:.0f}, elevation {elevation:.0f} deg (inertial)"
+        return self.told or f"seen from azimuth {azimuth:.0f}, elevation {elevation:.0f} deg (inertial)"
 
     def project(self, directions: np.ndarray) -> np.ndarray:
         """Points (..., 2) of the picture, radii, of inertial points (..., 3)."""

@@ -6,11 +6,12 @@ when the target of the activity that is under way, or comes next, is hidden; aft
 the last. Activities that could not be planned have a row, in which they are outlined in red over the time in
 which they were allowed, each after the one before it.
 
-A name stands in its bar or, where it does not fit, beside it, and in a crowd turned by 90 deg.
+A name stands in its bar or, where it does not fit, beside it, and in a crowd turned by 90 deg; then not all
+bars are named, and those in a row that follow the same target are named together.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -21,7 +22,7 @@ from matplotlib.patches import Patch
 
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.timeline import Activity
-from jaxplan.plotting.style import GREY, HALO, KEEP_OUT, Entries, Look, device_style, name_lines, plain
+from jaxplan.plotting.style import GREY, HALO, KEEP_OUT, SMALL, Entries, Look, device_style, name_lines, plain
 from jaxplan.timeline.record import PlannedActivity, TimelinePlan
 
 Span = tuple[float, float]
@@ -29,14 +30,16 @@ Span = tuple[float, float]
 _BAR = 0.74  # of a row: height of bars
 _LETTER = 0.56  # width of a letter in units of its size
 _ROOM = 3.0  # points that a bar is longer than the name in it
-_TURNED, _SIZE = 6.0, 7.0  # points: size of names turned by 90 deg, and of upright ones
+_TURNED, _SIZE = 8.0, 8.6  # points: size of names turned by 90 deg, and of upright ones
 _ENOUGH = 0.75  # of the names that have room where they are turned: so many make them upright
-_TALLEST = 60.0  # points of a name for which rows are made higher
+_LOOSE = 1.12  # by which rows are higher than their names need, as the layout takes some of them
+_TALLEST = 80.0  # points of a name for which rows are made higher
+_NEAR = 0.02  # of the day: bars of one target that are not farther apart are named together
 _NARROW = 0.006  # of the day: shorter bars have no white edge
 _PALE = 0.35  # opacity of bars before a window opens
 _NOT_PLANNED = "not planned"
 _KINDS: dict[str, str] = {"track": "0.35", "point": "0.35", "attitude": "0.55", "idle": "0.75"}
-_HIDDEN: Look = {"facecolor": "none", "edgecolor": "0.6", "hatch": "/////", "linewidth": 0.0}
+_HIDDEN: Look = {"facecolor": "none", "edgecolor": "0.72", "hatch": "////", "linewidth": 0.0}
 _FAILED: Look = {"facecolor": to_rgba(KEEP_OUT, 0.10), "edgecolor": KEEP_OUT, "linewidth": 1.0}
 _SLEW: Look = {"facecolor": "0.92", "edgecolor": "0.84", "linewidth": 0.5, "zorder": 0.7}
 _POINT: Look = {"marker": "D", "markersize": 5.5, "linestyle": "none", "markeredgewidth": 0.6}
@@ -75,7 +78,7 @@ class Following:
     @property
     def name(self) -> str:
         """Name of the target where its path has one, else nothing."""
-        return min({span.target for span in self.path.hidden} - {"target"}, default="")
+        return self.path.target
 
 
 def followings(plan: TimelinePlan) -> list[Following]:
@@ -248,12 +251,35 @@ def write_names(axes: Axes, plan: TimelinePlan, end: float, size: tuple[float, f
     """
     low, high = sorted(axes.get_ylim())
     width, height = size[0] / end, size[1] / (high - low) * _BAR
-    bars = list(_bars(plan, end))
-    for row in {bar.row for bar in bars}:
-        own = sorted((bar for bar in bars if bar.row == row), key=lambda bar: bar.start)
+    left_out = False
+    for own in _rows_of_bars(plan, end):
         upright, turned = (list(_placed(own, width, height, end, turned)) for turned in (False, True))
-        for place in upright if len(upright) >= _ENOUGH * len(turned) else turned:
+        places = upright if len(upright) >= _ENOUGH * len(turned) else turned
+        for place in places:
             _write(axes, place)
+        left_out |= len(places) < sum(bool(bar.name) for bar in own)
+    if left_out:
+        words = "not all bars have room for their names"
+        look: Look = {"fontsize": SMALL, "color": GREY, "ha": "right", "va": "top"}
+        below: Look = {"xycoords": "axes fraction", "xytext": (0, -4), "textcoords": "offset points"}
+        plain(axes.annotate(words, (1, 0), **below, **look))
+
+
+def _together(bars: Sequence[_Bar], near: float) -> Iterator[_Bar]:
+    """Yield bars of a row, by time, as one where they have the same name and are within `near`, s."""
+    before: _Bar | None = None
+    pale: _Bar | None = None  # the part before a bar's window, which does not part two of the same name
+    for bar in bars:
+        if bar.waiting:
+            pale = bar
+            continue
+        if before is not None and bar.name == before.name and bar.start - before.end <= near:
+            before = replace(before, end=bar.end)
+        else:
+            yield from (one for one in (before, pale) if one is not None)
+            before = bar
+        pale = None
+    yield from (one for one in (before, pale) if one is not None)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -276,7 +302,7 @@ def _placed(bars: Sequence[_Bar], width: float, height: float, end: float, turne
         end: s, of the panel.
         turned: whether names are turned by 90 deg.
     """
-    taken = 0.0  # s, until when the row is
+    taken = written = 0.0  # s, until when the row is, and until when its names are
     for number, bar in enumerate(bars):
         length = len(bar.name) * _LETTER * (_TURNED if turned else _SIZE)
         needed = _TURNED if turned else length + _ROOM
@@ -286,17 +312,28 @@ def _placed(bars: Sequence[_Bar], width: float, height: float, end: float, turne
         after = bars[number + 1].start if number + 1 < len(bars) else end
         gap = _ROOM / 2 / width
         place: tuple[float, str] | None = None
+        middle = (bar.start + bar.end) / 2
         if needed <= (bar.end - bar.start) * width:
-            place = (bar.start + bar.end) / 2, "center"
+            place = middle, "center"
         elif needed <= (after - bar.end) * width:
             place = bar.end + gap, "left"
         elif needed <= (bar.start - taken) * width:
             place = bar.start - gap, "right"
+        elif turned and _amid(bars[max(number - 1, 0) : number + 2], middle, needed / width, written):
+            place = middle, "center"
         taken = bar.end
         if place is not None:
+            written = middle + needed / width / 2
             yield _Place(bar=bar, time=place[0], side=place[1], turned=turned)
             if place[1] == "left":
                 taken += needed / width
+
+
+def _amid(bars: Sequence[_Bar], middle: float, length: float, written: float) -> bool:
+    """Whether a name of a length, s, fits upon a bar and its neighbours, if they look the same."""
+    first, last = middle - length / 2, middle + length / 2
+    same = all(bar.look == bars[0].look for bar in bars)
+    return same and first >= max(written, bars[0].start) and last <= bars[-1].end
 
 
 def _write(axes: Axes, place: _Place) -> None:
@@ -321,16 +358,26 @@ def _write(axes: Axes, place: _Place) -> None:
 
 
 def row_height(plan: TimelinePlan, width: float, end: float) -> float:
-    """Points that a row needs, so that names of activities that only fit where they are turned have room.
+    """Points that a row needs, so that names that only fit where they are turned have room.
 
     Args:
         plan: of the timeline.
         width: points, of the panel.
         end: s, of the panel.
     """
-    bars = sorted((bar for bar in _bars(plan, end) if bar.row == 0), key=lambda bar: bar.start)
-    fitting = len(list(_placed(bars, width / max(end, 1e-9), np.inf, end, turned=False)))
-    if fitting >= _ENOUGH * len(bars):
-        return 0.0
-    longest = max(len(bar.name) for bar in bars) * _LETTER * _TURNED
-    return (longest + _ROOM) / _BAR if longest <= _TALLEST else 0.0
+    needed = 0.0
+    for bars in _rows_of_bars(plan, end):
+        fitting = len(list(_placed(bars, width / max(end, 1e-9), np.inf, end, turned=False)))
+        named = [bar for bar in bars if bar.name]
+        if named and fitting < _ENOUGH * len(named):
+            longest = max(len(bar.name) for bar in named) * _LETTER * _TURNED
+            needed = max(needed, longest if longest <= _TALLEST else 0.0)
+    return _LOOSE * (needed + _ROOM) / _BAR if needed else 0.0
+
+
+def _rows_of_bars(plan: TimelinePlan, end: float) -> Iterator[list[_Bar]]:
+    """Yield the bars of each row by time, in rows of devices those that follow one target together as one."""
+    bars = list(_bars(plan, end))
+    for row in sorted({bar.row for bar in bars}):
+        own = sorted((bar for bar in bars if bar.row == row), key=lambda bar: bar.start)
+        yield list(_together(own, _NEAR * end)) if row else own

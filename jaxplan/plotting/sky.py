@@ -1,11 +1,12 @@
 """The sphere of directions with zones and boresights from start to goal, as a flat map and as a globe.
 
 One drawing serves both projections of `jaxplan.plotting.projections` (the paper's Figures 7 and 12 are flat
-maps). Directions are inertial unit vectors. A *track* is the curve of a direction on the sphere over time.
+maps). Directions are unit vectors in inertial axes, or in the local orbital frame. A *track* is the curve of
+a direction on the sphere over time.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,12 +21,14 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.planner import Plan
 from jaxplan.plotting.day import DayPlan
+from jaxplan.plotting.frames import INERTIAL, Inertial, frame_of
 from jaxplan.plotting.joint_map import field_outlines
 from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, circle, grid_lines
 from jaxplan.plotting.style import (
     GREY,
     SMALL,
     TEXT,
+    WIDTH,
     Canvas,
     Entries,
     Look,
@@ -53,9 +56,11 @@ from jaxplan.plotting.zones import (
     zones_at,
 )
 from jaxplan.runtime.arguments import number
+from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
 
-SPHERE_SIZE, GLOBE_SIZE = (11.0, 4.9), (8.2, 6.4)  # inches
+SPHERE_SIZE, GLOBE_SIZE = (WIDTH, 4.1), (WIDTH, 6.0)  # inches
+_ROWS = 24  # entries of a legend that is not higher than the map
 # The square is open, and the star fits into it, so that both show where a device does not move.
 _START: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgewidth": 0.5}
 _END: Look = {
@@ -81,7 +86,13 @@ _ZONE_TRACK: Look = {"linewidth": 1.1, "zorder": 1.7}
 
 
 def sphere(
-    plan: Plan | TimelinePlan, ax: Canvas = None, *, at: float | None = None, legend: bool = True
+    plan: Plan | TimelinePlan,
+    ax: Canvas = None,
+    *,
+    at: float | None = None,
+    frame: str = "inertial",
+    observer: Satellite | None = None,
+    legend: bool = True,
 ) -> Axes:
     """Draw the zones and the track of every device's boresight on the unfolded sphere.
 
@@ -98,27 +109,36 @@ def sphere(
         plan: of any status, or that of a timeline.
         ax: axes, a figure to put them in, or None for a new one.
         at: s, an instant at which zones are drawn instead, with a dot where each device looks then.
+        frame: "inertial", or "orbital" for the local orbital frame, in which nadir is below
+            (`jaxplan.sky.local_axes`); what stands still in space moves in it.
+        observer: the spacecraft's orbit, for the orbital frame, since a plan does not hold it.
         legend: whether to name devices and marks beside the map.
 
     Returns:
-        The axes: inertial azimuth against elevation, deg.
+        The axes: azimuth against elevation, deg.
 
     Raises:
-        TypeError: if it is no plan.
-        ValueError: if more than one axes is given, or the instant is not within the plan's trajectory.
+        TypeError: if it is no plan, or the observer no orbit.
+        ValueError: if more than one axes is given, or the instant is not within the plan's trajectory; if
+            there is no such frame, or its orbit, epoch or trajectory is not known.
+
+    Example:
+        >>> jp.plot.sphere(plan, frame="orbital", observer=jp.load_observer("scene.toml"))
     """
     plan = expect_plan(plan)
     _expect_instant(plan, at)
+    own = frame_of(plan, frame, observer)
     (axes,) = panels(ax, 1, SPHERE_SIZE)
     tidy(axes)
     axes.spines[["top", "right"]].set_visible(True)
     # A strip around the map, so that a mark at a pole or at the meridian is whole.
-    axes.set(xlim=(-186, 186), ylim=(-96, 96), xticks=range(-180, 181, 60), yticks=range(-90, 91, 30))
+    lowest = own.lowest * 96
+    axes.set(xlim=(-186, 186), ylim=(lowest, -lowest), xticks=range(-180, 181, 60), yticks=range(-90, 91, 30))
     axes.patch.set_facecolor("0.94")
     axes.add_artist(Rectangle((-180, -90), 360, 180, facecolor="white", edgecolor="0.6", zorder=0.5))
-    axes.set_xlabel("inertial azimuth (deg)", fontsize=TEXT)
-    axes.set_ylabel("inertial elevation (deg)", fontsize=TEXT)
-    _draw_plan(axes, plan, FlatMap(), legend, at)
+    axes.set_xlabel(own.across, fontsize=TEXT)
+    axes.set_ylabel(own.upward, fontsize=TEXT)
+    _draw_plan(axes, plan, FlatMap(), legend, at, own)
     if not plan.scenario.spacecraft.device_names:
         note(axes, "no devices")
     return axes
@@ -130,6 +150,8 @@ def globe(
     *,
     view: tuple[float, float] | None = None,
     at: float | None = None,
+    frame: str = "inertial",
+    observer: Satellite | None = None,
     legend: bool = True,
 ) -> Axes:
     """Draw the zones and the track of every device's boresight on the sphere of directions, seen in space.
@@ -140,34 +162,37 @@ def globe(
     Args:
         plan: of any status, or that of a timeline.
         ax: axes, a figure to put them in, or None for a new one.
-        view: inertial azimuth and elevation of the eye, deg; None for one that most of the tracks face.
+        view: azimuth and elevation of the eye in the frame, deg; None for one that most of the tracks face.
         at: s, an instant, as of `sphere`.
+        frame: "inertial" or "orbital", as of `sphere`; in the latter the zenith is up.
+        observer: the spacecraft's orbit, as of `sphere`.
         legend: whether to name devices and marks beside the globe.
 
     Returns:
         The axes: to the right and up in the picture, in radii.
 
     Raises:
-        TypeError: if it is no plan.
-        ValueError: if more than one axes is given, or the instant is not within the plan's trajectory.
+        TypeError: if it is no plan, or the observer no orbit.
+        ValueError: as `sphere`.
     """
     plan = expect_plan(plan)
     _expect_instant(plan, at)
+    own = frame_of(plan, frame, observer)
     (axes,) = panels(ax, 1, GLOBE_SIZE)
-    seen = view_of(plan, view)
+    seen = view_of(plan, view, own)
     draw_ball(axes, seen)
-    _draw_plan(axes, plan, seen, legend, at)
+    _draw_plan(axes, plan, seen, legend, at, own)
     return axes
 
 
-def view_of(plan: Plan, angles: tuple[float, float] | None) -> GlobeView:
-    """View from inertial azimuth and elevation of the eye, deg; for None one that most of the tracks face."""
+def view_of(plan: Plan, angles: tuple[float, float] | None, frame: Inertial = INERTIAL) -> GlobeView:
+    """View from azimuth and elevation of the eye, deg; for None one that most of the tracks face."""
     if angles is not None:
         expect_view(angles)
-        return GlobeView.from_angles(*np.deg2rad(angles))
-    tracks = boresight_tracks(plan)
+        return frame.view(*np.deg2rad(angles))
+    tracks = boresight_tracks(plan, frame)
     points = [mark.directions for mark in end_marks(plan)] if tracks is None else [tracks.reshape(-1, 3)]
-    return GlobeView.facing(np.concatenate([np.zeros((1, 3)), *points]))  # there may be no devices
+    return frame.facing(np.concatenate([np.zeros((1, 3)), *points]))  # there may be no devices
 
 
 def draw_ball(axes: Axes, view: GlobeView) -> None:
@@ -194,45 +219,54 @@ def _expect_instant(plan: Plan, at: float | None) -> None:
         raise ValueError(f"at = {at}: {known}")
 
 
-def _draw_plan(axes: Axes, plan: Plan, projection: Projection, legend: bool, at: float | None) -> None:
+def _draw_plan(
+    axes: Axes, plan: Plan, projection: Projection, legend: bool, at: float | None, frame: Inertial
+) -> None:
     """Draw all that a projection shows of a plan, with title and legend; zones perhaps at an instant, s."""
     scenario, craft = plan.scenario, plan.scenario.spacecraft
-    draw_zones(axes, plan, projection, zones_at(scenario, 0.0 if at is None else at), last=at is None)
+    zones = zones_at(scenario, 0.0 if at is None else at, frame=frame)
+    draw_zones(axes, plan, projection, zones, last=at is None, frame=frame)
     entries = device_entries(craft.device_names)
-    tracks, tubes = boresight_tracks(plan), Entries()
+    tracks, tubes = boresight_tracks(plan, frame), Entries()
     if tracks is not None:
         for device, track in enumerate(np.moveaxis(tracks, 1, 0)):
             draw_line(axes, projection, track, {"linewidth": 1.8, "zorder": 3, **device_style(device)})
         tubes = draw_tubes(axes, projection, scenario, tracks)
     if plan.path is not None and craft.device_names:
-        nodes = craft.boresights(plan.path.attitudes, plan.path.joints)
+        nodes = np.asarray(craft.boresights(plan.path.attitudes, plan.path.joints))
+        if frame.moves:  # in which a node is where it is when it is passed
+            passed = np.asarray(plan.trajectory.node_times if plan.trajectory is not None else ())
+            nodes = frame.seen(nodes, passed) if len(passed) == len(nodes) else nodes[:0]
         for device, points in enumerate(np.moveaxis(nodes, 1, 0)):
             look = {"color": device_style(device)["color"], "zorder": 3.2, **_NODE}
             _draw_points(axes, projection, points, look)
         entries.append((Line2D([], [], color=GREY, **_NODE), "node of the path"))
     if at is not None:
-        entries += _draw_instant(axes, plan, projection, at)
-    entries += [*draw_ends(axes, plan, projection), *_draw_fields(axes, plan, projection), *tubes]
+        entries += _draw_instant(axes, plan, projection, at, frame)
+    ends = draw_ends(axes, plan, projection, frame)
+    entries += [*ends, *_draw_fields(axes, plan, projection, frame), *tubes]
     if legend:
-        legend_beside(axes, [*entries, *zone_entries(scenario)])
+        legend_beside(axes, [*entries, *zone_entries(scenario, frame)], rows=_ROWS)
 
 
-def _draw_fields(axes: Axes, plan: Plan, projection: Projection) -> Entries:
+def _draw_fields(axes: Axes, plan: Plan, projection: Projection, frame: Inertial) -> Entries:
     """Draw the outlines of fields of view at start and goal; returns their legend entry, if there are any."""
-    states = [state for state in (plan.scenario.start, plan.goal) if state is not None]
+    states: list[tuple[Any, float]] = [(plan.scenario.start, 0.0)]
+    states += [] if plan.goal is None else [(plan.goal, frame.end(plan))]
     drawn = False
-    for state in states:
-        for device, line in field_outlines(plan.scenario, state.attitude, state.joints):
+    for state, time in states:
+        there = frame.attitude(state.attitude, time)
+        for device, line in field_outlines(plan.scenario, there, state.joints):
             draw_line(axes, projection, line, {"color": device_style(device)["color"], **_FIELD})
             drawn = True
     return [(Line2D([], [], color=GREY, **_FIELD), "field of view")] if drawn else []
 
 
-def _draw_instant(axes: Axes, plan: Plan, projection: Projection, at: float) -> Entries:
+def _draw_instant(axes: Axes, plan: Plan, projection: Projection, at: float, frame: Inertial) -> Entries:
     """Mark where each device looks at an instant, s; returns the legend entry."""
     assert plan.trajectory is not None
     state = plan.trajectory.sample(at)
-    looks = np.asarray(plan.scenario.spacecraft.boresights(state.attitude, state.joints))
+    looks = np.asarray(plan.scenario.spacecraft.boresights(frame.attitude(state.attitude, at), state.joints))
     for device, point in enumerate(looks):
         own = {"color": device_style(device)["color"], "markeredgecolor": "white", "zorder": 4.4, **_NOW}
         _draw_points(axes, projection, point[None], own)
@@ -244,7 +278,13 @@ def _draw_instant(axes: Axes, plan: Plan, projection: Projection, at: float) -> 
 
 
 def draw_zones(
-    axes: Axes, plan: Plan, projection: Projection, zones: Sequence[Cone], *, last: bool = True
+    axes: Axes,
+    plan: Plan,
+    projection: Projection,
+    zones: Sequence[Cone],
+    *,
+    last: bool = True,
+    frame: Inertial = INERTIAL,
 ) -> None:
     """Draw zones with their names, the tracks of those that move, and the plan's title.
 
@@ -252,17 +292,17 @@ def draw_zones(
     """
     for zone in zones:
         draw_zone(axes, projection, zone)
-    for there, track in zone_tracks(plan):
+    for there, track in zone_tracks(plan, frame):
         look = zone_outline(there)
         if last:
             draw_line(axes, projection, circle(there.axis_at(), there.half_angle), look | _FAINT)
         draw_line(axes, projection, track, {"color": look["color"], **_ZONE_TRACK})
-    tracks, craft = boresight_tracks(plan), plan.scenario.spacecraft
+    tracks, craft = boresight_tracks(plan, frame), plan.scenario.spacecraft
     drawn = [NOTHING] if tracks is None else [tracks.reshape(-1, 3)]
-    ends = [NOTHING, *(mark.directions for mark in end_marks(plan))]
+    ends = [NOTHING, *(mark.directions for mark in end_marks(plan, frame))]
     name_zones(axes, projection, zones, craft.device_names, *map(np.concatenate, (drawn, ends)))
     outcome = "" if plan.ok else f": {plan.status.name}"
-    plain(axes.set_title(f"{plan.scenario.name}{outcome}", fontsize=TEXT + 1, loc="left"))
+    plain(axes.set_title(f"{plan.scenario.name}{outcome}{frame.words}", fontsize=TEXT + 1, loc="left"))
 
 
 def _draw_points(axes: Axes, projection: Projection, directions: np.ndarray, look: Look) -> None:
@@ -272,16 +312,19 @@ def _draw_points(axes: Axes, projection: Projection, directions: np.ndarray, loo
         axes.plot(*flat[opacity == alpha].T, **{"alpha": alpha, **look})
 
 
-def draw_ends(axes: Axes, plan: Plan, projection: Projection, **fading: float) -> Entries:
+def draw_ends(
+    axes: Axes, plan: Plan, projection: Projection, frame: Inertial = INERTIAL, **fading: float
+) -> Entries:
     """Mark boresights at start and goal, targets and preferred directions (wishes); returns legend entries.
 
     Args:
         axes: where to.
         plan: of any status.
         projection: of the axes.
+        frame: in which directions are drawn.
         **fading: perhaps ``alpha``, instead of the projection's opacity.
     """
-    marks = end_marks(plan)
+    marks = end_marks(plan, frame)
     for look, _, devices, directions in marks:
         star = look is _START  # it stands before the others
         for device, point in zip(devices, directions, strict=True):
@@ -292,10 +335,11 @@ def draw_ends(axes: Axes, plan: Plan, projection: Projection, **fading: float) -
     return [(Line2D([], [], color=GREY, **mark.look), mark.name) for mark in marks]
 
 
-def boresight_tracks(plan: Plan) -> np.ndarray | None:
-    """Inertial boresights (k, D, 3) along the trajectory, or else along the path; None without both."""
+def boresight_tracks(plan: Plan, frame: Inertial = INERTIAL) -> np.ndarray | None:
+    """Boresights (k, D, 3) along the trajectory, or else along the path; None without both."""
     if plan.trajectory is not None:
-        return motion(plan).boresights
+        moves = motion(plan)
+        return frame.seen(moves.boresights, moves.times)
     return None if plan.path is None else path_boresights(plan.path, plan.scenario.spacecraft)
 
 
@@ -320,7 +364,7 @@ class Marks(NamedTuple):
     directions: np.ndarray
 
 
-def end_marks(plan: Plan) -> list[Marks]:
+def end_marks(plan: Plan, frame: Inertial = INERTIAL) -> list[Marks]:
     """Marks of boresights at start and goal, of targets and of wishes, as far as the plan has them.
 
     Targets are marked where no goal was found, and of a goal that has them by names of devices, since not
@@ -329,20 +373,21 @@ def end_marks(plan: Plan) -> list[Marks]:
     scenario, goal = plan.scenario, plan.scenario.goal
     craft = scenario.spacecraft
     every = range(len(craft.device_names))
-    marks = [Marks(_START, "start", every, _given(scenario, scenario.start))]
+    then = frame.end(plan)
+    marks = [Marks(_START, "start", every, frame.seen(_given(scenario, scenario.start), 0.0))]
     if plan.goal is not None:
-        points = craft.boresights(plan.goal.attitude, plan.goal.joints)
-        marks.append(Marks(_END, "end" if isinstance(plan, DayPlan) else "goal", every, np.asarray(points)))
+        points = np.asarray(craft.boresights(plan.goal.attitude, plan.goal.joints))
+        word = "end" if isinstance(plan, DayPlan) else "goal"
+        marks.append(Marks(_END, word, every, frame.seen(points, then)))
     elif isinstance(goal, GivenState) and not isinstance(plan, DayPlan):
-        marks.append(Marks(_END, "goal", every, _given(scenario, goal)))
+        marks.append(Marks(_END, "goal", every, frame.seen(_given(scenario, goal), then)))
     if not isinstance(goal, GivenState):
-        then = 0.0 if plan.goal is None else plan.goal.time
         if plan.goal is None or goal.devices:
-            targets = np.array([path.at(then) for path in goal.paths])
-            marks.append(Marks(_TARGET, "target", goal.numbers(craft), targets))
+            targets = np.array([path.at(then) for path in goal.paths]).reshape(-1, 3)
+            marks.append(Marks(_TARGET, "target", goal.numbers(craft), frame.seen(targets, then)))
         wishing = [craft.device_names.index(wish.device) for wish in goal.prefer]
-        wishes = np.array([as_path(wish.direction).at(then) for wish in goal.prefer])
-        marks.append(Marks(_WISH, "wish", wishing, wishes))
+        wishes = np.array([as_path(wish.direction).at(then) for wish in goal.prefer]).reshape(-1, 3)
+        marks.append(Marks(_WISH, "wish", wishing, frame.seen(wishes, then)))
     return [mark for mark in marks if len(mark.directions)]
 
 

@@ -12,11 +12,13 @@ can show it: in a notebook it appears below its cell, with a window system after
 can be shown (the backends that only write files) it is a plain figure, which nobody has to close; save it
 with ``axes.figure.savefig(...)``.
 
+All figures of a page's width are `WIDTH` wide, so that text in them is as large as that of the page.
 A name stands at the first of some places where it covers no other name, and the fewest points of curves.
 
 Arguments that cannot be drawn raise an error that names them.
 """
 
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -61,12 +63,15 @@ AXIS_STYLES: tuple[Look, ...] = (  # of the body axes; no device has these colou
 )
 LENGTH_STYLE: Look = {"color": "#8C510A", "linestyle": LINE_STYLES[2]}  # of a vector, beside its components
 GREY = "0.35"
-TEXT, SMALL = 9, 7.5  # points
+WIDTH = 8.0
+"""Inches of a figure's width. Pages show it at some 700 pixels, where `SMALL` is 8 points."""
+TEXT, SMALL = 9.5, 8.8  # points
 HALO: Look = {  # of a name at a place
     "ha": "center",
     "va": "center",
     "path_effects": [withStroke(linewidth=2.5, foreground="white")],
 }
+_LONGEST = 30  # letters of a line of a legend
 _LEGEND_ROWS = 14  # entries in a column of a legend, beyond which it gets another column
 INSTANTS = 1024  # times of the grid of a motion; the paper's manoeuvres have 14 to 50 nodes
 _STILL = 1e-3  # share of a limit below which curves count as standing still
@@ -90,6 +95,11 @@ def plain(text: Text) -> Text:
 def note(axes: Axes, text: str) -> None:
     """Write in an empty panel why it is empty."""
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)
+
+
+def titled(axes: Axes, plan: Plan, words: str) -> None:
+    """Write above a panel which plan it is of, and what one sees."""
+    plain(axes.set_title(f"{plan.scenario.name}: {words}", fontsize=TEXT + 1, loc="left"))
 
 
 def tidy(axes: Axes) -> None:
@@ -173,12 +183,22 @@ def both_sides(limits: np.ndarray) -> np.ndarray:
     return np.stack([-limits, limits], axis=-1)
 
 
-def legend_beside(axes: Axes, entries: Sequence[Entry], *, columns: int | None = None) -> None:
-    """Put a legend to the right of the axes, so that it covers no data; `columns` None means as needed."""
+def legend_beside(
+    axes: Axes, entries: Sequence[Entry], *, columns: int | None = None, rows: int = _LEGEND_ROWS
+) -> None:
+    """Put a legend to the right of the axes, so that it covers no data.
+
+    Args:
+        axes: that it stands beside.
+        entries: of the legend; long labels are broken, lest they take the width of the data.
+        columns: of the legend; None for as many as are needed.
+        rows: entries that a column may then have.
+    """
     if not entries:
         return
+    labels = ["\n".join(map(_broken, label.split("\n"))) for _, label in entries]
     # a label that begins with an underscore would be left out
-    labels = [f"\N{ZERO WIDTH SPACE}{label}" if label.startswith("_") else label for _, label in entries]
+    labels = [f"\N{ZERO WIDTH SPACE}{label}" if label.startswith("_") else label for label in labels]
     legend = axes.legend(
         [handle for handle, _ in entries],
         labels,
@@ -188,10 +208,16 @@ def legend_beside(axes: Axes, entries: Sequence[Entry], *, columns: int | None =
         frameon=False,
         fontsize=SMALL,
         handlelength=3.2,
-        ncols=-(-len(entries) // _LEGEND_ROWS) if columns is None else columns,
+        ncols=-(-len(entries) // rows) if columns is None else columns,
     )
     for text in legend.get_texts():
         plain(text)
+
+
+def _broken(line: str) -> str:
+    """A line of a label, broken between words where it is long."""
+    indent = line[: len(line) - len(line.lstrip())]
+    return line if len(line) <= _LONGEST else textwrap.fill(line, _LONGEST, subsequent_indent=f"{indent}  ")
 
 
 def device_entries(names: Sequence[str]) -> Entries:

@@ -18,8 +18,9 @@ _STEPS = (  # s between ticks, of which the shortest with no more ticks than the
     *(1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800),
     *(3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800),
 )
-_MOST = 13  # ticks of an axis
+_MOST = 9  # ticks of an axis
 _GREY = "0.35"  # of the marks of nodes
+_TEXT = 9.5  # points, of labels
 
 
 def day_axis(grid: Sequence[Axes], end: float, epoch: np.datetime64 | None) -> None:
@@ -56,7 +57,7 @@ def day_axis(grid: Sequence[Axes], end: float, epoch: np.datetime64 | None) -> N
         axes.xaxis.set_major_locator(FixedLocator(ticks.tolist()))
         axes.xaxis.set_major_formatter(FuncFormatter(label))
         lowest = axes is grid[-1] or not axes.get_shared_x_axes().joined(axes, grid[-1])
-        axes.set_xlabel(words if lowest else "")
+        axes.set_xlabel(words if lowest else "", fontsize=_TEXT)
 
 
 def mark_nodes(axes: Axes, times: np.ndarray) -> None:

@@ -26,6 +26,7 @@ from jaxplan.plotting.style import (
     GREY,
     LENGTH_STYLE,
     TEXT,
+    WIDTH,
     Canvas,
     Entries,
     Look,
@@ -41,11 +42,13 @@ from jaxplan.plotting.style import (
     note,
     panels,
     time_axis,
+    titled,
 )
 from jaxplan.plotting.tube import band_entry, draw_band
 from jaxplan.trajectory import total_momentum
 
 _LONG = 10  # letters of a label's last word, beyond which the unit goes to a line of its own
+_HIGHEST = 10  # entries of a legend that is not higher than its panel
 _FAR = 4.0  # multiple of the highest value of a plan beyond which a limit is written and not drawn
 BODY = ("body x", "body y", "body z")
 AXIS_ENTRIES: Entries = [
@@ -190,9 +193,14 @@ def _axis_entries(craft: Spacecraft, quantity: Quantity) -> Entries:
 
 
 def _figure(
-    plan: Plan, ax: Canvas, groups: Sequence[tuple[Entries, Sequence[Panel]]], moves: Motion, legend: bool
+    plan: Plan,
+    ax: Canvas,
+    groups: Sequence[tuple[Entries, Sequence[Panel]]],
+    moves: Motion,
+    words: str,
+    legend: bool,
 ) -> list[Axes]:
-    """Draw groups of panels from top to bottom, each with a legend if wanted; returns the axes.
+    """Draw groups of panels from top to bottom, with title and legends if wanted; returns the axes.
 
     A group is the legend entries of its curves, and its panels.
     """
@@ -203,7 +211,13 @@ def _figure(
         own = [next(left) for _ in group]
         drawn = [panel.draw(axes, moves) for panel, axes in zip(group, own, strict=True)]
         if legend and owners:  # limits may be drawn on one panel and told on another
-            legend_beside(own[0], [*owners, *max(drawn, key=len)])
+            entries = [*owners, *max(drawn, key=len)]
+            # of many curves each panel has a part of the names, so that none is higher than its panel
+            each = len(entries) if len(entries) <= _HIGHEST else -(-len(entries) // len(own))
+            for place, axes in enumerate(own):
+                legend_beside(axes, entries[each * place : each * (place + 1)], rows=_HIGHEST)
+    if legend:
+        titled(grid[0], plan, words)
     time_axis(grid, moves)
     return grid
 
@@ -217,7 +231,7 @@ def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
         plan: with a trajectory.
         ax: an axes for each of yaws, pitches and drives' angles that there are, from top to bottom; a figure
             to put them in, or None for a new one. Without joints there is one, which says so.
-        legend: whether to name the devices beside the upper panel.
+        legend: whether to name the devices beside the panels, and the plan above them.
 
     Returns:
         The axes.
@@ -244,7 +258,7 @@ def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
         error = float(plan.scenario.robust.joint_error)
         shown = [panel._replace(error=error) for panel in shown]
         owners += band_entry(error) if error > 0 else []
-    return _figure(plan, ax, [(owners, shown)], moves, legend)
+    return _figure(plan, ax, [(owners, shown)], moves, "angles of joints", legend)
 
 
 def rates(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
@@ -254,7 +268,7 @@ def rates(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
         plan: with a trajectory.
         ax: an axes for each of pitches, yaws and drives that there are, and one for the platform, from top
             to bottom; a figure to put them in; None for a new one.
-        legend: whether to name curves beside the panels.
+        legend: whether to name curves beside the panels, and the plan above them.
 
     Returns:
         The axes.
@@ -272,7 +286,7 @@ def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list
     Args:
         plan: with a trajectory.
         ax: as for `rates`.
-        legend: whether to name curves beside the panels.
+        legend: whether to name curves beside the panels, and the plan above them.
 
     Returns:
         The axes.
@@ -294,7 +308,7 @@ def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]
     groups = [(_movers(craft), joints)] * bool(joints)
     spin = SPIN[power - 1]
     groups.append((_axis_entries(craft, spin), [_platform_panel(craft, values, spin)]))
-    return _figure(plan, ax, groups, moves, legend)
+    return _figure(plan, ax, groups, moves, "rates" if power == 1 else "accelerations", legend)
 
 
 def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
@@ -308,7 +322,7 @@ def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
         ax: an axes for each of torque, momentum and jerk that the spacecraft limits, and for torques and
             momenta of its wheels, from top to bottom; a figure to put them in; None for a new one. If it
             limits none, torque and momentum are shown.
-        legend: whether to name curves beside the upper panel.
+        legend: whether to name curves beside the panels, and the plan above them.
 
     Returns:
         The axes.
@@ -336,7 +350,7 @@ def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     )
     entries = device_entries([wheel.name for wheel in craft.wheels]) if of_wheels else []
     groups = [(AXIS_ENTRIES, own), (entries, of_wheels)]
-    return _figure(plan, ax, [(names, group) for names, group in groups if group], moves, legend)
+    return _figure(plan, ax, [(names, group) for names, group in groups if group], moves, "loads", legend)
 
 
 def limited_loads(craft: Spacecraft) -> list[Quantity]:
@@ -386,4 +400,4 @@ def labelled(words: str, quantity: Quantity) -> str:
 
 def size(count: int) -> tuple[float, float]:
     """Width and height in inches of a figure of so many panels."""
-    return 9.0, 0.8 + 1.9 * count
+    return WIDTH, 0.8 + 1.75 * count

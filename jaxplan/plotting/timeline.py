@@ -30,6 +30,7 @@ from jaxplan.plotting.style import (
     KEEP_OUT,
     LINE_STYLES,
     TEXT,
+    WIDTH,
     Canvas,
     Entries,
     Look,
@@ -49,9 +50,8 @@ from jaxplan.plotting.time_panels import draw_platform_rate, draw_wheel_momenta,
 from jaxplan.runtime.arguments import expect
 from jaxplan.timeline.record import TimelinePlan
 
-_WIDTH = 12.0  # inches
-_ROW, _HEAD, _PANEL, _FOOT = 0.27, 0.35, 1.35, 0.6  # inches of a row, above the rows, of a panel, below all
-_SHARE, _LAID_OUT = 0.78, 0.93  # of the figure's width and of its own height that the layout leaves a panel
+_ROW, _HEAD, _PANEL, _FOOT = 0.3, 0.35, 1.4, 0.6  # inches of a row, above the rows, of a panel, below all
+_SHARE, _LAID_OUT = 0.66, 0.93  # of the figure's width and of its own height that the layout leaves a panel
 _ZONES = ("#B2182B", "#0B6394", "#8C510A", "#7A3E9D", "#1B7837", "#E08214", "#000000", "#C51B7D")
 _NAMED = len(_ZONES)  # zones with the least margins that have a colour; others are grey
 _TIGHT = 1e-2  # share of the least error proved, or asked for, below which errors are not told apart
@@ -96,7 +96,7 @@ def timeline(plan: TimelinePlan, ax: Canvas = None, *, legend: bool = True) -> l
     moves = None if plan.trajectory is None else motion(plan)
     shown = _panels(plan, moves)
     heights = [panel.height for panel in shown]
-    size = _WIDTH, _FOOT + sum(heights)
+    size = WIDTH, _FOOT + sum(heights)
     new = ax is None or isinstance(ax, Figure | SubFigure)
     grid = panels(ax, len(shown), size, heights=heights)
     for axes, panel in zip(grid, shown, strict=True):
@@ -118,7 +118,7 @@ def timeline(plan: TimelinePlan, ax: Canvas = None, *, legend: bool = True) -> l
 def timeline_size(plan: TimelinePlan) -> tuple[float, float]:
     """Width and height of the figure, inches."""
     moves = None if plan.trajectory is None else motion(plan)
-    return _WIDTH, _FOOT + sum(panel.height for panel in _panels(plan, moves))
+    return WIDTH, _FOOT + sum(panel.height for panel in _panels(plan, moves))
 
 
 def _title(axes: Axes, plan: TimelinePlan) -> None:
@@ -133,7 +133,7 @@ def _title(axes: Axes, plan: TimelinePlan) -> None:
 def _panels(plan: TimelinePlan, moves: Motion | None) -> list[_Panel]:
     """The panels that a plan has."""
     end = _end(plan)
-    row = max(_ROW, row_height(plan, _SHARE * _WIDTH * 72, end) / 72)
+    row = max(_ROW, row_height(plan, _SHARE * WIDTH * 72, end) / 72)
     found = [_Panel(_HEAD + row * row_count(plan), lambda axes: draw_rows(axes, plan, end))]
     if moves is None:
         return found

@@ -5,7 +5,7 @@ import io
 import os
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, get_args
 
 import matplotlib as mpl
 import numpy as np
@@ -17,13 +17,15 @@ from PIL.PngImagePlugin import PngInfo
 
 from jaxplan.planner import Plan
 from jaxplan.plotting import margin_panels
+from jaxplan.plotting.ground_track import GROUND_SIZE, ground_track, has_tracks
 from jaxplan.plotting.joint_map import joint_map
 from jaxplan.plotting.margin_panels import margins
 from jaxplan.plotting.mounting import SIZE as SPACECRAFT_SIZE
 from jaxplan.plotting.mounting import spacecraft
+from jaxplan.plotting.orbital import attitude, attitude_size
 from jaxplan.plotting.sky import GLOBE_SIZE, SPHERE_SIZE, globe, sphere
 from jaxplan.plotting.spectrum import spectrum
-from jaxplan.plotting.style import expect_plan, legend_beside, motion, new_figure, time_axis
+from jaxplan.plotting.style import TEXT, WIDTH, expect_plan, legend_beside, motion, new_figure, time_axis
 from jaxplan.plotting.time_panels import (
     accelerations,
     angles,
@@ -35,15 +37,20 @@ from jaxplan.plotting.time_panels import (
     torque,
 )
 from jaxplan.plotting.timeline import timeline, timeline_size
+from jaxplan.runtime.arguments import expect_any
+from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
 from jaxplan.trajectory.spectrum import expect_frequencies
 
-OVERVIEW_SIZE = (11.0, 9.0)  # inches
+_SPHERE, _ROW = 4.1, 1.6  # inches of an overview: heights of the sphere and of each panel below
 FIGURE_NAMES = (
     "timeline",
     "overview",
     "spacecraft",
     "sphere",
+    "orbital_sphere",
+    "attitude",
+    "ground_track",
     "angles",
     "rates",
     "accelerations",
@@ -75,27 +82,31 @@ def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
         ValueError: if the plan has no trajectory.
     """
     moves, craft = motion(plan), plan.scenario.spacecraft
-    figure = new_figure(OVERVIEW_SIZE) if ax is None else ax
-    halves = figure.add_gridspec(2, 1, height_ratios=(5, 4))
-    top = sphere(plan, ax=figure.add_subplot(halves[0]))
     kinds = len(joint_kinds(craft))
-    if kinds:
-        columns = halves[1].subgridspec(1, 2)
-        grids = [columns[place].subgridspec(rows, 1) for place, rows in enumerate((kinds, 2))]
-        joints, others = (list(np.ravel(np.asarray(grid.subplots(sharex=True)))) for grid in grids)
+    figure = new_figure(_overview_size(kinds)) if ax is None else ax
+    halves = figure.add_gridspec(2, 1, height_ratios=(_SPHERE, _ROW * (kinds + 2)))
+    top = sphere(plan, ax=figure.add_subplot(halves[0]))
+    below = list(np.ravel(np.asarray(halves[1].subgridspec(kinds + 2, 1).subplots(sharex=True))))
+    joints, others = below[:kinds], below[kinds:]
+    if joints:
         angles(plan, ax=joints, legend=False)
-    else:
-        joints, others = [], list(np.ravel(np.asarray(halves[1].subgridspec(1, 2).subplots(sharex=True))))
     named, lines = margin_panels.draw(others[0], plan, moves)
     further = [entry for entry in named if entry[1] not in craft.device_names]  # the sphere names devices
+    others[0].set_ylabel("margin to\nzones (deg)", fontsize=TEXT)
     legend_beside(others[0], [*further, *lines])
     legend_beside(others[1], draw_platform_rate(others[1], moves, craft))
-    for column in [others] if joints else [[axes] for axes in others]:
-        time_axis(column, moves)
+    time_axis(below, moves)
     return [top, *joints, *others]
 
 
-def figures(plan: Plan | TimelinePlan, frequencies: Sequence[float] = ()) -> Iterator[tuple[str, Figure]]:
+def _overview_size(kinds: int) -> tuple[float, float]:
+    """Width and height of an overview, inches, of a spacecraft with so many kinds of joints."""
+    return WIDTH, _SPHERE + _ROW * (kinds + 2)
+
+
+def figures(
+    plan: Plan | TimelinePlan, frequencies: Sequence[float] = (), observer: Satellite | None = None
+) -> Iterator[tuple[str, Figure]]:
     """Draw every figure that a plan has, one after the other; none of them belongs to pyplot.
 
     Args:
@@ -104,24 +115,37 @@ def figures(plan: Plan | TimelinePlan, frequencies: Sequence[float] = ()) -> Ite
             angles, without zones no margins, without masks no joint map, and torque only where it, the
             momentum or the jerk has a limit.
         frequencies: Hz, for a spectrum with a line at each; without them there is none.
+        observer: the spacecraft's orbit, one of `jaxplan.sky`, for the sphere and the attitude in the local
+            orbital frame and the ground track; these are there where the plan has an epoch, and the extra
+            ``orbit`` is installed.
 
     Yields:
         The figure's name, fit for a file, and the figure.
 
     Raises:
-        TypeError: if it is no plan.
-        ValueError: if a frequency is not positive.
+        TypeError: if it is no plan, or the observer no orbit.
+        ValueError: if a frequency is not positive, or the orbit is not known for the time of the plan.
     """
     day = plan if isinstance(plan, TimelinePlan) else None
     plan = expect_plan(plan)
     asked = expect_frequencies(frequencies, zero=False)
+    if observer is not None:
+        expect_any("observer", observer, get_args(Satellite), "an orbit, as those of jp.sky")
+    orbits = has_tracks(plan, observer)
     moves, craft = plan.trajectory is not None, plan.scenario.spacecraft
     loads = len(limited_loads(craft))
     kinds = len(joint_kinds(craft))
     drawings: dict[str, tuple[Callable[..., Any], tuple[float, float], bool]] = {
-        "overview": (overview, OVERVIEW_SIZE, moves),
+        "overview": (overview, _overview_size(kinds), moves),
         "spacecraft": (_at_start, SPACECRAFT_SIZE, bool(craft.device_names)),
         "sphere": (sphere, SPHERE_SIZE, True),
+        "orbital_sphere": (partial(sphere, frame="orbital", observer=observer), SPHERE_SIZE, orbits),
+        "attitude": (
+            partial(attitude, observer=observer),
+            attitude_size(1 + bool(craft.device_names)),
+            orbits,
+        ),
+        "ground_track": (partial(ground_track, observer=observer), GROUND_SIZE, orbits),
         "angles": (angles, size(kinds), moves and kinds > 0),
         "rates": (rates, size(kinds + 1), moves),
         "accelerations": (accelerations, size(kinds + 1), moves),
@@ -135,14 +159,14 @@ def figures(plan: Plan | TimelinePlan, frequencies: Sequence[float] = ()) -> Ite
         ),
     }
     for name in FIGURE_NAMES:
-        draw, inches, there = drawings.get(name, (timeline, OVERVIEW_SIZE, False))
+        draw, inches, there = drawings.get(name, (timeline, SPHERE_SIZE, False))
         if name == "timeline" and day is not None:
             figure = Figure(figsize=timeline_size(day), layout="constrained")
             timeline(day, ax=figure)
             yield name, figure
         elif there:
             figure = Figure(figsize=inches, layout="constrained")
-            draw(plan, ax=figure)
+            draw(day if name == "ground_track" and day is not None else plan, ax=figure)
             yield name, figure
 
 
@@ -152,7 +176,10 @@ def _at_start(plan: Plan, ax: Figure) -> None:
 
 
 def inline_figures(
-    plan: Plan | TimelinePlan, frequencies: Sequence[float] = (), names: Sequence[str] | None = None
+    plan: Plan | TimelinePlan,
+    frequencies: Sequence[float] = (),
+    names: Sequence[str] | None = None,
+    observer: Satellite | None = None,
 ) -> Iterator[tuple[str, str]]:
     """Draw the globe and the figures of a plan but the overview, which repeats the others.
 
@@ -160,6 +187,7 @@ def inline_figures(
         plan: of any status; see `figures` for those that it has.
         frequencies: Hz, as of `figures`.
         names: of those that are wanted, as far as there are any; None for all.
+        observer: the spacecraft's orbit, as of `figures`.
 
     Yields:
         The figure's name and its picture as a ``data:`` address, the same for the same plan: SVG with text as
@@ -168,7 +196,7 @@ def inline_figures(
     ball = Figure(figsize=GLOBE_SIZE, layout="constrained")
     globe(plan, ax=ball)
     yield "globe", _address(ball)
-    for name, figure in figures(plan, frequencies):
+    for name, figure in figures(plan, frequencies, observer):
         if name != "overview" and (names is None or name in names):
             yield name, _address(figure, hatched=name == "timeline")
 

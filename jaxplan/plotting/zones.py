@@ -19,6 +19,7 @@ from jaxplan.geometry.vectors import separation
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
+from jaxplan.plotting.frames import INERTIAL, Inertial
 from jaxplan.plotting.projections import GlobeView, Projection, circle
 from jaxplan.plotting.style import (
     GREY,
@@ -38,6 +39,7 @@ Cone = KeepOut | KeepIn
 _EDGE: Look = {"linewidth": 1.1, "zorder": 1.6}  # of a zone's edge
 _TRACK_POINTS, _MOST_POINTS = 33, 2000  # of the track of a zone's axis
 _TRACK_TURN = 0.05  # rad between them, as far as they are not too many
+_STANDS = 1e-3  # rad that the axis of a zone turns in a moving frame, below which it stands still
 _CROWD = 20  # number of zones beyond which their names are smaller and do not say what they bind
 # Where a zone's name may stand, the best first: shares of the zone's half width and half height.
 _SPOTS = np.array([(across, up) for across in (0, 0.6, -0.6, 1.2, -1.2) for up in (0, 0.5, -0.5, 0.8, -0.8)])
@@ -184,7 +186,7 @@ def _group(zone: Cone) -> list[str]:
     return lines if zone.entry is None else [*lines, f"with all of {zone.entry}"]
 
 
-def zone_entries(scenario: Scenario) -> Entries:
+def zone_entries(scenario: Scenario, frame: Inertial = INERTIAL) -> Entries:
     """Legend entries: one of each kind of zones that the scenario has."""
 
     def kind(zone: Cone) -> tuple[bool, bool, bool]:
@@ -202,18 +204,20 @@ def zone_entries(scenario: Scenario) -> Entries:
     moving: Entries = [
         (Line2D([], [], color=GREY, linewidth=1.1), "way of a zone's axis,\nto its fainter edge")
     ]
-    return [*kinds.values(), *moving * any(zone.moves for zone in scenario.zones)]
+    return [*kinds.values(), *moving * (frame.moves or any(zone.moves for zone in scenario.zones))]
 
 
-def zones_at(scenario: Scenario, time: float, *, moving: bool | None = None) -> list[Cone]:
+def zones_at(
+    scenario: Scenario, time: float, *, moving: bool | None = None, frame: Inertial = INERTIAL
+) -> list[Cone]:
     """Inertial zones at their places at a time, s: all, those that move, or those that stand still."""
     cones: tuple[Cone, ...] = (*scenario.keep_out, *scenario.keep_in)
     wanted = [zone for zone in cones if zone.is_inertial and moving in (None, zone.moves)]
-    return [replace(zone, direction=zone.axis_at(time)) for zone in wanted]
+    return [replace(zone, direction=frame.seen(zone.axis_at(time), time)) for zone in wanted]
 
 
-def zone_tracks(plan: Plan) -> list[tuple[Cone, np.ndarray]]:
-    """Inertial zones that move, at their last places, each with the track of its axis (k, 3).
+def zone_tracks(plan: Plan, frame: Inertial = INERTIAL) -> list[tuple[Cone, np.ndarray]]:
+    """Inertial zones that move in a frame, at their last places, each with the track of its axis (k, 3).
 
     The last instant is that of the goal; of a plan without one, the last that is known.
     """
@@ -221,10 +225,14 @@ def zone_tracks(plan: Plan) -> list[tuple[Cone, np.ndarray]]:
     zones: tuple[Cone, ...] = (*plan.scenario.keep_out, *plan.scenario.keep_in)
     for zone in zones:
         path = zone.path
-        if path is not None and path.moves:
-            last = float(path.times[-1]) if plan.goal is None else plan.goal.time
-            there = replace(zone, direction=zone.axis_at(last))
-            turned = path.largest_rate(0.0, last) * last
-            points = int(np.clip(turned / _TRACK_TURN, _TRACK_POINTS, _MOST_POINTS))
-            tracks.append((there, path.at(np.linspace(0.0, last, points))))
+        if path is None or not (path.moves or frame.moves):
+            continue
+        last = float(path.times[-1]) if plan.goal is None and not frame.moves else frame.end(plan)
+        turned = (path.largest_rate(0.0, last) + frame.rate) * last
+        points = int(np.clip(turned / _TRACK_TURN, _TRACK_POINTS, _MOST_POINTS))
+        times = np.linspace(0.0, last, points)
+        track = frame.seen(np.asarray(path.at(times)), times)
+        if frame.moves and np.max(separation(track, track[0])) < _STANDS:
+            continue  # as the Earth does in the local orbital frame
+        tracks.append((replace(zone, direction=track[-1]), track))
     return tracks

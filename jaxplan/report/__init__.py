@@ -17,12 +17,14 @@ from jaxplan.model.status import STEPS, Status
 from jaxplan.planner import Plan
 from jaxplan.planner.proving import certify, check_margins
 from jaxplan.report import tables
+from jaxplan.report.captions import ALONG_ORBIT
 from jaxplan.report.day import day_page
 from jaxplan.report.document import document
 from jaxplan.report.markup import Markup, degrees, facts, framed, number, section, tag
 from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import dump_scenario
+from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
 from jaxplan.version import __version__
 from jaxplan.viewing import view
@@ -37,6 +39,7 @@ def report_html(
     overwrite: bool = False,
     frequencies: Sequence[float] = (),
     viewer: bool = False,
+    observer: Satellite | None = None,
 ) -> Path:
     """Write a self-contained HTML page on a plan.
 
@@ -53,13 +56,16 @@ def report_html(
             default.
         viewer: whether to have the plan in space at its head, to turn and play (`jaxplan.view`; extra
             ``view``). Then something runs in the page, and it has 3 MB more.
+        observer: the spacecraft's orbit, one of `jaxplan.sky`, for figures in the local orbital frame and the
+            ground track, where the plan has an epoch (extra ``orbit``).
 
     Returns:
         The path.
 
     Raises:
-        TypeError: for what is no plan or path.
-        ValueError: if the path is empty, or a folder, or a frequency is not positive; if a viewer is wanted,
+        TypeError: for what is no plan, path or orbit.
+        ValueError: if the path is empty, or a folder, or a frequency is not positive; if the orbit is not
+            known for the time of the plan; if a viewer is wanted,
             and the extra is missing or the plan has no trajectory.
         FileExistsError: if there is a file at the path, and it may not be replaced.
     """
@@ -68,7 +74,10 @@ def report_html(
     file_path("path", path)
     target = free_place(path, overwrite=overwrite)
     shown = framed(view(plan).html, f"{plan.scenario.name} in space") if viewer else None
-    text = day_page(plan, shown) if isinstance(plan, TimelinePlan) else page(plan, frequencies, shown)
+    if isinstance(plan, TimelinePlan):
+        text = day_page(plan, shown, observer)
+    else:
+        text = page(plan, frequencies, shown, observer)
     with replacing_file(target) as fresh:
         fresh.write_text(text, encoding="utf-8")
     return target
@@ -77,6 +86,7 @@ def report_html(
 _CAPTIONS = {
     "globe": "The sphere of directions, with zones and the ways of all boresights; what is behind is pale.",
     "sphere": "The same unfolded: inertial azimuth and elevation.",
+    **ALONG_ORBIT,
     "spacecraft": "The spacecraft in its body axes: how devices are mounted, what they reach, and where they "
     "look at the start. Where on the platform they stand is not known, and lengths mean nothing.",
     "margins": "Margin of every device to every zone; the triangle is the bound that is proved.",
@@ -90,12 +100,17 @@ _CAPTIONS = {
 }
 
 
-def page(plan: Plan, frequencies: Sequence[float] = (), viewer: Markup | None = None) -> str:
+def page(
+    plan: Plan,
+    frequencies: Sequence[float] = (),
+    viewer: Markup | None = None,
+    observer: Satellite | None = None,
+) -> str:
     """The HTML of the page on a plan of any status, certified anew; see `jaxplan.report.report_html`."""
     there = plan.trajectory is not None and plan.goal is not None
     certificate = certify(plan) if there else None
     status, message = _verdict(plan, certificate)
-    pictures = dict(_pictures(plan, frequencies))
+    pictures = dict(_pictures(plan, frequencies, observer))
     colophon = (
         f"Made by jaxplan {__version__}. The certificate was made anew for this page, from the "
         "trajectory alone. Attitudes map body to inertial axes."
@@ -135,7 +150,7 @@ def _parts(plan: Plan, certificate: Certificate | None, pictures: dict[str, Mark
 
     craft = plan.scenario.spacecraft
     parts = [
-        section("manoeuvre", "The manoeuvre", *shown("globe", "sphere")),
+        section("manoeuvre", "The manoeuvre", *shown("globe", "sphere", *ALONG_ORBIT)),
         section(
             "scenario",
             "Scenario",
@@ -227,12 +242,14 @@ def _tiles(plan: Plan, certificate: Certificate | None) -> list[Markup]:
     ]
 
 
-def _pictures(plan: Plan, frequencies: Sequence[float]) -> list[tuple[str, Markup]]:
+def _pictures(
+    plan: Plan, frequencies: Sequence[float], observer: Satellite | None
+) -> list[tuple[str, Markup]]:
     """Draw every figure of the plan, a spectrum where there are frequencies, Hz; returns names and HTML."""
     from jaxplan.plotting import inline_figures  # only here: the rest does without matplotlib
 
     found = []
-    for name, address in inline_figures(plan, frequencies):
+    for name, address in inline_figures(plan, frequencies, observer=observer):
         caption = _CAPTIONS.get(name, name)
         image = tag("img", src=address, alt=caption)
         found.append((name, tag("figure", image, tag("figcaption", caption), id=f"figure-{name}")))

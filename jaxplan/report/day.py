@@ -4,8 +4,10 @@ import numpy as np
 
 from jaxplan.model.status import Status
 from jaxplan.report import tables
+from jaxplan.report.captions import ALONG_ORBIT
 from jaxplan.report.document import document
 from jaxplan.report.markup import Markup, degrees, facts, join, number, section, table, tag
+from jaxplan.sky import Satellite
 from jaxplan.timeline.events import Event, events
 from jaxplan.timeline.listing import activity_rows, clock, stamps
 from jaxplan.timeline.record import PlannedActivity, TimelinePlan
@@ -18,6 +20,7 @@ _CAPTIONS = {
     "globe": "The sphere of directions with the ways of all boresights over the day; zones are where they "
     "are at the start, and their fainter edges where they are at the end.",
     "sphere": "The same unfolded: inertial azimuth and elevation.",
+    **ALONG_ORBIT,
     "spacecraft": "The spacecraft in its body axes: how devices are mounted, what they reach, and where they "
     "look at the start. Where on the platform they stand is not known, and lengths mean nothing.",
     "accelerations": "Angular acceleration of the platform in body axes, and accelerations of the joints.",
@@ -26,9 +29,9 @@ _CAPTIONS = {
 _MOST_EVENTS = 2000  # rows of the table of events
 
 
-def day_page(plan: TimelinePlan, viewer: Markup | None = None) -> str:
+def day_page(plan: TimelinePlan, viewer: Markup | None = None, observer: Satellite | None = None) -> str:
     """The HTML of the page on a timeline's plan of any status; see `jaxplan.report.report_html`."""
-    found, pictures = events(plan), dict(_pictures(plan))
+    found, pictures = events(plan), dict(_pictures(plan, observer))
     colophon = (
         f"Made by jaxplan {__version__}. The certificate is the one of the plan, from its trajectory alone. "
         "Attitudes map body to inertial axes."
@@ -115,7 +118,11 @@ def _parts(plan: TimelinePlan, found: tuple[Event, ...], pictures: dict[str, Mar
     if found:
         parts.append(section("events", "Events", events_listed(plan, found)))
     if plan.trajectory is not None:
-        parts.append(section("motion", "The motion", *shown("globe", "sphere", "accelerations", "torque")))
+        parts.append(
+            section(
+                "motion", "The motion", *shown("globe", "sphere", *ALONG_ORBIT, "accelerations", "torque")
+            )
+        )
     if plan.certificate is not None:
         parts.append(section("certificate", "Certificate", *_certificate(plan)))
     setting = (
@@ -180,12 +187,12 @@ def _certificate(plan: TimelinePlan) -> list[Markup]:
     return content
 
 
-def _pictures(plan: TimelinePlan) -> list[tuple[str, Markup]]:
+def _pictures(plan: TimelinePlan, observer: Satellite | None) -> list[tuple[str, Markup]]:
     """Draw the figures of the page; returns names and HTML."""
     from jaxplan.plotting import inline_figures  # only here: the rest does without matplotlib
 
     found = []
-    for name, address in inline_figures(plan, names=tuple(_CAPTIONS)):
+    for name, address in inline_figures(plan, names=tuple(_CAPTIONS), observer=observer):
         caption = _CAPTIONS[name]
         image = tag("img", src=address, alt=caption)
         found.append((name, tag("figure", image, tag("figcaption", caption), id=f"figure-{name}")))

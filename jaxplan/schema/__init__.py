@@ -9,6 +9,8 @@ must go together, `sky` what bodies and satellites stand for. `reading` and `tim
 from jaxplan.schema.faults import ScenarioError
 from jaxplan.schema.reading import (
     dump_scenario,
+    find_observer,
+    load_observer,
     load_scenario,
     parse_scenario,
     save_scenario,
@@ -30,6 +32,8 @@ __all__ = [
     "ScenarioError",
     "dump_scenario",
     "dump_timeline",
+    "find_observer",
+    "load_observer",
     "load_scenario",
     "load_timeline",
     "parse_scenario",

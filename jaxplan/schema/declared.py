@@ -61,6 +61,7 @@ KINDS: dict[Any, Any] = {
     "factors": _of_number(lambda each: ByName(each, "gimbal")),
     "epoch": Epoch(),
     "activity name": Text(empty=True),
+    "target name": Text(empty=True),
     "samples": Array(("sample", 3), noun="unit vectors of 3 numbers, one a time", rule=units),
     "slopes": Array(("sample", 3), noun="vectors of 3 numbers, one a time"),
     "sample times": _of_number(

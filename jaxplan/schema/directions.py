@@ -132,15 +132,16 @@ def path_of(parts: dict[str, Any], place: Place) -> Any:
     """Make the path through samples at times; returns `WRONG` where they have faults, or no path is found.
 
     Args:
-        parts: what was read of samples, times and, maybe, the spans in which a target is hidden.
+        parts: what was read of samples, times and, maybe, of a target the name and when it is hidden.
         place: of the path, where it is noted if there is none.
     """
     place.reading.sizes.pop("sample", None)  # the next path has its own number of them
     samples, times, hidden = parts["samples"], parts["times"], parts.get("hidden", ())
-    if samples is WRONG or times is WRONG or WRONG in hidden:
+    called = parts.get("called", "")
+    if samples is WRONG or times is WRONG or WRONG in hidden or called is WRONG:
         return WRONG
     try:
-        return replace(DirectionPath.through(times, samples), hidden=hidden)
+        return replace(DirectionPath.through(times, samples), hidden=hidden, called=called)
     except ValueError as error:
         return place["direction_samples"].fault(str(error).removeprefix("samples: "), samples.tolist())
 

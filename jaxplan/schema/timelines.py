@@ -7,6 +7,7 @@ Times count from the epoch on. What concerns single activities is in `activities
 """
 
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -61,6 +62,10 @@ class _Parts:
     activities: Any
 
 
+_PATH = "path"  # what files that are written call a path, with its number
+_NUMBERED = re.compile(rf"{_PATH}-\d+")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Given:
     """A path by name, to which targets and wishes of activities refer."""
@@ -70,9 +75,11 @@ class Given:
 
 
 def _make_given(parts: dict[str, Any], place: Place) -> Given:
-    """Make a path by name of what was read."""
-    name = parts.pop("name")
-    return Given(name=name, path=path_of(parts, place))
+    """Make a path by name of what was read; what is there is called so, too, unless the file says else."""
+    name, called = parts.pop("name"), parts.pop("called", "")
+    if not called and name is not WRONG and not _NUMBERED.fullmatch(name):
+        called = name
+    return Given(name=name, path=path_of({**parts, "called": called}, place))
 
 
 def _make_parts(parts: dict[str, Any], place: Place) -> _Parts:
@@ -89,7 +96,12 @@ GIVEN = Table(
         *PATH.fields,
     ],
     make=_make_given,
-    split=lambda given: {"name": given.name, **vars(given.path), "hidden": given.path.hidden or None},
+    split=lambda given: {
+        **vars(given.path),
+        "name": given.name,
+        "called": given.path.called or None,
+        "hidden": given.path.hidden or None,
+    },
 )
 _USUAL: dict[str, Any] = {"view": None, "heading": Heading(), "directions": (), "activities": WRONG}
 _OWN = {
@@ -120,7 +132,7 @@ def _split_timeline(timeline: Timeline) -> dict[str, Any]:
         if not isinstance(direction, DirectionPath) or not direction.moves:
             return direction
         return Followed(
-            names.setdefault(id(direction), Given(name=f"path-{len(names) + 1}", path=direction)).name
+            names.setdefault(id(direction), Given(name=f"{_PATH}-{len(names) + 1}", path=direction)).name
         )
 
     activities = [split_activity(one, craft, name_of) for one in timeline.activities]

@@ -34,6 +34,7 @@ from jaxplan.sky.sights import (
     direction_rates,
     directions,
     drift,
+    local_axes,
     positions,
     velocities,
 )
@@ -61,6 +62,7 @@ __all__ = [
     "drift",
     "hidden",
     "keep_out",
+    "local_axes",
     "occulter",
     "parse_tle",
     "path",

@@ -10,7 +10,7 @@ from numbers import Real
 import numpy as np
 
 from jaxplan.runtime.display import shown
-from jaxplan.sky.frames import earth_fixed_state
+from jaxplan.sky.frames import earth_fixed_state, library
 from jaxplan.sky.orbits import EARTH_RADIUS
 
 _FLATTENING = 1 / 298.257223563  # of the ellipsoid of WGS 84
@@ -60,6 +60,43 @@ class GroundPoint:
         normal = EARTH_RADIUS / np.sqrt(1 - _SQUARE * np.sin(self.latitude) ** 2)
         height = self.altitude * 1e-3
         return self.up * np.array([normal + height] * 2 + [normal * (1 - _SQUARE) + height])
+
+
+def surface_point(place: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Find where lines first meet the ellipsoid of WGS 84 from outside.
+
+    Args:
+        place: (..., 3) km where lines begin, along axes that are fixed to the Earth.
+        direction: (..., 3) of any length but zero, along the same axes.
+
+    Returns:
+        (..., 3) km; NaN where a line misses the ellipsoid, leads away from it, or begins in it.
+    """
+    stretch = np.array([1.0, 1.0, 1 / (1 - _FLATTENING)]) / EARTH_RADIUS  # makes it the unit sphere
+    start, way = place * stretch, direction * stretch
+    length, along = np.sum(way * way, axis=-1), np.sum(start * way, axis=-1)
+    outside = np.sum(start * start, axis=-1) - 1
+    root = along * along - length * outside
+    meets = (root >= 0) & (along < 0) & (outside > 0)
+    # the nearer crossing, written so that no digits are lost where the line begins close to it
+    share = outside / np.where(meets, np.sqrt(np.where(meets, root, 1.0)) - along, np.nan)
+    return np.asarray(place + share[..., None] * direction)
+
+
+def geodetic(place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Geodetic coordinates on WGS 84; the inverse of `GroundPoint.place`.
+
+    Args:
+        place: (..., 3) km along axes that are fixed to the Earth, not at its centre.
+
+    Returns:
+        (...) rad latitude, (...) rad longitude to the east in (-pi, pi], (...) km altitude; NaN of a NaN.
+    """
+    known = np.all(np.isfinite(place), axis=-1, keepdims=True)
+    metres = np.where(known, place, [EARTH_RADIUS, 0.0, 0.0]) * 1e3
+    east, latitude, height = library("erfa").gc2gde(EARTH_RADIUS * 1e3, _FLATTENING, metres)
+    found = np.where(known, np.stack([latitude, east, height * 1e-3], axis=-1), np.nan)
+    return found[..., 0], found[..., 1], found[..., 2]
 
 
 def ground_state(

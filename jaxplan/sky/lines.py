@@ -18,7 +18,7 @@ import numpy as np
 
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.epochs import parse_epoch
-from jaxplan.model.hidden import Hidden
+from jaxplan.model.hidden import UNNAMED, Hidden
 from jaxplan.runtime.arguments import number
 from jaxplan.runtime.display import shown
 from jaxplan.sky.frames import RADII
@@ -78,7 +78,7 @@ def target(
     epoch: Epoch,
     observer: Thing,
     duration_s: float,
-    name: str = "target",
+    name: str = UNNAMED,
     atmosphere_km: float = 0.0,
     occulters: Sequence[Occulter] = (),
 ) -> DirectionPath:
@@ -89,7 +89,7 @@ def target(
         epoch: UTC of the manoeuvre's start.
         observer: who looks, a satellite.
         duration_s: s, in (0, 86400].
-        name: what messages call it.
+        name: what messages and figures call it.
         atmosphere_km: height that counts as the Earth, in [0, 1000]; some 100 km matter to optics.
         occulters: spheres that may hide it, beside the Earth.
 
@@ -100,8 +100,9 @@ def target(
         ValueError: as `path`, and if the observer is not outside the Earth's air and the occulters.
     """
     found = path(thing, epoch=epoch, observer=observer, duration_s=duration_s)
+    called = "" if name == UNNAMED else name
     if isinstance(thing, str):
-        return found
+        return replace(found, called=called or thing)
     spans = hidden(
         thing,
         epoch=epoch,
@@ -111,7 +112,7 @@ def target(
         atmosphere_km=atmosphere_km,
         occulters=occulters,
     )
-    return replace(found, hidden=spans)
+    return replace(found, hidden=spans, called=called)
 
 
 def hidden(
@@ -120,7 +121,7 @@ def hidden(
     epoch: Epoch,
     observer: Thing,
     duration_s: float,
-    name: str = "target",
+    name: str = UNNAMED,
     atmosphere_km: float = 0.0,
     occulters: Sequence[Occulter] = (),
 ) -> tuple[Hidden, ...]:

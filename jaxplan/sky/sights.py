@@ -11,6 +11,9 @@ centre and ``v`` its velocity, both inertial, in the GCRS:
     zenith        r
     ram           v; at right angles to nadir on a circular orbit alone
     orbit_normal  r x v
+
+They make the local orbital frame (`local_axes`): z to nadir, y against the orbit's normal, and x = y x z,
+which completes the right-handed set and is along the velocity on a circular orbit. STK calls it VVLH.
 """
 
 from collections.abc import Callable, Sequence
@@ -107,6 +110,25 @@ def directions(target: Thing, *, epoch: Epoch, observer: Thing, times: ArrayLike
         return _local(target, observer, epoch, times)
     between, distance = _between(target, observer, epoch, times)
     return between / distance[..., None]
+
+
+def local_axes(observer: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarray:
+    """Find the rotation that takes inertial directions to the local orbital frame, as the module says.
+
+    Args:
+        observer: a satellite.
+        epoch: UTC.
+        times: (...) s after the epoch.
+
+    Returns:
+        (..., 3, 3) whose rows are the frame's axes x, y and z, GCRS.
+
+    Raises:
+        ValueError: as `directions`, and if the observer's motion is not known or straight up.
+    """
+    down = _local("nadir", observer, epoch, times)
+    across = -_local("orbit_normal", observer, epoch, times)
+    return np.stack([np.cross(across, down), across, down], axis=-2)
 
 
 def direction_rates(target: Thing, *, epoch: Epoch, observer: Thing, times: ArrayLike = 0.0) -> np.ndarray:

@@ -158,8 +158,7 @@ def _targets(plan: TimelinePlan) -> list[_Target]:
         ):
             origin, path = given
             key = keys.setdefault(id(origin), (path.times.tobytes(), path.samples.tobytes(), path.hidden))
-            own = min({span.target for span in path.hidden} - {"target"}, default="")
-            names.setdefault(key, own or f"the target of {device} in {activity.name}")
+            names.setdefault(key, path.target or f"the target of {device} in {activity.name}")
             paths.setdefault(key, path)
             if device not in devices.setdefault(key, []):
                 devices[key].append(device)

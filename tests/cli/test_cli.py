@@ -4,14 +4,17 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import jaxplan as jp
 from jaxplan.cases import RANDOM_KINDS, case_path
 from jaxplan.cli import main, plans
 from jaxplan.exporting.formats import FORMATS
+from jaxplan.schema import find_observer
 from jaxplan.search import PLANNERS
 
 
@@ -101,7 +104,7 @@ def test_what_figures_call_proved_is_not_what_a_file_claims(planned, monkeypatch
     claims["min_margin"] = 1.0
     file.write_text(json.dumps(content))
     drawn = []
-    monkeypatch.setattr(plans, "draw", lambda plan, folder, _: drawn.append(plan))
+    monkeypatch.setattr(plans, "draw", lambda plan, *_: drawn.append(plan))
     assert main(["plot", str(file)]) == 0
     assert drawn[0].certificate.min_margin == pytest.approx(told, abs=1e-12)
 
@@ -472,3 +475,55 @@ def test_kernels_that_xla_refuses_are_told_of_on_stderr(capsys, monkeypatch):
     assert code == 0
     assert "refused 2 of the kernels" in err
     assert "refused" not in out
+
+
+SKY = """[sky]
+observer = { altitude_km = 600, inclination_deg = 60, ascending_node_deg = 30, argument_of_latitude_deg = 9 }
+"""
+
+
+@pytest.mark.slow
+def test_the_orbit_of_a_scene_adds_figures_along_it_to_a_plan_and_its_report(capsys, planned, tmp_path):
+    pytest.importorskip("erfa", reason="the extra orbit is not installed")
+    scene, file = tmp_path / "scene.toml", tmp_path / "plan.json"
+    scene.write_text(SKY)
+    code, _, err = run(capsys, "plot", file, "--observer", scene, "-o", tmp_path / "along")
+    assert (code, "has no epoch" in err) == (2, True)
+    plan = jp.load_plan(file)
+    dated = replace(plan, scenario=replace(plan.scenario, epoch=np.datetime64("2026-06-20T09:00:00", "ns")))
+    dated.save(file)
+    code, _, _ = run(capsys, "plot", file, "--observer", scene, "-o", tmp_path / "along")
+    assert code == 0
+    pictures = {one.stem for one in (tmp_path / "along").glob("*.png")}
+    assert {"orbital_sphere", "attitude", "ground_track"} <= pictures
+    code, _, err = run(capsys, "plot", file, "-o", tmp_path / "along")  # those of before are taken away
+    assert code == 0
+    assert not (tmp_path / "along" / "ground_track.png").exists()
+    code, _, _ = run(capsys, "report", file, "--observer", scene, "-o", tmp_path / "page.html")
+    assert code == 0
+    page = (tmp_path / "page.html").read_text()
+    assert all(f'id="figure-{name}"' in page for name in ("orbital_sphere", "attitude", "ground_track"))
+
+
+def test_an_orbit_for_figures_is_refused_where_there_is_none_or_it_has_no_place(capsys, planned, tmp_path):
+    bare = tmp_path / "bare.toml"
+    bare.write_text('schema_version = 1\nname = "bare"\n')
+    plan = jp.load_plan(tmp_path / "plan.json")
+    epoch = np.datetime64("2026-06-20T09:00:00", "ns")
+    replace(plan, scenario=replace(plan.scenario, epoch=epoch)).save(tmp_path / "plan.json")
+    for command in ("plot", "report"):
+        code, _, err = run(capsys, command, tmp_path / "plan.json", "--observer", bare)
+        assert (code, "sky.observer: missing, must say the orbit" in err) == (2, True)
+    code, _, err = run(capsys, "plot", "case-4", "--observer", bare, "-o", tmp_path)
+    assert (code, "is for a plan, and case-4 is a scenario" in err) == (2, True)
+
+
+def test_a_file_may_have_no_orbit_where_none_is_needed(tmp_path):
+    bare, orbit, wrong = (tmp_path / f"{name}.toml" for name in ("bare", "orbit", "wrong"))
+    bare.write_text('name = "observer"\n')
+    orbit.write_text(SKY)
+    wrong.write_text(SKY.replace("600", "-1"))
+    assert find_observer(bare) is None
+    assert find_observer(orbit) == jp.load_observer(orbit)
+    with pytest.raises(jp.ScenarioError, match="altitude_km"):
+        find_observer(wrong)

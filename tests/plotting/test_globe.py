@@ -276,7 +276,7 @@ def test_a_platform_without_devices_turns_too():
 
 
 def test_the_legend_of_many_devices_is_within_the_picture():
-    axes = jp.plot.globe(make_plan(6, 6))
+    axes = jp.plot.globe(make_plan(12, 14))
     axes.figure.draw_without_rendering()
     assert axes.get_legend()._ncols == 2
     assert axes.get_legend().get_window_extent().x1 <= axes.figure.bbox.x1

@@ -81,7 +81,7 @@ def test_the_same_plan_gives_the_same_page_and_an_old_file_is_kept(plan, file, t
 
 
 def test_a_plan_that_is_all_well_says_so(plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(DRAW, lambda plan: [])
+    monkeypatch.setattr(DRAW, lambda *_: [])
     done = replace(plan, status=Status.OK, message="", activities=plan.activities[::2])
     page = Page(jp.report_html(done, tmp_path / "ok.html").read_text(encoding="utf-8"))
     assert page.texts["strong"] == ["Certified"]
@@ -89,7 +89,7 @@ def test_a_plan_that_is_all_well_says_so(plan, tmp_path, monkeypatch):
 
 
 def test_a_plan_without_a_trajectory_has_a_page(plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(DRAW, lambda plan: [])
+    monkeypatch.setattr(DRAW, lambda *_: [])
     failed = replace(plan, trajectory=None, certificate=None, segments=(), activities=plan.activities[1:2])
     page = Page(jp.report_html(failed, tmp_path / "failed.html").read_text(encoding="utf-8"))
     assert not any("in order of time" in text for text in page.texts["table"])

@@ -149,7 +149,7 @@ def test_the_same_plan_gives_the_same_page(plan, file, tmp_path):
 
 @pytest.mark.parametrize("status", [status for status in Status if status is not Status.OK])
 def test_a_failed_plan_says_where_and_what_to_change(plan, status, tmp_path, monkeypatch):
-    monkeypatch.setattr(DRAW, lambda plan, frequencies: [])
+    monkeypatch.setattr(DRAW, lambda *_: [])
     came = STEPS.index(status.step)
     known = {
         "goal": came >= 2,
@@ -180,7 +180,7 @@ def test_a_failed_plan_has_the_figures_that_it_came_to(plan, tmp_path):
 
 
 def test_a_plan_that_only_calls_itself_certified_is_found_out(plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(DRAW, lambda plan, frequencies: [])
+    monkeypatch.setattr(DRAW, lambda *_: [])
     craft = replace(plan.scenario.spacecraft, rate_limit=1e-4)
     lying = replace(plan, scenario=replace(plan.scenario, spacecraft=craft))
     page = Page(jp.report_html(lying, tmp_path / "lie.html").read_text(encoding="utf-8"))
@@ -199,7 +199,7 @@ def test_a_scene_without_devices_or_zones_has_a_page(tmp_path):
 
 
 def test_the_page_tells_of_mountings_fields_wishes_and_what_is_held(tmp_path, monkeypatch):
-    monkeypatch.setattr(DRAW, lambda plan, frequencies: [])
+    monkeypatch.setattr(DRAW, lambda *_: [])
     craft = make_observer()
     field = {"field_of_view": np.deg2rad([14.3, 10.0]), "up": np.array([1.0, 0.0, 0.0])}
     craft = replace(craft, instruments=(replace(craft.instruments[0], **field), *craft.instruments[1:]))
@@ -294,7 +294,7 @@ def test_an_old_file_stays_unless_it_may_go(plan, tmp_path, monkeypatch):
 
 
 def test_the_command_writes_beside_the_plan_and_replaces_only_with_force(plan, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(DRAW, lambda plan, frequencies: [])
+    monkeypatch.setattr(DRAW, lambda *_: [])
     plan.save(tmp_path / "plan.json")
     assert main(["report", str(tmp_path / "plan.json")]) == 0
     first = (tmp_path / "plan.html").read_bytes()
@@ -341,3 +341,16 @@ class TestBrowser:
         blue = np.array([0x00, 0x72, 0xB2]) / 255  # of the first device, in the figures alone
         if scheme == 1:
             assert np.count_nonzero(np.all(np.abs(seen - blue) < 0.02, axis=-1)) > 200
+
+
+@pytest.mark.slow
+def test_a_report_has_figures_along_the_orbit_where_that_is_given(plan, tmp_path):
+    pytest.importorskip("erfa", reason="the extra orbit is not installed")
+    dated = replace(plan, scenario=replace(plan.scenario, epoch=np.datetime64("2026-06-20T09:30:00", "ns")))
+    orbit = jp.sky.CircularOrbit(altitude=600.0, inclination=1.7, node=0.2, latitude=1.0)
+    names = ("orbital_sphere", "attitude", "ground_track")
+    for file, more, there in (("with", {"observer": orbit}, True), ("without", {}, False)):
+        page = jp.report_html(dated, tmp_path / f"{file}.html", **more).read_text(encoding="utf-8")
+        assert [f'id="figure-{name}"' in page for name in names] == [there] * 3
+    with pytest.raises(TypeError, match="observer must be an orbit"):
+        jp.report_html(dated, tmp_path / "wrong.html", observer="ISS")

@@ -415,3 +415,26 @@ def test_a_fault_of_python_names_attribute_value_and_range(timeline, changes, fa
 def test_what_is_no_timeline_is_a_type_error():
     with pytest.raises(TypeError, match="timeline must be a Timeline, not int"):
         take_in_timeline(3)
+
+
+def test_targets_keep_their_names_in_files_that_are_written():
+    day = parse_timeline(FILE)
+    again = parse_timeline(dump_timeline(day))
+
+    def names(timeline):
+        return [[path.target for path in one.targets.paths] for one in timeline.activities if one.targets]
+
+    assert names(day) == [["nadir"], ["nadir", ""]]
+    assert names(again) == names(day)
+    assert dump_timeline(again) == dump_timeline(day)
+
+
+def test_a_path_of_ones_own_is_called_by_its_name_and_a_numbered_one_by_none():
+    path = "times_s = [0, 30, 60]\ndirection_samples = [[0, 1, 0], [0, 0.96, 0.28], [0, 0.8, 0.6]]\n"
+    found = {}
+    for name, more in (("comet", ""), ("path-3", ""), ("path-4", 'target = "moonlet"\n')):
+        text = STILL.replace("[[activity]]", f'[[direction]]\nname = "{name}"\n{more}{path}[[activity]]')
+        text = text.replace("[0, 0.6, 0.8]", f'"{name}"')
+        day = parse_timeline(text.replace("[spacecraft]", "[timeline]\nuntil_s = 60\n[spacecraft]"))
+        found[name] = day.activities[0].targets.paths[0].target
+    assert found == {"comet": "comet", "path-3": "", "path-4": "moonlet"}

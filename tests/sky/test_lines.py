@@ -1,5 +1,7 @@
 """Lines of sight against rays that are followed in small steps, through spheres and the ellipsoid."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from heavens import teme_to_j2000
@@ -188,3 +190,13 @@ def test_a_time_is_moved_behind_all_spans_that_follow_each_other():
 def test_what_cannot_be_answered_is_an_error_with_key_and_value(ask, words):
     with pytest.raises(ValueError, match=words):
         ask()
+
+
+def test_targets_have_names_though_they_are_never_hidden():
+    when = {"epoch": EPOCH, "observer": LOW, "duration_s": 100.0}
+    assert sky.target("moon", **when).target == "moon"
+    assert sky.target("nadir", name="down", **when).target == "down"
+    assert sky.target(OTHERS["behind"], name="behind", **when).target == "behind"
+    assert sky.target(OTHERS["behind"], **when).target == ""
+    spans = (Hidden(target="site", by="its horizon", start=0.0, end=9.0),)
+    assert replace(sky.target(OTHERS["behind"], **when), hidden=spans).target == "site"

@@ -1,5 +1,6 @@
 """The viewer's page: what it is given, that it asks for nothing, and in a browser what it shows."""
 
+import html
 import json
 import re
 from dataclasses import replace
@@ -209,3 +210,42 @@ def test_the_viewer_runs_within_a_report(every, tmp_path):
     told = opened(page, tmp_path, script)
     assert told["found"] > 2e6
     assert told["wrong"] == told["console"] == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1280, 720)])
+def test_on_a_phone_and_on_a_projector_nothing_is_cut_and_no_names_touch(every, tmp_path, width, height):
+    page = jp.view(every["four terminals"]).html
+    size = f"width:{width}px;height:{height}px;border:0"
+    frame = f"<iframe id='own' srcdoc=\"{html.escape(page)}\" style='{size}'></iframe>"
+    script = """() => {
+        const own = document.getElementById("own").contentDocument, wide = own.documentElement.clientWidth;
+        const box = (element) => {
+            const found = element.getBoundingClientRect();
+            return [found.left, found.top, found.right, found.bottom];
+        };
+        const shown = [...own.querySelectorAll(".label")].filter((one) => Number(one.style.opacity) > 0);
+        return {
+            wide, over: own.documentElement.scrollWidth - wide,
+            bar: [...own.querySelectorAll("#bar > *, header > *")].map(box),
+            names: shown.map(box), hidden: own.querySelectorAll(".label").length - shown.length,
+        };
+    }"""
+    told = opened(
+        f"<!doctype html><html><head></head><body>{frame}</body></html>",
+        tmp_path,
+        script,
+        later=True,
+    )["found"]
+    assert width - 20 < told["wide"] <= width  # a bar to scroll by may take the rest
+    assert told["over"] <= 0
+    for left, top, right, bottom in told["bar"]:
+        assert 0 <= left <= right <= told["wide"]
+        assert top <= bottom
+    assert len(told["names"]) > 6
+    for number, one in enumerate(told["names"]):
+        for other in told["names"][:number]:
+            apart = (one[0] >= other[2] or other[0] >= one[2]), (one[1] >= other[3] or other[1] >= one[3])
+            overlap = min(one[3], other[3]) - max(one[1], other[1])
+            assert any(apart) or overlap < 0.25 * (one[3] - one[1])

@@ -23,9 +23,11 @@ const Charts = (() => {
       const figure = document.createElement("figure");
       const canvas = document.createElement("canvas");
       const legend = document.createElement("figcaption");
-      figure.append(canvas, legend);
+      const needle = document.createElement("div");  // at the time; the curves stay as they are painted
+      needle.className = "needle";
+      figure.append(canvas, needle, legend);
       document.getElementById("charts").append(figure);
-      const own = { chart, canvas, legend, hidden: new Set(), still: document.createElement("canvas") };
+      const own = { chart, canvas, needle, hidden: new Set() };
       chart.lines.forEach((one, number) => {
         const entry = document.createElement("button");
         entry.type = "button";
@@ -42,7 +44,7 @@ const Charts = (() => {
         });
         legend.append(entry);
       });
-      own.values = [...legend.querySelectorAll("b")];
+      own.values = [...legend.querySelectorAll("b")].map((element) => ({ element, text: "" }));
       const seek = (event) => {
         const box = canvas.getBoundingClientRect();
         onSeek(Math.min(Math.max((event.clientX - box.left - LEFT) / (box.width - LEFT - RIGHT), 0), 1) * data.motion.duration_s);
@@ -78,12 +80,15 @@ const Charts = (() => {
   }
 
   function paint(own) {
-    const { canvas, still, chart } = own, ratio = window.devicePixelRatio || 1;
+    const { canvas, chart } = own, ratio = window.devicePixelRatio || 1;
     const width = canvas.clientWidth, height = canvas.clientHeight;
-    [canvas, still].forEach((each) => { each.width = width * ratio; each.height = height * ratio; });
-    const pen = still.getContext("2d");
+    canvas.width = width * ratio;
+    canvas.height = height * ratio;
+    own.needle.style.top = `${TOP}px`;
+    own.needle.style.height = `${height - TOP - BOTTOM}px`;
+    const pen = canvas.getContext("2d");
     pen.scale(ratio, ratio);
-    pen.font = "11px system-ui, sans-serif";
+    pen.font = "12px system-ui, sans-serif";
     const [low, high] = span(own), duration = Math.max(data.motion.duration_s, 1e-9);
     const x = (time) => LEFT + (width - LEFT - RIGHT) * time / duration;
     const y = (value) => TOP + (height - TOP - BOTTOM) * (high - value) / (high - low);
@@ -136,22 +141,16 @@ const Charts = (() => {
     return values[k] + share * (values[k + 1] - values[k]);
   }
 
+  // Nothing here asks how large anything is, which would have the browser lay out the page in every frame.
   function cursor(own, time) {
     own.time = time;
-    const pen = own.canvas.getContext("2d"), ratio = window.devicePixelRatio || 1;
-    pen.setTransform(1, 0, 0, 1, 0, 0);
-    pen.clearRect(0, 0, own.canvas.width, own.canvas.height);
-    pen.drawImage(own.still, 0, 0);
-    pen.scale(ratio, ratio);
-    pen.strokeStyle = ink["--ink"];
-    pen.lineWidth = 1;
-    pen.beginPath(); pen.moveTo(own.x(time), TOP); pen.lineTo(own.x(time), own.canvas.clientHeight - BOTTOM); pen.stroke();
+    own.needle.style.transform = `translateX(${own.x(time)}px)`;
     own.chart.lines.forEach((one, number) => {
-      const value = at(data.times_s, one.values, time);
-      if (value === null) { own.values[number].textContent = "\u2013"; return; }
-      own.values[number].textContent = one.scale
+      const value = at(data.times_s, one.values, time), place = own.values[number];
+      const text = value === null ? "\u2013" : one.scale
         ? `${(value * one.scale / 100).toFixed(one.places)} ${one.unit} (${value.toFixed(0)} %)`
         : `${value.toFixed(one.places)} ${one.unit}`;
+      if (text !== place.text) place.element.textContent = place.text = text;
     });
   }
 

@@ -23,14 +23,19 @@ const Viewer = (() => {
     dirty = true;
   }
 
+  const told = {};
+  function say(id, text) {
+    if (told[id] !== text) byId(id).textContent = told[id] = text;
+  }
+
   function refresh() {
     World.show(time);
     Charts.show(time);
     byId("slider").value = time;
-    byId("time").textContent = `${format(time)} of ${format(data.motion.duration_s)}`;
-    byId("clock").textContent = clock(time);
+    say("time", `${format(time)} of ${format(data.motion.duration_s)}`);
+    say("clock", clock(time));
     const own = data.motion.segments.find((segment) => time <= segment.end_s) || null;
-    byId("segment").textContent = own ? `${own.kind}: ${own.name}` : "";
+    say("segment", own ? `${own.kind}: ${own.name}` : "");
     dirty = false;
   }
 

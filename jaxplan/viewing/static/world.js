@@ -9,8 +9,8 @@ const World = (() => {
   };
   let THREE, data, renderer, scene, camera, caster;
   const eye = { azimuth: 0, elevation: 0, distance: 3 };  // rad, rad, radii of the sphere
-  let platform, world, zones = [], devices = [], trails = [], picks = [], labels = [], coloured = [];
-  let inBody = false, theme = "light";
+  let platform, world, zones = [], devices = [], trails = [], picks = [], labels = [], coloured = [], spot;
+  let inBody = false, theme = "light", width = 1, height = 1, named = true, changed = true;
 
   // A material in a colour of its own, lighter on dark ground so that it is seen there.
   function tinted(material, colour) {
@@ -185,7 +185,7 @@ const World = (() => {
     element.textContent = text;
     if (colour) element.style.color = colour;
     document.getElementById("labels").append(element);
-    labels.push({ element, parent, at });
+    labels.push({ element, parent, at, rank: ["device", "zone", "axis"].indexOf(kind), wide: 0, high: 0 });
   }
 
   // Rotation matrix of a quaternion, scalar first, as rows.
@@ -235,6 +235,7 @@ const World = (() => {
     world.matrix.identity();
     if (inBody) world.matrix.copy(platform.matrix).invert();
     world.matrixWorldNeedsUpdate = true;
+    changed = true;
     return state;
   }
 
@@ -257,6 +258,7 @@ const World = (() => {
         eye.azimuth -= (event.clientX - before.x) / canvas.clientHeight * 3;
         eye.elevation += (event.clientY - before.y) / canvas.clientHeight * 3;
         eye.elevation = Math.min(Math.max(eye.elevation, -1.55), 1.55);
+        changed = true;
       }
       fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
       if (wide) come(wide / apart());
@@ -268,7 +270,10 @@ const World = (() => {
     }, { passive: false });
   }
 
-  function come(times) { eye.distance = Math.min(Math.max(eye.distance * times, 0.4), 9); }
+  function come(times) {
+    eye.distance = Math.min(Math.max(eye.distance * times, 0.4), 9);
+    changed = true;
+  }
 
   function look() {
     const c = Math.cos(eye.elevation) * eye.distance;
@@ -276,26 +281,42 @@ const World = (() => {
     camera.lookAt(0, 0, 0);
   }
 
+  // Draws what is new since the last time; where nothing moved there is nothing to do.
   function draw() {
+    if (!changed) return;
+    changed = false;
     look();
     scene.updateMatrixWorld();
     renderer.render(scene, camera);
-    const { clientWidth: width, clientHeight: height } = renderer.domElement;
-    const toEye = camera.position.clone().normalize();
-    labels.forEach(({ element, parent, at }) => {
-      const place = parent.localToWorld(at.clone());
-      const behind = place.clone().normalize().dot(toEye) < -0.15 && place.length() > 0.6;
+    if (named) placeLabels();
+  }
+
+  // Puts names where their things are; of two that would touch, the less important one is not shown.
+  function placeLabels() {
+    const toEye = camera.position.clone().normalize(), taken = [];
+    labels.forEach((label) => {
+      const place = label.parent.localToWorld(spot.copy(label.at));
+      const behind = place.dot(toEye) < -0.15 * place.length() && place.length() > 0.6;
       const flat = place.project(camera);
-      element.style.opacity = behind ? 0.45 : 1;
-      element.style.transform = `translate(${(flat.x + 1) / 2 * width}px, ${(1 - flat.y) / 2 * height}px) translate(-50%, -50%)`;
+      const x = (flat.x + 1) / 2 * width, y = (1 - flat.y) / 2 * height;
+      const free = taken.every((other) =>
+        Math.abs(other.x - x) > (other.wide + label.wide) / 2 || Math.abs(other.y - y) > (other.high + label.high) / 2);
+      if (free) taken.push({ x, y, wide: label.wide, high: label.high });
+      label.element.style.opacity = !free ? 0 : behind ? 0.45 : 1;
+      label.element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
     });
   }
 
   function resize() {
     const box = document.getElementById("stage");
-    renderer.setSize(box.clientWidth, box.clientHeight);
-    camera.aspect = box.clientWidth / Math.max(box.clientHeight, 1);
+    [width, height] = [box.clientWidth, box.clientHeight];
+    renderer.setSize(width, height);
+    camera.aspect = width / Math.max(height, 1);
     camera.updateProjectionMatrix();
+    labels.forEach((label) => {
+      [label.wide, label.high] = [label.element.offsetWidth, 0.8 * label.element.offsetHeight];
+    });
+    changed = true;
   }
 
   function home() {
@@ -303,6 +324,7 @@ const World = (() => {
     eye.azimuth = Math.atan2(data.eye[1], data.eye[0]);
     eye.elevation = Math.asin(data.eye[2]);
     eye.distance = far;
+    changed = true;
   }
 
   function setTheme(name) {
@@ -310,6 +332,7 @@ const World = (() => {
     document.documentElement.dataset.theme = name;
     scene.background = new THREE.Color(THEMES[name].ground);
     coloured.forEach((paint) => paint(THEMES[name]));
+    changed = true;
   }
 
   function toldAt(event) {
@@ -348,6 +371,8 @@ const World = (() => {
     addDevices();
     addZones();
     addTrails();
+    spot = new THREE.Vector3();
+    labels.sort((one, other) => one.rank - other.rank);  // the more important ones are placed first
     resize();
     home();
     new ResizeObserver(resize).observe(document.getElementById("stage"));  // it shrinks when curves come
@@ -359,7 +384,10 @@ const World = (() => {
     follow: (body) => { inBody = body; },
     followsBody: () => inBody,
     canvas: () => renderer.domElement,
-    labels: (shown) => { document.getElementById("labels").style.display = shown ? "" : "none"; },
+    labels: (shown) => {
+      document.getElementById("labels").style.display = shown ? "" : "none";
+      named = changed = shown;
+    },
     // For checks from outside: world matrices of platform and devices, by columns, as three.js has them.
     matrices: () => {
       scene.updateMatrixWorld(true);

@@ -1,0 +1,300 @@
+"""The ground track: where on the turning Earth the spacecraft is overhead, and what its boresights look at.
+
+Places are geodetic, on the ellipsoid of WGS 84, whose axes turn with the Earth as `jaxplan.sky.frames` says.
+A boresight meets the ellipsoid at its first crossing; while it looks past the Earth its track has a gap, and
+the legend says for which share of the time it meets. Nothing hides the ground: clouds, night and terrain do
+not count. The map is plain (longitude against latitude) with a grid and no coasts, of the whole Earth or,
+where all is near together, of the region.
+
+A target whose lines of sight meet in one point of the turning Earth, near its surface, is a place on the
+ground; a plan holds directions alone, and so these are found again.
+"""
+
+from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
+from jaxplan import sky
+from jaxplan.geometry.vectors import pointing
+from jaxplan.model.directions import DirectionPath
+from jaxplan.model.goals import GivenState
+from jaxplan.planner import Plan
+from jaxplan.plotting.frames import Orbital, orbit_of
+from jaxplan.plotting.projections import cut
+from jaxplan.plotting.style import (
+    HALO,
+    SMALL,
+    TEXT,
+    WIDTH,
+    Canvas,
+    Entries,
+    Labels,
+    Look,
+    device_style,
+    expect_plan,
+    legend_beside,
+    motion,
+    panels,
+    plain,
+    tidy,
+)
+from jaxplan.runtime.arguments import show
+from jaxplan.sky.frames import gcrs_to_earth
+from jaxplan.sky.ground import geodetic, surface_point
+from jaxplan.timeline.record import TimelinePlan
+
+GROUND_SIZE = (WIDTH, 4.4)  # inches
+_WAY: Look = {"color": "black", "linewidth": 1.0, "zorder": 2.5}
+_START: Look = {"marker": "*", "markersize": 11, "linestyle": "none", "color": "black"}
+_END: Look = {"marker": "s", "markersize": 8, "linestyle": "none", "fillstyle": "none", "color": "black"}
+_SITE: Look = {"marker": "^", "markersize": 7, "linestyle": "none", "color": "#1B7837", "zorder": 4.5}
+_NIGHT: Look = {"facecolor": "0.86"}
+_REGION = np.array([120.0, 80.0])  # deg of longitude and latitude within which not all of the Earth is drawn
+_LEAST, _PAD = 8.0, 0.12  # of a region: deg that it has at least, and share of it that is added to each side
+_SAMPLES = 65  # lines of sight by which a place on the ground is found
+_OFF = 1.0  # km by which these may miss it
+_ALTITUDES = (-10.0, 100.0)  # km above the ellipsoid within which it may lie
+_PARALLAX = 1e-6  # least eigenvalue of the sum of their projections, a line, from which on they tell a place
+_GRID = 0.5  # deg of the grid on which the night is found
+_LETTER = 0.075  # inches: width of a letter
+
+
+class _Site(NamedTuple):
+    """A place on the ground with its name, (2,) deg of longitude and latitude."""
+
+    name: str
+    place: np.ndarray
+
+
+def ground_track(
+    plan: Plan | TimelinePlan,
+    observer: sky.Satellite | None = None,
+    ax: Canvas = None,
+    *,
+    legend: bool = True,
+) -> Axes:
+    """Draw the ground track of an Earth observer, and where its boresights meet the Earth.
+
+    Devices are instruments and terminals; drives, such as solar arrays, are left out. A track has a gap while
+    its boresight looks past the Earth, and the legend has the share of the time in which it meets. Targets on
+    the ground stand with their names; it is night where the map is grey, in the middle of the plan's time.
+
+    Args:
+        plan: with a trajectory, or that of a timeline.
+        observer: the spacecraft's orbit, one of `jaxplan.sky`, since a plan does not hold it.
+        ax: axes, a figure to put them in, or None for a new one.
+        legend: whether to name what is drawn beside the map.
+
+    Returns:
+        The axes: longitude to the east against geodetic latitude, deg.
+
+    Raises:
+        TypeError: if it is no plan, or the observer no orbit.
+        ValueError: if the orbit, the epoch or a trajectory is missing, or more than one axes is given.
+        ImportError: if the extra ``orbit`` is not installed.
+
+    Example:
+        >>> jp.plot.ground_track(plan, jp.load_observer("scene.toml"))
+    """
+    day = plan if isinstance(plan, TimelinePlan) else None
+    plan = expect_plan(plan)
+    orbit = orbit_of(plan, observer, "ground_track")
+    moves, craft = motion(plan), plan.scenario.spacecraft
+    (axes,) = panels(ax, 1, GROUND_SIZE)
+    tidy(axes)
+    axes.spines[["top", "right"]].set_visible(True)
+    to_earth = gcrs_to_earth(orbit.epoch, moves.times)
+    there = _places(orbit, moves.times, to_earth)
+    below = _on_map(there)
+    looks = np.einsum("kij,kdj->kdi", to_earth, moves.boresights)
+    meets = _on_map(surface_point(there[:, None], looks))
+    entries: Entries = [(Line2D([], [], **_WAY), "below the spacecraft")]
+    axes.plot(*cut(below).T, **_WAY)
+    missing, n = [], len(craft.terminals)
+    for device, name in enumerate(craft.device_names):
+        if n <= device < n + len(craft.drives):
+            continue
+        track, look = meets[:, device], {"linewidth": 1.8, "zorder": 3, **device_style(device)}
+        share = _share(moves.times, np.isfinite(track[:, 0]))
+        if share == 0:
+            missing.append(name)
+            continue
+        axes.plot(*cut(track).T, **look)
+        told = "" if share == 1 else f",\nmeets the Earth\n{_percent(share)} of the time"
+        entries.append((Line2D([], [], **look), f"{name}{told}"))
+    if missing:
+        entries.append(
+            (Line2D([], [], linestyle="none"), "\n".join(["past the Earth all the time:", *missing]))
+        )
+    for mark, place, word in ((_START, below[0], "start"), (_END, below[-1], "end")):
+        axes.plot(*place[:, None], zorder=4, **mark)
+        entries.append((Line2D([], [], **mark), word))
+    sites = list(_sites(day or plan, plan, orbit))
+    for site in sites:
+        axes.plot(*site.place[:, None], **_SITE)
+    if sites:
+        entries.append((Line2D([], [], **_SITE), "target on the ground"))
+    drawn = [below, *np.moveaxis(meets, 1, 0), *(site.place[None] for site in sites)]
+    _limit(axes, np.concatenate([points[np.isfinite(points[:, 0])] for points in drawn]))
+    _name(axes, sites, np.concatenate(drawn))
+    middle = float(moves.times[-1]) / 2
+    if _draw_night(axes, orbit, middle):
+        entries.append((Patch(**_NIGHT), f"night at {_clock(orbit.epoch, middle)}"))
+    span = f"{_stamp(orbit.epoch, 0.0)} to {_clock(orbit.epoch, float(moves.times[-1]))} UTC"
+    plain(axes.set_title(f"{plan.scenario.name}: ground track\n{span}", fontsize=TEXT + 1, loc="left"))
+    axes.set_xlabel("longitude, to the east (deg)", fontsize=TEXT)
+    axes.set_ylabel("geodetic latitude (deg)", fontsize=TEXT)
+    if legend:
+        legend_beside(axes, entries)
+    return axes
+
+
+def _places(orbit: Orbital, times: np.ndarray, to_earth: np.ndarray) -> np.ndarray:
+    """Positions (k, 3) km of the spacecraft along axes that are fixed to the Earth."""
+    there = sky.positions(orbit.observer, epoch=orbit.epoch, times=times)
+    return np.asarray(np.einsum("kij,kj->ki", to_earth, there))
+
+
+def _on_map(places: np.ndarray) -> np.ndarray:
+    """Longitude and geodetic latitude (..., 2) deg of places (..., 3) km; NaN of a NaN."""
+    latitude, longitude, _ = geodetic(places)
+    return np.rad2deg(np.stack([longitude, latitude], axis=-1))
+
+
+def _share(times: np.ndarray, there: np.ndarray) -> float:
+    """Share of the time in which something is there, from whether it is at times (k,) s."""
+    if len(times) == 1 or np.all(there) or not np.any(there):
+        return float(np.mean(there))
+    both = (there[1:].astype(float) + there[:-1]) / 2
+    return float(np.sum(both * np.diff(times)) / (times[-1] - times[0]))
+
+
+def _percent(share: float) -> str:
+    """A share that is neither none nor all in percent, and not rounded to either."""
+    percent = 100 * share
+    return "less than 1 %" if percent < 1 else "over 99 %" if percent > 99 else f"{percent:.0f} %"
+
+
+def _sites(asked: Plan | TimelinePlan, plan: Plan, orbit: Orbital) -> Iterator[_Site]:
+    """Yield the targets of a plan or of a timeline that are places on the ground, each once."""
+    assert plan.trajectory is not None
+    seen: set[str] = set()
+    for name, path in _targets(asked):
+        place = _ground(path, orbit, plan.trajectory.duration) if path.moves else None
+        if place is None:
+            continue
+        key = name or show(np.round(place, 2).tolist())
+        if key not in seen:
+            seen.add(key)
+            yield _Site(name, place)
+
+
+def _targets(asked: Plan | TimelinePlan) -> Iterator[tuple[str, DirectionPath]]:
+    """Yield all targets with their names, which may be empty."""
+    if isinstance(asked, TimelinePlan):
+        every = [one.targets for one in asked.timeline.activities if one.targets is not None]
+    else:
+        goal = asked.scenario.goal
+        every = [] if isinstance(goal, GivenState) else [goal]
+    paths = {id(path): path for targets in every for path in targets.paths}
+    yield from ((path.target, path) for path in paths.values())
+
+
+def _ground(path: DirectionPath, orbit: Orbital, duration: float) -> np.ndarray | None:
+    """Where on the map, (2,) deg, the lines of sight to a target meet; None if it is not on the ground.
+
+    It is the point nearest to all lines by least squares. Seen from a place that hardly moves over the
+    ground, as in a geostationary orbit, the lines are one, and the place is where that meets the Earth.
+    """
+    first, last = max(0.0, float(path.times[0])), min(duration, float(path.times[-1]))
+    times = np.linspace(first, max(first, last), _SAMPLES)
+    to_earth = gcrs_to_earth(orbit.epoch, times)
+    there = _places(orbit, times, to_earth)
+    along = np.einsum("kij,kj->ki", to_earth, np.asarray(path.at(times)))
+    across = np.eye(3) - along[:, :, None] * along[:, None, :]
+    total = np.sum(across, axis=0)
+    if np.linalg.eigvalsh(total)[0] < _PARALLAX * len(times):
+        place = surface_point(there[0], along[0])
+    else:
+        place = np.linalg.solve(total, np.einsum("kij,kj->i", across, there))
+    if not np.all(np.isfinite(place)):
+        return None
+    misses = np.linalg.norm(np.einsum("kij,kj->ki", across, place - there), axis=-1)
+    height = float(geodetic(place)[2])
+    near = np.max(misses) <= _OFF and _ALTITUDES[0] <= height <= _ALTITUDES[1]
+    return _on_map(place) if near else None
+
+
+def _limit(axes: Axes, points: np.ndarray) -> None:
+    """Show all of the Earth, or the region in which all points (k, 2) deg are."""
+    low, high = np.min(points, axis=0), np.max(points, axis=0)
+    if np.any(high - low > _REGION):
+        axes.set(xlim=(-180, 180), ylim=(-90, 90), xticks=range(-180, 181, 60), yticks=range(-90, 91, 30))
+        return
+    middle, half = (low + high) / 2, np.maximum(high - low, _LEAST) * (0.5 + _PAD)
+    narrow = np.cos(np.deg2rad(middle[1]))  # a degree of longitude, in degrees of latitude
+    half[0] = max(half[0], half[1] * 1.3 / narrow)
+    half[1] = max(half[1], half[0] * narrow / 2.2)
+    axes.set(xlim=middle[0] + half[0] * np.array([-1, 1]), ylim=middle[1] + half[1] * np.array([-1, 1]))
+    axes.set_aspect(1 / narrow, adjustable="box", anchor="NW")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 2, 3, 5, 10]))
+
+
+def _name(axes: Axes, sites: Sequence[_Site], drawn: np.ndarray) -> None:
+    """Write the names of places beside their marks, where they cover as little as possible."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    width, height = GROUND_SIZE[0] * 0.62, GROUND_SIZE[1] * 0.75  # inches of the map, about
+    scale = np.array([(right - left) / width, (high - low) / height])
+    labels = Labels(drawn[np.isfinite(drawn[:, 0])], [(site.place, 0.12 * scale) for site in sites])
+    for site in sites:
+        size = np.array([_LETTER * len(site.name), 0.15]) * scale
+        away = size / 2 + 0.09 * scale
+        around = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)]
+        inside = np.array([right - left, high - low]) / 2 - size / 2
+        middle = np.array([right + left, high + low]) / 2
+        places = [site.place + away * step for step in around]
+        spot = labels.place(
+            [p for p in places if np.all(np.abs(p - middle) <= inside)] or places, size, must=True
+        )
+        assert spot is not None
+        colour = _SITE["color"]
+        across, up = spot.tolist()
+        plain(axes.text(across, up, site.name, fontsize=SMALL, color=colour, zorder=4.6, **HALO))
+
+
+def _draw_night(axes: Axes, orbit: Orbital, time: float) -> bool:
+    """Fill where the Sun's centre is below the horizon at a time, s; returns whether it is anywhere."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    east = np.arange(np.floor(left), np.ceil(right) + _GRID, _GRID)
+    north = np.clip(np.arange(np.floor(low), np.ceil(high) + _GRID, _GRID), -90, 90)
+    up = np.asarray(pointing(*np.deg2rad(np.meshgrid(east, north))))
+    sun = sky.directions("sun", epoch=orbit.epoch, observer="earth", times=time)
+    height = up @ (gcrs_to_earth(orbit.epoch, np.asarray(time)) @ sun)
+    axes.contourf(east, north, -height, levels=[0, 2], colors=[_NIGHT["facecolor"]], zorder=0.4)
+    axes.set(xlim=(left, right), ylim=(low, high))
+    return bool(np.any(height < 0))
+
+
+def has_tracks(plan: Plan | TimelinePlan, observer: sky.Satellite | None) -> bool:
+    """Whether a plan has what figures along its orbit need: that, an epoch, a trajectory, and pyerfa."""
+    known = observer is not None and plan.trajectory is not None and plan.scenario.epoch is not None
+    return known and find_spec("erfa") is not None
+
+
+def _stamp(epoch: np.datetime64, time: float) -> str:
+    """Date and time to a second, UTC, of a time, s."""
+    instant = epoch.astype("datetime64[ms]") + np.timedelta64(round(1e3 * time), "ms")
+    return str(np.datetime_as_string(instant, unit="s")).replace("T", " ")
+
+
+def _clock(epoch: np.datetime64, time: float) -> str:
+    """The time alone, with the date where it is another than the epoch's."""
+    stamp, first = _stamp(epoch, time), _stamp(epoch, 0.0)
+    return stamp[11:] if stamp[:10] == first[:10] else stamp

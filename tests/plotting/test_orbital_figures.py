@@ -1,0 +1,317 @@
+"""Figures along an orbit: directions and attitudes in the local orbital frame, and the ground track.
+
+References are plain numpy: a circular orbit in closed form, Euler angles by scipy, and the turning Earth by
+the formulas of handbooks (`heavens`).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from builders import make_observer, make_plan
+from heavens import almanac_sun, earth_to_j2000, on_the_ground
+from reference import assert_each
+from scipy.spatial.transform import Rotation
+
+import jaxplan as jp
+from jaxplan.plotting.ground_track import _SITE, _WAY
+from jaxplan.plotting.style import device_style, motion
+from jaxplan.sky.ground import geodetic, surface_point
+
+pytest.importorskip("erfa", reason="the extra orbit is not installed")
+ORBIT = jp.sky.CircularOrbit(altitude=620.0, inclination=np.deg2rad(97.9), node=0.7, latitude=2.1)
+EPOCH = np.datetime64("2026-06-20T09:30:00", "ns")
+DURATION = 3000.0  # s, half a revolution
+BARS = 3e-5  # rad: by which handbooks and pyerfa differ in the turning Earth, with room
+
+
+def orbit(times):
+    """Positions and velocities of the orbit (k, 3), in radii and without a unit, by plain numpy."""
+    radius = 6378.137 + 620.0
+    turned = 2.1 + np.sqrt(398600.4418 / radius**3) * np.atleast_1d(times)
+    c, s, i = np.cos(0.7), np.sin(0.7), np.deg2rad(97.9)
+    first, second = np.array([c, s, 0]), np.array([-s * np.cos(i), c * np.cos(i), np.sin(i)])
+    here = np.cos(turned)[:, None] * first + np.sin(turned)[:, None] * second
+    return radius * here, np.cos(turned)[:, None] * second - np.sin(turned)[:, None] * first
+
+
+def frames(times):
+    """Axes (k, 3, 3) of the local orbital frame as rows: along the velocity, to the right, down."""
+    here, ahead = orbit(times)
+    down = -here / np.linalg.norm(here, axis=1, keepdims=True)
+    return np.stack([ahead, np.cross(down, ahead), down], axis=1)
+
+
+def utc(time):
+    return str(EPOCH + np.timedelta64(round(time * 1e9), "ns"))
+
+
+@pytest.fixture(scope="module")
+def plan():
+    made = make_plan(zones=3, duration=DURATION, craft=make_observer())
+    return replace(made, scenario=replace(made.scenario, epoch=EPOCH))
+
+
+def lines_of(axes, number):
+    """The points of curves that have the colour of a device, and no mark."""
+    wanted = device_style(number)["color"]
+    return [
+        np.column_stack(line.get_data())
+        for line in axes.lines
+        if line.get_color() == wanted and line.get_marker() == "None" and len(line.get_xdata()) > 2
+    ]
+
+
+def unfolded(directions):
+    return np.rad2deg(np.arctan2(directions[..., 1], directions[..., 0])), np.rad2deg(
+        np.arcsin(np.clip(directions[..., 2], -1, 1))
+    )
+
+
+def test_the_local_frame_has_nadir_below_and_the_right_against_the_orbits_normal():
+    times = np.linspace(-500, 5000, 40)
+    axes = jp.sky.local_axes(ORBIT, epoch=EPOCH, times=times)
+    np.testing.assert_allclose(axes, frames(times), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(axes), 1, atol=1e-12)
+    assert jp.sky.local_axes(ORBIT, epoch=EPOCH).shape == (3, 3)
+
+
+def test_on_an_eccentric_orbit_down_and_across_are_kept_and_ahead_is_level():
+    there = jp.sky.KeplerOrbit(
+        semi_major_axis=9000.0, eccentricity=0.2, inclination=1.0, node=0.3, perigee=0.5, anomaly=1.3
+    )
+    times = np.linspace(0, 6000, 20)
+    ahead, right, down = np.moveaxis(jp.sky.local_axes(there, epoch=EPOCH, times=times), 1, 0)
+    r, v = (
+        jp.sky.positions(there, epoch=EPOCH, times=times),
+        jp.sky.velocities(there, epoch=EPOCH, times=times),
+    )
+    assert_each(np.sum(down * r, axis=1) / np.linalg.norm(r, axis=1), "<", -1 + 1e-12)
+    np.testing.assert_allclose(np.sum(right * v, axis=1), 0, atol=1e-9)
+    assert_each(np.sum(ahead * v, axis=1), ">", 0)
+
+
+def test_boresights_zones_and_marks_stand_on_the_map_where_they_are_in_the_frame(plan):
+    axes = jp.plot.sphere(plan, frame="orbital", observer=ORBIT)
+    moves, craft = motion(plan), plan.scenario.spacecraft
+    seen = np.einsum("kij,kdj->kdi", frames(moves.times), moves.boresights)
+    for device in range(len(craft.device_names)):
+        azimuth, elevation = unfolded(seen[:, device])
+        drawn = max(lines_of(axes, device), key=len)
+        known = drawn[np.isfinite(drawn[:, 0]) & (np.abs(drawn[:, 0]) < 180)]
+        inner = np.abs(azimuth) < 180
+        np.testing.assert_allclose(known, np.column_stack([azimuth, elevation])[inner], atol=1e-6)
+    start, goal = ([line for line in axes.lines if line.get_marker() == mark] for mark in "*s")
+    for marks, time in ((start, 0), (goal, -1)):
+        places = np.array([line.get_xydata()[0] for line in marks if len(line.get_xdata())])
+        np.testing.assert_allclose(places, np.column_stack(unfolded(seen[time])), atol=1e-6)
+    low, high = axes.get_ylim()
+    assert low > 0 > high  # nadir is below
+
+
+def test_what_stands_still_in_space_moves_and_the_earth_does_not(plan):
+    down = jp.sky.keep_out(
+        "earth", epoch=EPOCH, observer=ORBIT, exclusion_deg=5.0, for_duration_s=DURATION, moving=True
+    )
+    still = plan.scenario.keep_out[0]
+    scene = replace(plan.scenario, keep_out=(down, still))
+    axes = jp.plot.sphere(replace(plan, scenario=scene), frame="orbital", observer=ORBIT)
+    names = {text.get_text().split("\n")[0]: np.array(text.get_position()) for text in axes.texts}
+    assert names["earth"][1] > 0
+    there = frames([0.0, DURATION]) @ still.direction
+    tracks = [line.get_xydata() for line in axes.lines if line.get_zorder() == 1.7]
+    (track,) = tracks  # of the zone that stands still; that of the Earth is a point
+    ends = np.column_stack(unfolded(there))
+    np.testing.assert_allclose(track[[0, -1]], ends, atol=1e-6)
+
+
+def test_the_globe_has_the_zenith_up_and_the_right_to_the_right_of_ahead(plan):
+    axes = jp.plot.globe(plan, view=(180.0, 0.0), frame="orbital", observer=ORBIT)  # the eye is behind
+    moves = motion(plan)
+    seen = np.einsum("kij,kdj->kdi", frames(moves.times), moves.boresights)[:, 0]
+    drawn = np.concatenate(lines_of(axes, 0))
+    known = drawn[np.isfinite(drawn[:, 0])]
+    expected = np.column_stack([seen[:, 1], -seen[:, 2]])
+    apart = np.linalg.norm(expected[:, None] - known[None], axis=-1).min(axis=1)
+    assert_each(apart, "<", 1e-9)
+    assert "zenith up" in axes.texts[0].get_text() or any(
+        "zenith up" in text.get_text() for text in axes.texts
+    )
+
+
+def test_roll_pitch_and_yaw_are_those_of_the_sequence_about_z_y_x(plan):
+    angles, boresights = jp.plot.attitude(plan, ORBIT)
+    moves = motion(plan)
+    body = Rotation.from_matrix(frames(moves.times) @ moves.values.attitude)
+    yaw, pitch, roll = body.as_euler("ZYX", degrees=True).T
+    for line, expected in zip(angles.lines[:3], (roll, pitch, yaw), strict=True):
+        times, drawn = line.get_data()
+        places = np.isin(times, moves.times) & np.isfinite(drawn)
+        assert np.sum(places) == len(moves.times)
+        np.testing.assert_allclose(drawn[places], expected, atol=1e-6)
+    down = frames(moves.times)[:, 2]
+    for device, line in enumerate(boresights.lines[: len(plan.scenario.spacecraft.device_names)]):
+        off = np.rad2deg(np.arccos(np.clip(np.sum(moves.boresights[:, device] * down, axis=1), -1, 1)))
+        np.testing.assert_allclose(line.get_ydata(), off, atol=1e-5)
+
+
+def test_the_ground_track_is_below_the_spacecraft_on_the_turning_earth(plan):
+    axes = jp.plot.ground_track(plan, ORBIT)
+    (way,) = [line for line in axes.lines if line.get_color() == _WAY["color"] and len(line.get_xdata()) > 9]
+    points = way.get_xydata()
+    moves = motion(plan)
+    assert_each(np.abs(np.diff(points[:, 0]))[np.isfinite(np.diff(points[:, 0]))], "<", 180)
+    kept = points[np.isfinite(points[:, 0]) & (np.abs(points[:, 0]) < 180)]
+    assert len(kept) == len(moves.times)
+    here, _ = orbit(moves.times)
+    for place in range(0, len(kept), 97):
+        time = moves.times[place]
+        longitude, latitude = np.deg2rad(kept[place])
+        up = earth_to_j2000(utc(time)) @ [
+            np.cos(latitude) * np.cos(longitude),
+            np.cos(latitude) * np.sin(longitude),
+            np.sin(latitude),
+        ]
+        above = here[place] - on_the_ground(utc(time), *np.rad2deg([latitude, longitude]))
+        assert np.linalg.norm(np.cross(up, above)) < BARS * 7000
+        assert up @ above > 600
+
+
+def test_boresights_meet_the_near_side_of_the_earth_and_leave_gaps_beside_it(plan):
+    axes = jp.plot.ground_track(plan, ORBIT)
+    moves, craft = motion(plan), plan.scenario.spacecraft
+    here, _ = orbit(moves.times)
+    told = [text.get_text() for text in axes.get_legend().get_texts()]
+    met = 0
+    for device, name in enumerate(craft.device_names):
+        down = -here / np.linalg.norm(here, axis=1, keepdims=True)
+        off = np.arccos(np.clip(np.sum(moves.boresights[:, device] * down, axis=1), -1, 1))
+        radius = np.linalg.norm(here[0])
+        tracks = lines_of(axes, device)
+        if name == "array" or np.min(off) > np.arcsin(6378.2 / radius):
+            assert not tracks
+            assert name == "array" or any(name in text and "past the Earth" in text for text in told)
+            continue
+        (track,) = tracks
+        inside, outside = off < np.arcsin(6356.7 / radius), off > np.arcsin(6378.2 / radius)
+        drawn = track[~(np.abs(track[:, 0]) == 180)]
+        if np.any(np.abs(track[:, 0]) == 180):  # three rows more for each crossing of the edge
+            edges = np.flatnonzero(np.abs(track[:-2, 0]) == 180)
+            drawn = np.delete(track, np.concatenate([edges[::2] + i for i in range(3)]), axis=0)
+        assert len(drawn) == len(moves.times)
+        there = np.isfinite(drawn[:, 0])
+        assert np.all(there[inside])
+        assert not np.any(there[outside])
+        for place in np.flatnonzero(there)[::61]:
+            ground = on_the_ground(utc(moves.times[place]), drawn[place, 1], drawn[place, 0])
+            way = ground - here[place]
+            near = np.linalg.norm(way)
+            assert np.linalg.norm(np.cross(way, moves.boresights[place, device])) < 7000 * BARS
+            assert way @ ground < 0 < near
+            met += 1
+        words = next(text for text in told if text.startswith(name))
+        assert ("of the time" in words) == (not np.all(there))
+    assert met > 5
+
+
+def test_targets_on_the_ground_are_found_again_and_named_and_others_are_not(plan):
+    points = {"lisbon": (38.72, -9.14, 100.0), "high": (-20.0, 135.0, 3000.0)}
+    when = {"epoch": EPOCH, "observer": ORBIT, "duration_s": DURATION}
+    paths = {
+        name: jp.sky.target(
+            jp.sky.GroundPoint(latitude=np.deg2rad(lat), longitude=np.deg2rad(lon), altitude=height),
+            name=name,
+            **when,
+        )
+        for name, (lat, lon, height) in points.items()
+    }
+    other = jp.sky.CircularOrbit(altitude=800.0, inclination=1.0, node=2.0, latitude=0.0)
+    paths["moon"] = jp.sky.target("moon", **when)
+    paths["neighbour"] = jp.sky.target(other, name="neighbour", **when)
+    devices = ("antenna", "telescope", "tracker-1", "tracker-2")
+    goal = jp.Targets(directions=tuple(paths.values()), devices=devices)
+    axes = jp.plot.ground_track(replace(plan, scenario=replace(plan.scenario, goal=goal)), ORBIT)
+    assert {text.get_text() for text in axes.texts} == set(points)
+    marks = np.array([line.get_xydata()[0] for line in axes.lines if line.get_marker() == _SITE["marker"]])
+    np.testing.assert_allclose(marks, [(lon, lat) for lat, lon, _ in points.values()], atol=1e-5)
+
+
+def test_it_is_night_where_the_sun_is_below_the_horizon(plan):
+    axes = jp.plot.ground_track(plan, ORBIT)
+    (night,) = axes.collections
+    sun = earth_to_j2000(utc(DURATION / 2)).T @ almanac_sun(utc(DURATION / 2))
+    east, north = np.meshgrid(np.arange(-175, 180, 10), np.arange(-85, 90, 10))
+    if axes.get_xlim() != (-180, 180):
+        pytest.fail("the track of half a revolution needs the whole Earth")
+    up = np.array(
+        [
+            np.cos(np.deg2rad(north)) * np.cos(np.deg2rad(east)),
+            np.cos(np.deg2rad(north)) * np.sin(np.deg2rad(east)),
+            np.sin(np.deg2rad(north)),
+        ]
+    )
+    height = np.tensordot(sun, up, axes=1).ravel()
+    dark = night.get_paths()[0].contains_points(np.column_stack([east.ravel(), north.ravel()]))
+    sure = np.abs(height) > 0.02
+    np.testing.assert_array_equal(dark[sure], height[sure] < 0)
+
+
+def test_lines_meet_the_ellipsoid_first_on_its_near_side():
+    rng = np.random.default_rng(1)
+    places = rng.normal(size=(200, 3))
+    places *= (rng.uniform(6800, 42000, 200) / np.linalg.norm(places, axis=1))[:, None]
+    ways = rng.normal(size=(200, 3)) - 2 * places / np.linalg.norm(places, axis=1)[:, None]
+    axes = np.array([6378.137, 6378.137, 6378.137 * (1 - 1 / 298.257223563)])
+    found = surface_point(places, ways)
+    a, b = np.sum((ways / axes) ** 2, axis=1), 2 * np.sum(ways * places / axes**2, axis=1)
+    c = np.sum((places / axes) ** 2, axis=1) - 1
+    with np.errstate(invalid="ignore"):
+        share = (-b - np.sqrt(b**2 - 4 * a * c)) / (2 * a)
+    expected = np.where((share > 0)[:, None], places + share[:, None] * ways, np.nan)
+    assert 20 < np.sum(np.isfinite(expected[:, 0])) < 190
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    assert np.all(np.isnan(surface_point(places, places)))  # away from it
+    assert np.all(np.isnan(surface_point(np.array([100.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))))
+
+
+def test_geodetic_coordinates_are_those_of_the_point():
+    rng = np.random.default_rng(2)
+    given = np.column_stack(
+        [rng.uniform(-1.5, 1.5, 30), rng.uniform(-3.1, 3.1, 30), rng.uniform(-1e3, 1e5, 30)]
+    )
+    places = [jp.sky.GroundPoint(latitude=a, longitude=b, altitude=c).place for a, b, c in given.tolist()]
+    latitude, longitude, altitude = geodetic(np.array([*places, [np.nan] * 3]))
+    np.testing.assert_allclose(latitude[:-1], given[:, 0], atol=1e-12)
+    np.testing.assert_allclose(longitude[:-1], given[:, 1], atol=1e-12)
+    np.testing.assert_allclose(altitude[:-1], given[:, 2] * 1e-3, atol=1e-8)
+    assert np.isnan([latitude[-1], longitude[-1], altitude[-1]]).all()
+
+
+@pytest.mark.parametrize(
+    ("draw", "kind", "words"),
+    [
+        (lambda p: jp.plot.sphere(p, frame="orbital"), ValueError, "frame = 'orbital': needs observer"),
+        (lambda p: jp.plot.sphere(p, frame="lvlh", observer=ORBIT), ValueError, "frame = 'lvlh': must be"),
+        (lambda p: jp.plot.globe(p, observer=ORBIT), ValueError, "observer: frame 'inertial'"),
+        (lambda p: jp.plot.globe(p, frame="orbital", observer="me"), TypeError, "observer must be an orbit"),
+        (lambda p: jp.plot.attitude(p), ValueError, "attitude: needs observer"),
+        (lambda p: jp.plot.ground_track(p), ValueError, "ground_track: needs observer"),
+        (
+            lambda p: jp.plot.ground_track(replace(p, scenario=replace(p.scenario, epoch=None)), ORBIT),
+            ValueError,
+            "has no epoch",
+        ),
+        (lambda p: jp.plot.attitude(replace(p, trajectory=None), ORBIT), ValueError, "has no trajectory"),
+    ],
+)
+def test_what_is_missing_is_named(plan, draw, kind, words):
+    with pytest.raises(kind, match=words.replace("(", r"\(")):
+        draw(plan)
+
+
+def test_a_plan_has_these_figures_where_its_orbit_is_known(plan):
+    wanted = {"orbital_sphere", "attitude", "ground_track"}
+    assert not wanted & {name for name, _ in jp.plot.figures(plan)}
+    assert wanted <= {name for name, _ in jp.plot.figures(plan, observer=ORBIT)}
+    without = replace(plan, scenario=replace(plan.scenario, epoch=None))
+    assert not wanted & {name for name, _ in jp.plot.figures(without, observer=ORBIT)}
