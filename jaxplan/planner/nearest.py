@@ -9,6 +9,7 @@ time is longer than that of least rotation.
 
 from dataclasses import replace
 
+from jaxplan import so3
 from jaxplan.model.goals import LEAST_ROTATION, LEAST_TIME, GivenState
 from jaxplan.model.scenario import MINIMUM, moves
 from jaxplan.model.status import Status
@@ -16,6 +17,8 @@ from jaxplan.planner.attempts import Attempts
 from jaxplan.planner.record import Plan
 from jaxplan.planner.shorter import SHORTER, is_bent, is_far, may_be_sooner
 from jaxplan.planner.steps import find_goals
+
+_SAME = 1e-6  # rad; goals whose attitudes are closer than this are the same
 
 
 def to_the_nearest(attempts: Attempts) -> Attempts | None:
@@ -27,14 +30,16 @@ def to_the_nearest(attempts: Attempts) -> Attempts | None:
     plan, clock, enough = attempts.plan, attempts.clock, attempts.enough
     if plan is None or not _may_help(plan, enough) or not clock.left():
         return None
-    goal = plan.scenario.goal
-    if isinstance(goal, GivenState):
+    goal, own = plan.scenario.goal, plan.goal
+    if isinstance(goal, GivenState) or own is None:
         return None
     asked = replace(plan.scenario, goal=replace(goal, criterion=LEAST_ROTATION))
     with clock.step("decompose"):
         found = find_goals(asked)
     if isinstance(found, Plan) or not may_be_sooner(plan, found[0]):
         return None
+    if not is_far(plan, enough) and float(so3.distance(own.attitude, found[0].attitude)) < _SAME:
+        return None  # near the bound the same goal is reached as soon
     clock.improve_for = 0.0  # the first plan was improved for as long
     beside = Attempts(asked, clock, enough=enough)
     beside.accept_goals(found[:1])
@@ -51,11 +56,12 @@ def shorter_of(plan: Plan, other: Plan | None) -> Plan:
 
 
 def _may_help(plan: Plan, enough: float) -> bool:
-    """Whether a plan is certified, of least time, and zones make it longer than its bound and `enough`, s."""
+    """Whether a plan is certified, of least time, longer than `enough` (s), and leads round zones."""
     scenario, settings = plan.scenario, plan.scenario.trajectory
     asked = scenario.asked
     if isinstance(asked, GivenState) or asked.criterion != LEAST_TIME or asked.prefer or moves(scenario):
         return False
-    if plan.status is not Status.OK or settings.duration != MINIMUM or not settings.first_guesses:
+    if plan.status is not Status.OK or plan.trajectory is None or plan.trajectory.duration <= enough:
         return False
-    return bool(scenario.zones) and is_far(plan, enough) and is_bent(plan)
+    looks = settings.duration == MINIMUM and settings.first_guesses > 0
+    return looks and bool(scenario.zones) and is_bent(plan)

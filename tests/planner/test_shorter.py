@@ -179,23 +179,20 @@ def test_the_goal_of_least_time_is_never_later_than_that_of_least_rotation(kind,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [10, 71])
-def test_round_zones_the_nearest_goal_is_planned_as_if_it_were_asked_for(seed):
-    scenario = jp.random_scenario(seed, "hard_keep_out")  # the goal of least time is close to the nearest one
+@pytest.mark.parametrize(("kind", "seed"), [("hard_keep_out", 10), ("hard_keep_out", 71), ("keep_out", 103)])
+def test_round_zones_the_nearest_goal_is_planned_as_if_it_were_asked_for(kind, seed):
+    scenario = jp.random_scenario(seed, kind)  # the goal of least time is close to the nearest one
     scenario = replace(scenario, trajectory=replace(scenario.trajectory, duration="minimum"))
     soonest = jp.plan(scenario)
     nearest = jp.plan(replace(scenario, goal=replace(scenario.goal, criterion="least_rotation")))
     assert soonest.scenario.goal.criterion is None
     assert soonest.certificate.certified
     assert soonest.trajectory.duration <= nearest.trajectory.duration * (1 + 1e-4)
-    assert nearest.trajectory.duration > 1.05 * nearest.duration_bound
     assert_kept(soonest.trajectory, scenario.spacecraft, scenario.keep_out)
 
 
 @pytest.mark.slow
-def test_a_way_to_the_goal_of_least_bound_is_looked_for_beside_one_to_a_goal_that_is_reached_sooner():
-    scenario = jp.random_scenario(45, "hard_keep_out")  # its first way there takes 34.9 s, to another 32.8 s
+def test_the_quicker_way_is_found_that_few_searches_find():
+    scenario = jp.random_scenario(45, "hard_keep_out")  # most ways to its two goals take 32.6 s and more
     scenario = replace(scenario, trajectory=replace(scenario.trajectory, duration="minimum"))
-    plan = jp.plan(scenario)
-    assert plan.trajectory.duration < 30.8
-    assert so3.distance(plan.goal.attitude, find_goals(scenario)[0].attitude) < 1e-6
+    assert jp.plan(scenario).trajectory.duration < 30.8
