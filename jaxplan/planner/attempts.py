@@ -89,10 +89,11 @@ class Attempts:
     Attributes:
         need: goals, a path, a trajectory or a certificate; None once the plan is settled.
         plan: the attempt that got furthest, None before the first; without its timings.
+        enough: s, see above.
     """
 
     def __init__(self, scenario: Scenario, clock: Clock, *, enough: float = 0.0) -> None:
-        self.scenario, self.clock, self._enough = scenario, clock, enough
+        self.scenario, self.clock, self.enough = scenario, clock, enough
         self._asked = scenario  # with the clearance that goals are to have
         self.need: GoalQuery | SearchQuery | FitQuery | ProofQuery | None = None
         self.plan: Plan | None = None
@@ -389,7 +390,7 @@ class Attempts:
         if self._off_the_edges() is not None:  # which no other path to goals on them changes
             self._over = True
         others, longer = self._other_goals(), self.clock.improve_for
-        if is_improvable(attempt, longer, others, self._enough):
+        if is_improvable(attempt, longer, others, self.enough):
             self._shorten(Shorter(attempt, ladder.scene, self.clock.left(), longer, others))
         else:
             self._next_rung(ladder)
@@ -408,7 +409,7 @@ class Attempts:
         """Set plan and `need` to those of the search for a shorter plan; at its end the plan is settled."""
         self._shorter, self.plan, self.need = shorter, shorter.plan, shorter.need
         if self.plan.trajectory is not None:
-            self.clock.so_far = f", {self.plan.trajectory.duration:.2f} s so far"
+            self.clock.shortest = min(self.clock.shortest, self.plan.trajectory.duration)
 
     def _add(self, attempt: Plan) -> None:
         """Keep an attempt if it is more informative than the best so far."""

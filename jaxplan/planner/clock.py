@@ -1,5 +1,6 @@
 """The clock of a plan: seconds by step, what is left of its time limit, and what who waits is told."""
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,7 +17,7 @@ class Clock:
             not what other plans took that are made at the same time.
         compiling: seconds that all steps spent on compiling.
         improve_for: s, for which a shorter plan is looked for than the first one.
-        so_far: text for the progress bar on the best plan yet; empty before the first plan.
+        shortest: s, of the plans so far, which the progress bar tells; inf before the first one.
     """
 
     def __init__(
@@ -28,7 +29,7 @@ class Clock:
     ) -> None:
         self.seconds: dict[str, float] = {}
         self.compiling = 0.0
-        self.so_far = ""
+        self.shortest = math.inf
         self._left, self._show, self.improve_for = time_limit, show, improve_for
 
     def left(self) -> float:
@@ -37,7 +38,7 @@ class Clock:
 
     def show(self, name: str) -> None:
         """Show on the progress bar that a step, given by name, begins."""
-        self._show(f"{name}{self.so_far}")
+        self._show(name if math.isinf(self.shortest) else f"{name}, {self.shortest:.2f} s so far")
 
     def add(self, name: str, seconds: float, working: float) -> None:
         """Count `seconds` to the step `name`, of which `working` s were not spent on compiling.

@@ -19,6 +19,7 @@ from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.attempts import Attempts
 from jaxplan.planner.clock import Clock
+from jaxplan.planner.nearest import shorter_of, to_the_nearest
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import rounded_up
 
@@ -51,6 +52,8 @@ class InTime:
         self._shortest: Plan | None = None
         self._durations: list[float] = []  # s, of fits along the shortest manoeuvre still to be tried
         self._answer: Plan | None = None
+        self._soonest: Attempts | None = None  # at goals of least time, while that of least rotation is tried
+        self._compared: list[Attempts] = []  # beside which that was tried, or was not to be
 
     def advance(self) -> bool:
         """Begin with the next attempts where those under way are over.
@@ -58,6 +61,8 @@ class InTime:
         Returns:
             True while more is to be done, `attempts.need`; False once the plan is settled.
         """
+        if self.attempts.need is None:
+            self._compare()
         over = self.attempts.need is None
         if self._asks_for_shortest and self._may_be_too_short():
             self._asks_for_shortest, self._clock.improve_for = False, 0.0  # which is for "minimum"
@@ -74,6 +79,18 @@ class InTime:
         if self._answer is None:
             return self._first.result()
         return replace(self._answer, timings=self._clock.timings())
+
+    def _compare(self) -> None:
+        """Begin attempts at the goal of least rotation beside those of least time; keep the shorter plan."""
+        soonest = self._soonest
+        if soonest is not None and soonest.plan is not None:
+            soonest.plan = shorter_of(soonest.plan, self.attempts.plan)
+            self.attempts, self._soonest = soonest, None
+        elif self.attempts not in self._compared:
+            self._compared.append(self.attempts)
+            beside = to_the_nearest(self.attempts)
+            if beside is not None:
+                self._soonest, self.attempts = self.attempts, beside
 
     def _may_be_too_short(self) -> bool:
         """Whether the first attempts have failed so far in a way that the shortest manoeuvre may help."""

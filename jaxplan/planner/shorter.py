@@ -5,16 +5,18 @@ each by itself. So where the shortest motion to it is far above that, the other 
 one of least rotation among them, unless their own bounds say that they take longer.
 
 Zones can be passed on several sides, and a search finds one way. Where the shortest motion along it is far
-above the bound, other searches look for other ways, unless the straight one is open, which is the quickest. A
-search is quick and a fit is not, so of a round of searches the paths that look quickest are fitted. A motion
-along one of them that is quicker, once it is certified, is the plan. There is always a certified plan at
-hand.
+above the bound, other searches look for other ways, unless the straight one is open, which is the quickest.
+Half as many look for ways to each other goal that was tried, for the first way there may have been a bad one.
+A search is quick and a fit is not, so of a round of searches the paths that look quickest are fitted. A
+motion along one of them that is quicker, once it is certified, is the plan. There is always a certified plan
+at hand.
 """
 
 import math
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import count
 
 import numpy as np
 
@@ -38,9 +40,10 @@ from jaxplan.trajectory import NEAR_THE_BOUND, Fit, FitQuery
 
 METHODS = ("rrt_connect", "mha")  # of the other searches, in turn: the first one varies most with its seed
 _FIRST_SEED = 100  # number of the first other search among those whose seeds are derived
-_SHORTER = 1 - 1e-4  # share of the duration below which a motion's has to be for its plan to be taken
+SHORTER = 1 - 1e-4  # share of the duration below which a motion's has to be for its plan to be taken
 _MOST_BENT = 1000  # curves; with more nothing is found that fewer would not find
 _FITS, _SEARCHES = 0.5, 3  # in a round, of paths, for each of the curves that are asked for
+_OTHERS = 1.5  # the same of searches to each other goal
 _NEAR = 0.25  # rad, of attitude and joints; a path that stays so near to one that was fitted is the same way
 _BENT = 1.001  # times what the straight path looks to take; a path that takes no more is straight
 _SLOWER = 1.25  # times what the plan's own path looks to take; paths that look slower are not fitted
@@ -56,19 +59,27 @@ def is_improvable(plan: Plan, improve_for: float, goals: Sequence[Goal] = (), en
         enough: s, a duration that is short enough.
     """
     scenario, settings = plan.scenario, plan.scenario.trajectory
-    if plan.status is not Status.OK or plan.trajectory is None or plan.path is None:
+    if plan.status is not Status.OK or plan.trajectory is None or plan.path is None or moves(scenario):
         return False
     asked = settings.duration == MINIMUM and settings.method == "global" and settings.node_tube is None
-    others = settings.first_guesses > 0 and (
-        _is_bent(plan) or any(_may_be_sooner(plan, one) for one in goals)
+    if not asked or not is_far(plan, enough):
+        return False
+    if improve_for > 0 or not settings.first_guesses:
+        return improve_for > 0
+    return (bool(scenario.zones) and is_bent(plan)) or any(may_be_sooner(plan, one) for one in goals)
+
+
+def is_far(plan: Plan, enough: float) -> bool:
+    """Whether the duration of a plan is far above its bound, and above one that is short enough, s."""
+    bound, trajectory = plan.duration_bound, plan.trajectory
+    return (
+        bound is not None
+        and trajectory is not None
+        and trajectory.duration > max(NEAR_THE_BOUND * bound, enough)
     )
-    worthwhile = improve_for > 0 or others
-    bound = plan.duration_bound
-    far = bound is not None and plan.trajectory.duration > max(NEAR_THE_BOUND * bound, enough)
-    return asked and worthwhile and far and not moves(scenario)
 
 
-def _may_be_sooner(plan: Plan, goal: Goal) -> bool:
+def may_be_sooner(plan: Plan, goal: Goal) -> bool:
     """Whether the bound of the time to a goal leaves room below the duration of a plan."""
     scenario, trajectory = plan.scenario, plan.trajectory
     start, end = scenario.start, end_rates(scenario, goal)
@@ -79,7 +90,7 @@ def _may_be_sooner(plan: Plan, goal: Goal) -> bool:
         np.stack([start.angular_velocity, end[0]]),
         np.stack([start.joint_rates, end[1]]),
     )
-    return trajectory is not None and bound.seconds < _SHORTER * trajectory.duration
+    return trajectory is not None and bound.seconds < SHORTER * trajectory.duration
 
 
 def _time_along(plan: Plan, path: Path) -> float:
@@ -95,13 +106,32 @@ def _is_near(path: Path, other: Path) -> bool:
     return bool(np.max(np.min(apart, axis=1)) <= _NEAR)
 
 
-def _is_bent(plan: Plan) -> bool:
+def is_bent(plan: Plan) -> bool:
     """Whether a motion along the path of a plan takes longer than one along the straight path."""
-    path = plan.path
-    if path is None:
-        return False
+    return plan.path is not None and _leads_round(plan, plan.path)
+
+
+def _leads_round(plan: Plan, path: Path) -> bool:
+    """Whether a motion of a plan's spacecraft along a path takes longer than one straight to its end."""
     ends = Path(attitudes=path.attitudes[[0, -1]], joints=path.joints[[0, -1]], edge_costs=np.ones(1))
     return _time_along(plan, path) > _BENT * _time_along(plan, ends)
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """A goal that searches look for ways to.
+
+    Attributes:
+        goal: the goal.
+        scene: of the searches.
+        paths: along which fits were made; paths near one of these are the same way.
+        searches: seeds that other searches have used.
+    """
+
+    goal: Goal
+    scene: Scene
+    paths: list[Path] = field(default_factory=list)
+    searches: Iterator[int] = field(default_factory=lambda: count(1))
 
 
 class Shorter:
@@ -122,14 +152,19 @@ class Shorter:
     def __init__(
         self, plan: Plan, scene: Scene, left: float, improve_for: float, goals: Sequence[Goal] = ()
     ) -> None:
-        self.plan, self._scene, self._goals = plan, scene, list(goals)
-        self._tried: tuple[Goal, Scene] | None = None  # another goal, while its search or fits are under way
+        if plan.goal is None or plan.path is None:
+            raise RuntimeError("a certified plan has a goal and a path")
+        self.plan, self._goals = plan, list(goals)
+        self._own = _Way(plan.goal, scene, [plan.path])  # to the goal of the plan
+        self._ways = [self._own]  # to all goals that were tried
+        self._tries = True  # whether other goals are being tried, each along its first path
         now = time.monotonic()
         self._limit, self._until = now + max(left, improve_for), now + improve_for
-        self._searches, self._bent = 0, plan.scenario.trajectory.first_guesses
-        self._so_far = plan
-        self._fitted = [] if plan.path is None else [plan.path]
-        self._begin_round(bends=0)
+        self._bent = plan.scenario.trajectory.first_guesses
+        self._so_far, self._looked = plan, self._own  # the plan, and the way, of what is needed
+        self._found: list[tuple[float, _Way, SearchResult]] = []  # each with what its path looks to take, s
+        self._searches: list[_Way] = []  # to which the round still searches
+        self._fits_left = self._bends_left = 0
         self._rough = False  # whether the fit under way only tells whether a better one is worth it
         self.need: SearchQuery | FitQuery | ProofQuery | None = None
         self._next()
@@ -141,13 +176,14 @@ class Shorter:
 
     def accept_path(self, result: SearchResult) -> None:
         """Take the result of another search, and set `need`."""
-        if self._tried is not None and result.path is not None:
-            self._so_far = replace(self.plan, goal=self._tried[0], search=result, path=result.path)
-            self._fit(result.path, first_guesses=0)
-            return
-        if result.path is not None:
-            self._found.append((_time_along(self.plan, result.path), result))
-        self._next()
+        if result.path is None:
+            self._next()
+        elif self._tries:
+            self._ways.append(self._looked)
+            self._fit_along(self._looked, result)
+        else:
+            self._found.append((_time_along(self.plan, result.path), self._looked, result))
+            self._next()
 
     def accept_fit(self, fitted: Fit) -> None:
         """Take the fit along another path, or from more curves, and set `need`."""
@@ -165,34 +201,37 @@ class Shorter:
         """Take the certificate that was needed, keep its plan if it is certified, and set `need`."""
         found = judged(self._so_far, certificate)
         if found.status is Status.OK:
-            self.plan = found
-            if self._tried is not None:
-                _, self._scene = self._tried
-                self._fitted = [] if found.path is None else [found.path]
+            self.plan, self._own = found, self._looked
         self._next()
 
     def _begin_round(self, bends: int) -> None:
-        """Begin a round of searches and fits, with `bends` fits from more bent curves at its end."""
-        self._found: list[tuple[float, SearchResult]] = []  # each with what its path looks to take, s
-        worthwhile = bool(self._scenario.zones) and (bends > 0 or _is_bent(self.plan))
-        asked = max(self._scenario.trajectory.first_guesses, 1) if worthwhile else 0
-        self._searches_left, self._fits_left = _SEARCHES * asked, math.ceil(_FITS * asked)
-        self._bends_left = bends
+        """Begin a round of searches and fits, with `bends` fits from more bent curves at its end.
+
+        Most of its searches are to the goal of the plan, some to each other one that was tried, if zones are
+        in the way to it and its bound leaves room.
+        """
+        self._found, self._searches, self._fits_left, self._bends_left = [], [], 0, bends
+        asked = max(self._scenario.trajectory.first_guesses, 1)
+        for way in self._ways if self._scenario.zones else ():
+            own = way is self._own
+            worthwhile = (own and bends > 0) or _leads_round(self.plan, way.paths[0])
+            if worthwhile and (own or may_be_sooner(self.plan, way.goal)):
+                self._searches += [way] * math.ceil((_SEARCHES if own else _OTHERS) * asked)
+                self._fits_left += math.ceil(_FITS * asked) if own else 1
 
     def _next(self) -> None:
         """Set `need` to what the round needs next; to None at the end of the last round."""
         self.need, now = None, time.monotonic()
         if now >= self._limit or self._try_goal(self._limit - now):
             return
-        if self._searches_left:
-            self._searches_left -= 1
-            self._search(self._limit - now)
+        if self._searches:
+            self._search(self._searches.pop(0), self._limit - now)
         elif self._fits_left and self._take_quickest():
             self._fits_left -= 1
         elif self._bends_left and self._bent < _MOST_BENT and self.plan.path is not None:
             self._bends_left -= 1
             self._bent = min(2 * max(self._bent, 1), _MOST_BENT)
-            self._so_far = self.plan
+            self._so_far, self._looked = self.plan, self._own
             self._fit(self.plan.path, first_guesses=self._bent)
         elif now < self._until and (self._scenario.zones or self._bent < _MOST_BENT):
             self._begin_round(bends=1)
@@ -202,29 +241,28 @@ class Shorter:
         """Set `need` to a search to the next goal that may be sooner; False where none is left."""
         while self._goals:
             goal = self._goals.pop(0)
-            if not _may_be_sooner(self.plan, goal):
+            if not may_be_sooner(self.plan, goal):
                 continue
             scene = make_scene(self._scenario, goal)
             if find_barrier(scene) is None and find_joint_barrier(scene, range(scene.gimbals.count)) is None:
-                self._tried = goal, scene
+                self._looked = _Way(goal, scene)
                 self.need = SearchQuery(scene, replace(self._scenario.search, time_limit=time_limit))
                 return True
-        if self._tried is not None:
-            self._tried = None
+        if self._tries:
+            self._tries = False
             self._begin_round(bends=0)
         return False
 
-    def _search(self, time_limit: float) -> None:
-        """Set `need` to another search, of at most `time_limit` s."""
-        self._searches += 1
-        search = self._scenario.search
+    def _search(self, way: _Way, time_limit: float) -> None:
+        """Set `need` to another search for a way to its goal, of at most `time_limit` s."""
+        number, search = next(way.searches), self._scenario.search
         settings = replace(
             search,
-            method=METHODS[self._searches % len(METHODS)],
-            seed=derived_seed(search.seed, _FIRST_SEED + self._searches),
+            method=METHODS[number % len(METHODS)],
+            seed=derived_seed(search.seed, _FIRST_SEED + number),
             time_limit=time_limit,
         )
-        self.need = SearchQuery(self._scene, settings)
+        self._looked, self.need = way, SearchQuery(way.scene, settings)
 
     def _take_quickest(self) -> bool:
         """Set `need` to a fit along the other way that looks quickest; False where there is none."""
@@ -233,13 +271,19 @@ class Shorter:
         longest = _SLOWER * _time_along(self.plan, self.plan.path)
         self._found.sort(key=lambda found: found[0])
         while self._found and self._found[0][0] <= longest:
-            _, result = self._found.pop(0)
-            if result.path is not None and not any(_is_near(result.path, other) for other in self._fitted):
-                self._fitted.append(result.path)
-                self._so_far = replace(self.plan, search=result, path=result.path)
-                self._fit(result.path, first_guesses=0)
+            _, way, result = self._found.pop(0)
+            if result.path is not None and not any(_is_near(result.path, other) for other in way.paths):
+                self._fit_along(way, result)
                 return True
         return False
+
+    def _fit_along(self, way: _Way, result: SearchResult) -> None:
+        """Set `need` to a rough fit along the path that a search for a way found."""
+        if result.path is not None:
+            way.paths.append(result.path)
+            self._looked = way
+            self._so_far = replace(self.plan, goal=way.goal, search=result, path=result.path)
+            self._fit(result.path, first_guesses=0)
 
     def _fit(self, path: Path, first_guesses: int) -> None:
         """Set `need` to a fit along a path, from a number of bent curves, `first_guesses`."""
@@ -254,7 +298,7 @@ class Shorter:
         )
 
     def _is_shorter(self, fitted: Fit) -> bool:
-        """Whether a fit succeeded and takes less than `_SHORTER` of the shortest plan's duration."""
+        """Whether a fit succeeded and takes less than `SHORTER` of the shortest plan's duration."""
         if fitted.status is not Status.OK or fitted.trajectory is None or self.plan.trajectory is None:
             return False
-        return fitted.trajectory.duration < _SHORTER * self.plan.trajectory.duration
+        return fitted.trajectory.duration < SHORTER * self.plan.trajectory.duration

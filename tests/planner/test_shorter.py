@@ -99,6 +99,30 @@ def test_of_the_paths_of_a_round_only_those_that_lead_another_quick_way_are_fitt
     assert shorter.plan.path is near.path
 
 
+def test_a_round_searches_for_ways_to_other_goals_too_and_fits_the_quickest_to_any(scene):
+    near, other = jp.plan(with_guesses(scene, 0)), jp.plan(scene).path
+    rolled = replace(near.goal, attitude=near.goal.attitude @ so3.exp(np.array([0.2, 0.0, 0.0])))
+    there = replace(other, attitudes=np.concatenate([other.attitudes[:-1], rolled.attitude[None]]))
+    shorter = Shorter(replace(near, scenario=scene), make_scene(scene, near.goal), 1e3, 0.0, [rolled])
+    first = replace(near.path, attitudes=np.concatenate([near.path.attitudes[:-1], rolled.attitude[None]]))
+    assert shorter.need.settings.seed == scene.search.seed
+    shorter.accept_path(SearchResult(status=Status.OK, path=first, expansions=1))
+    assert shorter.need.path is first
+    shorter.accept_fit(Fit(status=Status.LIMITS_TOO_TIGHT, trajectory=None, message=""))
+    ends = []
+    while isinstance(shorter.need, SearchQuery):
+        ends.append(shorter.need.scene.goal_attitude)
+        to_other = np.array_equal(ends[-1], rolled.attitude)
+        path = {True: there, False: near.path}[to_other]
+        shorter.accept_path(SearchResult(status=Status.OK, path=path, expansions=1))
+    assert sum(np.array_equal(end, near.goal.attitude) for end in ends) == 12
+    assert sum(np.array_equal(end, rolled.attitude) for end in ends) == 6
+    assert shorter.need.path is there
+    shorter.accept_fit(Fit(status=Status.LIMITS_TOO_TIGHT, trajectory=None, message=""))
+    assert shorter.need is None
+    assert shorter.plan.goal is near.goal
+
+
 def test_what_a_path_looks_to_take_hardly_depends_on_the_number_of_its_nodes(scene):
     path = jp.plan(scene).path
     craft = scene.spacecraft
@@ -152,3 +176,23 @@ def test_the_goal_of_least_time_is_never_later_than_that_of_least_rotation(kind,
     first = find_goals(scenario)[0]
     if kind != "keep_in":
         assert so3.distance(soonest.goal.attitude, first.attitude) > 0.03
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "seed"), [("hard_keep_out", 10), ("hard_keep_out", 71), ("keep_out", 103)])
+def test_round_zones_the_nearest_goal_is_planned_as_if_it_were_asked_for(kind, seed):
+    scenario = jp.random_scenario(seed, kind)  # the goal of least time is close to the nearest one
+    scenario = replace(scenario, trajectory=replace(scenario.trajectory, duration="minimum"))
+    soonest = jp.plan(scenario)
+    nearest = jp.plan(replace(scenario, goal=replace(scenario.goal, criterion="least_rotation")))
+    assert soonest.scenario.goal.criterion is None
+    assert soonest.certificate.certified
+    assert soonest.trajectory.duration <= nearest.trajectory.duration * (1 + 1e-4)
+    assert_kept(soonest.trajectory, scenario.spacecraft, scenario.keep_out)
+
+
+@pytest.mark.slow
+def test_the_quicker_way_is_found_that_few_searches_find():
+    scenario = jp.random_scenario(45, "hard_keep_out")  # most ways to its two goals take 32.6 s and more
+    scenario = replace(scenario, trajectory=replace(scenario.trajectory, duration="minimum"))
+    assert jp.plan(scenario).trajectory.duration < 30.8
