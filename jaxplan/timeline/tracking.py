@@ -4,7 +4,8 @@ The nodes of least energy (`least_motion`) are looked for from two first guesses
 is, and one that is carried along by the targets, which is near the answer where these go round. Between the
 nodes lies a spline. It is brought to where all targets are met at nodes twice as close together, with joints
 that follow, until every device points within a small part of its tolerance everywhere between; that holds at
-the instants looked at, and the certificate proves it for all.
+the instants looked at, and the certificate proves it for all. Where the curve passes a range or a zone that
+its nodes keep, nodes of least energy twice as close together are looked for near it, up to two times.
 """
 
 from dataclasses import dataclass
@@ -18,6 +19,10 @@ from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.trajectory import Trajectory
 
 _FEWEST, _MOST = 12, 240  # intervals between the nodes of least energy
+_ROUNDS, _LAST = (
+    2,
+    480,
+)  # times that they are halved where the curve between breaks something; most of them then
 _LONGEST = 120.0  # s between them, as far as there are enough
 _TURN = np.deg2rad(4.0)  # rad by which a target turns from node to node, as far as there are enough
 _FINEST = 4096  # intervals of the curve, beyond which it is not refined
@@ -123,11 +128,12 @@ def track(
         end: s.
         tolerance: rad, by which a device may be off its target.
     """
-    times = np.linspace(start, end, _intervals(pursuit, start, end) + 1)
+    count = _intervals(pursuit, start, end) + 1
     search = LeastMotion(pursuit, wanted, free)
-    if len(guess) == len(times):
-        guesses = [guess]  # an earlier answer
+    if len(guess) >= count:  # an earlier answer, whose nodes may have been halved
+        times, guesses = np.linspace(start, end, len(guess)), [guess]
     else:
+        times = np.linspace(start, end, count)
         guesses = [make(pursuit, guess[0], times) for make in (_still, _carried)]
         guesses.sort(key=lambda one: search.price(search.first(times, one, wanted.joints)))
     best: Tracked | None = None
@@ -141,7 +147,30 @@ def track(
             best = _better(best, _found(search, times, one, tolerance))
             if best.depth <= (0.0, 0.0):
                 break
+    closer = best
+    for _ in range(_ROUNDS):
+        if np.max(best.broken) > 0 or best.between <= 0:
+            break
+        closer = finer(pursuit, wanted, free, closer, tolerance)
+        best = _better(best, closer)
     return best
+
+
+def finer(
+    pursuit: Pursuit, wanted: Wanted, free: tuple[int, ...], found: Tracked, tolerance: float
+) -> Tracked:
+    """Find a motion near another one with nodes twice as close together, up to a number; args as of `track`.
+
+    What is kept at nodes is kept the better between them the closer they are. Of a motion with the most nodes
+    already it is that one.
+    """
+    own = found.nodes
+    count = 2 * (len(own.times) - 1)
+    if count > _LAST:
+        return found
+    times = np.linspace(own.times[0], own.times[-1], count + 1)
+    at = found.trajectory.sample(np.clip(times - times[0], 0, found.trajectory.duration))
+    return _found(LeastMotion(pursuit, wanted, free), times, at.attitude, tolerance)
 
 
 def _better(best: Tracked | None, found: Tracked) -> Tracked:
