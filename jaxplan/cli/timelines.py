@@ -26,10 +26,15 @@ from jaxplan.schema.timelines import KIND
 from jaxplan.sky import Satellite
 from jaxplan.timeline import TimelinePlan, load_timeline_plan
 from jaxplan.timeline.files import is_plan
-from jaxplan.timeline.tables import activities_csv, events_csv, segments_csv
+from jaxplan.timeline.tables import activities_csv, events_csv, interruptions_csv, segments_csv
 
 PLAN, TIMELINE = "plan.npz", "timeline.toml"  # what is written to a folder
-_TABLES = {"activities.csv": activities_csv, "segments.csv": segments_csv, "events.csv": events_csv}
+_TABLES = {
+    "activities.csv": activities_csv,
+    "segments.csv": segments_csv,
+    "interruptions.csv": interruptions_csv,
+    "events.csv": events_csv,
+}
 
 
 def timeline(options: argparse.Namespace) -> int:

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.planner.record import report_summary
 from jaxplan.runtime.display import aligned, as_table, shown
 from jaxplan.timeline.files import read_plan, save_plan
+from jaxplan.timeline.interruptions import Interruption, interruptions
 from jaxplan.timeline.proving import certify_segments
 from jaxplan.trajectory import Trajectory
 
@@ -156,6 +158,13 @@ class TimelinePlan:
         known = [one.pointing_error for one in self.activities if one.pointing_error is not None]
         return max(known, default=None)
 
+    @cached_property
+    def interruptions(self) -> tuple[Interruption, ...]:
+        """When slews interrupt devices whose target is the same before and after, in order of time."""
+        if self.trajectory is None:
+            return ()
+        return interruptions(self.timeline, self.segments, self.trajectory)
+
     def rows(self) -> list[tuple[str, str]]:
         """The plan as (label, value) rows for a table; timings are left out."""
         rows = [("status", self.status.name)]
@@ -166,6 +175,9 @@ class TimelinePlan:
         slews = [one.slew for one in planned if one.slew]
         if slews:
             rows.append(("slews", f"{len(slews)}, {sum(slews):.1f} s in all, {max(slews):.1f} s the longest"))
+        if broken := [one.duration for one in self.interruptions]:
+            most = f"{sum(broken):.1f} s in all, {max(broken):.1f} s the longest"
+            rows.append(("interruptions", f"{len(broken)} of targets that stay, {most}"))
         if self.trajectory is not None:
             rows.append(("duration", f"{self.trajectory.duration:.2f} s, C{self.trajectory.smoothness}"))
         if self.pointing_error is not None:
@@ -184,6 +196,17 @@ class TimelinePlan:
             "segments": [
                 {"name": one.name, "kind": one.kind, "start_s": one.start, "end_s": one.end}
                 for one in self.segments
+            ],
+            "interruptions": [
+                {
+                    "device": one.device,
+                    "before": one.before,
+                    "after": one.after,
+                    "start_s": one.start,
+                    "end_s": one.end,
+                    "off_deg": _degrees(one.off),
+                }
+                for one in self.interruptions
             ],
             "duration_s": None if self.trajectory is None else self.trajectory.duration,
             "pointing_error_deg": _degrees(self.pointing_error),

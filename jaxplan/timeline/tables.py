@@ -1,4 +1,4 @@
-"""A timeline's plan as tables for spreadsheets: its activities, and segments and events in order of time.
+"""A timeline's plan as tables for spreadsheets: activities, and segments, interruptions and events by time.
 
 Comma-separated, UTF-8, with a line of names first, seconds from the timeline's start on, and UTC to the
 millisecond where the scene has an epoch; what there is none of is empty.
@@ -50,6 +50,32 @@ def segments_csv(plan: TimelinePlan) -> str:
     utc = _texts(plan, [time for one in plan.segments for time in (one.start, one.end)])
     rows = [(one.name, one.kind, one.start, one.end, utc[one.start], utc[one.end]) for one in plan.segments]
     return _text(["name", "kind", "start_s", "end_s", "start_utc", "end_utc"], rows)
+
+
+def interruptions_csv(plan: TimelinePlan) -> str:
+    """The text of a table with a row for each time in which a slew keeps a device from a target that stays.
+
+    Args:
+        plan: of a timeline, also one that failed.
+    """
+    found = plan.interruptions
+    utc = _texts(plan, [time for one in found for time in (one.start, one.end)])
+    rows = [
+        (
+            one.device,
+            one.before,
+            one.after,
+            one.start,
+            one.end,
+            utc[one.start],
+            utc[one.end],
+            one.duration,
+            float(np.rad2deg(one.off)),
+        )
+        for one in found
+    ]
+    names = "device before after start_s end_s start_utc end_utc duration_s off_deg"
+    return _text(names.split(), rows)
 
 
 def events_csv(plan: TimelinePlan) -> str:

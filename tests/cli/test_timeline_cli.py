@@ -59,8 +59,8 @@ def folder(tmp_path_factory) -> Path:
 @pytest.mark.slow
 def test_all_is_written_and_reads_back(folder):
     out = folder / "out"
-    names = {"timeline.toml", "plan.npz", "activities.csv", "segments.csv", "events.csv"}
-    names |= {"motion.csv", "motion.aem"}
+    names = {"timeline.toml", "plan.npz", "activities.csv", "segments.csv", "interruptions.csv"}
+    names |= {"events.csv", "motion.csv", "motion.aem"}
     plan = jp.load_timeline_plan(out / "plan.npz")
     figures = {f"{name}.png" for name, _ in jp.plot.figures(plan)}
     assert figures

@@ -1,5 +1,7 @@
 """Whole plans of timelines, checked by numpy and scipy: joins, targets, limits, zones and wheels."""
 
+import csv
+import io
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -30,6 +32,7 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan.model.timeline import in_order
 from jaxplan.timeline import proving
+from jaxplan.timeline.tables import interruptions_csv
 
 TOLERANCE = deg(0.01)
 SITES = {
@@ -176,6 +179,41 @@ def test_devices_point_at_where_their_targets_truly_are_within_what_is_proved(na
         assert own.pointing_error <= TOLERANCE
         aims_met += 1
     assert aims_met >= 2
+
+
+@pytest.mark.parametrize("name", ["links", "calm links"])
+def test_interruptions_are_of_devices_that_keep_their_targets_and_last_from_track_to_track(name):
+    plan = planned(name)
+    found, tracks = plan.interruptions, spans(plan, "track")
+    expected = [
+        (device, before[0], after[0], before[2], after[1])
+        for before, after in pairwise(tracks)
+        for device in ("fore", "aft")
+    ]
+    assert [(one.device, one.before, one.after, one.start, one.end) for one in found] == expected
+    assert len(found) == 4
+    for one in found:
+        assert one.duration > 0
+        time = np.linspace(one.start, one.end, 1000)
+        aim = {one.device: LINKS[one.device]}
+        worst = np.max(misses(plan.trajectory, plan.timeline.scene.spacecraft, aim, time))
+        assert one.off == pytest.approx(worst, rel=1e-2, abs=1e-6)
+    assert dict(plan.rows())["interruptions"].startswith("4 of targets that stay")
+    rows = list(csv.DictReader(io.StringIO(interruptions_csv(plan))))
+    assert [(row["device"], float(row["duration_s"])) for row in rows] == [
+        (one.device, one.duration) for one in found
+    ]
+    told = plan.summary()["interruptions"]
+    assert [(one["device"], one["start_s"]) for one in told] == [(one.device, one.start) for one in found]
+
+
+def test_nothing_is_interrupted_where_targets_change_or_something_else_is_to_be_done():
+    assert planned("images").interruptions == ()
+    assert interruptions_csv(planned("images")).count("\n") == 1
+    whole = planned("links")
+    idle = jp.Activity(name="links again", idle=True)  # what the second slew leads to tracks nothing
+    changed = replace(whole.timeline, activities=(*whole.timeline.activities[:2], idle))
+    assert {one.after for one in replace(whole, timeline=changed).interruptions} == {"other links"}
 
 
 @each_day

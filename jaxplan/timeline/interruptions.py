@@ -1,0 +1,104 @@
+"""For how long slews interrupt devices that have the same target before and after.
+
+A slew leads the whole spacecraft from one activity to the next, all devices together: those whose targets
+change, and those whose targets do not. The latter leave theirs for the time of the slew, since both ends of
+it are motions of their own, each the least one for what it has to do. A device that has another target, or
+none, in the next activity is not interrupted but at its end.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from jaxplan.geometry.vectors import separation
+from jaxplan.model.directions import DirectionPath, as_path
+from jaxplan.model.sameness import same
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.timeline import Segment, Timeline
+from jaxplan.runtime.display import shown
+from jaxplan.trajectory import Trajectory
+
+_STEP = 0.25  # s between the instants at which it is looked at how far a device is off, at most
+_EACH = 65  # such instants of an interruption, at least
+
+
+@shown("device", "before", "after", "start s", "end s", "off deg")
+@dataclass(frozen=True, kw_only=True)
+class Interruption:
+    """A time in which a device does not track the target that it has before and after.
+
+    Attributes:
+        device: its name.
+        before: name of the activity that tracked the target until then.
+        after: name of the activity that tracks it from then on.
+        start: s, from the timeline's start on, at which the first ends to track it.
+        end: s, at which the second, or the wait for its window, begins to.
+        off: rad, the largest angle between device and target meanwhile, at samples.
+    """
+
+    device: str
+    before: str
+    after: str
+    start: float
+    end: float
+    off: float
+
+    @property
+    def duration(self) -> float:
+        """How long it lasts, s."""
+        return self.end - self.start
+
+
+def interruptions(
+    timeline: Timeline, segments: Sequence[Segment], trajectory: Trajectory
+) -> tuple[Interruption, ...]:
+    """Find for how long devices are kept from targets that they go on with after a slew.
+
+    Args:
+        timeline: what was asked.
+        segments: slews and activities in order, without gaps.
+        trajectory: over all segments.
+
+    Returns:
+        One for each slew and each device that tracks the same target before and after it, in order of time
+        and of the targets of the activity before; none where another activity lies between.
+    """
+    return tuple(_found(timeline, segments, trajectory))
+
+
+def _found(timeline: Timeline, segments: Sequence[Segment], trajectory: Trajectory) -> Iterator[Interruption]:
+    """Yield what `interruptions` lists."""
+    craft = timeline.scene.spacecraft
+    asked = {one.name: one.track for one in timeline.activities}
+    tracks = [number for number, one in enumerate(segments) if one.kind == "track"]
+    for first, last in pairwise(tracks):
+        before, after = segments[first], segments[last]
+        one, other = asked.get(before.name), asked.get(after.name)
+        between = segments[first + 1 : last]
+        if one is None or other is None or not between:
+            continue
+        if any(part.name != after.name for part in between):  # something else was to be done
+            continue
+        following = dict(zip(other.names(craft), other.paths, strict=True))
+        for device, path in zip(one.names(craft), one.paths, strict=True):
+            if device in following and same(path, following[device]):
+                yield Interruption(
+                    device=device,
+                    before=before.name,
+                    after=after.name,
+                    start=before.end,
+                    end=after.start,
+                    off=_off(craft, device, as_path(path), trajectory, before.end, after.start),
+                )
+
+
+def _off(
+    craft: Spacecraft, device: str, path: DirectionPath, trajectory: Trajectory, start: float, end: float
+) -> float:
+    """The largest angle, rad, of a device from its target at samples from a start to an end, s."""
+    times = np.linspace(start, end, max(_EACH, 1 + int(np.ceil((end - start) / _STEP))))
+    at = trajectory.sample(np.clip(times, 0.0, trajectory.duration))
+    beams = np.asarray(craft.boresights(at.attitude, at.joints))[:, craft.device_names.index(device)]
+    return float(np.max(separation(beams, np.asarray(path.at(times)))))
