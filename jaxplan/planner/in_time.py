@@ -6,7 +6,8 @@ time unless the scenario names another criterion. If it takes no longer than wha
 along it. Else the answer says how long it takes, which is certified.
 
 Where something moves, goals and durations depend on each other (`jaxplan.planner.moving`), and the paper's
-method has no shortest motion: there the first answer stands.
+method has no shortest motion: there the first answer stands. The shortest motion to targets that move is then
+looked for among given durations, too (`jaxplan.planner.sooner`).
 """
 
 from dataclasses import replace
@@ -21,6 +22,7 @@ from jaxplan.planner.attempts import Attempts
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.nearest import shorter_of, to_the_nearest
 from jaxplan.planner.record import Plan, end_rates
+from jaxplan.planner.sooner import Sooner, may_be_sooner
 from jaxplan.planner.validity import rounded_up
 
 # Outcomes after which another goal, or another path, may give a plan in the same time.
@@ -54,6 +56,7 @@ class InTime:
         self._answer: Plan | None = None
         self._soonest: Attempts | None = None  # at goals of least time, while that of least rotation is tried
         self._compared: list[Attempts] = []  # beside which that was tried, or was not to be
+        self._sooner: Sooner | None = None
 
     def advance(self) -> bool:
         """Begin with the next attempts where those under way are over.
@@ -61,8 +64,12 @@ class InTime:
         Returns:
             True while more is to be done, `attempts.need`; False once the plan is settled.
         """
-        if self.attempts.need is None:
+        if self.attempts.need is None and self._sooner is None:
             self._compare()
+        while self.attempts.need is None and self._go_on_sooner():
+            pass
+        if self._sooner is not None:
+            return self._answer is None
         over = self.attempts.need is None
         if self._asks_for_shortest and self._may_be_too_short():
             self._asks_for_shortest, self._clock.improve_for = False, 0.0  # which is for "minimum"
@@ -91,6 +98,25 @@ class InTime:
             beside = to_the_nearest(self.attempts)
             if beside is not None:
                 self._soonest, self.attempts = self.attempts, beside
+
+    def _go_on_sooner(self) -> bool:
+        """Begin with the next given duration in which the motion may be shorter; False at the end.
+
+        What was found so far is then the answer.
+        """
+        if self._answer is not None:
+            return False
+        if self._sooner is None:
+            if self.attempts is not self._first or not may_be_sooner(self.scenario, self._first.plan):
+                return False
+            self._sooner = Sooner(self._first.result(), self._clock)
+        else:
+            self._sooner.advance()
+        if self._sooner.attempts is None:
+            self._answer = self._sooner.plan
+            return False
+        self.attempts = self._sooner.attempts
+        return True
 
     def _may_be_too_short(self) -> bool:
         """Whether the first attempts have failed so far in a way that the shortest manoeuvre may help."""

@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -466,3 +467,16 @@ def test_targets_that_move_apart_from_what_devices_can_do_are_told_by_their_angl
         plan = jp.plan(with_duration(asked, duration), throw=False, progress=False)
         assert plan.status is jp.Status.GOAL_UNREACHABLE
         assert "camera and star tracker are 126.87 deg apart, their targets 90 deg" in plan.message
+
+
+@pytest.mark.slow
+def test_the_shortest_motion_to_targets_that_move_is_looked_for_among_given_durations_too():
+    image = jp.load_scenario(Path(__file__).parents[2] / "docs" / "gallery" / "earth-imaging.toml")
+    given = jp.plan(with_duration(image, 12.7), progress=False)
+    shortest = jp.plan(with_duration(image, "minimum"), progress=False)
+    assert shortest.trajectory.duration <= given.trajectory.duration
+    assert shortest.scenario.trajectory.duration == "minimum"
+    assert certify(shortest).certified
+    alone = with_duration(image, "minimum")
+    alone = replace(alone, trajectory=replace(alone.trajectory, first_guesses=0))
+    assert jp.plan(alone, progress=False).trajectory.duration > given.trajectory.duration
