@@ -248,6 +248,7 @@ __getattr__ = late(
         **{name: f"{home}:{name}" for name, home in _HOMES.items()},
         "measures": "jaxplan.trajectory.measures",
         "plot": "jaxplan.plotting",
+        "schema": "jaxplan.schema",
         "sky": "jaxplan.sky",
     },
 )

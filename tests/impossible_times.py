@@ -79,7 +79,7 @@ CASES = {
             tracking({"telescope": below("site", "its horizon", 0.0, 50.0, SITE)}, what="point", latest=30.0)
         ),
         S.OUT_OF_WINDOW,
-        ("can end at 50.00 s", "20.00 s after its window"),
+        ("can end at 50.00 s", "20.00 s after its window", "site is hidden by its horizon until 50.00 s"),
     ),
     "instant whose window is over": Case(
         lambda: images(tracking({"telescope": -AHEAD}, what="point", latest=20.0), keep_out=()),

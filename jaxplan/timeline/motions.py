@@ -40,6 +40,7 @@ _LOOK, _LOOKS = 5.0, 2000  # s between the instants at which zones are looked at
 _ROOM = np.deg2rad(1.0)  # rad, that an instant keeps from zones and ends of ranges where it can
 _FEW = 65  # instants at which rates, accelerations and loads are looked at
 _SAME = 1e-9  # s, by which a time may be late
+_SAME_INSTANT = 1e-3  # s, between the end of a span and what begins because of it
 
 
 class Refused(Exception):
@@ -340,6 +341,15 @@ class Doing:
             if not inside:
                 return begin
             time = max(span.end for span in inside)
+
+    def seen_at_last(self, begin: float) -> str:
+        """What was hidden until a time, s, from which the activity is done: a phrase, empty for nothing."""
+        targets = self.activity.targets
+        for path in () if targets is None else targets.paths:
+            for span in path.hidden:
+                if abs(span.end - begin) <= _SAME_INSTANT:
+                    return f"{span.target} is hidden by {span.by} until {span.end:.2f} s"
+        return ""
 
     def _overrun(self, track: Trajectory, begin: float) -> str:
         """By how much the worst load is beyond its limit, at which time, s; empty if none is."""

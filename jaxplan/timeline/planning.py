@@ -320,11 +320,15 @@ class _Day:
                 f"it can begin at {motion.begin:.2f} s at the earliest, {late:.2f} s after its end",
             )
         if latest is not None and end > latest + _SAME:
+            hidden = doing.seen_at_last(motion.begin)
+            why = f"its slew begins at {self.time:.2f} s and ends at {motion.begin:.2f} s"
+            advice = "Let the window end later, ask for less time, or do less before"
+            if hidden:  # then what is done before does not matter
+                why, advice = hidden, "Let the window end later, or ask for less time"
             raise Refused(
                 Status.OUT_OF_WINDOW,
-                f"it can end at {end:.2f} s at the earliest, {end - latest:.2f} s after its window: "
-                f"its slew begins at {self.time:.2f} s and ends at {motion.begin:.2f} s. Let the window end "
-                "later, ask for less time, or do less before",
+                f"it can end at {end:.2f} s at the earliest, {end - latest:.2f} s after its window: {why}. "
+                f"{advice}",
             )
 
     def result(self) -> TimelinePlan:
