@@ -162,7 +162,8 @@ class Plan:
             text = f"{self.trajectory.method}, {duration:.2f} s, C{self.trajectory.smoothness}"
             above = None if bound is None else excess(duration, bound)
             if above is not None:
-                text += f"; {100 * above:.1f} % above the strict bound of {bound:.2f} s"
+                how = f"{100 * above:.1f} % above" if above >= 0 else "less than"  # where limits are not kept
+                text += f"; {how} the strict bound of {bound:.2f} s"
                 text += " for this goal" if self.goal_chosen else ""
             rows.append(("trajectory", text))
             if above is not None:

@@ -584,6 +584,14 @@ def test_a_bound_of_the_time_is_said_to_be_of_the_goal_where_step_1_chose_that(c
         assert plan.summary()["goal_chosen"] is chosen
 
 
+def test_a_duration_below_the_bound_is_said_to_be_less():
+    short = make_scenario(1)
+    short = replace(short, trajectory=replace(short.trajectory, duration=1.0))
+    plan = jp.plan(short, throw=False, progress=False)
+    assert plan.status is jp.Status.LIMITS_TOO_TIGHT
+    assert f"less than the strict bound of {plan.duration_bound:.2f} s" in str(plan)
+
+
 def test_actuator_limits_a_body_axis_are_kept():
     case = jp.paper_case(1)
     inertia = np.array([[120.0, 3.0, -2.0], [3.0, 90.0, 1.0], [-2.0, 1.0, 60.0]])
