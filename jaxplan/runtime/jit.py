@@ -13,8 +13,8 @@ and those that are used again are compiled again.
 XLA writes the loops of a fused computation on the CPU in one of two ways. The newer one, through a language
 of its own for loops, takes two to three times as long to compile kernels such as ours, and what it makes of
 them is no quicker. `quick_jit` asks for the older one where the installed XLA still has it, and is `jax.jit`
-otherwise. And it has each kernel compiled by one thread: parts for several are made by copying the whole,
-which takes a sixth of the processor's time, while kernels side by side keep the cores at work anyway.
+otherwise. Another way to save a sixth, one part to compile a kernel instead of many
+(``xla_cpu_parallel_codegen_split_count``), must not be taken: with jaxlib 0.10.2 slopes at rest come out as NaN.
 
 What has been compiled is kept between processes (`jaxplan.runtime.executables`).
 """
@@ -102,10 +102,7 @@ def clear_if_full() -> bool:
 
 Answer = TypeVar("Answer")
 
-_SOON: dict[str, bool | int] = {
-    "xla_cpu_use_fusion_emitters": False,
-    "xla_cpu_parallel_codegen_split_count": 1,
-}
+_SOON: dict[str, bool | int] = {"xla_cpu_use_fusion_emitters": False}
 
 
 _known_kernels: list[dict[Hashable, Callable[..., Any]]] = []  # compiled, of each function by its arguments

@@ -18,9 +18,10 @@ import numpy as np
 from jaxplan.geometry.vectors import array_module
 from jaxplan.model.goals import GivenState
 from jaxplan.model.scenario import Scenario
-from jaxplan.schema.arrays import Array, PerAxis, range_of
+from jaxplan.schema.arrays import Array, PerAxis, range_of, within_a_turn
 from jaxplan.schema.directions import Axis, TargetList
 from jaxplan.schema.faults import nearest
+from jaxplan.schema.inertias import Moments
 from jaxplan.schema.kinds import ANY, Integer, Interval, Number
 from jaxplan.schema.layout import SCENARIO
 from jaxplan.schema.reading import scenario_to_dict
@@ -155,7 +156,7 @@ def _number(
     if isinstance(kind, Number) and row is None and isinstance(value, float | int | np.number):
         return (attribute,), kind
     # whether each number may change by itself
-    apart = isinstance(kind, Array) and kind.rule in (None, range_of)
+    apart = isinstance(kind, Array) and kind.rule in (None, range_of, within_a_turn)
     if value is None and (isinstance(kind, Number | PerAxis) or apart):
         raise KeyError(f"{name}: {key} is not a number here but not set: give it a value first")
     if isinstance(kind, PerAxis):
@@ -181,7 +182,7 @@ def _number(
         said = f"is not a number here but {value}"
     elif isinstance(kind, Number):
         said = "is a single number: write no index"
-    elif isinstance(kind, Array | TargetList | Axis):
+    elif isinstance(kind, Array | Moments | TargetList | Axis):
         said = "is no single number: its numbers depend on each other, and none may change by itself"
     else:
         said = "is no single number"

@@ -57,11 +57,11 @@ def test_figures_draw_the_tube_only_where_there_is_one(plan, bare):
     assert not np.any(radii(bare.scenario))
     for draw in (jp.plot.sphere, jp.plot.globe):
         with_tube, without = draw(plan), draw(bare)
-        assert f"{NAME},\n±1.37 deg" in told(with_tube)  # 0.8 deg and 2 arccos(cos(0.2 deg)^2)
+        assert f"{NAME}, ±1.37 deg" in told(with_tube)  # 0.8 deg and 2 arccos(cos(0.2 deg)^2)
         assert NAME not in "".join(told(without))
         assert len(with_tube.lines) > len(without.lines)
     with_tube, without = jp.plot.angles(plan), jp.plot.angles(bare)
-    assert f"{NAME},\n±0.4 deg" in told(with_tube[0])
+    assert f"{NAME}, ±0.4 deg" in told(with_tube[0])
     assert NAME not in "".join(told(without[0]))
     assert [len(axes.collections) for axes in with_tube] > [len(axes.collections) for axes in without]
     for axes, count in ((jp.plot.joint_map(plan)[0], 1), (jp.plot.joint_map(bare)[0], 0)):
@@ -74,7 +74,7 @@ def test_a_tube_has_the_radii_of_all_devices_in_its_name(plan):
     craft = replace(plan.scenario.spacecraft, instruments=(camera,))
     thin = jp.Robust(attitude_error=np.deg2rad(0.1), joint_error=np.deg2rad(0.02))
     scenario = replace(plan.scenario, spacecraft=craft, robust=thin)
-    assert tube_name(radii(scenario)) == f"{NAME},\n±0.1 to 0.128 deg"
+    assert tube_name(radii(scenario)) == f"{NAME}, ±0.1 to 0.128 deg"
 
 
 def test_a_limit_less_the_reserve_is_told_apart_from_the_whole_one(on_wheels):
@@ -86,11 +86,11 @@ def test_a_limit_less_the_reserve_is_told_apart_from_the_whole_one(on_wheels):
         round(abs(float(line.get_ydata()[0])), 9) for line in torques.lines if len(line.get_xdata()) == 2
     }
     assert drawn == {round(share * own, 9) for own in whole for share in (0.75, 1.0)}
-    assert {"limit", "limit less\nthe reserve"} <= set(told(torques))
+    assert {"limit", "limit less the reserve"} <= set(told(torques))
     for other in (jp.plot.torque(on_wheels)[0], momenta):
         lines = [line for line in other.lines if len(line.get_xdata()) == 2]
         assert len(lines) <= 2 * len(whole)
-    assert "limit less\nthe reserve" not in told(jp.plot.torque(on_wheels)[0])
+    assert "limit less the reserve" not in told(jp.plot.torque(on_wheels)[0])
     plt.close("all")
 
 

@@ -382,6 +382,7 @@ def test_the_results_looked_at_are_of_every_kind(results):
         "ExportNames",
         "Fleet",
         "LinkSchedule",
+        "Interruption",
         "PlannedActivity",
         "Segment",
         "SlewProblem",
