@@ -13,8 +13,8 @@ and those that are used again are compiled again.
 XLA writes the loops of a fused computation on the CPU in one of two ways. The newer one, through a language
 of its own for loops, takes two to three times as long to compile kernels such as ours, and what it makes of
 them is no quicker. `quick_jit` asks for the older one where the installed XLA still has it, and is `jax.jit`
-otherwise. Another way to save a sixth, one part to compile a kernel instead of many
-(``xla_cpu_parallel_codegen_split_count``), must not be taken: with jaxlib 0.10.2 slopes at rest come out as NaN.
+otherwise. To compile a kernel in one part instead of many (``xla_cpu_parallel_codegen_split_count``) would
+save a sixth, and must not be done: with jaxlib 0.10.2 some slopes at rest come out as NaN.
 
 What has been compiled is kept between processes (`jaxplan.runtime.executables`).
 """
