@@ -313,7 +313,7 @@ def free_place(path: str | os.PathLike[str], parts: tuple[str, ...] = (), *, ove
     if not os.path.lexists(target):
         return target
     if not overwrite:
-        hint = "is there already; overwrite=True (--force) replaces it"
+        hint = "is there already; --force replaces it (in Python overwrite=True)"
         raise FileExistsError(errno.EEXIST, hint, os.fspath(path))
     if parts and (target.is_symlink() or not target.is_dir()):
         raise ValueError(f"{target}: is a file, and this format is a folder of files")

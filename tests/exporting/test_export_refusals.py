@@ -187,7 +187,7 @@ def content(folder: Path) -> dict[Path, bytes]:
 def test_nothing_is_overwritten_unasked(plan, tmp_path, name):
     place = jp.export(plan, tmp_path / "slew", format=name, epoch=EPOCH, step_s=STEP)
     before = content(tmp_path)
-    with pytest.raises(FileExistsError, match=r"overwrite=True \(--force\)"):
+    with pytest.raises(FileExistsError, match=r"--force replaces it \(in Python overwrite=True\)"):
         jp.export(plan, place, format=name, epoch="2030-01-01", step_s=STEP)
     assert content(tmp_path) == before
     jp.export(plan, place, format=name, epoch="2030-01-01", step_s=STEP, overwrite=True)
@@ -264,7 +264,7 @@ def test_the_command_line_exports_beside_the_plan(tmp_path, capsys):
     assert run("--format", "csv", "--step", 2, "-o", tmp_path / "sub" / "x.csv")[0] == 0
     assert run("--format", "csv", "--force")[0] == 0
     for words, said in {
-        ("--format", "csv"): f"{tmp_path / 'plan.csv'}: is there already; overwrite=True (--force)",
+        ("--format", "csv"): f"{tmp_path / 'plan.csv'}: is there already; --force",
         ("--format", "amm", "--epoch", EPOCH): "perhaps aem is meant",
         ("--format", "aem"): "needs the UTC of the start",
         ("--format", "csv", "--step", "-1", "-o", "x"): "step_s = -1.0: must lie in",
