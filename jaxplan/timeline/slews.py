@@ -175,7 +175,7 @@ class Departure:
             needed = found.needed_duration if isinstance(found, Fit) else None
             enough = f"no longer slew was found that keeps all limits: {_OTHERWISE}"
             if needed is not None:
-                enough = f"about {needed:.2f} s are needed: {_LATER}"
+                enough = f"this way takes about {needed:.2f} s: {_LATER}"
             if np.isfinite(own.stretch):
                 return too_tight(trajectory.duration, own, enough, "")
         if isinstance(found, Plan) and found.certificate is not None:

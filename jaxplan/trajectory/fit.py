@@ -265,9 +265,11 @@ def needed_words(duration: float, *, moving: bool, scalable: bool) -> str:
         scalable: whether "stretched" may be asked for.
     """
     number = f"{math.ceil(duration * 100) / 100:.2f}"
-    how, about = ("about", "about ") if moving else ("at most", "")
+    told = f"at most {number} s are needed"
+    if moving:
+        told, number = f"this way takes about {number} s", f"about {number}"
     otherwise = ', or to "stretched"' if scalable else ""
-    return f"{how} {number} s are needed: set trajectory.duration_s to {about}{number} or more{otherwise}"
+    return f"{told}: set trajectory.duration_s to {number} or more{otherwise}"
 
 
 def too_tight(duration: float, peaks: Peaks, needed: str | None, else_try: str) -> str:

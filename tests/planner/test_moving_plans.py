@@ -301,7 +301,7 @@ def test_what_a_goal_that_moves_needs_is_said_to_be_a_guess(scene, method):
     short = replace(scene, trajectory=replace(scene.trajectory, method=method, duration=14.0))
     plan = jp.plan(short, throw=False)
     assert plan.status is jp.Status.LIMITS_TOO_TIGHT
-    assert re.search(r"about [\d.]+ s are needed: set trajectory.duration_s to about", plan.message)
+    assert re.search(r"this way takes about [\d.]+ s: set trajectory.duration_s to about", plan.message)
     assert ("stretched" in plan.message) is (method == "global")
 
 
