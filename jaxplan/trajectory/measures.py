@@ -13,9 +13,7 @@ where none are told.
 """
 
 from collections.abc import Callable
-from functools import cache, partial, wraps
-from inspect import signature
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -28,187 +26,16 @@ from jaxplan.model.constraints import Constraints, constraint_margins, state_mar
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheel_shares import wheel_loads
-from jaxplan.runtime.arguments import expect
-from jaxplan.runtime.jit import is_traced, quick_jit
-from jaxplan.runtime.linear import linear_map
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate, total_momentum
+from jaxplan.trajectory.measured import at_once, of_plans
 from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.spectrum import expect_frequencies, magnitude, transform
 
 Quantity = Callable[[Samples], Array]
-Given = ParamSpec("Given")
-Out = TypeVar("Out")
 
 _EACH, _ALL = 12, 600  # least numbers of samples on a piece and on a trajectory
 _GAUSS = 12  # samples on a piece for an integral
 _LOOKS = 4  # rounds of samples: the first over the whole trajectory, the next about the extreme, ever finer
-
-
-_MEASURES: dict[str, Callable[..., Array]] = {}  # the undecorated functions by name
-_OF_ARRAYS: set[str] = set()  # names of those that are no single number
-
-# Arguments that a plan's scene has: their classes, and functions that find them.
-_OF_SCENES: dict[str, tuple[type, Callable[[Any], Any]]] = {
-    "craft": (Spacecraft, lambda scene: scene.spacecraft),
-    "cones": (Constraints, lambda scene: scene.constraints),
-}
-
-Chosen = tuple[tuple[str, Any], ...]  # names and values of arguments that are no numbers
-
-
-def _measured(name: str, chosen: Chosen, given: dict[str, Any]) -> Array:
-    """The measure of this name, of its arguments that are no numbers and of those that are."""
-    return _MEASURES[name](**given, **dict(chosen))
-
-
-def _measured_with_slopes(name: str, chosen: Chosen, given: dict[str, Any]) -> tuple[Array, Any]:
-    """`_measured` and its gradient in the numbers, a tree like `given`."""
-    return jax.value_and_grad(partial(_measured, name, chosen), allow_int=True)(given)
-
-
-def _is_real(leaf: Any) -> bool:
-    """Whether a number can be differentiated: floating-point ones."""
-    return bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating))
-
-
-def _by_numbers(name: str, chosen: Chosen, given: dict[str, Any]) -> tuple[Callable[..., Array], list[Any]]:
-    """`_measured` as a function of those numbers that can be differentiated, and these, leaves in order."""
-
-    def measured(numbers: list[Any]) -> Array:
-        left = iter(numbers)
-        own = jax.tree.map(lambda leaf: next(left) if _is_real(leaf) else leaf, given)
-        return _measured(name, chosen, own)
-
-    return measured, list(filter(_is_real, jax.tree.leaves(given)))
-
-
-@partial(quick_jit, level=0, static_argnums=(0, 1))
-def _pushed(name: str, chosen: Chosen, given: dict[str, Any], way: list[Any]) -> Array:
-    """The derivative of a measure along tangents `way` of its numbers, see `_by_numbers`."""
-    measured, numbers = _by_numbers(name, chosen, given)
-    return jax.jvp(measured, (numbers,), (way,))[1]
-
-
-@partial(quick_jit, level=0, static_argnums=(0, 1))
-def _pulled(name: str, chosen: Chosen, given: dict[str, Any], cotangents: Array) -> list[Any]:
-    """The product of cotangents with a measure's derivatives by its numbers, see `_by_numbers`."""
-    measured, numbers = _by_numbers(name, chosen, given)
-    (slopes,) = jax.vjp(measured, numbers)[1](cotangents)
-    return list(slopes)
-
-
-@cache
-def _slopes(name: str, chosen: Chosen) -> Callable[..., list[Array]]:
-    """The derivative of a measure that is an array, as a linear map of tangents of its numbers."""
-    return linear_map(
-        f"slopes of {name}",
-        lambda given, way: [_pushed(name, chosen, given, list(way))],
-        lambda given, cotangents: _pulled(name, chosen, given, *cotangents),
-    )
-
-
-_value = quick_jit(_measured, level=0, static_argnums=(0, 1))
-_value_with_slopes = quick_jit(_measured_with_slopes, level=0, static_argnums=(0, 1))
-_followed = jax.custom_jvp(_measured, nondiff_argnums=(0, 1))
-
-
-@_followed.defjvp
-def _follow(name: str, chosen: Chosen, own: tuple[Any], ways: tuple[Any]) -> tuple[Array, Array]:
-    """The rule of `_followed` for tangents `ways`: outside traces by the kernel for value and gradient."""
-    if is_traced(own):
-        return jax.jvp(partial(_measured, name, chosen), own, ways)
-    if name in _OF_ARRAYS:  # a gradient of each entry would be much for one number that is made of them
-        found, leaves = _value(name, chosen, *own), map(jax.tree.leaves, (own, ways))
-        way = [way for leaf, way in zip(*leaves, strict=True) if _is_real(leaf)]
-        return found, _slopes(name, chosen)(*own, way, [found])[0]
-    found, slopes = _value_with_slopes(name, chosen, *own)
-    return found, _along(slopes, *ways)
-
-
-def _at_once(
-    *choices: str, of_arrays: bool = False
-) -> Callable[[Callable[Given, Array]], Callable[Given, Array]]:
-    """Make a decorator that runs a measure, and its gradient, as one jitted kernel each outside traces.
-
-    Otherwise `jax.grad` would compile a kernel for each of the hundreds of operations that they take.
-
-    Args:
-        choices: names of the arguments that are no numbers.
-        of_arrays: whether the measure is an array and no single number.
-    """
-
-    def decorate(measure: Callable[Given, Array]) -> Callable[Given, Array]:
-        name, parameters = measure.__name__, signature(measure)
-        _MEASURES[name] = measure
-        if of_arrays:
-            _OF_ARRAYS.add(name)
-
-        @wraps(measure)
-        def at_once(*args: Given.args, **kwargs: Given.kwargs) -> Array:
-            bound = parameters.bind(*args, **kwargs)
-            bound.apply_defaults()
-            given = dict(bound.arguments)
-            chosen = tuple((choice, given.pop(choice)) for choice in choices)
-            if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(given)):
-                return (_followed if is_traced(given) else _value)(name, chosen, given)
-            with jax.enable_x64(True):
-                return np.asarray(_value(name, chosen, given))[()]  # type: ignore[return-value]
-
-        return at_once
-
-    return decorate
-
-
-@jax.jit
-def _along(slopes: Any, ways: Any) -> Array:
-    """Derivative along a change `ways` of all numbers of a tree, from the gradient `slopes` in them."""
-    pairs = zip(jax.tree.leaves(slopes), jax.tree.leaves(ways), strict=True)
-    return sum(
-        (jnp.sum(slope * way) for slope, way in pairs if slope.dtype != jax.dtypes.float0), jnp.zeros(())
-    )
-
-
-def _of_plans(measure: Callable[..., Out]) -> Callable[..., Out]:
-    """Make a measure of a trajectory, its first argument, one of a plan, too.
-
-    Of a plan ``craft`` and ``cones`` may be left out.
-    """
-    parameters = signature(measure)
-    wanted = [name for name in _OF_SCENES if name in parameters.parameters]
-
-    @wraps(measure)
-    def of_plans(*args: Any, **kwargs: Any) -> Out:
-        given = dict(parameters.bind_partial(*args, **kwargs).arguments)
-        plan = given.get("trajectory")
-        if plan is not None and not isinstance(plan, Trajectory):
-            given["trajectory"] = _trajectory_of(plan)
-            scene = getattr(plan, "scenario", getattr(plan, "scene", None))
-            for name in wanted:
-                given.setdefault(name, _OF_SCENES[name][1](scene))
-        for name in wanted:
-            if name in given:
-                kind = _OF_SCENES[name][0]
-                hint = f"of a plan {name} may be left out, and what comes after is told by its name"
-                expect(name, given[name], kind, hint)
-        return measure(**given)
-
-    return of_plans
-
-
-def _trajectory_of(plan: object) -> Trajectory:
-    """The trajectory of a plan.
-
-    Raises:
-        TypeError: if it is none.
-        ValueError: if the plan has no trajectory.
-    """
-    found = getattr(plan, "trajectory", plan)
-    if found is None:
-        ending = getattr(getattr(plan, "status", None), "name", "without one")
-        raise ValueError(f"trajectory: the plan has none, it ended as {ending}")
-    if isinstance(found, Trajectory):
-        return found
-    return expect("trajectory", plan, Trajectory, "a plan may stand for its own")
 
 
 def time_factors(samples: Samples, craft: Spacecraft, total: Array | None = None) -> Array:
@@ -241,7 +68,7 @@ def torque(samples: Samples, craft: Spacecraft, total: Array | None = None) -> A
     return jnp.moveaxis(jnp.asarray(samples.kinematics(craft, total).torque), 0, -1)
 
 
-@_of_plans
+@of_plans
 def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
     """Largest value of a quantity over all time.
 
@@ -271,8 +98,8 @@ def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
     return jnp.where(sound, quantity(evaluate(trajectory, moving)), jnp.nan)
 
 
-@_of_plans
-@_at_once("field")
+@of_plans
+@at_once("field")
 def peak(trajectory: Trajectory, field: str) -> Array:
     """Largest magnitude of any component of a field of `Samples` over all time.
 
@@ -286,8 +113,8 @@ def peak(trajectory: Trajectory, field: str) -> Array:
     return largest(trajectory, lambda samples: _largest_of(jnp.abs(getattr(samples, field))))
 
 
-@_of_plans
-@_at_once("field", "power")
+@of_plans
+@at_once("field", "power")
 def power_mean(trajectory: Trajectory, field: str, power: int = 16) -> Array:
     """Smooth stand-in for `peak`: the power mean of a field over time and components.
 
@@ -308,7 +135,7 @@ def power_mean(trajectory: Trajectory, field: str, power: int = 16) -> Array:
     return largest_held * mean ** (1 / power)
 
 
-@_of_plans
+@of_plans
 def integral(trajectory: Trajectory, quantity: Quantity) -> Array:
     """Integral of a quantity over time, by Gauss' rule on every piece.
 
@@ -326,15 +153,15 @@ def integral(trajectory: Trajectory, quantity: Quantity) -> Array:
     return jnp.sum((half * weights).ravel() * quantity(evaluate(trajectory, times.ravel())))
 
 
-@_of_plans
-@_at_once()
+@of_plans
+@at_once()
 def effort(trajectory: Trajectory) -> Array:
     """Integral of the squared accelerations of platform and joints over time, rad^2/s^3."""
     return _squares(trajectory, "angular_acceleration", "joint_accelerations")
 
 
-@_of_plans
-@_at_once()
+@of_plans
+@at_once()
 def roughness(trajectory: Trajectory) -> Array:
     """Integral of the squared jerks of platform and joints over time, rad^2/s^5."""
     return _squares(trajectory, "angular_jerk", "joint_jerks")
@@ -350,15 +177,15 @@ def _squares(trajectory: Trajectory, *names: str) -> Array:
     return integral(trajectory, squares)
 
 
-@_of_plans
+@of_plans
 def duration(trajectory: Trajectory) -> Array:
     """Time from start to goal, s."""
     last: Array = arrays(trajectory.breaks)[1][-1]
     return last
 
 
-@_of_plans
-@_at_once()
+@of_plans
+@at_once()
 def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Constraints) -> Array:
     """Smallest margin of any device to any zone over all time, rad; infinite without zones.
 
@@ -383,8 +210,8 @@ def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Constraints) 
     return -largest(trajectory, short)
 
 
-@_of_plans
-@_at_once()
+@of_plans
+@at_once()
 def peak_torque(trajectory: Trajectory, craft: Spacecraft) -> Array:
     """Largest component of the torque on the platform over all time, N m, body axes; it needs the inertia."""
     total = total_momentum(trajectory, craft)
@@ -395,7 +222,7 @@ SPECTRA = ("torque", "wheel_torques", "angular_acceleration")
 """Names of quantities whose spectrum `torque_spectrum` tells."""
 
 
-@_of_plans
+@of_plans
 def torque_spectrum(
     trajectory: Trajectory, craft: Spacecraft, frequencies: ArrayLike, of: str | None = None
 ) -> Array:
@@ -430,7 +257,7 @@ def torque_spectrum(
     return _spectrum(trajectory, craft, asked, name)
 
 
-@_at_once("name", of_arrays=True)
+@at_once("name", of_arrays=True)
 def _spectrum(trajectory: Trajectory, craft: Spacecraft, frequencies: Array, name: str) -> Array:
     """`torque_spectrum` of the quantity of a name at frequencies (f,), when these are known to be there."""
     total = total_momentum(trajectory, craft)
@@ -444,7 +271,7 @@ def _spectrum(trajectory: Trajectory, craft: Spacecraft, frequencies: Array, nam
     return magnitude(transform(values, _breaks(trajectory), jnp.asarray(frequencies)))
 
 
-@_of_plans
+@of_plans
 def wheel_torques(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np.ndarray:
     """Torques that wheels give the platform, about their axes.
 
@@ -463,7 +290,7 @@ def wheel_torques(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np
     return np.moveaxis(_of_wheels(trajectory, craft, t)[0], 0, -1)
 
 
-@_of_plans
+@of_plans
 def wheel_momenta(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np.ndarray:
     """Momenta that wheels hold, (n,) or (k, n) N m s; arguments and errors as of `wheel_torques`.
 
@@ -479,15 +306,15 @@ def _of_wheels(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> tuple
     return wheel_loads(trajectory.sample(t).kinematics(craft, total_momentum(trajectory, craft)), craft)
 
 
-@_of_plans
-@_at_once()
+@of_plans
+@at_once()
 def stretch(trajectory: Trajectory, craft: Spacecraft) -> Array:
     """Factor on time at which the first limit is just met; infinite where slowing down does not help."""
     total = total_momentum(trajectory, craft)
     return largest(trajectory, lambda samples: time_factors(samples, craft, total))
 
 
-@_of_plans
+@of_plans
 def to_limits(trajectory: Trajectory, craft: Spacecraft) -> Trajectory:
     """The same motion scaled to the shortest time in which it keeps all limits, plus a millionth."""
     factor: Any = stretch(trajectory, craft) * SAFETY
