@@ -212,7 +212,8 @@ def _followed_by(scenario: Scenario, goal: Goal) -> tuple[tuple[MadeWay, ...], s
     what = "what a device prefers" if targets.prefer else "a bound of joints or a vector that these turn"
     if soonest:
         what = 'no smooth optimum of the time; set goal.criterion = "least_rotation"'
-    raise ValueError(f"{refused}it leans on {what}")
+    otherwise = "; leave the wish out, or give the goal as a state" if targets.prefer else ""
+    raise ValueError(f"{refused}it leans on {what}{otherwise}")
 
 
 def replan(held: Held, scenario: Scenario) -> Trajectory:
@@ -391,5 +392,6 @@ def expect_known_time(scenario: Scenario) -> None:
     if moves(scenario) and not scenario.trajectory.timed:
         raise ValueError(
             f"{scenario.name} has targets or zones that move: derivatives and tuning then know given "
-            "durations only, set trajectory.duration_s to a number"
+            "durations only: set trajectory.duration_s to a number, which is then no result that has slopes, "
+            "or hold what moves at an instant"
         )
