@@ -43,7 +43,7 @@ class Sooner:
         assert self.attempts is not None
         found = self.attempts.result()
         if found.ok and found.trajectory is not None:
-            self.plan = replace(found, scenario=self._scenario)
+            self.plan = replace(found, scenario=self._scenario, message="")  # which is on a given duration
         else:
             self._too_short = float(found.scenario.trajectory.duration)
         self._next()

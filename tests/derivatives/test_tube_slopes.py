@@ -14,7 +14,7 @@ import jaxplan as jp
 ROBUST = jp.Robust(
     attitude_error=np.deg2rad(0.4), joint_error=np.deg2rad(0.3), torque_reserve=12.0, momentum_reserve=6.0
 )
-STEPS = {"attitude_error": 1e-6, "joint_error": 1e-6, "torque_reserve": 1e-3, "momentum_reserve": 1e-3}
+STEPS = {"attitude_error": 1e-4, "joint_error": 1e-4, "torque_reserve": 1e-3, "momentum_reserve": 1e-3}
 
 
 def moved(scenario, name, step):
