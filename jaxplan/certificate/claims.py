@@ -142,7 +142,7 @@ class Certificate:
 
     def rows(self) -> list[tuple[str, str]]:
         """What is proved, as (label, value) rows for a table."""
-        rows = [("certified", "yes, at every instant" if self.certified else "no")]
+        rows = [("certified", "yes, at every instant" if self.certified else "no: not certified")]
         rows += [("", fault) for fault in self.faults]
         if self.min_margin is not None:
             where = f"{self.worst_device} to {self.worst_zone} at {self.worst_time:.2f} s"

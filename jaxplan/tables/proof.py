@@ -117,7 +117,7 @@ class TableCertificate:
     def rows(self) -> list[tuple[str, str]]:
         """What is proved, as (label, value) rows for a table."""
         how = f"with {self.interpolation.replace('_', ' ')} between {self.rows_count} rows"
-        known = f"yes, at every instant {how}" if self.certified else f"no, {how}"
+        known = f"yes, at every instant {how}" if self.certified else f"no: not certified {how}"
         if self.forgiven:
             known = f"within what is forgiven, at every instant {how}"
         rows = [("certified", known), *(("", fault) for fault in self.faults)]

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import re
 import shutil
 from pathlib import Path
 
@@ -101,7 +100,7 @@ def test_a_plan_is_certified_anew_whatever_it_says(folder, capsys, tmp_path):
     plan.save(tmp_path / "bent.npz")
     code, out, _ = run(capsys, "check", tmp_path / "bent.npz")
     assert code == 3
-    assert re.search(r"^ *certified +no$", out, re.MULTILINE)
+    assert "no: not certified" in out
     code, _, err = run(capsys, "export", tmp_path / "bent.npz", "--format", "csv")
     assert code == 3
     assert "fails its certificate, made anew" in err
