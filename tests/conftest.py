@@ -13,8 +13,15 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 # here: in a third of the time, to run at two thirds of the speed. XLA_FLAGS= asks for what users get.
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false")
 
+import hypothesis
 import jax
 import pytest
+
+# How long an example takes is not what is tested, and other processes may hold one up.
+hypothesis.settings.register_profile(
+    "suite", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)
+hypothesis.settings.load_profile("suite")
 
 jax.config.update("jax_enable_x64", True)
 
