@@ -204,7 +204,7 @@ def _carried(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> np.ndarray:
 
 
 def _carried_and_change(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What `_carried` gives, and the torque (3, n, m) N m that it adds to the derivative ``L'``."""
+    """Compute what `_carried` does, and the torque (3, n, m) N m that it adds to the derivative ``L'``."""
     at = _turned(stage, joints[0])
     rate, driven = _rate(stage, at, joints, 1), spin[1] + _rate(stage, at, joints, 2)
     if stage.pitch is not None:  # the pitch axis is opposite to the left, which yaws
@@ -229,7 +229,7 @@ def _majorants(majorants: Majorants, craft: Spacecraft) -> list[np.ndarray]:
 
 
 def _once(owner: object, name: str, craft: Spacecraft, make: Callable[[], T]) -> T:
-    """What follows from an owner that does not change and a spacecraft: made once, and kept in the owner."""
+    """Make what follows from an unchanging owner and a spacecraft once, and keep it in the owner."""
     known: dict[str, tuple[Spacecraft, T]] = vars(owner)
     if name not in known or known[name][0] is not craft:
         known[name] = craft, make()

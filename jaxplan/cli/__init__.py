@@ -1,8 +1,8 @@
 """The command line: the words of all commands, and the exit codes that they end with.
 
 Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 no plan, 2 bad input, 3 not
-certified. A command is the function of its name in `jaxplan.cli.plans`, `timelines` or `studies`; these are
-imported when a command runs, so that ``--help`` answers at once.
+certified. A command is the function of its name in `jaxplan.cli.scenes`, `plans`, `timelines` or `studies`;
+these are imported when a command runs, so that ``--help`` answers at once.
 """
 
 import argparse
@@ -31,6 +31,8 @@ _KINDS = (
 )
 _PLANNERS = "mha, mha-paper, wastar, rrt_star or rrt_connect"
 _HOMES = {
+    "new": "scenes",
+    "validate": "scenes",
     "study": "studies",
     "table4": "studies",
     "timeline": "timelines",

@@ -1,4 +1,4 @@
-"""What is asked of somebody who has a spacecraft and a task and wants a scenario file of them.
+"""Questions to somebody who has a spacecraft and a task, whose answers make a scenario file.
 
 The parts are platform, instruments, terminals, drives, duration, date and orbit, zones, start and goal.
 What is asked for is a key of the file, told by its layout. After each part the whole file so far is read,

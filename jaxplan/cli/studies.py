@@ -12,7 +12,7 @@ from typing import Any
 
 from jaxplan.cases import RANDOM_KINDS
 from jaxplan.cli.common import DONE, complain, print_result, save, say, set_up_jax, writable_folder
-from jaxplan.cli.plans import load_scene
+from jaxplan.cli.scenes import load_scene
 from jaxplan.model.scenario import Scenario
 from jaxplan.search import PLANNERS
 from jaxplan.study import Study, compare_studies, load_study, run_study

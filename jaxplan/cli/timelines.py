@@ -4,7 +4,7 @@ import argparse
 import shlex
 from pathlib import Path
 
-from jaxplan.cases import TIMELINE_NAMES, case_path
+from jaxplan.cases import CASE_NAMES, TIMELINE_NAMES, case_path
 from jaxplan.cli.common import (
     DONE,
     NO_PLAN,
@@ -51,7 +51,7 @@ def timeline(options: argparse.Namespace) -> int:
     print_result(plan.summary() if options.json else plan)
     code = _code_of(plan)
     if folder is not None:
-        _write(plan, folder, find_observer(_file_of(options.timeline)))
+        _write(plan, folder, find_observer(file_of(options.timeline)))
         if formats and not plan.ok:
             return complain(f"{options.timeline}: is not exported, since it is not certified", code)
         for name in formats:
@@ -72,9 +72,9 @@ def _expect_exports(asked: Timeline, formats: tuple[str, ...]) -> None:
             raise ValueError(f"--export {name}: needs an epoch: give the timeline epoch_utc, or [sky]")
 
 
-def _file_of(name: str) -> str:
-    """The path of a timeline's file, which may be an example by its name."""
-    return str(case_path(name)) if name in TIMELINE_NAMES else name
+def file_of(name: str) -> str:
+    """The path of a scenario or timeline file, which may be a case or an example by its name."""
+    return str(case_path(name)) if name in (*CASE_NAMES, *TIMELINE_NAMES) else name
 
 
 def _write(plan: TimelinePlan, folder: Path, observer: Satellite | None) -> None:

@@ -176,9 +176,8 @@ def descend_once(
     problem = GoalProblem.of(spacecraft, start_attitude, targets, cones, start_joints)
     with jax.enable_x64(True):
         wishes = Wished.all_of(spacecraft, targets, problem.ranges)
-        problem = replace(
-            problem, wishes=tuple(wish._replace(reach=SPARE) for wish in wishes)
-        )  # as if all met
+        met = tuple(wish._replace(reach=SPARE) for wish in wishes)  # as if all could be
+        problem = replace(problem, wishes=met)
         least_time.descended(problem, assemble(problem), quaternion.exp(np.zeros((1, 3))))
 
 

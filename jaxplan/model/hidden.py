@@ -11,7 +11,7 @@ from jaxplan.model.keys import key
 from jaxplan.runtime.display import shown
 
 UNNAMED = "target"
-"""What is hidden is called so where nobody gave it a name."""
+"""Name of a hidden target to which nobody gave one."""
 
 
 @shown("target", "by", "start s", "end s")

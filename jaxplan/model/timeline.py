@@ -17,7 +17,7 @@ from jaxplan.runtime.display import shown
 
 SHORTEST, CALM = SLEWS = ("shortest", "calm")
 REST = "rest until the end"
-"""What plans call what is done in the time that is left after all activities."""
+"""Name of the rest that a plan has in the time that is left after all activities."""
 _SPAN = "[0, 86400]"  # s, of all times of a timeline
 
 

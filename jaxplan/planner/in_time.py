@@ -111,7 +111,7 @@ class InTime:
                 return False
             self._sooner = Sooner(self._first.result(), self._clock)
         else:
-            self._sooner.advance()
+            self._sooner.advance(self.attempts.result())
         if self._sooner.attempts is None:
             self._answer = self._sooner.plan
             return False

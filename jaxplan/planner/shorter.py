@@ -70,7 +70,7 @@ def is_improvable(plan: Plan, improve_for: float, goals: Sequence[Goal] = (), en
 
 
 def is_far(plan: Plan, enough: float) -> bool:
-    """Whether the duration of a plan is far above its bound, and above one that is short enough, s."""
+    """Tell whether a plan takes much longer than its bound, and longer than `enough` s."""
     bound, trajectory = plan.duration_bound, plan.trajectory
     return (
         bound is not None

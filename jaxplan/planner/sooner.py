@@ -38,10 +38,8 @@ class Sooner:
         self.attempts: Attempts | None = None
         self._next()
 
-    def advance(self) -> None:
-        """Take the plan of the attempts, which are over, and begin with those in the next duration."""
-        assert self.attempts is not None
-        found = self.attempts.result()
+    def advance(self, found: Plan) -> None:
+        """Take what the attempts ended with, and begin with those in the next duration."""
         if found.ok and found.trajectory is not None:
             self.plan = replace(found, scenario=self._scenario, message="")  # which is on a given duration
         else:

@@ -19,8 +19,8 @@ from jaxplan.schema.kinds import NUMBER, Kind, Number
 
 UNIT_TOLERANCE = 1e-3  # by which the length of a unit vector may differ from one
 _ROUNDING = 8 * np.finfo(float).eps  # by which a unit vector's length may differ from one and keep its bits
+_SAME_TURN = 1e-9  # share of a turn by which a rotation vector may be longer, for rounding
 # By which entries of R^T R may differ from the identity; the certificate is stricter.
-SAME_TURN = 1e-9  # share of a turn, for rounding
 ORTHONORMAL = 1e-6
 # Least and greatest length of an axis, by its name, where the first array that has it sets the length.
 LENGTHS = {"sample": (2, 100_000)} | dict.fromkeys(
@@ -346,7 +346,7 @@ def rotation_vector(numbers: np.ndarray, value: Any, place: Place) -> Any:
 def within_a_turn(vector: np.ndarray, value: Any, place: Place) -> Any:
     """Check that a rotation vector (3,) rad is no longer than a turn, as it is if in degrees; a `Rule`."""
     size = float(np.linalg.norm(vector))
-    if size <= 2 * np.pi * (1 + SAME_TURN):
+    if size <= 2 * np.pi * (1 + _SAME_TURN):
         return vector
     return place.fault(
         f"is {size:.4g} rad long, must be at most a turn, 6.28319 rad: rotation vectors are not in deg",

@@ -399,17 +399,21 @@ def _largest_miss(table: AttitudeTable) -> float:
 
 
 def _joined(proofs: Sequence[tuple[float, Certificate]]) -> Certificate:
-    """The certificate of a table from those of its parts, each after the time (s) at which it begins."""
+    """The certificate of a table from those of its parts, each after the time (s) at which it begins.
+
+    A part of which nothing could be evaluated leaves no peaks of the whole, and a margin that is no number is
+    the least of all.
+    """
     peaks: dict[str, float] = {}
     jumps: dict[str, float] = {}
     for _, proof in proofs:
         for kept, own in ((peaks, proof.peaks), (jumps, proof.jumps)):
             for name, value in own.items():
-                kept[name] = value if name not in kept or not value <= kept[name] else kept[name]
+                kept[name] = float(np.maximum(kept.get(name, value), value))  # which keeps what is no number
     bound = [(begin, proof) for begin, proof in proofs if proof.min_margin is not None]
     whole = Certificate(
         certified=all(proof.certified for _, proof in proofs),
-        peaks=peaks,
+        peaks=peaks if all(proof.peaks for _, proof in proofs) else {},
         jumps=jumps,
         faults=tuple(
             fault
@@ -420,7 +424,7 @@ def _joined(proofs: Sequence[tuple[float, Certificate]]) -> Certificate:
     )
     if not bound:
         return whole
-    begin, least = min(bound, key=lambda pair: pair[1].min_margin or 0.0)
+    begin, least = min(bound, key=lambda pair: np.nan_to_num(np.float64(pair[1].min_margin), nan=-np.inf))
     assert least.worst_time is not None
     return replace(
         whole,

@@ -52,19 +52,30 @@ def plan():
     return found
 
 
-@pytest.mark.slow
-def test_slopes_of_the_shortest_duration_are_differences(plan):
+def compared(plan, measure, names):
+    """The measure, and by the tube's numbers of these names its slopes beside differences."""
     held = jp.hold(plan)
-    value = quick_jit(lambda own, held: jp.measures.duration(jp.replan(held, own)))
-    slope = quick_jit(jax.grad(lambda own, held: jp.measures.duration(jp.replan(held, own)), allow_int=True))
+
+    def of(own, held):
+        return measure(jp.replan(held, own))
+
+    value, slope = quick_jit(of), quick_jit(jax.grad(of, allow_int=True))
     with jax.enable_x64(True):
         own = jax.tree.map(np.asarray, plan.scenario)
-        slopes = slope(own, held)
-        for name, step in STEPS.items():
-            ends = [float(value(moved(own, name, side * step), held)) for side in (1, -1)]
-            told, expected = float(getattr(slopes.robust, name)), (ends[0] - ends[1]) / (2 * step)
-            assert told == pytest.approx(expected, rel=1e-5, abs=1e-6 * plan.trajectory.duration), name
-            assert told > 1e-2 or name == "joint_error"  # a wider tube takes longer
+        here, slopes = float(value(own, held)), slope(own, held)
+        found = {}
+        for name in names:
+            ends = [float(value(moved(own, name, side * STEPS[name]), held)) for side in (1, -1)]
+            found[name] = float(getattr(slopes.robust, name)), (ends[0] - ends[1]) / (2 * STEPS[name])
+    return here, found
+
+
+@pytest.mark.slow
+def test_slopes_of_the_shortest_duration_are_differences(plan):
+    _, found = compared(plan, jp.measures.duration, STEPS)
+    for name, (told, expected) in found.items():
+        assert told == pytest.approx(expected, rel=1e-5, abs=1e-6 * plan.trajectory.duration), name
+        assert told > 1e-2 or name == "joint_error"  # a wider tube takes longer
 
 
 @pytest.mark.slow
@@ -73,18 +84,11 @@ def test_slopes_of_the_effort_by_what_is_kept_back_are_differences():
     scenario = replace(with_wheels(scarce(4, seed=5), duration="minimum"), robust=ROBUST)
     shortest = jp.plan(scenario, progress=False).trajectory.duration
     plan = jp.plan(timed(scenario, 1.25 * shortest), progress=False)
-    held = jp.hold(plan)
-    value = quick_jit(lambda own, held: jp.measures.effort(jp.replan(held, own)))
-    slope = quick_jit(jax.grad(lambda own, held: jp.measures.effort(jp.replan(held, own)), allow_int=True))
-    with jax.enable_x64(True):
-        own = jax.tree.map(np.asarray, plan.scenario)
-        here, slopes = float(value(own, held)), slope(own, held)
-        for name in ("torque_reserve", "momentum_reserve"):
-            ends = [float(value(moved(own, name, side * STEPS[name]), held)) for side in (1, -1)]
-            told, expected = float(getattr(slopes.robust, name)), (ends[0] - ends[1]) / (2 * STEPS[name])
-            assert told == pytest.approx(expected, rel=1e-5, abs=1e-8 * here), name
-            binding = abs(expected) > 1e-4 * here  # a percent more costs effort
-            assert binding or name == "momentum_reserve"
+    here, found = compared(plan, jp.measures.effort, ("torque_reserve", "momentum_reserve"))
+    for name, (told, expected) in found.items():
+        assert told == pytest.approx(expected, rel=1e-5, abs=1e-8 * here), name
+        binding = abs(expected) > 1e-4 * here  # a percent more costs effort
+        assert binding or name == "momentum_reserve"
 
 
 @pytest.mark.slow
@@ -92,14 +96,7 @@ def test_slopes_in_a_given_time_are_differences():
     """Among masks, beams and zones of all kinds, on some of which the motion leans."""
     scene = replace(jp.random_scenario(3, "mixed"), robust=ROBUST)
     plan = jp.plan(timed(scene, 60.0), progress=False)
-    held = jp.hold(plan)
-    value = quick_jit(lambda own, held: jp.measures.effort(jp.replan(held, own)))
-    slope = quick_jit(jax.grad(lambda own, held: jp.measures.effort(jp.replan(held, own)), allow_int=True))
-    with jax.enable_x64(True):
-        own = jax.tree.map(np.asarray, plan.scenario)
-        here, slopes = float(value(own, held)), slope(own, held)
-        for name in ("attitude_error", "joint_error"):
-            ends = [float(value(moved(own, name, side * STEPS[name]), held)) for side in (1, -1)]
-            told, expected = float(getattr(slopes.robust, name)), (ends[0] - ends[1]) / (2 * STEPS[name])
-            assert told == pytest.approx(expected, rel=1e-6), name
-            assert told > 0.1 * here  # a wider tube takes more
+    here, found = compared(plan, jp.measures.effort, ("attitude_error", "joint_error"))
+    for name, (told, expected) in found.items():
+        assert told == pytest.approx(expected, rel=1e-6), name
+        assert told > 0.1 * here  # a wider tube takes more

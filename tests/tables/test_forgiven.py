@@ -12,6 +12,7 @@ import jaxplan as jp
 from jaxplan.certificate import Certificate
 from jaxplan.cli import main
 from jaxplan.tables.forgiven import Forgiven
+from jaxplan.tables.proof import _joined
 
 RATE = np.deg2rad(1.0)
 
@@ -79,6 +80,28 @@ def test_jumps_and_what_cannot_be_evaluated_are_never_forgiven():
         (replace(short, peaks={}), 0),
     ):
         assert not rule.covers(broken, continuous)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize(
+    "changes", [{"min_margin": np.nan}, {"peaks": {}}, {"peaks": {"joint_rates": np.nan}}]
+)
+def test_a_part_that_cannot_be_evaluated_is_not_forgiven_for_the_others(changes, first):
+    good = Certificate(
+        certified=True,
+        peaks={"joint_rates": 0.5},
+        min_margin=0.1,
+        worst_time=1.0,
+        worst_device="camera",
+        worst_zone="sun",
+        faults=(),
+    )
+    broken = replace(good, certified=False, faults=("cannot be evaluated",), **changes)
+    parts = [(0.0, good), (5.0, good)]
+    parts.insert(first, (2.0, broken))
+    joined = _joined(parts)
+    assert not joined.certified
+    assert not Forgiven(1.0, 10.0).covers(joined, 0)
 
 
 def test_only_small_numbers_may_be_forgiven():

@@ -386,7 +386,8 @@ const World = (() => {
     canvas: () => renderer.domElement,
     labels: (shown) => {
       document.getElementById("labels").style.display = shown ? "" : "none";
-      named = changed = shown;
+      named = shown;
+      changed = true;
     },
     // For checks from outside: world matrices of platform and devices, by columns, as three.js has them.
     matrices: () => {

@@ -1,0 +1,207 @@
+"""The commands on scene files, ``new`` and ``validate``, and how other commands read scenes.
+
+A command takes the parsed arguments and returns the exit code.
+"""
+
+import argparse
+import os
+import shlex
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from jaxplan.cases import CASE_NAMES, TIMELINE_NAMES, case_path
+from jaxplan.cli import timelines
+from jaxplan.cli.common import BAD_INPUT, DONE, NO_PLAN, print_result, say, set_up_jax, try_folder_of
+from jaxplan.model.goals import GivenState
+from jaxplan.model.scenario import Scenario, moves
+from jaxplan.model.status import Status
+from jaxplan.model.zones import masks
+from jaxplan.planner import Plan
+from jaxplan.planner.validity import hidden_targets, start_breaches
+from jaxplan.runtime.files import replacing_file
+from jaxplan.schema import ScenarioError, load_scenario
+from jaxplan.schema.faults import plural
+from jaxplan.schema.text import template
+from jaxplan.schema.timelines import timeline_template
+
+_COUNTED = {  # what a scene, its spacecraft or a timeline has several of, and what one of them is called
+    "terminals": "terminal",
+    "drives": "drive",
+    "instruments": "instrument",
+    "wheels": "reaction wheel",
+    "keep_out": "keep-out zone",
+    "keep_in": "keep-in zone",
+    "joint_bounds": "joint bound",
+    "masks": "mask",
+    "activities": "activity",
+}
+
+
+def new(options: argparse.Namespace) -> int:
+    """Write a scenario or timeline file to begin with: the template, a case of the paper, or an example."""
+    if options.ask and (options.source is not None or options.timeline):
+        raise ValueError("--ask: makes a scenario of answers, so it goes without --from and --timeline")
+    file = Path(options.file)
+    if options.file != "-":
+        if not options.file or options.file.endswith(os.sep) or file.is_dir():
+            raise ValueError(f"{options.file or 'FILE'}: must name a file, such as {file / 'scene.toml'}")
+        if file.exists() and not options.force:
+            raise ValueError(f"{file}: is there already; take another name, or replace it with --force")
+        try_folder_of(file)
+    text = _answered(file) if options.ask else _text(options.source, options.timeline)
+    if options.file == "-":
+        print(text, end="")
+        return DONE
+    with replacing_file(file) as fresh:
+        fresh.write_text(text, encoding="utf-8")
+    command = "timeline" if options.timeline or options.source in TIMELINE_NAMES else "plan"
+    if options.ask:
+        say(_line(_findings(str(file))))
+    say(f"wrote {file}; plan it with: jaxplan {command} {shlex.quote(str(file))} -o out")
+    return DONE
+
+
+def _answered(file: Path) -> str:
+    """Text of a scenario file made of answers on stdin, one a line; questions go to stderr."""
+    from jaxplan.cli.interview import interview
+    from jaxplan.cli.questions import Dialog
+
+    set_up_jax()
+    name = "scene" if file.name == "-" else file.stem
+    return interview(Dialog(sys.stdin, sys.stderr, file.parent), name, _breaches)
+
+
+def _text(source: str | None, timeline: bool) -> str:
+    """Text of a template for None, else of the case of that name; raises ValueError if there is none."""
+    if source is None:
+        return timeline_template() if timeline else template()
+    known = TIMELINE_NAMES if timeline else (*CASE_NAMES, *TIMELINE_NAMES)
+    if source not in known:
+        raise ValueError(f"--from {source}: must be one of {', '.join(known)}")
+    return case_path(source).read_text(encoding="utf-8")
+
+
+def validate(options: argparse.Namespace) -> int:
+    """Print what scenario files hold and what is wrong with them."""
+    found = [_findings(name) for name in options.files]
+    print_result(found if options.json else "\n".join(map(_line, found)))
+    if any(one["faults"] for one in found):
+        return BAD_INPUT
+    return DONE if all(one["valid"] for one in found) else NO_PLAN
+
+
+def _findings(name: str) -> dict[str, Any]:
+    """Read a scenario file; returns a dict for JSON of what it holds, its faults, and what its ends break.
+
+    A file that is faulty, or no scenario at all, has None for what it holds.
+    """
+    found: dict[str, Any] = {"file": name, "valid": False, "faults": [], "start": [], "goal": []}
+    try:
+        if timelines.is_timeline(name):
+            asked = timelines.load_timeline_file(name)
+            start = list(start_breaches(replace(asked.scene, goal=asked.scene.start)))
+            holds = _holds(asked.scene) | {"activities": len(asked.activities)}
+            return found | {"valid": not start, "start": start, "holds": holds}
+        scene = load_scene(name)
+    except ScenarioError as error:
+        return found | {"faults": list(error.faults), "holds": None}
+    except ValueError as error:  # it is none at all
+        return found | {"faults": [str(error).removeprefix(f"{name}: ")], "holds": None}
+    start, goal = _breaches(scene)
+    return found | {"valid": not (start or goal), "start": start, "goal": goal, "holds": _holds(scene)}
+
+
+def _holds(scene: Scenario) -> dict[str, Any]:
+    """The name of a scene, and how many it has of what `_COUNTED` says."""
+    everything = {**vars(scene), **vars(scene.spacecraft), "masks": masks(scene.spacecraft)}
+    return {"name": scene.name, **{key: len(everything[key]) for key in _COUNTED if key in everything}}
+
+
+def _breaches(scene: Scenario) -> tuple[list[str], list[str]]:
+    """Messages on the limits and zones that the start breaks, and on what is wrong at the goal.
+
+    The goal is checked where it is a given state and nothing moves; and where the duration is a number,
+    whether its targets are hidden then.
+    """
+    duration = scene.trajectory.duration
+    if not isinstance(duration, str):
+        unseen = hidden_targets(scene, float(duration))
+        if unseen:
+            return list(start_breaches(scene)), list(unseen)
+    goal = None
+    if isinstance(scene.goal, GivenState) and not moves(scene):
+        from jaxplan.planner.steps import find_goals
+
+        goal = find_goals(scene)
+    return list(start_breaches(scene)), [goal.message] if isinstance(goal, Plan) else []
+
+
+def _line(found: dict[str, Any]) -> str:
+    """Text for what `_findings` returns of one scenario file."""
+    name, holds = found["file"], found["holds"]
+    if holds is None:
+        return str(ScenarioError(found["faults"], name or '""'))
+    counted = [(key, holds[key]) for key in _COUNTED if holds.get(key)]
+    parts = ", ".join(f"{number} {_called(_COUNTED[key], number)}" for key, number in counted)
+    broken = [
+        f"\n  {status.value}: {'; '.join(found[place])}"
+        for place, status in (("start", Status.INVALID_START), ("goal", Status.INVALID_GOAL))
+        if found[place]
+    ]
+    if broken:
+        return f"{name}: {parts}{''.join(broken)}"
+    return f"{name}: ok: {parts}; the start keeps all limits and zones"
+
+
+def _called(noun: str, number: int) -> str:
+    """A noun as it stands after a number."""
+    return noun if number == 1 else plural(noun)
+
+
+def load_scene(name: str) -> Scenario:
+    """Read the scenario of a file, or a case of the paper by its name.
+
+    Raises:
+        ScenarioError: (a ValueError) for a scenario with faults.
+        ValueError: if there is no such file, or it is no scenario file.
+    """
+    set_up_jax()
+    timelines.refuse(name)
+    cases = ", ".join(CASE_NAMES)
+    if name in CASE_NAMES:
+        return load_scenario(case_path(name))
+    if not name:
+        raise ValueError(f"SCENARIO is empty, it must name a file or one of {cases}")
+    if not Path(name).exists():
+        raise ValueError(
+            f"{name}: no such file, and none of the cases {cases}; jaxplan new writes a file to begin with"
+        )
+    if Path(name).is_dir():
+        raise ValueError(f"{name}: is a folder, name a scenario file in it")
+    try:
+        return load_scenario(name)
+    except ScenarioError as error:
+        if first_character(name) == "{":
+            raise ValueError(
+                f"{name}: not TOML but JSON, as plan files are; jaxplan check, plot, report and export take "
+                "those"
+            ) from error
+        raise
+
+
+def is_scenario(name: str) -> bool:
+    """Whether a name is that of a case of the paper, or of a TOML file that exists."""
+    return name in CASE_NAMES or (name.endswith(".toml") and Path(name).is_file())
+
+
+def first_character(name: str) -> str | None:
+    """First character of a file that is no blank (plans have a brace, TOML never has); None if unreadable."""
+    if not Path(name).is_file():  # what came through a pipe is gone
+        return None
+    try:
+        with open(name, encoding="utf-8-sig", errors="replace") as file:
+            return file.read(1000).lstrip()[:1]
+    except OSError:
+        return None
