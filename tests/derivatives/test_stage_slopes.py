@@ -38,16 +38,51 @@ def with_inertias(scenario, yaw, pitch):
     return replace(scenario, spacecraft=replace(scenario.spacecraft, terminals=(terminal,)))
 
 
+def inertias(scenario):
+    (terminal,) = scenario.spacecraft.terminals
+    return np.asarray(terminal.yaw_inertia), np.asarray(terminal.pitch_inertia)
+
+
+def driven(duration):
+    """A spacecraft bound by wheels, of a drive that pushes back, with the three moments of its whole."""
+    scenario = scarce(duration)
+    panel = jp.Drive(
+        name="panel",
+        axis=np.array([0.6, 0.8, 0.0]),
+        boresight=np.array([0.0, 0.6, 0.8]),
+        range=np.deg2rad([-170.0, 170.0]),
+        rate_limit=np.deg2rad(4.0),
+        acceleration_limit=np.deg2rad(3.0),
+    )
+    craft = replace(scenario.spacecraft, terminals=(), drives=(panel,))
+    scenario = replace(
+        scenario,
+        spacecraft=craft,
+        start=replace(scenario.start, joints=np.array([-0.8]), joint_rates=np.zeros(1)),
+        goal=replace(scenario.goal, joints=np.array([0.7]), joint_rates=np.zeros(1)),
+    )
+    return with_own(scenario, np.array([20.0, 25.0, 30.0]), random_inertia(np.random.default_rng(3), SIZE))
+
+
+def with_own(scenario, moments, panel):
+    """The scenario with these moments of the whole, and this inertia of its drive."""
+    (drive,) = scenario.spacecraft.drives
+    craft = replace(scenario.spacecraft, inertia=moments, drives=(replace(drive, inertia=panel),))
+    return replace(scenario, spacecraft=craft)
+
+
+def own_inertias(scenario):
+    (drive,) = scenario.spacecraft.drives
+    return np.asarray(scenario.spacecraft.inertia), np.asarray(drive.inertia)
+
+
+# A scene, and how its inertias, three moments and a matrix, are read and written.
+CRAFT = {"terminal": (scarce, inertias, with_inertias), "drive and whole": (driven, own_inertias, with_own)}
 SCENES = {
     "shortest": ("minimum", jp.measures.duration),
     "stretched": ("stretched", jp.measures.duration),
     "in a given time": (None, jp.measures.effort),
 }
-
-
-def inertias(scenario):
-    (terminal,) = scenario.spacecraft.terminals
-    return np.asarray(terminal.yaw_inertia), np.asarray(terminal.pitch_inertia)
 
 
 def ways():
@@ -60,24 +95,25 @@ def ways():
 
 
 @cache
-def measured(measure):
-    """Kernel for a measure of a plan that is held, and its slopes by both inertias."""
+def measured(measure, put=with_inertias):
+    """Kernel for a measure of a plan that is held, and its slopes by both inertias, which `put` writes."""
 
     def value(given, own, held):
-        return measure(jp.replan(held, with_inertias(own, *given)))
+        return measure(jp.replan(held, put(own, *given)))
 
     return quick_jit(jax.value_and_grad(value))
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("craft", CRAFT)
 @pytest.mark.parametrize("name", SCENES)
-def test_slopes_by_inertias_are_differences(name):
-    duration, measure = SCENES[name]
-    plan = jp.plan(scarce(duration or "minimum"), progress=False)
+def test_slopes_by_inertias_are_differences(name, craft):
+    (duration, measure), (made, read, put) = SCENES[name], CRAFT[craft]
+    plan = jp.plan(made(duration or "minimum"), progress=False)
     if duration is None:  # not much longer than the shortest, so that limits bind
         longer = replace(plan.scenario.trajectory, duration=1.25 * plan.trajectory.duration)
         plan = jp.plan(replace(plan.scenario, trajectory=longer), progress=False)
-    held, given, kernel = jp.hold(plan), inertias(plan.scenario), measured(measure)
+    held, given, kernel = jp.hold(plan), read(plan.scenario), measured(measure, put)
     with jax.enable_x64(True):
         own = jax.tree.map(np.asarray, plan.scenario)
         here, slopes = kernel(given, own, held)
