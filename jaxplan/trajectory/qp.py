@@ -85,6 +85,22 @@ def solve_box_qps(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
     return [solutions[number] for number in range(len(programs))]
 
 
+class _Iterate(NamedTuple):
+    """An iterate of P programs with N rows in all.
+
+    Attributes:
+        values: (4, N), all positive: ``y``, the room above it, the multipliers of the lower and the upper
+            bounds.
+        gradient: (N,) residual of stationarity, ``M y - d`` less the lower bounds' multipliers plus the upper
+            ones'.
+        gap: (P,) mean product of the room to a bound and that bound's multiplier.
+    """
+
+    values: np.ndarray
+    gradient: np.ndarray
+    gap: np.ndarray
+
+
 @dataclass(frozen=True, eq=False)
 class _BoxQPStack:
     """P programs in their scaled form with their rows one after the other, N in all.
@@ -125,24 +141,25 @@ class _BoxQPStack:
             size=np.maximum(np.sqrt(np.add.reduceat(d * d, first) / count), _TINY),
         )
 
-    def gradient(self, values: np.ndarray) -> np.ndarray:
-        """(N,) residual of stationarity, ``M y - d`` less the lower bounds' multipliers plus the upper ones'.
-
-        `values` (4, N) are as of `_first`.
-        """
-        product = np.empty_like(self.d)
+    def at(self, values: np.ndarray) -> "_Iterate":
+        """The iterate of values (4, N), and its residuals."""
+        gradient = np.empty_like(self.d)
         for m, rows in zip(self.matrices, self.parts, strict=True):
-            np.dot(m, values[0, rows], out=product[rows])
-        product -= self.d
-        product -= values[2]
-        product += values[3]
-        return product
+            np.dot(m, values[0, rows], out=gradient[rows])
+        gradient -= self.d
+        gradient -= values[2]
+        gradient += values[3]
+        return _Iterate(values, gradient, self.gap(values))
 
     def gap(self, values: np.ndarray) -> np.ndarray:
-        """(P,) mean product of the room to a bound and that bound's multiplier; `values` as of `_first`."""
-        products = values[0] * values[2]
-        products += values[1] * values[3]
-        return np.add.reduceat(products, self.first) / (2 * self.count)
+        """(P,) mean product of the room to a bound and that bound's multiplier; `values` as of `_Iterate`."""
+        products = values[:2] * values[2:]
+        return np.add.reduceat(products[0] + products[1], self.first) / (2 * self.count)
+
+    def residual(self, iterate: "_Iterate") -> np.ndarray:
+        """(P,) how far an iterate is from the optimality conditions, over the size of the linear terms."""
+        squares = np.add.reduceat(iterate.gradient * iterate.gradient, self.first)
+        return np.maximum(np.sqrt(squares / self.count) / self.size, iterate.gap / self.size**2)
 
     def spread(self, own: np.ndarray) -> np.ndarray:
         """Values (P,) of the programs repeated for each of their rows: (N,), or (1,) for a single program."""
@@ -153,28 +170,30 @@ def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
     """Solve programs in their scaled form, each as nearly as rounding and `_MOST_ITERATIONS` allow."""
     stack, number = _BoxQPStack.of(programs), np.arange(len(programs))
     solutions: dict[int, BoxQPSolution] = {}
-    values, residual = _first(stack), np.full(len(programs), np.inf)
+    iterate, residual = stack.at(_first(stack)), np.full(len(programs), np.inf)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         for iterations in range(_MOST_ITERATIONS + 1):
             done = (residual <= _TOLERANCE) | (iterations == _MOST_ITERATIONS)
-            ahead, left = values, np.full(len(number), np.nan)
+            ahead, left = iterate, np.full(len(number), np.nan)
             if not done.all():
-                ahead, left = _iterate(stack, values)
+                ahead, left = _iterate(stack, iterate)
             over = done | ~np.isfinite(left)
             if over.any():
                 for own in np.flatnonzero(over).tolist():
-                    y = values[0, stack.parts[own]]
+                    y = iterate.values[0, stack.parts[own]]
                     solutions[int(number[own])] = BoxQPSolution(y, float(residual[own]))
                 if over.all():
                     break
-                ahead, left, number = ahead[:, stack.spread(~over)], left[~over], number[~over]
+                rows = stack.spread(~over)
+                ahead = _Iterate(ahead.values[:, rows], ahead.gradient[rows], ahead.gap[~over])
+                left, number = left[~over], number[~over]
                 stack = _BoxQPStack.of([programs[own] for own in number.tolist()])
-            values, residual = ahead, left
+            iterate, residual = ahead, left
     return [solutions[own] for own in range(len(programs))]
 
 
 def _first(stack: _BoxQPStack) -> np.ndarray:
-    """First iterate (4, N), all positive: ``y``, the room above it, multipliers of lower and upper bounds.
+    """Values (4, N) of the first iterate.
 
     The products of each bound's room and multiplier are alike, however wide the box is.
     """
@@ -183,21 +202,20 @@ def _first(stack: _BoxQPStack) -> np.ndarray:
     return np.stack([y, top - y, np.maximum(-d, 0) + inside, inside**2 / (top - y)])
 
 
-def _iterate(stack: _BoxQPStack, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _iterate(stack: _BoxQPStack, iterate: _Iterate) -> tuple[_Iterate, np.ndarray]:
     """Take one predictor and one corrector step, from the same factorisations.
 
     Args:
         stack: the programs.
-        values: (4, N) the iterate, as of `_first`.
+        iterate: where the step begins.
 
     Returns:
         The next iterate, and (P,) its residuals, NaN where a program has broken down.
     """
     from scipy.linalg.lapack import dpotrf, dpotrs
 
-    room, multipliers = values[:2], values[2:]
-    first, count = stack.first, stack.count
-    gap, gradient = stack.gap(values), stack.gradient(values)
+    values, gradient, gap = iterate
+    room, multipliers, first = values[:2], values[2:], stack.first
     ratio = multipliers / room
     diagonal = ratio[0] + ratio[1] + _REGULARISATION
     factors, broken = [], np.zeros(len(first), bool)
@@ -232,13 +250,10 @@ def _iterate(stack: _BoxQPStack, values: np.ndarray) -> tuple[np.ndarray, np.nda
     reached = values + length(step, 1.0) * step
     target = stack.spread(gap * (stack.gap(reached) / gap) ** 3)
     step = direction((target - step[:2] * step[2:]) / room - multipliers)
-    ahead = values + length(step, _INTERIOR) * step
-    ahead[1] = stack.top - ahead[0]
-    gradient = stack.gradient(ahead)
-    steep = np.sqrt(np.add.reduceat(gradient * gradient, first) / count) / stack.size
-    left = np.maximum(steep, stack.gap(ahead) / stack.size**2)
-    inside = np.logical_and.reduceat((ahead > 0).all(axis=0), first)
-    return ahead, np.where(inside & ~broken, left, np.nan)
+    values = values + length(step, _INTERIOR) * step
+    values[1] = stack.top - values[0]
+    ahead, inside = stack.at(values), np.logical_and.reduceat((values > 0).all(axis=0), first)
+    return ahead, np.where(inside & ~broken, stack.residual(ahead), np.nan)
 
 
 def least_change(
