@@ -4,9 +4,10 @@
 
 over the free changes ``dc`` of all axes, subject to elastic rows (inequalities that may be broken at a linear
 penalty). ``H`` is the same for every axis, so its inverse is that of one small matrix, and the dual has one
-unknown a row (`qp`). Few rows are near their bounds: a program begins with those, and is solved again with
-the rows added that its solution breaks (at first, of rows that are exact, only the worst ones), and without
-those to which it leaves much slack. Letters of sizes are those of `motion`; P counts products.
+unknown a row (`qp`). Few rows bind. The first program of a fit begins with the rows that are near their
+bounds, a later one with those that its curve breaks and those that pushed in the one before. Each is solved
+again with the rows added that its solution breaks (at first, of rows that are exact, only the worst ones),
+and without those to which it leaves much slack. Letters of sizes are those of `motion`; P counts products.
 
 Where each row is one product of a row of the axes and one of the basis (`constraints`), the dual's matrix
 ``G H^-1 G^T`` is that of the rows of the basis times, number by number, that of the rows of the axes.
@@ -23,7 +24,7 @@ from jaxplan.trajectory.motion import taken
 from jaxplan.trajectory.qp import BoxQP, solve_box_qps
 
 _ROUNDS = 6  # how often a program is solved, each time with the rows that were missed before
-_WORST_ONLY = 2  # rounds after which all broken rows are added, not only the worst ones
+_WORST_ONLY = 1  # rounds after which all broken rows are added, not only the worst ones
 _KEPT = 0.1  # of a row's tolerance; a row that a step leaves more slack is taken out again
 _BINDING = 1e-6  # of the largest multiplier; smaller ones count as zero
 _MOST_ROWS = 512  # of a dual; no more can bind in the usual number of intervals
@@ -103,7 +104,8 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
 
     Args:
         quadratic: the programs.
-        multipliers: by block, of earlier programs; rows with a positive one are in from the start.
+        multipliers: by block, of the programs before; empty for the first. Rows with a positive one are in
+            from the start.
     """
     count, blocks = len(quadratic.gradient), quadratic.blocks
     which = np.arange(count)
@@ -112,7 +114,10 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
     alone = -inverse @ (free_t @ quadratic.gradient)  # (G, k, A), the steps without rows
     coefficients, stretch = np.empty_like(quadratic.gradient), np.zeros(count)
     found = {block.name: np.zeros(block.slack.shape) for block in blocks}
-    chosen = [block.chosen(block.slack < block.tolerance, block.slack, which) for block in blocks]
+    least = [0.0 if multipliers else block.tolerance for block in blocks]
+    chosen = [
+        block.chosen(block.slack < own, block.slack, which) for block, own in zip(blocks, least, strict=True)
+    ]
     for block, mask in zip(blocks, chosen, strict=True):
         if block.name in multipliers:  # in a group another entry may hold now
             mask |= (multipliers[block.name] > 0) & np.isfinite(block.slack)
