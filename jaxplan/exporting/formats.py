@@ -35,7 +35,7 @@ from jaxplan.model.export_names import ExportNames
 from jaxplan.planner import Plan
 from jaxplan.runtime.arguments import expect, expect_any, file_path
 from jaxplan.runtime.files import replacing_file, replacing_folder
-from jaxplan.schema.faults import nearest
+from jaxplan.schema.faults import closest
 from jaxplan.sky import Satellite
 from jaxplan.tables.forgiven import FORGIVE_DEG, FORGIVE_PERCENT, forgiven
 from jaxplan.tables.table import RODRIGUES, SLERP
@@ -226,7 +226,7 @@ def _checked(
         ValueError: with all that is wrong.
     """
     kind, start = FORMATS.get(str(format)), None
-    faults = [] if kind else [f"format = {format!r}: {nearest(str(format), tuple(FORMATS), 'formats')}"]
+    faults = [] if kind else [f"format = {format!r}: {_formats_known(str(format))}"]
     try:
         start = _start(plan, epoch, format)
     except ValueError as error:
@@ -285,6 +285,13 @@ def needed_by(plan: Plan | Day, format: str) -> str:
     """What the motion of a plan or a day in a format needs of who reads it, empty where that is plain."""
     needed = FORMATS[format].needed
     return "" if needed is None else needed(flight_of(plan))
+
+
+def _formats_known(name: str) -> str:
+    """Advice on a format that there is not: all that there are, and the one that may be meant."""
+    known = f"the formats are {', '.join(FORMATS)}"
+    close = closest(name, tuple(FORMATS))
+    return known if close is None else f"perhaps {close} is meant; {known}"
 
 
 def default_path(plan_file: str | os.PathLike[str], format: str) -> Path:

@@ -312,8 +312,14 @@ def trajectory_table(plan: Plan) -> Markup:
 
 
 def highest_peak(certificate: Certificate, craft: Spacecraft) -> tuple[str, str]:
-    """Name of the quantity that comes closest to its limit, and its proved peak in percent of that."""
-    name = max(certificate.peaks, key=lambda name: certificate.peaks[name])
+    """Name of the quantity that comes closest to its limit, and its proved peak in percent of that.
+
+    Ranges of joints count only where nothing else is limited: a joint may rest at an end of its range, which
+    is no load. The table of peaks has them.
+    """
+    timed = {limit.quantity.name for limit in limits(craft) if limit.quantity.power}
+    names = [name for name in certificate.peaks if name in timed] or list(certificate.peaks)
+    name = max(names, key=lambda name: certificate.peaks[name])
     return _limited(name, craft)[0].lower(), share(certificate.peaks[name])
 
 

@@ -113,7 +113,8 @@ def _make_samples(parts: dict[str, Any], place: Place) -> Any:
 
 
 _CIRCULAR = (
-    Field("altitude_km", Number(Interval("(0, 1e6]")), "altitude", "above 6378.137 km", required=True),
+    # The upper end is below all altitudes in metres, of orbits that last.
+    Field("altitude_km", Number(Interval("(0, 150000]")), "altitude", "above 6378.137 km", required=True),
     Field("inclination_deg", _INCLINATION, "inclination", "to the equator of J2000", required=True),
     Field("ascending_node_deg", _ANGLE_DEG, "node", "its right ascension", required=True),
     Field(

@@ -5,6 +5,7 @@ the same goal among those that step 1 has, the same corners of the path, the sam
 Numbers that depend on each other, as those of a unit vector do, are left out.
 """
 
+import textwrap
 from dataclasses import dataclass
 from types import EllipsisType
 from typing import Any
@@ -20,6 +21,7 @@ from jaxplan.runtime.display import as_table, shown
 from jaxplan.schema.numbers import NumberPlace, numbers_of
 from jaxplan.tuning.objectives import Objective, make_objective, unit_of_objective
 
+_LINE = 110  # characters of a line of names
 _SHARE = 0.01  # of a number, by which it is changed in the last column
 _ROUNDING = 1e-12  # of the largest slope, below which one is zero but for rounding
 _MARGIN = "smallest_margin"  # which counts negative as an objective, and here as it is
@@ -96,7 +98,8 @@ class Sensitivities:
             number = f"{name:<{wide[0]}}  {value:>{wide[1]}} {unit:<{wide[2]}}"
             lines.append(f"{number}  {slope:>{wide[3]}}  {effect:>{wide[4]}}")
         if self.without_effect:
-            lines.append(f"and {len(self.without_effect)} numbers whose slope is zero")
+            names = f"and {len(self.without_effect)} whose slope is zero: {', '.join(self.without_effect)}"
+            lines += textwrap.wrap(names, _LINE, subsequent_indent="  ", break_long_words=False)
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -105,6 +108,7 @@ class Sensitivities:
             for row in self.rows
         ]
         caption = f"{self.measure.replace('_', ' ')} {self.value:.6g} {self.unit}"
+        rows += [(name, "slope 0") for name in self.without_effect]
         return as_table(caption, rows)
 
 

@@ -102,7 +102,7 @@ def test_labels_of_devices_differ_and_are_plain():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"format": "aen"}, "format = 'aen': perhaps aem is meant"),
+        ({"format": "aen"}, "format = 'aen': perhaps aem is meant; the formats are aem, ck"),
         ({"format": "spice"}, "the formats are aem, ck, stk, czml, basilisk, csv, npz, c, json"),
         ({"epoch": "tomorrow"}, "epoch = 'tomorrow': must be a time in UTC such as"),
         ({"epoch": None}, "format aem needs the UTC of the start"),

@@ -22,6 +22,7 @@ from jaxplan.model.limits import limits
 from jaxplan.model.path import Path as Way
 from jaxplan.model.status import STEPS, Status
 from jaxplan.model.zones import KeepIn, KeepOut
+from jaxplan.report.tables import highest_peak
 from jaxplan.schema import parse_scenario
 from jaxplan.search import SearchResult
 
@@ -354,3 +355,16 @@ def test_a_report_has_figures_along_the_orbit_where_that_is_given(plan, tmp_path
         assert [f'id="figure-{name}"' in page for name in names] == [there] * 3
     with pytest.raises(TypeError, match="observer must be an orbit"):
         jp.report_html(dated, tmp_path / "wrong.html", observer="ISS")
+
+
+def test_a_joint_at_an_end_of_its_range_is_not_the_highest_load():
+    craft = make_plan().scenario.spacecraft
+    ranges = {limit.quantity.name for limit in limits(craft) if not limit.quantity.power}
+    loads = [limit.quantity.name for limit in limits(craft) if limit.quantity.power]
+    assert ranges
+    peaks = dict.fromkeys(ranges, 1.0) | dict.fromkeys(loads, 0.5) | {loads[-1]: 0.75}
+    certificate = replace(jp.certify(flown_plan()), peaks=peaks)
+    label, percent = highest_peak(certificate, craft)
+    (last,) = (own.quantity.label.lower() for own in limits(craft) if own.quantity.name == loads[-1])
+    assert label == last
+    assert percent.startswith("75")

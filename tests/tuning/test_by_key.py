@@ -67,8 +67,13 @@ def test_the_table_is_told_in_units_of_files_with_what_matters_first(plan):
     assert found["keep_out[1].half_angle_deg"] == 0
     text = str(found).splitlines()
     assert text[0].startswith("smallest margin 1.03")
-    assert len({line.rindex(line.split()[-1]) + len(line.split()[-1]) for line in text[1:-1]}) == 1  # aligned
-    assert text[-1].endswith("numbers whose slope is zero")
+    (last,) = (k for k, line in enumerate(text) if "whose slope is zero: " in line)
+    assert (
+        len({line.rindex(line.split()[-1]) + len(line.split()[-1]) for line in text[1:last]}) == 1
+    )  # aligned
+    told = " ".join(line.strip() for line in text[last:]).partition(": ")[2].split(", ")
+    assert tuple(told) == found.without_effect
+    assert max(map(len, text[last:])) <= 110
     assert found.table["name"][0] == first.name
     assert "<table" in found._repr_html_()
     with pytest.raises(KeyError, match="no number of this scenario"):
