@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+from matplotlib import image
 
 import jaxplan as jp
 from jaxplan.exporting.sampled import device_frames, instrument_frames
@@ -47,6 +48,13 @@ def opened(page: str, folder: Path, script: str, *, later: bool = False) -> dict
     answer = re.search(r"<pre id=\"answer\">(.*?)</pre>", run.stdout, re.DOTALL)
     assert answer, run.stdout[-500:]
     return json.loads(answer[1].replace("&amp;", "&").replace("&lt;", "<")) | {"console": _consoled(run)}
+
+
+def pictured(page: str, folder: Path) -> np.ndarray:
+    """Pixels (800, 1280, 3 or 4) of a page as soon as it was loaded."""
+    file = folder / "screenshot.png"
+    _run(page, folder, "", f"--screenshot={file}")
+    return image.imread(file)
 
 
 def played(page: str, folder: Path, seconds: float) -> list[float]:

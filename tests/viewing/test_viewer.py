@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from browser import BROWSER, matrices, opened, read_back
+from browser import BROWSER, matrices, opened, pictured, read_back
 from builders import make_plan
 from exports import flown_plan
 from oblique import oblique_craft
@@ -140,6 +140,16 @@ def test_keys_move_time_and_change_looks(every, tmp_path):
     assert sorted(rest[:2]) == ["dark", "light"]
     assert rest[2:] == ["Body axes", False, "2\u00d7", "Pause"]
     assert told["console"] == told["wrong"] == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
+def test_screenshots_have_the_sphere_and_pages_say_when_they_are_ready(every, tmp_path):
+    page = jp.view(every["flown"]).html
+    assert opened(page, tmp_path, "() => document.documentElement.dataset.ready")["found"] == "true"
+    seen = pictured(page, tmp_path)
+    middle = seen[200:400, 500:800]  # rows and columns within the sphere
+    assert len(np.unique(middle.reshape(-1, middle.shape[-1]), axis=0)) > 20  # of an empty one there is one
 
 
 def test_a_notebook_shows_the_page_in_a_frame_of_its_own(every):

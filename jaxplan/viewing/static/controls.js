@@ -48,6 +48,7 @@ const Viewer = (() => {
     last = now;
     if (dirty) refresh();
     World.draw();
+    document.documentElement.dataset.ready = "true";  // for whoever takes a picture of the page
     spent.push(performance.now() - began);
     if (spent.length > 600) spent.shift();
     requestAnimationFrame(frame);
@@ -151,7 +152,7 @@ const Viewer = (() => {
     const asked = new URLSearchParams(location.search).get("theme") || (location.hash === "#dark" ? "dark" : "");
     setTheme(asked || (window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
     Charts.repaint();
-    requestAnimationFrame(frame);
+    frame(performance.now());  // at once, so that no picture of the page is without the sphere
   }
 
   return {
