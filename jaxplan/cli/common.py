@@ -4,6 +4,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Sequence
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,18 @@ def draw(plan: Any, folder: Path, frequencies: Sequence[float] = (), observer: A
         if file.is_file() and MARK.encode() in file.read_bytes()[:200]:  # a picture of somebody else stays
             file.unlink()
             say(f"removed {file}, which was of an earlier plan")
+
+
+def name_earlier(plan_file: Path) -> None:
+    """Name on stderr what was made of the plan that was in a file before: its reports, pages and tables.
+
+    They are not removed, for somebody has asked for each of them.
+    """
+    own = plan_file.name, plan_file.with_suffix(".timings.json").name
+    found = sorted(plan_file.parent.glob(f"{escape(plan_file.stem)}.*"))
+    old = [str(file) for file in found if file.name not in own and file.is_file()]
+    if old:
+        say(f"{', '.join(old)}: of an earlier plan, make {'it' if len(old) == 1 else 'them'} anew")
 
 
 def set_up_jax() -> None:

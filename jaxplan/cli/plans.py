@@ -18,6 +18,7 @@ from jaxplan.cli.common import (
     NOT_CERTIFIED,
     complain,
     draw,
+    name_earlier,
     print_result,
     save,
     say,
@@ -49,6 +50,7 @@ def plan(options: argparse.Namespace) -> int:
         planner.save_plan(result, folder / "plan.json")
         say(f"wrote {folder / 'plan.json'}")
         draw(result, folder, observer=find_observer(timelines.file_of(options.scenario)))
+        name_earlier(folder / "plan.json")
     return _code_of(result)
 
 

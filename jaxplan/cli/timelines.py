@@ -11,6 +11,7 @@ from jaxplan.cli.common import (
     NOT_CERTIFIED,
     complain,
     draw,
+    name_earlier,
     print_result,
     say,
     set_up_jax,
@@ -87,6 +88,7 @@ def _write(plan: TimelinePlan, folder: Path, observer: Satellite | None) -> None
     for name in (TIMELINE, PLAN, *_TABLES):
         say(f"wrote {folder / name}")
     draw(plan, folder, observer=observer)
+    name_earlier(folder / PLAN)
 
 
 def _export(plan: TimelinePlan, folder: Path, name: str) -> None:

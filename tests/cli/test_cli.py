@@ -356,6 +356,13 @@ def test_a_failed_plan_leaves_no_figures_of_an_earlier_one(capsys, case_file, pl
     code, _, err = run(capsys, "plan", scene, "-o", planned)
     assert code == 1
     assert "removed" in err
+    assert "anew" not in err  # there is no report
+    made = [planned / "plan.aem", planned / "plan.html"]
+    for file in made:
+        file.write_text("of the plan before")
+    _, _, err = run(capsys, "plan", scene, "-o", planned)
+    assert f"{made[0]}, {made[1]}: of an earlier plan, make them anew" in err
+    assert all(file.exists() for file in made)
     assert {file.name for file in planned.glob("*.png")} == {
         "spacecraft.png",
         "sphere.png",
