@@ -31,7 +31,7 @@ from jaxplan.trajectory.motion import (
     taken,
 )
 
-_NEAR_SHARE = 0.15  # of a limit or tube; rows with less slack are in a first program from the start
+_NEAR_SHARE = 0.15  # of a limit or tube; rows with less slack are in a program from the start
 _NEAR_ANGLE = float(np.deg2rad(1.0))  # rad; the same for angles
 _FAR_SHARE = 0.5  # of a limit; with more slack at every place a step is assumed not to reach it
 _STRIDE = 4  # rows at one of so many places enter a program, besides those of locally least slack
@@ -70,7 +70,7 @@ class LinearBlock:
         name: unique among the blocks of a fit, as of every block.
         kind: `LIMIT` or `TUBE`.
         power: the power of 1 / duration that the values have.
-        tolerance: rows with less slack are in the first program of a fit from the start.
+        tolerance: rows with less slack are in a program from the start, see `program`.
         coefficients: (G, n, A) ``c``.
         matrix: (G, r, n).
         scale: (G, a), of the last a of the A axes.
