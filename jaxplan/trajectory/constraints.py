@@ -70,7 +70,7 @@ class LinearBlock:
         name: unique among the blocks of a fit, as of every block.
         kind: `LIMIT` or `TUBE`.
         power: the power of 1 / duration that the values have.
-        tolerance: rows with less slack are in a program from the start, see `program`.
+        tolerance: rows with less slack are in a program from the start.
         coefficients: (G, n, A) ``c``.
         matrix: (G, r, n).
         scale: (G, a), of the last a of the A axes.

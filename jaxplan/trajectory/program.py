@@ -4,11 +4,9 @@
 
 over the free changes ``dc`` of all axes, subject to elastic rows (inequalities that may be broken at a linear
 penalty). ``H`` is the same for every axis, so its inverse is that of one small matrix, and the dual has one
-unknown a row (`qp`). Few rows bind: a program begins with those near their bounds, and is solved again with
+unknown a row (`qp`). Few rows are near their bounds: a program begins with those, and is solved again with
 the rows added that its solution breaks (at first, of rows that are exact, only the worst ones), and without
-those to which it leaves much slack. Where the duration is free many more are near, so there all programs but
-the first begin with the rows that their curve breaks and those that pushed in the one before. Letters of
-sizes are those of `motion`; P counts products.
+those to which it leaves much slack. Letters of sizes are those of `motion`; P counts products.
 
 Where each row is one product of a row of the axes and one of the basis (`constraints`), the dual's matrix
 ``G H^-1 G^T`` is that of the rows of the basis times, number by number, that of the rows of the axes.
@@ -26,7 +24,6 @@ from jaxplan.trajectory.qp import BoxQP, solve_box_qps
 
 _ROUNDS = 6  # how often a program is solved, each time with the rows that were missed before
 _WORST_ONLY = 2  # rounds after which all broken rows are added, not only the worst ones
-_WORST_ONLY_FREE = 1  # the same where the duration is free
 _KEPT = 0.1  # of a row's tolerance; a row that a step leaves more slack is taken out again
 _BINDING = 1e-6  # of the largest multiplier; smaller ones count as zero
 _MOST_ROWS = 512  # of a dual; no more can bind in the usual number of intervals
@@ -106,8 +103,7 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
 
     Args:
         quadratic: the programs.
-        multipliers: by block, of the programs before; empty for the first. Rows with a positive one are in
-            from the start.
+        multipliers: by block, of earlier programs; rows with a positive one are in from the start.
     """
     count, blocks = len(quadratic.gradient), quadratic.blocks
     which = np.arange(count)
@@ -116,12 +112,7 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
     alone = -inverse @ (free_t @ quadratic.gradient)  # (G, k, A), the steps without rows
     coefficients, stretch = np.empty_like(quadratic.gradient), np.zeros(count)
     found = {block.name: np.zeros(block.slack.shape) for block in blocks}
-    free_time = quadratic.duration_hessian is not None
-    worst_only = _WORST_ONLY_FREE if free_time else _WORST_ONLY
-    least = [0.0 if free_time and multipliers else block.tolerance for block in blocks]
-    chosen = [
-        block.chosen(block.slack < own, block.slack, which) for block, own in zip(blocks, least, strict=True)
-    ]
+    chosen = [block.chosen(block.slack < block.tolerance, block.slack, which) for block in blocks]
     for block, mask in zip(blocks, chosen, strict=True):
         if block.name in multipliers:  # in a group another entry may hold now
             mask |= (multipliers[block.name] > 0) & np.isfinite(block.slack)
@@ -146,7 +137,7 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
                 slack += block.relief(own, stretches[looked])
             beyond = (-block.tolerance * quadratic.overlooked[own]).reshape(-1, *[1] * (slack.ndim - 1))
             broken = block.chosen(slack < beyond, slack, own) & ~mask[own]
-            if block.linear and round_ < worst_only:
+            if block.linear and round_ < _WORST_ONLY:
                 broken &= lowest(np.where(broken, slack, np.inf))
             mask[own] = (mask[own] & (slack < _KEPT * block.tolerance)) | broken
             added[looked] |= np.any(broken.reshape(len(own), -1), axis=1)
