@@ -24,9 +24,18 @@ from numpy.typing import ArrayLike
 from jaxplan.geometry.vectors import pointing
 from jaxplan.model.devices import Drive, Instrument, Terminal
 from jaxplan.model.gimbals import TURN
-from jaxplan.model.outlines import FORWARD, UP, field_corners, half_planes, turns
+from jaxplan.model.outlines import FORWARD, UP, field_corners, turns
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.plotting.feet import feet
+from jaxplan.plotting.reach import (
+    cells_of,
+    middles_of,
+    once_around,
+    outline_of,
+    points_of,
+    turn_by,
+    within_masks,
+)
 from jaxplan.plotting.style import (
     AXIS_STYLES,
     GREY,
@@ -52,8 +61,6 @@ _BODY, _DOME, _AXIS, _LOOK, _FIELD = 0.55, 0.38, 0.52, 0.62, 0.54
 its axis, its boresight, and its field of view."""
 _FRAME = 1.3  # length of the body axes, from the middle of the platform
 _VIEW = (24.0, -52.0)  # deg, elevation and azimuth of the eye
-_CELL = np.deg2rad(5.0)  # rad: width of the cells that surfaces are made of
-_STEP = np.deg2rad(2.0)  # rad between points of lines on them, at most
 _REACH, _MASKED, _SIDE = 0.20, 0.45, 0.10  # opacities: of what is reached, of masks, of the platform's faces
 _NARROW = 0.01  # width of the axes that the legend stands beside, in widths of the picture
 _LINES, _KINDS = 34, 9  # lines of text in a column of the legend, and of those on what lines mean
@@ -151,7 +158,7 @@ class _Picture:
         self.drawn: list[np.ndarray] = []  # points of lines
         self.colours: list[tuple[float, float, float, float]] = []
         azimuth, elevation = craft.gimbals.angles(joints)
-        own = [_turn(*pair) for pair in zip(azimuth, elevation, strict=True)]
+        own = [turn_by(*pair) for pair in zip(azimuth, elevation, strict=True)]
         # body from the moving part of each gimbal: boresight, left, up
         self.moved = [frame @ turn for frame, turn in zip(craft.gimbals.frames, own, strict=True)]
         self.zero = craft.boresights(np.eye(3), np.zeros(craft.joint_count))
@@ -200,20 +207,20 @@ class _Picture:
         """Draw the part of a sphere that a terminal's ranges reach, without its masks, and its yaw axis."""
         frame, colour = self.craft.gimbals.frames[number], device_style(number)["color"]
         ranges = np.asarray(terminal.ranges, float)
-        yaws, pitches = _once_around(ranges[0]), ranges[1]
+        yaws, pitches = once_around(ranges[0]), ranges[1]
 
         def place(yaw: ArrayLike, pitch: ArrayLike) -> np.ndarray:
             return np.asarray(foot + _DOME * (pointing(*np.broadcast_arrays(yaw, pitch)) @ frame.T))
 
-        across, upward = _net(yaws), _net(pitches)
+        across, upward = cells_of(yaws), cells_of(pitches)
         corners = place(*np.meshgrid(across, upward, indexing="ij"))
         cells = np.stack([corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]], axis=-2)
-        middles = np.stack(np.meshgrid(_middles(across), _middles(upward), indexing="ij"), axis=-1)
-        masked = _within(terminal, middles)
+        middles = np.stack(np.meshgrid(middles_of(across), middles_of(upward), indexing="ij"), axis=-1)
+        masked = within_masks(terminal, middles)
         self._fill(cells[~masked], colour, _REACH)
         self._fill(cells[masked], KEEP_OUT, _MASKED)
         edge: Look = {"color": colour, "linewidth": 0.9}
-        low, high = (_points(span) for span in (yaws, pitches))
+        low, high = (points_of(span) for span in (yaws, pitches))
         ends = [place(low, pitches[0]), place(low, pitches[1])]
         if yaws[1] - yaws[0] < TURN:
             ends += [place(yaws[0], high), place(yaws[1], high)]
@@ -224,14 +231,14 @@ class _Picture:
         for corner in terminal.mask:
             for turn in turns(corner, *yaws):
                 self._line(
-                    place(*_outline(corner, turn, yaws, pitches)), {"color": KEEP_OUT, "linewidth": 1.3}
+                    place(*outline_of(corner, turn, yaws, pitches)), {"color": KEEP_OUT, "linewidth": 1.3}
                 )
         self._line(_from(foot, _AXIS * frame[:, 2]), {"color": colour, "linewidth": 1, "linestyle": ":"})
 
     def _draw_fan(self, number: int, drive: Drive, foot: np.ndarray) -> None:
         """Draw the fan in which a drive's boresight turns, and its axis."""
         frame, colour = self.craft.gimbals.frames[number], device_style(number)["color"]
-        angles = _points(_once_around(np.asarray(drive.range, float)))
+        angles = points_of(once_around(np.asarray(drive.range, float)))
         own = pointing(angles, np.full_like(angles, float(drive.tilt)))
         arc = foot + _DOME * (own @ frame.T)
         self._fill(
@@ -391,61 +398,6 @@ def _degrees(angle: float) -> str:
     return f"{np.rad2deg(angle):.4g}".replace("-", "\N{MINUS SIGN}")
 
 
-def _turn(azimuth: float, elevation: float) -> np.ndarray:
-    """Rotation (3, 3) by angles in rad, from a moving part's axes (boresight, left, up) to its mount's."""
-    ahead = pointing(azimuth, elevation)
-    left = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    return np.stack([ahead, left, np.cross(ahead, left)], axis=-1)
-
-
-def _once_around(span: np.ndarray) -> np.ndarray:
-    """A range (2,) rad, cut to one turn: the one that ends at pi, or as near to that as the range allows."""
-    if span[1] - span[0] < TURN:
-        return span
-    high = np.clip(np.pi, span[0] + TURN, span[1])
-    return np.array([high - TURN, high])
-
-
-def _net(span: np.ndarray) -> np.ndarray:
-    """Edges (k,) of equal cells of a range, rad, each about `_CELL` wide."""
-    return np.linspace(span[0], span[1], 1 + max(1, round(float(span[1] - span[0]) / _CELL)))
-
-
-def _points(span: np.ndarray) -> np.ndarray:
-    """Equidistant angles (k,) of a range, rad, at most `_STEP` apart."""
-    return np.linspace(span[0], span[1], 2 + int(float(span[1] - span[0]) / _STEP))
-
-
-def _middles(edges: np.ndarray) -> np.ndarray:
-    """Middles (k,) of the cells between edges (k + 1,)."""
-    return (edges[1:] + edges[:-1]) / 2
-
-
 def _from(foot: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Both ends (2, 3) of a vector from a foot."""
     return np.array([foot, foot + vector])
-
-
-def _within(terminal: Terminal, points: np.ndarray) -> np.ndarray:
-    """Which (yaw, pitch) (..., 2) rad lie in a mask of a terminal, at any turn of the yaw; (...) bool."""
-    found = np.zeros(points.shape[:-1], dtype=bool)
-    low, high = np.min(points[..., 0]), np.max(points[..., 0])
-    for corners in terminal.mask:
-        normals, least = half_planes(np.asarray(corners, float))
-        for turn in turns(corners, low, high):
-            inside = (points - [TURN * turn, 0.0]) @ normals.T < least
-            found |= np.all(inside, axis=-1)
-    return found
-
-
-def _outline(
-    corners: np.ndarray, turn: int, yaws: np.ndarray, pitches: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Yaws and pitches along a mask's outline, rad, its corners (k, 2) moved by whole turns of the yaw.
-
-    Points are clipped to the ranges (2,) of yaws and pitches.
-    """
-    places, count = np.linspace(0.0, len(corners), 24 * len(corners) + 1), np.arange(len(corners) + 1)
-    closed = corners[count % len(corners)] + np.array([TURN * turn, 0.0])
-    yaw, pitch = (np.interp(places, count, closed[:, column]) for column in range(2))
-    return np.clip(yaw, *yaws), np.clip(pitch, *pitches)
