@@ -47,10 +47,11 @@ def plan(options: argparse.Namespace) -> int:
     result = planner.plan(scenario, throw=False, improve_for_s=options.improve_for)
     print_result(result.summary() if options.json else result)
     if folder is not None:
-        planner.save_plan(result, folder / "plan.json")
-        say(f"wrote {folder / 'plan.json'}")
+        file = folder / "plan.json"
+        planner.save_plan(result, file)
+        say(f"wrote {file}")
         draw(result, folder, observer=find_observer(timelines.file_of(options.scenario)))
-        name_earlier(folder / "plan.json")
+        name_earlier(file)
     return _code_of(result)
 
 

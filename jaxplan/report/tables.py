@@ -18,7 +18,7 @@ from jaxplan.geometry.vectors import azimuth_elevation, separation
 from jaxplan.model.directions import as_path
 from jaxplan.model.duration_bound import excess
 from jaxplan.model.goals import GivenState, Targets
-from jaxplan.model.limits import limits
+from jaxplan.model.limits import limits, timed_limits
 from jaxplan.model.scenario import Scenario, paths
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.stages import matrix_of
@@ -317,7 +317,7 @@ def highest_peak(certificate: Certificate, craft: Spacecraft) -> tuple[str, str]
     Ranges of joints count only where nothing else is limited: a joint may rest at an end of its range, which
     is no load. The table of peaks has them.
     """
-    timed = {limit.quantity.name for limit in limits(craft) if limit.quantity.power}
+    timed = {limit.quantity.name for group in timed_limits(craft) for limit in group}
     names = [name for name in certificate.peaks if name in timed] or list(certificate.peaks)
     name = max(names, key=lambda name: certificate.peaks[name])
     return _limited(name, craft)[0].lower(), share(certificate.peaks[name])

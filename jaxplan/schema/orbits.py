@@ -113,7 +113,7 @@ def _make_samples(parts: dict[str, Any], place: Place) -> Any:
 
 
 _CIRCULAR = (
-    # The upper end is below all altitudes in metres, of orbits that last.
+    # An altitude in metres is beyond the upper end wherever an orbit lasts.
     Field("altitude_km", Number(Interval("(0, 150000]")), "altitude", "above 6378.137 km", required=True),
     Field("inclination_deg", _INCLINATION, "inclination", "to the equator of J2000", required=True),
     Field("ascending_node_deg", _ANGLE_DEG, "node", "its right ascension", required=True),

@@ -250,9 +250,9 @@ def _iterate(stack: _BoxQPStack, iterate: _Iterate) -> tuple[_Iterate, np.ndarra
     reached = values + length(step, 1.0) * step
     target = stack.spread(gap * (stack.gap(reached) / gap) ** 3)
     step = direction((target - step[:2] * step[2:]) / room - multipliers)
-    values = values + length(step, _INTERIOR) * step
-    values[1] = stack.top - values[0]
-    ahead, inside = stack.at(values), np.logical_and.reduceat((values > 0).all(axis=0), first)
+    reached = values + length(step, _INTERIOR) * step
+    reached[1] = stack.top - reached[0]
+    ahead, inside = stack.at(reached), np.logical_and.reduceat((reached > 0).all(axis=0), first)
     return ahead, np.where(inside & ~broken, stack.residual(ahead), np.nan)
 
 

@@ -99,7 +99,9 @@ class Sensitivities:
             lines.append(f"{number}  {slope:>{wide[3]}}  {effect:>{wide[4]}}")
         if self.without_effect:
             names = f"and {len(self.without_effect)} whose slope is zero: {', '.join(self.without_effect)}"
-            lines += textwrap.wrap(names, _LINE, subsequent_indent="  ", break_long_words=False)
+            lines += textwrap.wrap(
+                names, _LINE, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+            )
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
