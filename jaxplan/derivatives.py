@@ -43,6 +43,13 @@ from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name, fit_batch
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
 
 _OPTIMAL = 1e-6  # rad, largest distance of a plan's goal from the optimum whose derivative is taken
+_NEEDS_TIME = (
+    "its scene has targets or zones that move: derivatives and tuning then know given durations only: set "
+    "trajectory.duration_s to a number, which is then no result that has slopes, or hold what moves at an "
+    "instant"
+)
+_AT_A_BOUND = "its goal leans on a bound of joints or a vector that these turn"
+_BY_A_WISH = "its goal leans on what a device prefers: leave the wish out, or give the goal as a state"
 _A_PLAN = "jp.plan makes one of a scenario"
 _optimum_near = quick_jit(differentiable_goal)
 
@@ -79,6 +86,21 @@ class Held:
     criterion: str | None = field(default=None, metadata={"static": True})
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Followed:
+    """How a goal follows its scenario.
+
+    Attributes:
+        moves: how devices without a target made way at it.
+        criterion: that it is an optimum of; None for a goal that is given as a state.
+        doubts: why it is not the optimum that `differentiable_goal` takes it for.
+    """
+
+    moves: tuple[MadeWay, ...] = ()
+    criterion: str | None = None
+    doubts: tuple[str, ...] = ()
+
+
 def hold(plan: Plan, *, nodes: int = FEWEST_NODES) -> Held:
     """Return what of a plan stays fixed while its scenario changes; a new fit tells what is active.
 
@@ -108,26 +130,48 @@ def hold_each(plans: Sequence[Plan], *, nodes: int) -> Iterator[Held]:
     ways = [_followable(plan) for plan in plans]
     with one_thread():
         fits = fit_batch(
-            [wanted_fit(plan.scenario, path, goal, plan.trajectory) for plan, path, goal in ways]
+            [wanted_fit(plan.scenario, path, goal, plan.trajectory) for plan, path, goal, _ in ways]
         )
-    for way, fitted in zip(ways, fits, strict=True):
+    for (plan, path, goal, followed), fitted in zip(ways, fits, strict=True):
         with one_thread():
-            held = _held(*way, fitted, nodes)
+            held = _held(plan, path, goal, followed, fitted, nodes)
         yield held
 
 
-def _followable(plan: Plan) -> tuple[Plan, Path, Goal]:
-    """A plan whose scenario's arrays are copied, its path and its goal.
+def _followable(plan: Plan) -> tuple[Plan, Path, Goal, _Followed]:
+    """A plan whose scenario's arrays are copied, its path, its goal, and how that is followed.
 
     Raises:
-        ValueError: if the plan is not OK, or something moves and the duration is not given.
+        ValueError: if the plan is not OK, or has no derivatives, with all reasons that can be told before its
+            fit is made again.
     """
-    if not plan.ok or plan.path is None or plan.goal is None:
-        raise ValueError(
-            f"the plan of {plan.scenario.name} ended as {plan.status.name}: only an OK one is held"
+    scenario, goal = plan.scenario, plan.goal
+    if not plan.ok or plan.path is None or goal is None:
+        raise ValueError(f"the plan of {scenario.name} ended as {plan.status.name}: only an OK one is held")
+    reasons, free_time = [], not scenario.trajectory.timed
+    ends = (*_rates(scenario, scenario.start), *end_rates(scenario, goal))
+    if _needs_time(scenario):
+        reasons.append(_NEEDS_TIME)
+    elif free_time and any(np.any(rate) for rate in ends):
+        reasons.append(
+            "it is a shortest motion with rates at its ends: set trajectory.duration_s to a number"
         )
-    expect_known_time(plan.scenario)
-    return replace(plan, scenario=own_arrays(plan.scenario)), plan.path, plan.goal
+    followed = _followed_by(scenario, goal)
+    _refuse(scenario.name, [*reasons, *followed.doubts])
+    return replace(plan, scenario=own_arrays(scenario)), plan.path, goal, followed
+
+
+def _refuse(name: str, reasons: Sequence[str]) -> None:
+    """Raise a ValueError with all reasons why the plan of a scenario has no derivatives, if there are any."""
+    if len(reasons) == 1:
+        raise ValueError(f"the plan of {name} has no derivatives: {reasons[0]}")
+    if reasons:
+        numbered = "\n".join(f"  {number}. {reason}" for number, reason in enumerate(reasons, 1))
+        raise ValueError(
+            f"the plan of {name} has no derivatives, for {len(reasons)} reasons:\n{numbered}\n"
+            "A goal that is given as a state, as plan.goal has it, and a trajectory.duration_s some per cent "
+            "above that of the plan do without all of them"
+        )
 
 
 def own_arrays(scenario: Scenario) -> Scenario:
@@ -142,43 +186,39 @@ def own_arrays(scenario: Scenario) -> Scenario:
     return copied
 
 
-def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit, nodes: int) -> Held:
+def _held(plan: Plan, path: Path, goal: Goal, followed: _Followed, fitted: Fit, nodes: int) -> Held:
     """What derivatives hold fixed of an OK plan, from its path, goal and fit, padded to `nodes` nodes.
 
     Raises:
         ValueError: if the plan does not move, or its goal is no optimum whose derivative is known.
     """
+    _refuse(plan.scenario.name, followed.doubts)
     origin, curve = fitted.origin, fitted.trajectory
     if origin is None or curve is None:
         raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")
-    moves, criterion = _followed_by(plan.scenario, goal)
     ends = (*_rates(plan.scenario, plan.scenario.start), *end_rates(plan.scenario, goal))
     at_speed = any(np.any(rate) for rate in ends)
     path, _ = passed_nodes(path, at_speed=at_speed, every=False)  # as the fit did
     attitudes, joints = padded(path.attitudes, nodes), padded(path.joints, nodes)
     return Held(
         goal=goal,
-        moves=moves,
+        moves=followed.moves,
         attitudes=attitudes,
         joints=joints,
         last=np.array(len(path.attitudes) - 1),
         leads=leads_of(attitudes, joints, len(path.attitudes)),
         fit=origin.hold(nodes),
         turns=tuple(mask.turns for mask in masks(plan.scenario.spacecraft)),
-        criterion=criterion,
+        criterion=followed.criterion,
         trajectory=replace(curve, node_times=padded(curve.node_times, nodes)),
     )
 
 
-def _followed_by(scenario: Scenario, goal: Goal) -> tuple[tuple[MadeWay, ...], str | None]:
-    """How devices without a target made way at a goal, and the criterion that it is an optimum of, if any.
-
-    Raises:
-        ValueError: if it is not the optimum that `differentiable_goal` takes it for, nor given as it is.
-    """
+def _followed_by(scenario: Scenario, goal: Goal) -> _Followed:
+    """How the goal of a plan follows its scenario, or why it does not."""
     asked, craft, rows = scenario.asked, scenario.usable, scenario.constraints.at(goal.time)
     if isinstance(asked, GivenState):
-        return (), None
+        return _Followed()
     soonest = asked.criterion == LEAST_TIME
     targets, start = asked.at(goal.time), scenario.start
     problem = GoalProblem.of(craft, start.attitude, targets, rows, start.joints)
@@ -187,20 +227,25 @@ def _followed_by(scenario: Scenario, goal: Goal) -> tuple[tuple[MadeWay, ...], s
     problem = replace(problem, wishes=tuple(Wished.all_of(craft, targets, problem.ranges)))
     joints = np.clip(problem.joints(goal.attitude), *problem.ranges.T)
     joints, moves = settled(problem, goal.attitude, joints)
-    refused = f"the goal of the plan of {scenario.name} has no derivative that is known: "
+    doubts = []
     if any(move.ties for move in moves):
-        raise ValueError(
-            refused
-            + "where a device without a target makes way several things are as near, and which of them "
-            "it will lean on depends on the way the scenario changes"
+        doubts.append(
+            "where a device without a target makes way at the goal several things are as near, and which of "
+            "them it will lean on depends on the way the scenario changes"
         )
-    if np.max(np.abs(joints - goal.joints), initial=0.0) > _OPTIMAL:
-        raise ValueError(refused + "it leans on a bound of joints or a vector that these turn")
+    elif np.max(np.abs(joints - goal.joints), initial=0.0) > _OPTIMAL:
+        doubts.append(_AT_A_BOUND)
+    if _needs_time(scenario):
+        if targets.prefer:
+            doubts.append(_BY_A_WISH)
+        return _Followed(doubts=tuple(doubts))  # a given duration takes another goal
     if soonest and (asked.moves or targets.prefer or moves):
         why = "targets that move" if asked.moves else "wishes, or with devices that make way"
-        raise ValueError(f'{refused}one of least time with {why}; set goal.criterion = "least_rotation"')
+        doubts.append(f'its goal is one of least time with {why}: set goal.criterion = "least_rotation"')
+    if doubts:
+        return _Followed(doubts=tuple(doubts))
     if not soonest and not targets.prefer and not leaves_open(problem):
-        return moves, asked.criterion
+        return _Followed(moves=moves, criterion=asked.criterion)
     for criterion in dict.fromkeys((asked.criterion, LEAST_ROTATION)):
         wanted = replace(targets, criterion=criterion)
         with jax.enable_x64(True):
@@ -208,12 +253,10 @@ def _followed_by(scenario: Scenario, goal: Goal) -> tuple[tuple[MadeWay, ...], s
                 _place(goal), craft, start.attitude, wanted, rows, start_joints=start.joints
             )
         if float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= _OPTIMAL:
-            return moves, criterion
-    what = "what a device prefers" if targets.prefer else "a bound of joints or a vector that these turn"
+            return _Followed(moves=moves, criterion=criterion)
     if soonest:
-        what = 'no smooth optimum of the time; set goal.criterion = "least_rotation"'
-    otherwise = "; leave the wish out, or give the goal as a state" if targets.prefer else ""
-    raise ValueError(f"{refused}it leans on {what}{otherwise}")
+        doubts = ['its goal is no smooth optimum of the time: set goal.criterion = "least_rotation"']
+    return _Followed(doubts=tuple(doubts or [_BY_A_WISH if targets.prefer else _AT_A_BOUND]))
 
 
 def replan(held: Held, scenario: Scenario) -> Trajectory:
@@ -319,7 +362,7 @@ def follow_and_hold(plan: Plan, scenario: Scenario, *, nodes: int = FEWEST_NODES
     if not followed.ok or fitted is None or path is None or goal is None:
         return followed, None
     try:
-        return followed, _held(followed, path, goal, fitted, nodes)
+        return followed, _held(followed, path, goal, _followed_by(scenario, goal), fitted, nodes)
     except ValueError:  # nothing moves, or a row is about to bind
         return followed, None
 
@@ -387,11 +430,12 @@ def _rates(scenario: Scenario, end: Any) -> tuple[Any, Any]:
     return velocity, rates
 
 
+def _needs_time(scenario: Scenario) -> bool:
+    """Whether something moves and no duration is given, which then depends on the goal."""
+    return moves(scenario) and not scenario.trajectory.timed
+
+
 def expect_known_time(scenario: Scenario) -> None:
     """Raise ValueError where something moves and no duration is given, which then depends on the goal."""
-    if moves(scenario) and not scenario.trajectory.timed:
-        raise ValueError(
-            f"{scenario.name} has targets or zones that move: derivatives and tuning then know given "
-            "durations only: set trajectory.duration_s to a number, which is then no result that has slopes, "
-            "or hold what moves at an instant"
-        )
+    if _needs_time(scenario):
+        raise ValueError(f"{scenario.name} {_NEEDS_TIME.removeprefix('its scene ')}")

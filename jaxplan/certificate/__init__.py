@@ -12,7 +12,14 @@ about -1e-11), and evaluation in float64 errs by less than a thousandth, 1e-12, 
 extended precision; an estimate of it is counted in as well.
 """
 
-from jaxplan.certificate.claims import Certificate, Claim, EndState, ProvedMargin, faults_later
+from jaxplan.certificate.claims import (
+    Certificate,
+    Claim,
+    EndState,
+    ProvedMargin,
+    faults_later,
+    margin_and_peaks,
+)
 from jaxplan.certificate.proof import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, certify, certify_batch, prove_margins
 
 Report = Certificate  # its name before
@@ -28,5 +35,6 @@ __all__ = [
     "certify",
     "certify_batch",
     "faults_later",
+    "margin_and_peaks",
     "prove_margins",
 ]

@@ -1,16 +1,19 @@
 """The data of a certificate: the claim about a trajectory that is to be proved, and what is proved of it."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from jaxplan.certificate.motion import Trajectory
 from jaxplan.model.constraints import Constraints
+from jaxplan.model.limits import QUANTITIES
 from jaxplan.model.robust import Robust
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import aligned, as_table, shown
+
+_ANGLES = frozenset(quantity.name for quantity in QUANTITIES if quantity.power == 0)
 
 
 @shown("joints deg", "angular_velocity deg/s", "joint_rates deg/s", "attitude")
@@ -144,18 +147,37 @@ class Certificate:
         """What is proved, as (label, value) rows for a table."""
         rows = [("certified", "yes, at every instant" if self.certified else "no: not certified")]
         rows += [("", fault) for fault in self.faults]
-        if self.min_margin is not None:
-            where = f"{self.worst_device} to {self.worst_zone} at {self.worst_time:.2f} s"
-            rows.append(("smallest margin", f"{np.rad2deg(self.min_margin):.3f} deg, {where}"))
-        for name, peak in self.peaks.items():
-            rows.append((f"peak {name.replace('_', ' ')}", f"{100 * peak:.1f} % of its limit"))
-        return rows
+        worst = (self.worst_device, self.worst_zone, self.worst_time)
+        return rows + margin_and_peaks(self.min_margin, worst, self.peaks)
 
     def __str__(self) -> str:
         return "\n".join(aligned(self.rows()))
 
     def _repr_html_(self) -> str:
         return as_table("Certificate", self.rows())
+
+
+def margin_and_peaks(
+    margin: float | None, worst: tuple[str | None, str | None, float | None], peaks: Mapping[str, float]
+) -> list[tuple[str, str]]:
+    """Return the smallest margin and all peaks of a certificate as (label, value) rows for a table.
+
+    A joint may rest at an end of its range, which is no load: of its angle the row says how near to that it
+    comes.
+
+    Args:
+        margin: rad, the smallest; None without a row of it.
+        worst: device and zone whose margin that is, and when, s.
+        peaks: shares of limits by name, as `Certificate.peaks`.
+    """
+    rows = []
+    if margin is not None:
+        device, zone, time = worst
+        rows.append(("smallest margin", f"{np.rad2deg(margin):.3f} deg, {device} to {zone} at {time:.2f} s"))
+    for name, peak in peaks.items():
+        of_what = "the way to an end of its range" if name in _ANGLES else "its limit"
+        rows.append((f"peak {name.replace('_', ' ')}", f"{100 * peak:.1f} % of {of_what}"))
+    return rows
 
 
 def faults_later(proof: Certificate, begin: float) -> list[str]:

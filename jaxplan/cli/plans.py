@@ -31,6 +31,7 @@ from jaxplan.model.status import Status
 from jaxplan.planner import Plan
 from jaxplan.planner.clock import expect_shortest
 from jaxplan.planner.record import report_summary
+from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import find_observer, load_observer
 from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
@@ -74,7 +75,7 @@ def check(options: argparse.Namespace) -> int:
         from jaxplan.exporting import ending
 
         return complain(f"{options.plan}: {ending(plan)}", _code_of(plan))
-    report = planner.certify(plan)
+    report = _certified_anew(plan)
     print_result(report_summary(report) if options.json else report)
     return DONE if report.certified else NOT_CERTIFIED
 
@@ -145,9 +146,11 @@ def report(options: argparse.Namespace) -> int:
     path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
     try_folder_of(path)
     if isinstance(plan, TimelinePlan) and plan.ok:  # a page on a single plan makes its certificate by itself
-        plan = replace(plan, certificate=plan.certify())
+        plan = replace(plan, certificate=_certified_anew(plan))
     more = {"frequencies": options.frequency, "viewer": options.view, "observer": observer}
-    say(f"wrote {report_html(plan, path, overwrite=options.force, **more)}")
+    with progress_bar("drawing the page"):
+        page = report_html(plan, path, overwrite=options.force, **more)
+    say(f"wrote {page}")
     if plan.ok and not _certified_anew(plan).certified:  # the page says why
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
     return _code_of(plan)
@@ -163,7 +166,8 @@ def view(options: argparse.Namespace) -> int:
         from jaxplan.exporting import ending
 
         return complain(f"{options.plan}: {ending(plan)}", _code_of(plan))
-    shown = make_view(plan)
+    with progress_bar("drawing the page"):
+        shown = make_view(plan)
     try_folder_of(path)
     say(f"wrote {shown.save(path, overwrite=options.force)}: open it in a browser, ? lists its keys")
     return _code_of(plan)
@@ -230,7 +234,8 @@ def _load_any_plan(name: str) -> Plan | TimelinePlan:
 
 def _certified_anew(plan: Plan | TimelinePlan) -> Certificate:
     """The certificate of a plan, made anew."""
-    return plan.certify() if isinstance(plan, TimelinePlan) else planner.certify(plan)
+    with progress_bar("proving"):
+        return plan.certify() if isinstance(plan, TimelinePlan) else planner.certify(plan)
 
 
 def _code_of(plan: Plan | TimelinePlan) -> int:

@@ -21,6 +21,7 @@ from jaxplan.model.zones import masks
 from jaxplan.planner import Plan
 from jaxplan.planner.validity import hidden_targets, start_breaches
 from jaxplan.runtime.files import replacing_file
+from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import ScenarioError, load_scenario
 from jaxplan.schema.faults import plural
 from jaxplan.schema.text import template
@@ -85,7 +86,11 @@ def _text(source: str | None, timeline: bool) -> str:
 
 def validate(options: argparse.Namespace) -> int:
     """Print what scenario files hold and what is wrong with them."""
-    found = [_findings(name) for name in options.files]
+    found = []
+    with progress_bar("reading", "files", total=len(options.files)) as bar:
+        for name in options.files:
+            found.append(_findings(name))
+            bar.update()
     print_result(found if options.json else "\n".join(map(_line, found)))
     if any(one["faults"] for one in found):
         return BAD_INPUT

@@ -21,6 +21,7 @@ from jaxplan.model.status import Status
 from jaxplan.model.timeline import Timeline
 from jaxplan.planner.record import report_summary
 from jaxplan.runtime.files import replacing_file
+from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import find_observer, load_timeline, save_timeline
 from jaxplan.schema.text import LARGEST_TIMELINE, parse
 from jaxplan.schema.timelines import KIND
@@ -106,7 +107,8 @@ def check(options: argparse.Namespace) -> int:
         return complain(
             f"{options.plan}: has no trajectory, {plan.status.name}: {plan.message}", _code_of(plan)
         )
-    found = plan.certify()
+    with progress_bar("proving"):
+        found = plan.certify()
     print_result(report_summary(found) if options.json else found)
     return DONE if found.certified else NOT_CERTIFIED
 

@@ -183,11 +183,13 @@ class Number(Kind):
         degrees: whether the file's unit is made of degrees and the model's of radians.
         words: words that may stand in its place, and what the model holds for them; with "inf" among them
             the number may be infinite too.
+        hint: what to do about a number that does not lie there, to stand after "must lie in ...".
     """
 
     interval: Interval = ANY
     degrees: bool = False
     words: Mapping[str, Any] = field(default_factory=dict)
+    hint: str = ""
 
     @property
     def range(self) -> str | None:
@@ -218,7 +220,8 @@ class Number(Kind):
         filed = _degrees(number) if in_radians else number
         if filed not in self.interval and not (in_radians and shortest_degrees(number) in self.interval):
             told = number if python else value
-            return place.fault(f"must {self.interval.wanted(place.spelled.factor)}", told)
+            hint = f": {self.hint}" if self.hint else ""
+            return place.fault(f"must {self.interval.wanted(place.spelled.factor)}{hint}", told)
         held = math.radians(filed) if self.degrees else filed
         if filed and not held:
             return place.fault("too small to tell from zero", value)

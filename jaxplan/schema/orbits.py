@@ -15,8 +15,12 @@ from jaxplan.sky.orbits import EARTH_RADIUS
 
 _ANGLE_DEG = Number(Interval("[-360, 360]"), degrees=True)
 _INCLINATION = Number(Interval("[-180, 180]"), degrees=True)
-_FAR = Number(Interval("[-1e7, 1e7]"))  # km, or s: wider than anything that circles the Earth needs
-_FAST = Number(Interval("[-100, 100]"))  # km/s, likewise
+# Wider than anything that circles the Earth needs. No position in metres passes: the largest of its three
+# numbers is at least the Earth's radius over the root of three.
+_FAR = Number(Interval("[-3e6, 3e6]"), hint="it is in km")
+_FAST = Number(Interval("[-100, 100]"), hint="it is in km/s")
+_LONG = Number(Interval("[-1e7, 1e7]"))  # s
+_HIGH = Number(Interval("(0, 150000]"), hint="it is in km; higher orbits have semi_major_axis_km instead")
 
 
 @dataclass(frozen=True)
@@ -114,7 +118,7 @@ def _make_samples(parts: dict[str, Any], place: Place) -> Any:
 
 _CIRCULAR = (
     # An altitude in metres is beyond the upper end wherever an orbit lasts.
-    Field("altitude_km", Number(Interval("(0, 150000]")), "altitude", "above 6378.137 km", required=True),
+    Field("altitude_km", _HIGH, "altitude", "above 6378.137 km", required=True),
     Field("inclination_deg", _INCLINATION, "inclination", "to the equator of J2000", required=True),
     Field("ascending_node_deg", _ANGLE_DEG, "node", "its right ascension", required=True),
     Field(
@@ -162,7 +166,7 @@ _SAMPLES = (
     ),
     Field(
         "times_s",
-        Array(("sample",), _FAR, noun="rising numbers, the first at most 0", rule=rising),
+        Array(("sample",), _LONG, noun="rising numbers, the first at most 0", rule=rising),
         "times",
         "of the samples; 0 at epoch_utc",
         required=True,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.certificate import Certificate, Claim, certify_batch, faults_later
+from jaxplan.certificate import Certificate, Claim, certify_batch, faults_later, margin_and_peaks
 from jaxplan.model.epochs import seconds_between
 from jaxplan.model.goals import GivenState
 from jaxplan.model.later import later
@@ -124,11 +124,8 @@ class TableCertificate:
         used = "" if self.forgiven or not self.certified or self.forgives == NOTHING else "; none was needed"
         rows.append(("forgives", f"{self.forgives.words}{used}"))
         rows += [("", f"forgiven: {fault}") for fault in self.forgiven]
-        if self.min_margin is not None:
-            where = f"{self.worst_device} to {self.worst_zone} at {self.worst_time:.2f} s"
-            rows.append(("smallest margin", f"{np.rad2deg(self.min_margin):.3f} deg, {where}"))
-        for name, peak in self.peaks.items():
-            rows.append((f"peak {name.replace('_', ' ')}", f"{100 * peak:.1f} % of its limit"))
+        worst = (self.worst_device, self.worst_zone, self.worst_time)
+        rows += margin_and_peaks(self.min_margin, worst, self.peaks)
         jump = f"{np.rad2deg(self.rate_jump):.4g} deg/s at {self.rate_jump_time:.2f} s"
         rows.append(("largest jump of rate", jump))
         if self.attitude_jump > 0:

@@ -291,3 +291,25 @@ def test_files_keep_the_criterion(tmp_path):
     assert jp.load_scenario(tmp_path / "scene.toml").goal.criterion == "least_time"
     with pytest.raises(ValueError, match=r"criterion.*least_time"):
         jp.plan(telescope(criterion="fastest"))
+
+
+@pytest.mark.slow
+def test_all_reasons_why_slopes_are_refused_are_told_at_once():
+    wish = jp.Wish(device="array", direction=[0.0, 0.6, 0.8])
+    times = np.linspace(0.0, 600.0, 61)
+    turning = np.array([0.0, 0.0, 1e-3])
+    axis = Rotation.from_rotvec(np.outer(times, turning)).apply([0.0, -1.0, 0.0])
+    drifting = jp.DirectionPath(times=times, samples=axis, slopes=np.cross(turning, axis))
+    zone = jp.KeepOut(name="drifting", direction=drifting, half_angle=np.deg2rad(2.0))
+    still, moving = telescope(prefer=(wish,)), replace(telescope(prefer=(wish,)), keep_out=(zone,))
+    with pytest.raises(ValueError, match=r"no derivatives: .*one of least time with wishes"):
+        jp.hold(jp.plan(still))
+    plan = jp.plan(moving)
+    with pytest.raises(
+        ValueError, match=r"(?s)for 2 reasons:\n  1\. .*that move.*\n  2\. .*leave the wish out"
+    ):
+        jp.hold(plan)
+    # What the message says that is enough.
+    goal = replace(moving.start, rotation_vector=so3.log(plan.goal.attitude), joints=plan.goal.joints)
+    longer = replace(moving.trajectory, duration=1.05 * plan.trajectory.duration)
+    jp.hold(jp.plan(replace(moving, goal=goal, trajectory=longer)))

@@ -183,7 +183,8 @@ EPOCH_FAULT = "must be a time in UTC such as 2026-01-01T00:00:00, from 1972 to 2
         (
             "altitude_km = 500.0",
             "altitude_km = 600000",
-            "sky.observer.altitude_km = 600000: must lie in (0, 150000]",
+            "sky.observer.altitude_km = 600000: must lie in (0, 150000]: it is in km; higher orbits have "
+            "semi_major_axis_km instead",
         ),
         ("altitude_km = 500.0, ", "", "sky.observer.altitude_km: missing, must be a number in (0, 150000]"),
         (f"{{ {ORBIT} }}", '"iss"', 'sky.observer = "iss": must be a table'),

@@ -295,6 +295,11 @@ SAMPLES = {"position_samples_km": [[7000, 0, 0], [7000, 400, 0], [7000, 800, 0],
             {"position_samples_km": [[7000, 0, 0], [0, 7000, 0]] * 2, "times_s": [0, 60, 120, 180]},
             "sky.observer.position_samples_km: positions[1]: is 90 deg from the one before",
         ),
+        (
+            ORBIT,
+            {"position_samples_km": [[3.9e6, -3.95e6, 3.7e6]] * 4, "times_s": [0, 60, 120, 180]},
+            "sky.observer.position_samples_km[0][0] = 3900000.0: must lie in [-3e6, 3e6]: it is in km",
+        ),
     ],
 )
 def test_a_wrong_word_about_the_sky_is_named(place, value, fault):
