@@ -53,7 +53,11 @@ def _entries(table: Table, *attributes: str) -> list[Field]:
 
 _MADE = declared(Activity)
 _OWN = {entry.attribute: entry for entry in _MADE.attributes}
-_STATE = [replace(entry, required=False) for entry in STATE.fields if entry.attribute not in RATES.values()]
+_STATE = [
+    replace(entry, required=False)
+    for entry in STATE.fields
+    if entry.attribute not in (*RATES.values(), "frame")
+]
 _OF_GOALS = "is of goals, an activity has none"
 _ATTITUDES = ("rotation_vector", "quaternion")
 _TARGETS = [
@@ -172,6 +176,7 @@ ACTIVITY = replace(
     split=lambda parts: parts,
     check=_check_activity,
     refused=dict.fromkeys(RATES, "an attitude is held at rest")
+    | {"frame": 'an attitude is held at rest along inertial axes; track what turns, such as "nadir"'}
     | dict.fromkeys(
         ("criterion", "clearance_deg", "yaw_limit_deg", "pitch_limit_deg"),
         _OF_GOALS,

@@ -32,6 +32,7 @@ from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError, Spelled,
 from jaxplan.schema.fields import check_zones
 from jaxplan.schema.kinds import Epoch, Kind
 from jaxplan.schema.layout import SCENARIO, SPACECRAFT
+from jaxplan.schema.local_frame import in_inertial
 from jaxplan.schema.orbits import Orbit
 from jaxplan.schema.robust import check_robust
 from jaxplan.schema.sky import View, resolve
@@ -154,6 +155,7 @@ def scenario_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
         check_parts(scenario, root)
         scenario = with_epoch(scenario, view, root)
         scenario = resolve(scenario, view, root)
+        scenario = _in_inertial(scenario, view, root)
         check_robust(scenario, root)
         scenario = with_start(scenario, root)
         check_paths(scenario, root)
@@ -197,6 +199,14 @@ def _observer(text: str, *, folder: str | os.PathLike[str] = "", needed: bool) -
     if root.reading.faults:
         raise ScenarioError(root.reading.faults)
     return observer
+
+
+def _in_inertial(scenario: Scenario, view: Any, root: Place) -> Scenario:
+    """The scenario with inertial ends, of which a file may give states in the local orbital frame."""
+    duration = getattr(scenario.trajectory, "duration", None)
+    times = {"start": 0.0, "goal": duration if isinstance(duration, float) else None}
+    ends = {name: in_inertial(getattr(scenario, name), view, times[name], root[name]) for name in times}
+    return replace(scenario, **ends)
 
 
 def with_epoch(scenario: Scenario, view: Any, root: Place) -> Scenario:

@@ -336,7 +336,7 @@ def _known(view: View, lasting: Lasting, place: Place) -> Known | None:
         lasting: how long it is seen, where it does not say.
         place: of the view.
     """
-    if _is_wrong(view) or any(_is_wrong(row) for rows in _rows(view).values() for row in rows):
+    if is_wrong(view) or any(is_wrong(row) for rows in _rows(view).values() for row in rows):
         return None  # noted before
     things: dict[str, Any] = {}
     for place_key, rows in _rows(view).items():
@@ -370,7 +370,7 @@ def _rows(view: View) -> dict[str, tuple[Any, ...]]:
     return {"satellite": view.satellites, "ground": view.ground, "occulter": view.spheres}
 
 
-def _is_wrong(part: Any) -> bool:
+def is_wrong(part: Any) -> bool:
     """Whether a part of a view, or an attribute of it, is `WRONG`."""
     return part is WRONG or any(value is WRONG for value in vars(part).values())
 

@@ -16,10 +16,21 @@ from jaxplan.schema.arrays import QUATERNION, Array, each_drive, each_terminal
 from jaxplan.schema.checks import check_targets
 from jaxplan.schema.declared import ANGLE, ANGLE_DEG, KINDS, declared
 from jaxplan.schema.faults import WRONG, Place, Reading, nearest
-from jaxplan.schema.kinds import Kind
+from jaxplan.schema.kinds import Choice, Kind
 from jaxplan.schema.tables import Either, Field, Table
 
+INERTIAL, LOCAL = "inertial", "local"
 _JOINT_PARTS = ("yaws", "pitches", "drives")
+
+
+@shown("rotation_vector deg", "joints deg", "angular_velocity deg/s", "joint_rates deg/s")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LocalState(GivenState):
+    """A state whose attitude counts from the observer's orbit, until it is known where that is.
+
+    Its rotation vector takes body axes to the local orbital frame (`jaxplan.sky.local_axes`), and its angular
+    velocity is the one within this frame: zero where the platform turns with it.
+    """
 
 
 def make_state(parts: dict[str, Any], place: Place) -> GivenState:
@@ -27,6 +38,7 @@ def make_state(parts: dict[str, Any], place: Place) -> GivenState:
 
     Its joints are yaws, pitches and angles of drives, or angles by names of devices.
     """
+    model = LocalState if parts.pop("frame", INERTIAL) == LOCAL else GivenState
     by_name = parts.pop("joints_by_name", None)
     found = {of: parts.pop(f"{of}_deg", parts.pop(of, None)) for of in _JOINT_PARTS}
     given = [own for own in found.values() if own is not None]
@@ -45,7 +57,7 @@ def make_state(parts: dict[str, Any], place: Place) -> GivenState:
             given.append(WRONG if reading.ranges is None else np.clip(0.0, *reading.ranges[-drives:].T))
         joints = WRONG if any(own is WRONG for own in given) else np.concatenate([np.zeros(0), *given])
     turned = parts.pop("quaternion", None)
-    return GivenState(**parts | {"joints": joints} | ({} if turned is None else {"rotation_vector": turned}))
+    return model(**parts | {"joints": joints} | ({} if turned is None else {"rotation_vector": turned}))
 
 
 def _counted(count: int) -> str:
@@ -149,13 +161,19 @@ _QUATERNION = Field(
     "the attitude as a quaternion, scalar first",
     instead_of="rotation_vector",
 )
+_FRAME = Field(
+    "frame",
+    Choice((INERTIAL, LOCAL)),
+    "frame",
+    "from which attitude and angular velocity count: with [sky] the local orbital frame, too, as it is then",
+)
 STATE = declared(
     GivenState,
-    before={"angular_velocity_rad_s": (_QUATERNION, *_ANGLES)},
+    before={"angular_velocity_rad_s": (_QUATERNION, _FRAME, *_ANGLES)},
     make=make_state,
     split=split_state,
 )
-STATE_KEYS = ["attitude", *(entry.key for entry in (_QUATERNION, *_ANGLES))]
+STATE_KEYS = ["attitude", *(entry.key for entry in (_QUATERNION, _FRAME, *_ANGLES))]
 WISH = declared(Wish)
 
 

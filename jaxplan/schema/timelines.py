@@ -40,6 +40,7 @@ from jaxplan.schema.fields import check_zones
 from jaxplan.schema.headings import HEADING, Heading
 from jaxplan.schema.kinds import Choice, Text
 from jaxplan.schema.layout import SCENARIO, split_scenario
+from jaxplan.schema.local_frame import in_inertial
 from jaxplan.schema.reading import PythonReading, count_terminals, read_file, with_epoch, with_start
 from jaxplan.schema.robust import check_robust
 from jaxplan.schema.sky import Aim, Followed, Lasting, View, resolve_all
@@ -273,6 +274,7 @@ def _seen(
         return scene, activities  # how long names are followed cannot be told
     scene, found = resolve_all(scene, aims, view, lasting, root)
     start, *targets = found
+    start = in_inertial(start, view, 0.0, root["start"])
     scene = replace(scene, start=start)
     changed: list[dict[str, Any]] = [{kind: own} for kind, own in zip(kinds, targets, strict=True)]
     return scene, [replace(one, **own) for one, own in zip(activities, changed, strict=True)]
