@@ -33,6 +33,7 @@ _PLANNERS = "mha, mha-paper, wastar, rrt_star or rrt_connect"
 _HOMES = {
     "new": "scenes",
     "validate": "scenes",
+    "passes": "sky",
     "study": "studies",
     "table4": "studies",
     "timeline": "timelines",
@@ -209,6 +210,26 @@ def _add_scene_commands(commands: Any) -> None:
     )
     validate.add_argument("files", nargs="+", metavar="SCENARIO", help=f"{_SCENARIO}; or {_TIMELINE}")
     validate.add_argument("--json", action="store_true", help="print what was found for machines")
+    passes = commands.add_parser(
+        "passes",
+        help="say when targets can be seen",
+        description=(
+            "Say when the satellites and points of the ground in a file's [sky] can be seen, how high, how "
+            "far away and how far off nadir: the windows of a timeline's activities."
+        ),
+    )
+    passes.add_argument(
+        "scene", metavar="FILE", help="of a scenario or timeline, or case-day or case-imaging"
+    )
+    passes.add_argument("targets", nargs="*", metavar="TARGET", help="names in [sky]; all unless told")
+    passes.add_argument(
+        "--for",
+        dest="duration",
+        type=_seconds,
+        metavar="S",
+        help="for how long from epoch_utc on, up to 31 days (for_duration_s, else a day)",
+    )
+    passes.add_argument("--json", action="store_true", help="print them for machines")
 
 
 def _add_plan_commands(commands: Any) -> None:

@@ -7,6 +7,7 @@ are is asked of pyerfa, and only where it matters: none has ever come but at the
 
 import re
 import warnings
+from collections.abc import Sequence
 from datetime import UTC, datetime
 
 import numpy as np
@@ -63,6 +64,22 @@ def utc_texts(start: np.datetime64, times: np.ndarray) -> list[str]:
         stamps = np.where(late, stamps - _SECOND, stamps)
     texts = np.datetime_as_string(stamps, unit="ns").tolist()
     return [f"{text[:17]}60{text[19:]}" if odd else text for text, odd in zip(texts, leap, strict=True)]
+
+
+def utc_stamps(epoch: np.datetime64, times: Sequence[float]) -> list[str]:
+    """UTC of times, s after an epoch and in any order, to the millisecond, as in ``2026-06-20T09:30:00.000``.
+
+    Args:
+        epoch: of the start.
+        times: k of them.
+    """
+    given = np.round(np.asarray(times, float), 3)
+    order = np.argsort(given, kind="stable")
+    texts = utc_texts(epoch.astype("datetime64[ns]"), given[order]) if len(given) else []
+    found = [""] * len(given)
+    for place, text in zip(order.tolist(), texts, strict=True):
+        found[place] = text[:23]
+    return found
 
 
 def seconds_between(start: np.datetime64, stamp: np.datetime64) -> float:

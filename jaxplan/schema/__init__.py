@@ -3,14 +3,14 @@
 What a file may hold is declared with the fields of these dataclasses. `kinds` and `arrays` read single
 values, `tables` makes tables of dataclasses, and `layout` adds what no field can say. `checks` knows what
 must go together, `sky` what bodies and satellites stand for. `reading` and `timelines` have the entry points,
-`text` is TOML and has words for every key, and `numbers` finds numbers that may be tuned.
+`text` is TOML and has words for every key, `observers` reads [sky] alone, and `numbers` finds numbers that
+may be tuned.
 """
 
 from jaxplan.schema.faults import ScenarioError
+from jaxplan.schema.observers import Sky, find_observer, load_observer, load_sky
 from jaxplan.schema.reading import (
     dump_scenario,
-    find_observer,
-    load_observer,
     load_scenario,
     parse_scenario,
     save_scenario,
@@ -30,11 +30,13 @@ from jaxplan.schema.timelines import (
 
 __all__ = [
     "ScenarioError",
+    "Sky",
     "dump_scenario",
     "dump_timeline",
     "find_observer",
     "load_observer",
     "load_scenario",
+    "load_sky",
     "load_timeline",
     "parse_scenario",
     "parse_timeline",

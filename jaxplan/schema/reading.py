@@ -14,13 +14,11 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pkgutil import resolve_name
 from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxplan import sky
 from jaxplan.model.keys import unit_of
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
@@ -33,7 +31,6 @@ from jaxplan.schema.fields import check_zones
 from jaxplan.schema.kinds import Epoch, Kind
 from jaxplan.schema.layout import SCENARIO, SPACECRAFT
 from jaxplan.schema.local_frame import in_inertial
-from jaxplan.schema.orbits import Orbit
 from jaxplan.schema.robust import check_robust
 from jaxplan.schema.sky import View, resolve
 from jaxplan.schema.states import Pointing
@@ -163,42 +160,6 @@ def scenario_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
     if root.reading.faults:
         raise ScenarioError(root.reading.faults)
     return scenario
-
-
-def load_observer(path: str | os.PathLike[str]) -> sky.Satellite:
-    """Read the orbit of the observer of a file's ``[sky]``; nothing else of the file is looked at.
-
-    Args:
-        path: of a TOML file in UTF-8, of a scenario or a timeline.
-
-    Raises:
-        ScenarioError: the file cannot be read, or has none; the message lists every fault.
-
-    Example:
-        >>> jp.plot.ground_track(plan, observer=jp.load_observer("scene.toml"))
-    """
-    return read_file(path, partial(_observer, needed=True), texts.LARGEST_TIMELINE)
-
-
-def find_observer(path: str | os.PathLike[str]) -> sky.Satellite | None:
-    """Read the orbit as `load_observer` does, from a file that may have none: then it is None."""
-    return read_file(path, partial(_observer, needed=False), texts.LARGEST_TIMELINE)
-
-
-def _observer(text: str, *, folder: str | os.PathLike[str] = "", needed: bool) -> Any:
-    """The observer in the text of a file; where it has none, None or a `ScenarioError` if it is needed."""
-    if not needed and "observer" not in text:
-        return None
-    root = Place(Reading())
-    root.reading.folder = folder
-    table = texts.parse(text, texts.LARGEST_TIMELINE).get("sky")
-    given, place = table.get("observer") if isinstance(table, dict) else None, root["sky"]["observer"]
-    if given is None and not needed:
-        return None
-    observer = place.fault("missing, must say the orbit") if given is None else Orbit().read(given, place)
-    if root.reading.faults:
-        raise ScenarioError(root.reading.faults)
-    return observer
 
 
 def _in_inertial(scenario: Scenario, view: Any, root: Place) -> Scenario:

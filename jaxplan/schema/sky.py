@@ -206,7 +206,7 @@ def resolve_all(
         for place, axis in looked_up:
             vector = "must be a unit vector of 3 numbers; a name " * (axis.key == "direction")
             place.fault(f"{vector}needs [sky], with epoch_utc and observer", axis.name)
-    seen = _known(view, lasting, root["sky"]) if view is not None and looked_up else None
+    seen = known(view, lasting, root["sky"]) if view is not None and looked_up else None
     if seen is None:
         return scenario, [aim.targets for aim in aims]
     for kind, rows in zones.items():
@@ -328,7 +328,7 @@ def _tried(make: Callable[[], Any], place: Place, *value: object) -> Any:
         return place.fault(str(error), *value)
 
 
-def _known(view: View, lasting: Lasting, place: Place) -> Known | None:
+def known(view: View, lasting: Lasting, place: Place) -> Known | None:
     """Find what the view's names stand for; None, after noting why, if a part of it is wrong.
 
     Args:

@@ -26,6 +26,7 @@ from jaxplan.sky.frames import BODIES, RADII
 from jaxplan.sky.ground import GroundPoint
 from jaxplan.sky.kepler import KeplerOrbit
 from jaxplan.sky.lines import Occulter, hidden, occulter, target
+from jaxplan.sky.passes import Pass, passes
 from jaxplan.sky.satellites import CircularOrbit, StaleTleWarning, Tle, TleError, parse_tle
 from jaxplan.sky.sights import (
     LOCAL,
@@ -51,6 +52,7 @@ __all__ = [
     "GroundPoint",
     "KeplerOrbit",
     "Occulter",
+    "Pass",
     "Satellite",
     "SpkBody",
     "StaleTleWarning",
@@ -65,6 +67,7 @@ __all__ = [
     "local_axes",
     "occulter",
     "parse_tle",
+    "passes",
     "path",
     "positions",
     "read_oem",

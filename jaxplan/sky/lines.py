@@ -133,9 +133,60 @@ def hidden(
     Returns:
         Spans in the order of their beginnings, of each thing that hides it; they may overlap.
     """
+    times = drift_times(observer, duration_s)
+    heights = _heights(thing, times, epoch, observer, atmosphere_km, occulters)
+    found = [
+        Hidden(target=name, by=by, start=start, end=end)
+        for by, height in heights
+        for start, end in _spans_below(height, times)
+    ]
+    return tuple(sorted(found, key=lambda span: span.start))
+
+
+def seen_between(
+    thing: Thing,
+    times: np.ndarray,
+    *,
+    epoch: Epoch,
+    observer: Thing,
+    atmosphere_km: float = 0.0,
+    occulters: Sequence[Occulter] = (),
+) -> list[tuple[float, float]]:
+    """Find the spans (start, end) s in which nothing hides a target, in their order.
+
+    Args:
+        thing: what is looked at: a satellite or a point of the ground.
+        times: (n,) s, rising: over which, and where it is looked at first, as `hidden` does.
+        epoch: UTC, from which times count.
+        observer: who looks.
+        atmosphere_km: as of `hidden`.
+        occulters: as of `hidden`.
+    """
+    heights = _heights(thing, times, epoch, observer, atmosphere_km, occulters)
+    hiding = sorted(span for _, height in heights for span in _spans_below(height, times))
+    seen, begin = [], float(times[0])
+    for start, end in [*hiding, (float(times[-1]), np.inf)]:
+        if start > begin:
+            seen.append((begin, start))
+        begin = max(begin, end)
+    return seen
+
+
+def _heights(
+    thing: Thing,
+    times: np.ndarray,
+    epoch: Epoch,
+    observer: Thing,
+    atmosphere_km: float,
+    occulters: Sequence[Occulter],
+) -> list[tuple[str, Height]]:
+    """How far the line to a target is above each thing that may hide it, by the names of these.
+
+    Raises:
+        ValueError: if the air has no such height, or the observer is inside of a sphere at one of the times.
+    """
     if not 0 <= number("atmosphere_km", atmosphere_km, "a number of km") <= 1000:
         raise ValueError(f"atmosphere_km = {atmosphere_km}: must lie in [0, 1000]")
-    times = drift_times(observer, duration_s)
     spheres = [one for one in occulters if one.thing is not thing]
     heights: list[tuple[str, Height]] = []
     if isinstance(thing, GroundPoint):
@@ -150,12 +201,7 @@ def hidden(
                 f"must be beyond {sphere.radius:.6g}"
             )
         heights.append((sphere.name, partial(_beside, sphere, thing, observer, epoch)))
-    found = [
-        Hidden(target=name, by=by, start=start, end=end)
-        for by, height in heights
-        for start, end in _spans_below(height, times)
-    ]
-    return tuple(sorted(found, key=lambda span: span.start))
+    return heights
 
 
 def _above_horizon(

@@ -1,31 +1,15 @@
 """A planned day as rows of text: activities for tables, events for tables and files, and stamps of UTC."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
-from jaxplan.model.epochs import utc_texts
+from jaxplan.model.epochs import utc_stamps
 from jaxplan.timeline.events import Event
 from jaxplan.timeline.record import TimelinePlan
 
 NONE = "\N{EN DASH}"
 """What stands where nothing is known."""
-
-
-def utc_stamps(epoch: np.datetime64, times: Sequence[float]) -> list[str]:
-    """UTC of times, s after an epoch and in any order, to the millisecond, as in ``2026-06-20T09:30:00.000``.
-
-    Args:
-        epoch: of the start.
-        times: k of them.
-    """
-    given = np.round(np.asarray(times, float), 3)
-    order = np.argsort(given, kind="stable")
-    texts = utc_texts(epoch.astype("datetime64[ns]"), given[order]) if len(given) else []
-    found = [""] * len(given)
-    for place, text in zip(order.tolist(), texts, strict=True):
-        found[place] = text[:23]
-    return found
 
 
 def clock(plan: TimelinePlan) -> str:

@@ -10,8 +10,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from jaxplan.model.epochs import utc_stamps
 from jaxplan.timeline.events import events
-from jaxplan.timeline.listing import event_rows, utc_stamps
+from jaxplan.timeline.listing import event_rows
 from jaxplan.timeline.record import TimelinePlan
 
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import jaxplan as jp
 from jaxplan import sky
-from jaxplan.schema.reading import load_observer
+from jaxplan.schema import load_observer
 
 czml3 = pytest.importorskip("czml3", reason="czml3 is not installed")
 erfa = pytest.importorskip("erfa", reason="pyerfa is not installed")

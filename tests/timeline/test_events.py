@@ -10,9 +10,10 @@ from days import END, EPOCH, HIDDEN, RATE, day, zone
 from wheels import INERTIA, random_wheels
 
 import jaxplan as jp
+from jaxplan.model.epochs import utc_stamps
 from jaxplan.model.zones import KeepIn
 from jaxplan.timeline.events import KINDS, events
-from jaxplan.timeline.listing import activity_rows, clock, event_rows, events_table, stamps, utc_stamps
+from jaxplan.timeline.listing import activity_rows, clock, event_rows, events_table, stamps
 
 
 def _times(found, kind, what=None):

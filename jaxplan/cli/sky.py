@@ -1,0 +1,84 @@
+"""The command ``passes``: when satellites and points of the ground in a file's ``[sky]`` can be seen."""
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+from jaxplan.cli.common import DONE, print_result
+from jaxplan.cli.timelines import file_of
+from jaxplan.model.epochs import utc_stamps
+from jaxplan.runtime.progress import progress_bar
+from jaxplan.schema import Sky, load_sky
+from jaxplan.sky import Pass
+from jaxplan.sky.passes import LONGEST
+
+_HEAD = ("target", "from (UTC)", "until (UTC)", "lasts s", "best (UTC)", "up deg", "off nadir deg", "km")
+_LEFT = 2  # the first columns are texts that begin at the left
+
+
+def passes(options: argparse.Namespace) -> int:
+    """Print the passes of what a scene or a timeline looks at, in the order in which they begin."""
+    seen = load_sky(file_of(options.scene))
+    names = list(dict.fromkeys(options.targets)) or list(seen.things)
+    unknown = [name for name in names if name not in seen.things]
+    if unknown or not names:
+        raise ValueError(f"{options.scene}: {': '.join([*unknown[:1], seen.known])}")
+    if options.duration is not None and not 0 < options.duration <= LONGEST:
+        raise ValueError(f"--for {options.duration:g}: must lie in (0, {LONGEST:.0f}] s, which is 31 days")
+    found: list[Pass] = []
+    with progress_bar("looking", "targets", total=len(names)) as bar:
+        for name in names:
+            found += seen.passes(name, duration_s=options.duration)
+            bar.update()
+    found.sort(key=lambda one: (one.start, one.target))
+    duration = seen.duration if options.duration is None else options.duration
+    never = [name for name in names if name not in {one.target for one in found}]
+    if options.json:
+        print_result({"epoch_utc": str(seen.epoch), "for_s": duration, "passes": _summaries(found, seen)})
+    else:
+        notes = [f"never seen in {duration:g} s: {', '.join(never)}"] if never else []
+        print_result("\n".join([*_table(found, seen), *notes]))
+    return DONE
+
+
+def _summaries(found: list[Pass], seen: Sky) -> list[dict[str, Any]]:
+    """Passes as dicts in the units of files; instants in s from the epoch on and in UTC."""
+    return [
+        {
+            "target": one.target,
+            "from_s": one.start,
+            "until_s": one.end,
+            "best_s": one.best,
+            **dict(zip(("from_utc", "until_utc", "best_utc"), _stamps(one, seen), strict=True)),
+            "elevation_deg": None if one.elevation is None else float(np.rad2deg(one.elevation)),
+            "off_nadir_deg": float(np.rad2deg(one.off_nadir)),
+            "distance_km": one.distance,
+        }
+        for one in found
+    ]
+
+
+def _stamps(one: Pass, seen: Sky) -> list[str]:
+    """UTC of beginning, end and best instant of a pass, to the millisecond."""
+    return utc_stamps(seen.epoch, [one.start, one.end, one.best])
+
+
+def _table(found: list[Pass], seen: Sky) -> list[str]:
+    """Lines of a table of passes, the first one its head; none where there are no passes."""
+    if not found:
+        return []
+    rows = [_HEAD]
+    for one in found:
+        start, end, best = (stamp.replace("T", " ")[:19] for stamp in _stamps(one, seen))
+        high = "" if one.elevation is None else f"{np.rad2deg(one.elevation):.1f}"
+        off = f"{np.rad2deg(one.off_nadir):.1f}"
+        rows.append((one.target, start, end, f"{one.duration:.0f}", best, high, off, f"{one.distance:.0f}"))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            f"{cell:<{width}}" if number < _LEFT else f"{cell:>{width}}"
+            for number, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]

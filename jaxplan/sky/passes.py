@@ -1,0 +1,149 @@
+"""Passes: when a satellite or a point of the ground can be seen, and how it is seen then.
+
+They are the windows of what is to be done: between them nothing of `jaxplan.sky.lines` hides the target.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxplan.geometry.vectors import separation
+from jaxplan.model.epochs import parse_epoch
+from jaxplan.runtime.arguments import number
+from jaxplan.runtime.display import shown
+from jaxplan.sky.ground import GroundPoint, elevation
+from jaxplan.sky.lines import Occulter, seen_between
+from jaxplan.sky.sights import Epoch, Satellite, Thing, directions, positions
+
+LONGEST = 31 * 86400.0
+"""s, the longest time over which passes are looked for."""
+_STEP = 10.0  # s between looks at whether something is seen, at most
+_LOOKS = 64  # within a pass, at how it is seen
+_THIRDS = 40  # steps of ternary search for the best instant, each of which takes a third off
+
+
+@shown("target", "start s", "end s", "best s", "elevation deg", "distance km", "off_nadir deg")
+@dataclass(frozen=True, kw_only=True)
+class Pass:
+    """A span of time in which a target can be seen.
+
+    Attributes:
+        target: its name.
+        start: s from the epoch on, when it comes into sight, or 0.
+        end: s, when it goes out of sight, or when the looking ends.
+        best: s, when it is highest above the horizon of a point of the ground, or a satellite is nearest.
+        elevation: rad, of the observer above the horizon of a point of the ground then; None of a satellite.
+        distance: km, then.
+        off_nadir: rad, the angle at the observer between the Earth's centre and the target then.
+    """
+
+    target: str
+    start: float
+    end: float
+    best: float
+    elevation: float | None
+    distance: float
+    off_nadir: float
+
+    @property
+    def duration(self) -> float:
+        """How long it lasts, s."""
+        return self.end - self.start
+
+
+def passes(
+    thing: Satellite | GroundPoint,
+    *,
+    epoch: Epoch,
+    observer: Satellite,
+    duration_s: float,
+    name: str = "target",
+    atmosphere_km: float = 0.0,
+    occulters: Sequence[Occulter] = (),
+) -> tuple[Pass, ...]:
+    """Find when a satellite or a point of the ground can be seen.
+
+    A point of the ground is seen from its least elevation on, a satellite past the Earth with its air and
+    past the occulters, as targets of a plan are. The line is looked at every 10 s, and its least and
+    greatest clearance between, so that short passes are found, too.
+
+    Args:
+        thing: what is looked at.
+        epoch: UTC, from which times count.
+        observer: who looks.
+        duration_s: s, for how long, in (0, 31 * 86400].
+        name: of the target.
+        atmosphere_km: height that counts as the Earth, in [0, 1000].
+        occulters: spheres that may hide it, beside the Earth.
+
+    Returns:
+        The passes in their order; the first may have begun before, and the last one go on.
+
+    Raises:
+        TypeError: if it is neither a satellite nor a point of the ground.
+        ValueError: if a number is out of range, or a motion not known for so long.
+
+    Example:
+        >>> lisbon = jp.sky.GroundPoint(latitude=0.676, longitude=-0.159, minimum_elevation=0.17)
+        >>> jp.sky.passes(lisbon, epoch="2026-03-20T12:00:00", observer=here, duration_s=86400.0)
+    """
+    for argument, given, kinds in (
+        ("thing", thing, (Satellite, GroundPoint)),
+        ("observer", observer, (Satellite,)),
+    ):
+        if not isinstance(given, kinds):
+            raise TypeError(
+                f"{argument} must be a satellite{' or a GroundPoint' * (len(kinds) > 1)}, not {given!r}"
+            )
+    if not 0 < number("duration_s", duration_s, "a number of s") <= LONGEST:
+        raise ValueError(f"duration_s = {duration_s}: must lie in (0, {LONGEST:.0f}]")
+    times = np.linspace(0.0, duration_s, max(3, int(np.ceil(duration_s / _STEP)) + 1))
+    spans = seen_between(
+        thing, times, epoch=epoch, observer=observer, atmosphere_km=atmosphere_km, occulters=occulters
+    )
+    if not spans:
+        return ()
+    starts, ends = np.array(spans).T
+    best = _best(thing, starts, ends, epoch, observer)
+    here, there = (positions(one, epoch=epoch, times=best) for one in (observer, thing))
+    toward = directions(thing, epoch=epoch, observer=observer, times=best)
+    down = directions("nadir", epoch=epoch, observer=observer, times=best)
+    high = [None] * len(best)
+    if isinstance(thing, GroundPoint):
+        high = elevation(thing, here, parse_epoch(epoch), best).tolist()
+    return tuple(
+        Pass(target=name, start=start, end=end, best=at, elevation=up, distance=far, off_nadir=off)
+        for start, end, at, up, far, off in zip(
+            starts.tolist(),
+            ends.tolist(),
+            best.tolist(),
+            high,
+            np.linalg.norm(there - here, axis=-1).tolist(),
+            separation(toward, down).tolist(),
+            strict=True,
+        )
+    )
+
+
+def _best(thing: Thing, starts: np.ndarray, ends: np.ndarray, epoch: Epoch, observer: Thing) -> np.ndarray:
+    """Times (k,) s within spans when a target is highest, or nearest if it is a satellite."""
+
+    def worth(times: np.ndarray) -> np.ndarray:
+        here, flat = positions(observer, epoch=epoch, times=times.ravel()), times.ravel()
+        if isinstance(thing, GroundPoint):
+            found = elevation(thing, here, parse_epoch(epoch), flat)
+        else:
+            found = -np.linalg.norm(positions(thing, epoch=epoch, times=flat) - here, axis=-1)
+        return found.reshape(times.shape)
+
+    looks = np.linspace(starts, ends, _LOOKS + 1, axis=-1)
+    place = np.argmax(worth(looks), axis=-1)[:, None]
+    low, high = (
+        np.take_along_axis(looks, np.clip(place + side, 0, _LOOKS), axis=-1)[:, 0] for side in (-1, 1)
+    )
+    for _ in range(_THIRDS):
+        first, second = low + (high - low) / 3, high - (high - low) / 3
+        later = worth(first) < worth(second)
+        low, high = np.where(later, first, low), np.where(later, high, second)
+    return np.asarray((low + high) / 2)
