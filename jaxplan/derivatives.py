@@ -127,8 +127,8 @@ def hold(plan: Plan, *, nodes: int = FEWEST_NODES) -> Held:
 def hold_each(plans: Sequence[Plan], *, nodes: int) -> Iterator[Held]:
     """Yield what is held of each plan, as of `hold`, with all their fits made together."""
     clear_if_full()
-    ways = [_followable(plan) for plan in plans]
     with one_thread():
+        ways = [_followable(plan) for plan in plans]
         fits = fit_batch(
             [wanted_fit(plan.scenario, path, goal, plan.trajectory) for plan, path, goal, _ in ways]
         )

@@ -234,8 +234,10 @@ def _load_any_plan(name: str) -> Plan | TimelinePlan:
 
 def _certified_anew(plan: Plan | TimelinePlan) -> Certificate:
     """The certificate of a plan, made anew."""
+    if not isinstance(plan, TimelinePlan):
+        return planner.certify(plan)
     with progress_bar("proving"):
-        return plan.certify() if isinstance(plan, TimelinePlan) else planner.certify(plan)
+        return plan.certify()
 
 
 def _code_of(plan: Plan | TimelinePlan) -> int:

@@ -19,6 +19,7 @@ from fake_study import plan_nothing, task
 
 import jaxplan as jp
 from jaxplan import sky
+from jaxplan.cases import case_path
 from jaxplan.certificate import Claim, EndState, ProvedMargin
 from jaxplan.constellation import Constellation
 from jaxplan.constellation.shell import Shell
@@ -34,7 +35,7 @@ from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut, Mask
 from jaxplan.paper import derivative as paper
 from jaxplan.planner.steps import fit
 from jaxplan.runtime.display import UNKNOWN, as_table, shown
-from jaxplan.schema.states import Pointing
+from jaxplan.schema.states import LocalState, Pointing
 from jaxplan.search import Barrier, JointBarrier
 from jaxplan.sky import spk
 from jaxplan.study.run import run_task
@@ -210,9 +211,12 @@ def results(plan, failed, scenario):
     observer = make_observer()
     panel = FixedVector(along=np.eye(3)[0], to="terminal-1")
     corner = JointBound(name="corner", device="terminal-1", normal=np.array([0.6, 0.8]), least=-1.0)
+    day = jp.load_sky(case_path("case-imaging"))
     table = jp.AttitudeTable(times=np.arange(2.0), quaternions=np.tile(np.eye(4)[0], (2, 1)))
     return [
         *(table, jp.certify_table(table, None, scenario)),
+        *(day, *day.passes("oslo", duration_s=3600.0)),
+        LocalState(rotation_vector=np.zeros(3), joints=np.zeros(0)),
         *(scenario, plan.scenario, scenario.start, scenario.goal, scenario.search, scenario.trajectory),
         jp.Robust(attitude_error=0.01, torque_reserve=10.0),
         *(scenario.spacecraft, *craft.terminals, *scenario.spacecraft.instruments, *scenario.keep_out),

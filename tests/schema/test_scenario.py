@@ -312,6 +312,7 @@ def test_the_example_file_uses_every_key():
     ]
     assert keys(TERMINAL, *mounted, *own) == set(used["spacecraft"]["terminal"][0])
     angles = ("yaw_deg", "pitch_deg", "drive_rad", "drive_deg", "joints_deg")
+    angles += ("frame",)  # which is resolved, too
     assert keys(STATE, "quaternion_wxyz", *angles) == set(used["start"])
     assert keys(TARGETS, "prefer", "hold", "criterion", "tolerance_deg") == set(used["goal"])
     others = ("satellite", "direction_samples", "times_s", "axis_body", "axis_device")
