@@ -276,7 +276,28 @@ def states_found(timeline: jp.Timeline, refused: PlannedActivity, samples: int) 
     margins = state_margins(scene, attitudes, joints, np.full(len(joints), at)) if len(joints) else {}
     for margin in margins.values():
         good &= margin > room
+    if asked.targets is not None:
+        good[good] = _slow_enough(timeline, asked, attitudes[good], at)
     return int(np.sum(good))
+
+
+def _slow_enough(timeline: jp.Timeline, asked: jp.Activity, attitudes: np.ndarray, at: float) -> np.ndarray:
+    """Whether the platform can turn as an activity's targets ask of attitudes (k, 3, 3) at a time, s.
+
+    Where they leave it a choice of rates, it can; else the rate is that at which what they ask stays zero.
+    """
+    craft = timeline.scene.usable
+    own = Pursuit.of(craft, timeline.scene.constraints, asked.targets)
+    if own.equations < 3 or not len(attitudes):
+        return np.ones(len(attitudes), bool)
+    _, slopes = own.residuals(attitudes, np.full(len(attitudes), at))
+    ahead, behind = (
+        own.residuals(attitudes, np.full(len(attitudes), at + side))[0] for side in (0.01, -0.01)
+    )
+    spins = -(np.linalg.pinv(slopes) @ (ahead - behind)[..., None])[..., 0] / 0.02
+    longest = np.inf if craft.rate_norm_limit is None else craft.rate_norm_limit
+    within = np.all(np.abs(spins) <= craft.rate_limit, axis=1)
+    return within & (np.linalg.norm(spins, axis=1) <= longest)
 
 
 def _states(

@@ -123,6 +123,10 @@ class LeastMotion:
         """How far each node (K + 1,) is beyond the worst of ranges and constraints, rad; at least 0."""
         return np.maximum(0, np.max(-self._left(nodes), axis=1, initial=0.0))
 
+    def depth(self, nodes: Nodes) -> float:
+        """How far the worst node is beyond the worst of ranges and constraints, rad; below zero within."""
+        return float(np.max(-self._left(nodes), initial=-np.inf))
+
     def _nodes(self, times: np.ndarray, attitudes: np.ndarray, rest: np.ndarray) -> Nodes:
         """Nodes at attitudes near given ones at which targets are met, with joints that follow."""
         met = self.pursuit.meeting(attitudes, times)

@@ -4,7 +4,8 @@ A motion depends on when it begins, on the state that the spacecraft comes from,
 target on where they are then. Where there is none, `Refused` says which device, zone or second is in the way.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -30,7 +31,7 @@ from jaxplan.planner.validity import breaches
 from jaxplan.timeline import curves
 from jaxplan.timeline.least_motion import Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
-from jaxplan.timeline.tracking import State, Tracked, led_back, track
+from jaxplan.timeline.tracking import State, Tracked, led_back, roomiest, track
 from jaxplan.trajectory import Trajectory
 
 _SLEW_TIME = 30.0  # s, a usual slew; it weighs the way to a motion against the motion's own energy
@@ -169,21 +170,35 @@ class Doing:
         end = self.ends(begin)
         if self.last is not None and self.last.tracked is not None:
             nodes = self.last.tracked.nodes
-            return self._tracked(targets, [nodes.attitudes], nodes.joints[0], begin)
+            with suppress(Refused):  # later there may be another way
+                return self._tracked(targets, [nodes.attitudes], nodes.joints[0], begin)
         found = self._decomposed(targets, begin)
         if not end > begin:
             return self._instant(targets, found.goals, begin)
-        attitudes = [goal.attitude[None] for goal in found.goals]
-        joints = found.goals[0].joints
-        try:
-            return self._tracked(targets, attitudes, joints, begin)
-        except Refused:  # what is best at the start may lead where nothing is at the end
-            later = self._attempted(self.scene.usable, targets, end).goals
-            if not later:
-                raise
-            pursuit = Pursuit.of(self.scene.usable, self.scene.constraints, targets)
-            attitudes = [led_back(pursuit, goal.attitude, begin, end) for goal in later]
-            return self._tracked(targets, attitudes, joints, begin)
+        joints, refusal = found.goals[0].joints, None
+        for guesses in self._first_guesses(targets, found.goals, begin):
+            if guesses:
+                try:
+                    return self._tracked(targets, guesses, joints, begin)
+                except Refused as refused:
+                    refusal = refusal or refused
+        assert refusal is not None
+        raise refusal
+
+    def _first_guesses(
+        self, targets: Targets, goals: Sequence[Goal], begin: float
+    ) -> Iterator[list[np.ndarray]]:
+        """Yield lists of attitudes (1, 3, 3) at a time, s, from which a track may lead, likely ones first.
+
+        What is best at the start may lead where nothing is at the end, so those follow from which targets
+        lead to what is best there; then those with the most room, wherever they are.
+        """
+        end, craft, rows = self.ends(begin), self.scene.usable, self.scene.constraints
+        pursuit = Pursuit.of(craft, rows, targets)
+        yield [goal.attitude[None] for goal in goals]
+        later = self._attempted(craft, targets, end).goals
+        yield [led_back(pursuit, goal.attitude, begin, end) for goal in later]
+        yield roomiest(pursuit, self.before.joints, begin, end, count=_GOALS, seed=self.scene.search.seed)
 
     def _decomposed(self, targets: Targets, begin: float) -> Decomposition:
         """States at a time, s, in which devices point at their targets, the best first."""

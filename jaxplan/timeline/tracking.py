@@ -10,6 +10,7 @@ the instants looked at, and the certificate proves it for all.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from jaxplan import so3
 from jaxplan.model.spacecraft import Spacecraft
@@ -26,6 +27,8 @@ _PART = 0.05  # of the tolerance by which a device may be off its target between
 _BETWEEN = 4  # instants looked at in each interval
 _ASIDE = 0.2  # rad, by which a motion is turned to give way to what comes head-on
 _FINE = 8  # steps from node to node in which attitudes are carried along
+_DRAWN = 64  # attitudes, from which targets may lead where there is room
+_GLANCES = 33  # instants at which it is seen how much room there is
 _PLACES = 64  # at which it is measured how far targets turn
 
 
@@ -228,6 +231,38 @@ def _still(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.ndar
 def led_back(pursuit: Pursuit, attitude: np.ndarray, start: float, end: float) -> np.ndarray:
     """The attitude (1, 3, 3) at the start, s, from which targets lead to a given one (3, 3) at the end, s."""
     return _still(pursuit, attitude, np.linspace(end, start, _FEWEST + 1))[-1:]
+
+
+def roomiest(
+    pursuit: Pursuit, joints: np.ndarray, start: float, end: float, *, count: int, seed: int
+) -> list[np.ndarray]:
+    """Find attitudes (1, 3, 3) at the start from which targets lead where most room is left all along.
+
+    They are drawn at random, and led along by the targets from the start and from the end.
+
+    Args:
+        pursuit: what must point where, and what must hold.
+        joints: (J,) rad, of devices without a target.
+        start: s.
+        end: s.
+        count: how many are wanted; there are none where targets leave one attitude alone.
+        seed: of the draws.
+    """
+    if pursuit.equations >= 3:
+        return []
+    search = LeastMotion(pursuit, Wanted(attitude=None, joints=joints, slew_time=1.0))
+    drawn = Rotation.random(_DRAWN, rng=seed).as_matrix()
+    found: list[tuple[float, int, np.ndarray]] = []
+    for ends in ((start, end), (end, start)):
+        times = np.linspace(*ends, _GLANCES)
+        ways = [drawn]
+        for time in times:
+            ways.append(pursuit.meeting(ways[-1], np.full(len(drawn), time)))
+        order = np.argsort(times)
+        for way in np.swapaxes(ways[1:], 0, 1):
+            nodes = search.first(times[order], way[order], joints)
+            found.append((search.depth(nodes), len(found), nodes.attitudes[:1]))
+    return [attitude for _, _, attitude in sorted(found)[:count]]
 
 
 def _carried(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.ndarray:
