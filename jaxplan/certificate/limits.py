@@ -155,8 +155,11 @@ def prove(limited: Sequence[Limited], evidence: Evidence) -> Minima:
     """Bound the least of ``1 - |f| / limit`` over all time.
 
     Returns:
-        The minima, a clause each for the components of all quantities in turn, trajectory by trajectory.
+        The minima, a clause each for the components of all quantities in turn, trajectory by trajectory; none
+        where no quantity is limited.
     """
+    if not limited:
+        return Minima.of(0)
     on, limit = evidence.on, np.concatenate([q.scale for q in limited])[:, None]
     ratio = np.concatenate([q.values for q in limited]) / limit[..., None]
     error = [np.broadcast_to(q.left_out + LEBESGUE * q.rounding, q.values.shape[:2]) for q in limited]

@@ -23,7 +23,7 @@ from jaxplan.exporting.flight import (
     scene_of,
 )
 from jaxplan.exporting.flight_code import what_is_needed, write_code
-from jaxplan.exporting.held import SPARSEST, SPARSEST_DEG, expect_held, sparsest
+from jaxplan.exporting.held import SPARSEST, SPARSEST_DEG, Readings, expect_held, sparsest
 from jaxplan.exporting.instants import chosen_instants, steady_instants, step_fault, tolerance_fault
 from jaxplan.exporting.pieces import write_pieces
 from jaxplan.exporting.sampled import Sampling
@@ -38,7 +38,7 @@ from jaxplan.runtime.files import replacing_file, replacing_folder
 from jaxplan.schema.faults import closest
 from jaxplan.sky import Satellite
 from jaxplan.tables.forgiven import FORGIVE_DEG, FORGIVE_PERCENT, forgiven
-from jaxplan.tables.table import RODRIGUES, SLERP
+from jaxplan.tables.table import HERMITE, RODRIGUES, SLERP
 
 STEP_S = 0.1
 """s: between samples of a plan, unless told."""
@@ -61,6 +61,7 @@ class Format:
             manoeuvre; None for the steps and tolerances that most have.
         placed: whether it says where the spacecraft is.
         interpolation: what its readers do between samples, one of `jaxplan.tables.INTERPOLATIONS`.
+        alternative: what some of them do instead, another of these; None where all do the same.
         exact: whether it holds the polynomials themselves, so that there are no samples.
         needed: function that says what a motion in this format needs of who reads it, None where that is
             plain.
@@ -75,12 +76,13 @@ class Format:
     tolerance_deg: float | None = None
     placed: bool = False
     interpolation: str = SLERP
+    alternative: str | None = None
     exact: bool = False
     needed: Callable[[Flight], str] | None = None
 
 
 FORMATS = {
-    "aem": Format(write=write_aem, suffix=".aem", dated=True),
+    "aem": Format(write=write_aem, suffix=".aem", dated=True, alternative=HERMITE),  # which Orekit does
     "ck": Format(
         write=write_spice,
         suffix=".ck",
@@ -194,7 +196,8 @@ def export(
         raise UncertifiedError(f"the plan of {flight.name} fails its certificate, made anew: {reasons}")
     usual = SPARSEST_DEG if few else kind.tolerance_deg or TOLERANCE_DEG
     tolerance = float(np.deg2rad(usual if tolerance_deg is None else tolerance_deg))
-    rodrigues = kind.interpolation == RODRIGUES
+    how = Readings(kind.interpolation, kind.alternative)
+    rodrigues = how.usual == RODRIGUES
     sampling = Sampling(
         flight=flight,
         start=start,
@@ -204,9 +207,9 @@ def export(
         observer=observer,
     )
     if few and not kind.exact:
-        sampling = sparsest(plan, sampling, kind.interpolation, tolerance, forgives)
+        sampling = sparsest(plan, sampling, how, tolerance, forgives)
     elif not kind.exact:
-        expect_held(plan, sampling, kind.interpolation, format, forgives)
+        expect_held(plan, sampling, how, format, forgives)
     with (replacing_folder if kind.parts else replacing_file)(target) as fresh:
         kind.write(sampling, fresh)
     return target

@@ -5,6 +5,7 @@ checked, too.
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,18 @@ _TOGETHER = 2_000  # rows that are held against the scene at once
 _MOST_ROWS = 200_000  # that are proved; tables of more have rows too close together for a reader to matter
 
 
+class Readings(NamedTuple):
+    """What readers of a table do between its rows.
+
+    Attributes:
+        usual: what most do.
+        other: what some do, with which margins and ranges must hold, too; None where all do the same.
+    """
+
+    usual: str
+    other: str | None = None
+
+
 def rows_of(sampling: Sampling, first: int, last: int, interpolation: str) -> AttitudeTable:
     """Rows `first` to `last` of a motion as a reader has them, with joints even where the format has none."""
     values = sampling.flight.trajectory.sample(sampling.times[first : last + 1])
@@ -43,9 +56,7 @@ def rows_of(sampling: Sampling, first: int, last: int, interpolation: str) -> At
     )
 
 
-def broken_by(
-    plan: Plan | Day, sampling: Sampling, interpolation: str, forgives: Forgiven
-) -> tuple[str, ...]:
+def broken_by(plan: Plan | Day, sampling: Sampling, how: Readings, forgives: Forgiven) -> tuple[str, ...]:
     """Find what a table breaks as its readers fly it, by more than is forgiven.
 
     Returns:
@@ -53,16 +64,14 @@ def broken_by(
     """
     scene, last = scene_of(plan), len(sampling.times) - 1
     for first in range(0, last, _TOGETHER):
-        rows = rows_of(sampling, first, min(first + _TOGETHER, last), interpolation)
-        found = certify_rows(rows, interpolation, scene, float(rows.times[0]), forgives).faults
-        if found:
-            return found
+        rows, usual = rows_of(sampling, first, min(first + _TOGETHER, last), how.usual), how.usual
+        proof = certify_rows(rows, usual, scene, float(rows.times[0]), forgives, other=how.other)
+        if proof.faults:
+            return proof.faults
     return ()
 
 
-def expect_held(
-    plan: Plan | Day, sampling: Sampling, interpolation: str, format: str, forgives: Forgiven
-) -> None:
+def expect_held(plan: Plan | Day, sampling: Sampling, how: Readings, format: str, forgives: Forgiven) -> None:
     """Refuse a table that breaks something as its readers fly it.
 
     Raises:
@@ -70,25 +79,25 @@ def expect_held(
     """
     if not 1 < len(sampling.times) <= _MOST_ROWS:
         return
-    faults = broken_by(plan, sampling, interpolation, forgives)
+    faults = broken_by(plan, sampling, how, forgives)
     if faults:
         raise UncertifiedError(
             f"a table of {len(sampling.times)} rows does not hold as readers of format {format} fly it, with "
-            f"{interpolation.replace('_', ' ')} between rows: {'; '.join(faults)}. Forgiven is "
+            f"{how.usual.replace('_', ' ')} between rows: {'; '.join(faults)}. Forgiven is "
             f"{forgives.words}. Take a smaller step_s (--step) or tolerance_deg (--tolerance), or format c "
             "or json, which hold the polynomials"
         )
 
 
 def sparsest(
-    plan: Plan | Day, sampling: Sampling, interpolation: str, tolerance: float, forgives: Forgiven
+    plan: Plan | Day, sampling: Sampling, how: Readings, tolerance: float, forgives: Forgiven
 ) -> Sampling:
     """The table with the fewest rows that is near a motion and holds as its readers fly it.
 
     Args:
         plan: with the scene.
         sampling: of the motion, with all but the instants.
-        interpolation: what readers do.
+        how: what readers do.
         tolerance: rad, by which attitude, devices and joints may be off the motion; halved until all holds.
         forgives: by how much the table may fall short.
 
@@ -100,9 +109,9 @@ def sparsest(
     choose = chosen_instants if flight.segments else sparsest_instants
     for halving in range(_HALVINGS):
         near = tolerance / 2**halving
-        times = choose(flight, near, rodrigues=interpolation == RODRIGUES)
+        times = choose(flight, near, rodrigues=how.usual == RODRIGUES)
         found = replace(sampling, times=times, tolerance=near)
-        faults = broken_by(plan, found, interpolation, forgives)
+        faults = broken_by(plan, found, how, forgives)
         if not faults:
             return found
     raise UncertifiedError(f"no table of {flight.name} holds, however close its rows: {'; '.join(faults)}")

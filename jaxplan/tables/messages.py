@@ -14,7 +14,7 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.sky.ephemeris import atomic
 from jaxplan.sky.frames import library
 from jaxplan.tables.devices import OtherDevicesError, joints_of, sensor_files
-from jaxplan.tables.table import AttitudeTable
+from jaxplan.tables.table import HERMITE, AttitudeTable
 
 INERTIAL = ("EME2000", "J2000", "ICRF", "GCRF", "ICRF1", "ICRF2", "ICRF3")
 """Frames that are taken for the inertial one; they are apart by 1e-7 rad."""
@@ -57,6 +57,7 @@ def read_aem(path: Path) -> AttitudeTable:
         quaternions=quaternions[new],
         angular_velocity=None if rates is None else rates[new],
         epoch=day + np.timedelta64(round(float(times[0]) * 1e9), "ns"),
+        alternative=None if rates is None else HERMITE,  # Orekit's, whatever the message says
         name=str(path),
     )
 

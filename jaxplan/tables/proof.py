@@ -7,14 +7,13 @@ joints is proved for the platform and for what is fixed to it.
 """
 
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.certificate import Certificate, Claim, certify_batch, faults_later, margin_and_peaks
+from jaxplan.certificate import Certificate, Claim, certify_batch, margin_and_peaks
 from jaxplan.model.epochs import seconds_between
 from jaxplan.model.goals import GivenState
 from jaxplan.model.later import later
@@ -30,6 +29,7 @@ from jaxplan.tables.devices import OtherDevicesError
 from jaxplan.tables.files import load_attitude
 from jaxplan.tables.forgiven import FORGIVE_DEG, FORGIVE_PERCENT, NOTHING, Forgiven, forgiven
 from jaxplan.tables.interpolation import Reading, needs, reading
+from jaxplan.tables.joined import joined_proof, with_margins
 from jaxplan.tables.known import as_known
 from jaxplan.tables.table import HERMITE, INTERPOLATIONS, RATE, AttitudeTable
 
@@ -38,7 +38,7 @@ TOLERANCE = np.deg2rad(1e-4)
 _RATE_SHARE = 1e-4  # of the least limit of a rate, by which their angular velocity may be off
 _CLOCK = 1e-3  # s, by which a table may begin before the scene, as times are rounded
 _TOGETHER = 500  # intervals of a table that are proved at once
-_RATES, _ACCELERATIONS = 1, 2  # the power of time that limits of them fall by
+_ANGLES, _RATES, _ACCELERATIONS = 0, 1, 2  # the power of time that limits of them fall by
 
 
 @shown("certified", "faults", "min_margin deg", "worst_device", "worst_zone", "worst_time s", "interpolation")
@@ -51,6 +51,7 @@ class TableCertificate:
         forgives: by how much the table may fall short.
         forgiven: a sentence for each thing that fails by no more than that; without them nothing fails.
         interpolation: what is done between rows, one of `jaxplan.tables.INTERPOLATIONS`.
+        alternative: what some readers do instead, with which margins and ranges hold, too; None for nothing.
         rows_count: of the table.
         numbers: that the table takes.
         min_margin: rad, lower bound over all time, devices and zones; None where no zone binds a device of
@@ -74,6 +75,7 @@ class TableCertificate:
     forgives: Forgiven = NOTHING
     forgiven: tuple[str, ...] = ()
     interpolation: str
+    alternative: str | None = None
     rows_count: int
     numbers: int
     min_margin: float | None = None
@@ -98,6 +100,7 @@ class TableCertificate:
             "forgives_percent": self.forgives.percent,
             "forgiven": list(self.forgiven),
             "interpolation": self.interpolation,
+            "alternative": self.alternative,
             "rows": self.rows_count,
             "numbers": self.numbers,
             "faults": list(self.faults),
@@ -117,6 +120,8 @@ class TableCertificate:
     def rows(self) -> list[tuple[str, str]]:
         """What is proved, as (label, value) rows for a table."""
         how = f"with {self.interpolation.replace('_', ' ')} between {self.rows_count} rows"
+        if self.alternative is not None:
+            how += f", zones with {self.alternative.replace('_', ' ')}, too"
         known = f"yes, at every instant {how}" if self.certified else f"no: not certified {how}"
         if self.forgiven:
             known = f"within what is forgiven, at every instant {how}"
@@ -157,7 +162,8 @@ def certify_table(
     Args:
         table: a table, or the path of a file as `load_attitude` reads it, with the scene's spacecraft.
         interpolation: what the reader does between rows, one of `jaxplan.tables.INTERPOLATIONS`; None for
-            what readers of the file's format do.
+            what readers of the file's format do: where they differ, as those of messages with angular
+            velocities do, margins and ranges are the lesser of both.
         scenario: the scene with zones and spacecraft, or a timeline, whose scene counts and not its
             activities. A table with an epoch is held against it at its times where the scene has one, too;
             else the table's first row is the scene's start.
@@ -186,18 +192,25 @@ def certify_table(
         except OtherDevicesError as error:  # of these nothing is claimed then
             table, foreign = load_attitude(path), (str(error),)
     how = table.interpolation if interpolation is None else interpolation
+    other = table.alternative if interpolation is None else None
     if how not in INTERPOLATIONS:
         raise ValueError(f"interpolation = {how!r}: must be one of {', '.join(INTERPOLATIONS)}")
     lacking = needs(table, how)
     if lacking is not None:
         raise ValueError(lacking)
-    found = certify_rows(table, how, scene, _begin(table, scene), forgives)
+    found = certify_rows(table, how, scene, _begin(table, scene), forgives, other=other)
     goal_off = found.goal_off if scene is scenario else None
     return replace(found, goal_off=goal_off, left_out=(*found.left_out, *foreign))
 
 
 def certify_rows(
-    table: AttitudeTable, how: str, scenario: Scenario, begin: float, forgives: Forgiven
+    table: AttitudeTable,
+    how: str,
+    scenario: Scenario,
+    begin: float,
+    forgives: Forgiven,
+    *,
+    other: str | None = None,
 ) -> TableCertificate:
     """Prove what a table keeps of a scene, see `certify_table`.
 
@@ -207,29 +220,22 @@ def certify_rows(
         scenario: the scene.
         begin: s, the time of the first row in the scene's time.
         forgives: by how much it may fall short.
+        other: another interpolation, with which margins and ranges must hold, too; None for none.
     """
     known, scene, unproved = as_known(table, scenario)
-    motion = reading(known, how, TOLERANCE, _RATE_SHARE * _least_rate(scene.spacecraft))
-    claim = _Claimed.of(scene, known, how, motion)
-    parts = [
-        (number, motion.part(number, min(number + _TOGETHER, len(known.times) - 1)))
-        for number in range(0, len(known.times) - 1, _TOGETHER)
-    ]
     times = known.times - known.times[0] + begin
-    proofs = []
-    with progress_bar("proving", "rows", total=len(known.times) - 1) as bar:
-        for number, part in parts:
-            proofs.append((times[number], certify_batch([claim.of_part(part, times[number])])[0]))
-            bar.update(len(part.joint_breaks) - 1)
+    joined, claim, motion = _proved(known, how, scene, times, _ACCELERATIONS)
+    if other is not None:
+        also, _, _ = _proved(known, other, scene, times, _ANGLES)
+        joined = with_margins(joined, also, other)
     jump, jump_time = _largest_jump(motion, times)
-    stated = _joined(proofs)
-    joined = replace(stated, peaks=claim.stated_peaks(stated.peaks))
     covered = bool(joined.faults) and forgives.covers(joined, claim.continuous)
     return TableCertificate(
         certified=joined.certified or covered,
         forgives=forgives,
         forgiven=joined.faults if covered else (),
         interpolation=how,
+        alternative=other,
         rows_count=len(known.times),
         numbers=table.numbers,
         min_margin=joined.min_margin,
@@ -245,6 +251,25 @@ def certify_rows(
         left_out=(*unproved, *claim.left_out),
         faults=() if covered else joined.faults,
     )
+
+
+def _proved(
+    known: AttitudeTable, how: str, scene: Scenario, times: np.ndarray, most: int
+) -> tuple[Certificate, "_Claimed", Reading]:
+    """What holds of a table with an interpolation, of limits that fall by a power of time up to `most`."""
+    motion = reading(known, how, TOLERANCE, _RATE_SHARE * _least_rate(scene.spacecraft))
+    claim = _Claimed.of(scene, known, how, motion, most)
+    parts = [
+        (number, motion.part(number, min(number + _TOGETHER, len(known.times) - 1)))
+        for number in range(0, len(known.times) - 1, _TOGETHER)
+    ]
+    proofs = []
+    with progress_bar("proving", "rows", total=len(known.times) - 1) as bar:
+        for number, part in parts:
+            proofs.append((times[number], certify_batch([claim.of_part(part, times[number])])[0]))
+            bar.update(len(part.joint_breaks) - 1)
+    stated = joined_proof(proofs)
+    return replace(stated, peaks=claim.stated_peaks(stated.peaks)), claim, motion
 
 
 def _begin(table: AttitudeTable, scenario: Scenario) -> float:
@@ -312,15 +337,15 @@ class _Claimed:
     left_out: tuple[str, ...]
 
     @classmethod
-    def of(cls, scene: Scenario, table: AttitudeTable, how: str, motion: Reading) -> "_Claimed":
-        """The claim of a table's reading."""
+    def of(cls, scene: Scenario, table: AttitudeTable, how: str, motion: Reading, most: int) -> "_Claimed":
+        """The claim of a table's reading, of limits that fall by a power of time up to `most`."""
         craft, off = scene.spacecraft, motion.rate_off
         smooth = how == HERMITE and (not table.joint_names or table.joint_rates is not None)
         every = [limit.quantity for limit in limits(craft)]
         claimed = {
             quantity.name
             for quantity in every
-            if (quantity.power <= (_ACCELERATIONS if smooth else _RATES))
+            if quantity.power <= min(most, _ACCELERATIONS if smooth else _RATES)
             and (smooth or not quantity.by_inertia)
             and not quantity.of_wheels
         }
@@ -393,40 +418,3 @@ def _largest_miss(table: AttitudeTable) -> float:
     turns = np.diff(table.times)[:, None] * table.angular_velocity[:-1]
     reached = table.attitudes[:-1] @ so3.exp(turns)
     return float(np.max(so3.distance(reached, table.attitudes[1:])))
-
-
-def _joined(proofs: Sequence[tuple[float, Certificate]]) -> Certificate:
-    """The certificate of a table from those of its parts, each after the time (s) at which it begins.
-
-    A part of which nothing could be evaluated leaves no peaks of the whole, and a margin that is no number is
-    the least of all.
-    """
-    peaks: dict[str, float] = {}
-    jumps: dict[str, float] = {}
-    for _, proof in proofs:
-        for kept, own in ((peaks, proof.peaks), (jumps, proof.jumps)):
-            for name, value in own.items():
-                kept[name] = float(np.maximum(kept.get(name, value), value))  # which keeps what is no number
-    bound = [(begin, proof) for begin, proof in proofs if proof.min_margin is not None]
-    whole = Certificate(
-        certified=all(proof.certified for _, proof in proofs),
-        peaks=peaks if all(proof.peaks for _, proof in proofs) else {},
-        jumps=jumps,
-        faults=tuple(
-            fault
-            for begin, proof in proofs
-            for fault in (faults_later(proof, begin) if begin else proof.faults)
-        ),
-        evaluations=sum(proof.evaluations for _, proof in proofs),
-    )
-    if not bound:
-        return whole
-    begin, least = min(bound, key=lambda pair: np.nan_to_num(np.float64(pair[1].min_margin), nan=-np.inf))
-    assert least.worst_time is not None
-    return replace(
-        whole,
-        min_margin=least.min_margin,
-        worst_time=least.worst_time + begin,
-        worst_device=least.worst_device,
-        worst_zone=least.worst_zone,
-    )

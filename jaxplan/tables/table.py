@@ -44,6 +44,7 @@ class AttitudeTable:
         joint_names: of the J columns, such as "terminal-1_yaw".
         epoch: UTC of time zero; None where it is the start of whatever the table is held against.
         interpolation: what readers of the table's format do between rows, one of `INTERPOLATIONS`.
+        alternative: what some of them do instead, another of these; None where all do the same.
         name: of the table in messages, such as that of its file.
     """
 
@@ -55,6 +56,7 @@ class AttitudeTable:
     joint_names: tuple[str, ...] = ()
     epoch: np.datetime64 | None = None
     interpolation: str = SLERP
+    alternative: str | None = None
     name: str = "table"
 
     def __post_init__(self) -> None:
@@ -127,6 +129,8 @@ def _faults(table: AttitudeTable) -> Iterator[str]:
     """Yield a sentence for each way in which a table is none."""
     if table.interpolation not in INTERPOLATIONS:
         yield f"interpolation = {table.interpolation!r}: must be one of {', '.join(INTERPOLATIONS)}"
+    if table.alternative not in (None, *INTERPOLATIONS):
+        yield f"alternative = {table.alternative!r}: must be None or one of {', '.join(INTERPOLATIONS)}"
     rows, joints = len(np.atleast_1d(table.times)), len(table.joint_names)
     if table.times.ndim != 1 or rows < 2:
         yield f"times has the shape {table.times.shape}: must be (k,) with two rows or more"

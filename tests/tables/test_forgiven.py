@@ -12,7 +12,7 @@ import jaxplan as jp
 from jaxplan.certificate import Certificate
 from jaxplan.cli import main
 from jaxplan.tables.forgiven import Forgiven
-from jaxplan.tables.proof import _joined
+from jaxplan.tables.joined import joined_proof
 
 RATE = np.deg2rad(1.0)
 
@@ -99,7 +99,7 @@ def test_a_part_that_cannot_be_evaluated_is_not_forgiven_for_the_others(changes,
     broken = replace(good, certified=False, faults=("cannot be evaluated",), **changes)
     parts = [(0.0, good), (5.0, good)]
     parts.insert(first, (2.0, broken))
-    joined = _joined(parts)
+    joined = joined_proof(parts)
     assert not joined.certified
     assert not Forgiven(1.0, 10.0).covers(joined, 0)
 
