@@ -171,19 +171,24 @@ class Doing:
         if self.last is not None and self.last.tracked is not None:
             nodes = self.last.tracked.nodes
             with suppress(Refused):  # later there may be another way
-                return self._tracked(targets, [nodes.attitudes], nodes.joints[0], begin)
+                again = self._tracked(targets, [nodes.attitudes], nodes.joints[0], begin)
+                if _keeps_all(again):
+                    return again
         found = self._decomposed(targets, begin)
         if not end > begin:
             return self._instant(targets, found.goals, begin)
-        joints, refusal = found.goals[0].joints, None
+        joints, refusals, made = found.goals[0].joints, [], []
         for guesses in self._first_guesses(targets, found.goals, begin):
             if guesses:
                 try:
-                    return self._tracked(targets, guesses, joints, begin)
+                    made.append(self._tracked(targets, guesses, joints, begin))
                 except Refused as refused:
-                    refusal = refusal or refused
-        assert refusal is not None
-        raise refusal
+                    refusals.append(refused)
+            if made and _keeps_all(made[-1]):
+                return made[-1]
+        if not made:
+            raise refusals[0]
+        return min(made, key=_depth)  # the certificate tells what it breaks between its nodes
 
     def _first_guesses(
         self, targets: Targets, goals: Sequence[Goal], begin: float
@@ -290,9 +295,9 @@ class Doing:
         best: Tracked | None = None
         for guess in guesses:
             found = track(pursuit, wanted, free, guess, begin, end, tolerance)
-            if best is None or np.max(found.broken) < np.max(best.broken):
+            if best is None or found.depth < best.depth:
                 best = found
-            if np.max(best.broken) <= _BROKEN:
+            if max(best.depth) <= _BROKEN:
                 break
         assert best is not None
         return best
@@ -406,3 +411,14 @@ class Doing:
         zones = [scene.zones[zone] for zone in rows.zone if zone >= 0]
         state = scene.spacecraft, nodes.attitudes[node], joints
         return [*found, *constraint_breaches(rows, *state, zones, scene.sight_names)]
+
+
+def _depth(motion: Motion) -> tuple[float, float]:
+    """How far nodes of a motion that follows targets, and what lies between them, break something, rad."""
+    assert motion.tracked is not None
+    return motion.tracked.depth
+
+
+def _keeps_all(motion: Motion) -> bool:
+    """Whether a motion that follows targets breaks nothing at its nodes and between them."""
+    return max(_depth(motion)) <= _BROKEN

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.certificate import Certificate, faults_later
+from jaxplan.certificate import LIMIT_ALLOWANCE, Certificate, faults_later
 from jaxplan.model.duration_bound import duration_bound
 from jaxplan.model.goals import GivenState
 from jaxplan.model.later import later
@@ -55,7 +55,7 @@ class Slew:
         blocked: whether what failed is not for lack of some time alone, as where a zone is in the way.
         trajectory: from its start on, which is its zero; None where it failed.
         goal: what follows, by the function that says it.
-        proof: the certificate of the trajectory.
+        proof: the certificate of the trajectory, also where it failed.
     """
 
     status: Status
@@ -94,12 +94,23 @@ class Departure:
             return Slew(status=plan.status, message=self._told(plan), duration=duration)
         return self._proved(goal, plan.trajectory)
 
-    def _along(self, way: Path | None, goal: State, duration: float) -> Slew:
-        """The slew to a state in a given duration, s, near a path to some such state; near none straight."""
+    def _along(self, way: Path | None, goal: State, duration: float, craft: Spacecraft | None = None) -> Slew:
+        """The slew to a state in a given duration, s, near a path to some such state; near none straight.
+
+        What the accelerations at the ends add to the fit may be beyond a limit that it takes in full. Then it
+        is made again for a spacecraft with so much less, `craft`, and proved for its own.
+        """
         path = _straight(self.state, goal) if way is None else _ending(way, goal)
-        fitted = fit(self._scenario(goal, duration), path, _goal(self.state, goal, duration))
+        scenario = self._scenario(goal, duration)
+        if craft is not None:
+            scenario = replace(scenario, spacecraft=craft)
+        fitted = fit(scenario, path, _goal(self.state, goal, duration))
         if fitted.status is Status.OK and fitted.trajectory is not None:
-            return self._proved(goal, fitted.trajectory)
+            slew = self._proved(goal, fitted.trajectory)
+            if slew.trajectory is None and craft is None and (over := _beyond(slew.proof)) > 1:
+                eased = self._along(way, goal, duration, _eased(self.craft, 1 + _MORE * (over - 1)))
+                slew = slew if eased.trajectory is None else eased
+            return slew
         needed, text = fitted.needed_duration, self._told(fitted)
         blocked = needed is None or needed > _DETOUR * max(duration, self.bound(goal))
         return Slew(status=fitted.status, message=text, duration=duration, needed=needed, blocked=blocked)
@@ -112,7 +123,9 @@ class Departure:
         if not proof.certified:
             text = f"{'; '.join(faults_later(proof, self.time))}: {_OTHERWISE}"
             blocked = proof.min_margin is None or not proof.min_margin >= 0
-            return Slew(status=Status.UNCERTIFIED, message=text, duration=made.duration, blocked=blocked)
+            return Slew(
+                status=Status.UNCERTIFIED, message=text, duration=made.duration, blocked=blocked, proof=proof
+            )
         return Slew(status=Status.OK, message="", trajectory=made, duration=made.duration, proof=proof)
 
     def shortest(
@@ -219,8 +232,35 @@ class Departure:
 _LATER = "let it begin later, what comes before end sooner, or raise that limit"
 _OTHERWISE = "let it begin at another time or after something else, or try a larger search.clearance_deg"
 
+_EASED = ("angular_acceleration", "angular_acceleration_norm", "joint_accelerations")
+_MORE = 1.5  # times what was beyond, by which limits are made less
+_MOST_EASED = 1.1  # share of a limit beyond which it is not made again
 _PERHAPS_TOO_SHORT = (Status.LIMITS_TOO_TIGHT, Status.UNCERTIFIED)
 _BOUND = ("attitude", "joints", "velocity", "rates")
+
+
+def _beyond(proof: Certificate | None) -> float:
+    """The largest share of a limit of accelerations that a proof found, if that is all that fails; else 0."""
+    if proof is None or not proof.peaks or (proof.min_margin is not None and not proof.min_margin >= 0):
+        return 0.0
+    others = [peak for name, peak in proof.peaks.items() if name not in _EASED]
+    most = max(proof.peaks.values())
+    return most if all(peak <= 1 + LIMIT_ALLOWANCE for peak in others) and most <= _MOST_EASED else 0.0
+
+
+def _eased(craft: Spacecraft, share: float) -> Spacecraft:
+    """A spacecraft whose limits of acceleration are so many times smaller."""
+
+    def less(part: Any, *names: str) -> Any:
+        given = {name: getattr(part, name) for name in names}
+        return replace(part, **{name: own / share for name, own in given.items() if own is not None})
+
+    own = ("acceleration_limit", "yaw_acceleration_limit", "pitch_acceleration_limit")
+    return replace(
+        less(craft, "acceleration_limit", "acceleration_norm_limit"),
+        terminals=tuple(less(one, *own) for one in craft.terminals),
+        drives=tuple(less(one, own[0]) for one in craft.drives),
+    )
 
 
 def _above(bound: float) -> float:
