@@ -119,6 +119,14 @@ def test_a_kind_is_asked_for_once_by_itself_and_once_for_batches(monkeypatch):
     assert not planner_ahead.usual_tasks(scenarios)
 
 
+def test_of_many_scenarios_of_a_kind_some_are_hard(monkeypatch):
+    tasks = []
+    for count in (planner_ahead._SOME_ARE_HARD - 1, planner_ahead._SOME_ARE_HARD):
+        monkeypatch.setattr(planner_ahead, "_begun", set())
+        tasks.append(len(planner_ahead.usual_tasks([make_scenario(1)] * count)))
+    assert tasks[1] > tasks[0] > 0
+
+
 @pytest.mark.skipif(cores() < 2, reason="on one core nothing is done beside something else")
 def test_tasks_are_done_beside_a_block_and_those_not_begun_at_its_end_are_left():
     done, go_on = [], threading.Event()
