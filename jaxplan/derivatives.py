@@ -12,11 +12,12 @@ become better.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, is_dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.goal.free import MadeWay, settled
@@ -275,41 +276,36 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
         The trajectory. Nothing is checked: whether it is safe is for a plan of the scenario to say.
     """
     expect("held", held, Held, "jp.hold makes one of a plan")
-    scenario = _of_arrays(expect("scenario", scenario, Scenario, "plan.scenario is the plan's own"))
-    craft, start = scenario.usable, scenario.start.attitude
+    scenario = of_arrays(expect("scenario", scenario, Scenario, "plan.scenario is the plan's own"))
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("replan needs numbers of 64 bits: call it within jax.enable_x64(True)")
     expect_known_time(scenario)
     rows = scenario.rows(held.turns)
-    attitude, joints, at_goal = _goal_of(held, scenario, rows)
-    number = jnp.arange(len(held.attitudes))
-    first, last = number == 0, number >= held.last
-
-    def nodes(start: Any, between: np.ndarray, end: Any) -> Any:
-        shape = (-1, *[1] * (between.ndim - 1))
-        return jnp.where(first.reshape(shape), start, jnp.where(last.reshape(shape), end, between))
-
-    attitudes, angles = held.leads.nodes(
-        nodes(start, held.attitudes, attitude),
-        nodes(jnp.asarray(scenario.start.joints), held.joints, joints),
-    )
-    path = Path(attitudes=attitudes, joints=angles, edge_costs=np.zeros(0))
-    rates = [
-        jnp.concatenate([jnp.asarray(rate) for rate in end])
-        for end in (_rates(scenario, scenario.start), at_goal)
-    ]
-    # A time that follows from the motion is one from rest to rest: with a rate it would be another motion.
-    ends = jnp.stack(rates) * (1.0 if scenario.trajectory.timed else 0.0)
-    refit: Any = by_name(REFITS, scenario.trajectory.method)
-    return refit(held.fit, path, craft, scenario.trajectory, rows, ends)
+    return motion_to(end_of(held, scenario, rows), held, scenario, rows)
 
 
-def _goal_of(held: Held, scenario: Scenario, rows: Constraints) -> tuple[Any, Any, tuple[Any, Any]]:
-    """Attitude (3, 3), joints (J,) and both rates at a scenario's goal near the held one, at the end time."""
+class End(NamedTuple):
+    """Where a manoeuvre ends, as JAX arrays.
+
+    Attributes:
+        attitude: (3, 3) body to inertial.
+        joints: (J,) rad.
+        rates: (3 + J,) rad/s, of body axes and joints.
+    """
+
+    attitude: Any
+    joints: Any
+    rates: Any
+
+
+def end_of(held: Held, scenario: Scenario, rows: Constraints) -> End:
+    """The goal near the held one of a scenario `of_arrays`, whose `Scenario.rows` are given, at its end time.
+
+    It is the first half of `replan`, and `motion_to` the other.
+    """
     asked = scenario.asked
-    rates = _rates(scenario, asked)
     if isinstance(asked, GivenState):
-        return jnp.asarray(asked.attitude), jnp.asarray(asked.joints), rates
+        return _end(asked.attitude, asked.joints, _rates(scenario, asked))
     asked = replace(asked, criterion=held.criterion)
     time: Any = jnp.asarray(scenario.trajectory.duration if moves(scenario) else 0.0)
     place = _place(held.goal)
@@ -318,9 +314,41 @@ def _goal_of(held: Held, scenario: Scenario, rows: Constraints) -> tuple[Any, An
         goal: Any = differentiable_goal(
             place, craft, start.attitude, asked, then, start_joints=start.joints, moves=held.moves
         )
-        return goal.attitude, goal.joints, rates
+        return _end(goal.attitude, goal.joints, _rates(scenario, asked))
     goal = goal_in_time(place, **pursuit(scenario, asked, time), moves=held.moves)
-    return goal.attitude, goal.joints, (goal.angular_velocity, goal.joint_rates)
+    return _end(goal.attitude, goal.joints, (goal.angular_velocity, goal.joint_rates))
+
+
+def _end(attitude: ArrayLike, joints: ArrayLike, rates: tuple[ArrayLike, ArrayLike]) -> End:
+    """An end with rates of body axes (3,) and of joints (J,), rad/s."""
+    return End(
+        attitude=jnp.asarray(attitude),
+        joints=jnp.asarray(joints),
+        rates=jnp.concatenate([*map(jnp.asarray, rates)]),
+    )
+
+
+def motion_to(end: End, held: Held, scenario: Scenario, rows: Constraints) -> Trajectory:
+    """The trajectory of a scenario to a given end; the others are as of `end_of`."""
+    craft = scenario.usable
+    number = jnp.arange(len(held.attitudes))
+    first, last = number == 0, number >= held.last
+
+    def nodes(start: Any, between: np.ndarray, end: Any) -> Any:
+        shape = (-1, *[1] * (between.ndim - 1))
+        return jnp.where(first.reshape(shape), start, jnp.where(last.reshape(shape), end, between))
+
+    attitudes, angles = held.leads.nodes(
+        nodes(scenario.start.attitude, held.attitudes, end.attitude),
+        nodes(jnp.asarray(scenario.start.joints), held.joints, end.joints),
+    )
+    path = Path(attitudes=attitudes, joints=angles, edge_costs=np.zeros(0))
+    at_start = jnp.concatenate([*map(jnp.asarray, _rates(scenario, scenario.start))])
+    # A time that follows from the motion is one from rest to rest: with a rate it would be another motion.
+    rates = jnp.stack([at_start, end.rates]) * (1.0 if scenario.trajectory.timed else 0.0)
+    refit: Any = by_name(REFITS, scenario.trajectory.method)
+    trajectory: Trajectory = refit(held.fit, path, craft, scenario.trajectory, rows, rates)
+    return trajectory
 
 
 def _place(goal: Goal) -> Goal:
@@ -407,7 +435,7 @@ def _followed(plan: Plan, scenario: Scenario, near: Trajectory | None = None) ->
         fitted = fitted.spare
 
 
-def _of_arrays(scenario: Scenario) -> Scenario:
+def of_arrays(scenario: Scenario) -> Scenario:
     """The scenario with JAX arrays instead of lists of numbers, of which some may be traced."""
 
     def is_vector(value: object) -> bool:

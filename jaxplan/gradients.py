@@ -4,7 +4,9 @@
     >>> slopes = jax.grad(lambda scenario: jp.measures.effort(trajectory(scenario)))(plan.scenario)
 
 It is `replan` of what `hold` returns (`jaxplan.derivatives`), by compiled kernels of its own where plain
-numbers are differentiated, and as any other function of JAX within `jax.jit`.
+numbers are differentiated, and as any other function of JAX within `jax.jit`. The kernels are two, which are
+compiled side by side: one finds where the manoeuvre ends with the derivatives of that, the other the
+trajectory that ends there, and its derivatives by the chain rule.
 
 All is computed in 64 bits, since an optimum of 32 bits has no slopes worth the name. Where JAX itself is set
 to 32 bits, as it is by default, `differentiable` exports the function once from within 64 bits, and what a
@@ -15,23 +17,28 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, cached_property, partial
 from typing import Any
+from weakref import WeakSet
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import export
+from jax import Array, export
+from jax.flatten_util import ravel_pytree
 
-from jaxplan.derivatives import Held, hold, own_arrays, replan
+from jaxplan.derivatives import End, Held, end_of, hold, motion_to, of_arrays, own_arrays, replan
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.planner import Plan
 from jaxplan.planner.proving import prove
 from jaxplan.planner.steps import judged
+from jaxplan.runtime.ahead import Task, side_by_side
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import is_traced, quick_jit
 from jaxplan.runtime.linear import linear_map
 from jaxplan.trajectory import Trajectory
+
+Reached = tuple[End, Any]  # and derivatives (E, N), of its numbers by those of a scenario, see `_real`
 
 # Kernels for all plans of equal shapes. A gradient is asked for seldom, and need not be the quickest.
 _replan = quick_jit(replan, level=0)
@@ -47,29 +54,63 @@ def _real(scenario: Scenario) -> list[Any]:
     return list(filter(_is_real, jax.tree.leaves(scenario)))
 
 
+def _with_numbers(scenario: Scenario, numbers: list[Any]) -> Scenario:
+    """A scenario with these as its `_real` numbers, and with arrays instead of lists."""
+    left = iter(numbers)
+    return of_arrays(jax.tree.map(lambda leaf: next(left) if _is_real(leaf) else leaf, scenario))
+
+
 def _replan_by(held: Held, scenario: Scenario, numbers: list[Any]) -> Trajectory:
     """`replan` as a function of the scenario's `_real` numbers."""
-    left = iter(numbers)
-    own = jax.tree.map(lambda leaf: next(left) if _is_real(leaf) else leaf, scenario)
-    return replan(held, own)
+    return replan(held, _with_numbers(scenario, numbers))
+
+
+@partial(quick_jit, level=0)
+def _end_with_slopes(held: Held, scenario: Scenario) -> Reached:
+    """Where a scenario's manoeuvre ends, with derivatives by its `_real` numbers."""
+
+    def end(numbers: list[Any]) -> tuple[Array, End]:
+        own = _with_numbers(scenario, numbers)
+        found = end_of(held, own, own.rows(held.turns))
+        return ravel_pytree(found)[0], found
+
+    flat, pull_back, found = jax.vjp(end, _real(scenario), has_aux=True)
+    (rows,) = jax.vmap(pull_back)(jnp.eye(len(flat), dtype=flat.dtype))
+    return found, jnp.concatenate([row.reshape(len(flat), -1) for row in rows], axis=1)
 
 
 @partial(quick_jit, level=0)
 def _with_slopes(
-    held: Held, scenario: Scenario, cotangents: Trajectory, wanted: bool
+    reached: Reached, held: Held, scenario: Scenario, cotangents: Trajectory, wanted: bool
 ) -> tuple[Trajectory, list[Any]]:
     """A scenario's trajectory and, if `wanted`, the product of cotangents with its derivatives, else zeros.
 
     One kernel serves both ways of a gradient, since most of it is the same. On the way back it computes the
     trajectory once more: with what could be passed on instead, the functions that JAX makes of it, the kernel
     could not be kept for other processes.
+
+    Args:
+        reached: by the scenario, of `_end_with_slopes`.
+        held: of the plan.
+        scenario: near that of the plan.
+        cotangents: of the trajectory.
+        wanted: whether the product is.
     """
-    numbers = _real(scenario)
-    found, pull_back = jax.vjp(partial(_replan_by, held, scenario), numbers)
-    slopes = jax.lax.cond(
-        wanted, lambda own: pull_back(own)[0], lambda _: list(map(jnp.zeros_like, numbers)), cotangents
-    )
-    return found, slopes
+    numbers, (end, end_slopes) = _real(scenario), reached
+
+    def motion(end: End, numbers: list[Any]) -> Trajectory:
+        own = _with_numbers(scenario, numbers)
+        return motion_to(end, held, own, own.rows(held.turns))
+
+    found, pull_back = jax.vjp(motion, end, numbers)
+
+    def product(cotangents: Trajectory) -> list[Any]:
+        of_end, own = pull_back(cotangents)
+        by_end = ravel_pytree(numbers)[1](ravel_pytree(of_end)[0] @ end_slopes)
+        return [one + other for one, other in zip(own, by_end, strict=True)]
+
+    nothing = list(map(jnp.zeros_like, numbers))
+    return found, jax.lax.cond(wanted, product, lambda _: nothing, cotangents)
 
 
 @partial(quick_jit, level=0)
@@ -84,23 +125,55 @@ def _plain(tree: Any) -> Any:
     return jax.tree.map(lambda leaf: leaf if isinstance(leaf, jax.core.Tracer) else np.asarray(leaf), tree)
 
 
-def _value(held: Held, scenario: Scenario) -> Trajectory:
-    """A scenario's trajectory, by the kernel that computes its derivatives, too."""
+_compiled: WeakSet[Held] = WeakSet()  # those that kernels have been compiled for
+
+
+def _reached(held: Held, scenario: Scenario) -> Reached:
+    """Where a scenario's manoeuvre ends, by a kernel; before the first one both kernels are compiled."""
+    if held not in _compiled:
+        side_by_side(_tasks(held, scenario), lambda: None)
+        _compiled.add(held)
+    found: Reached = _plain(_end_with_slopes(*_plain((held, scenario))))
+    return found
+
+
+def _value(held: Held, scenario: Scenario, reached: Reached) -> Trajectory:
+    """A scenario's trajectory to its end, by the kernel that computes its derivatives, too."""
     nothing = jax.tree.map(np.zeros_like, held.trajectory)
-    return _with_slopes(*_plain((held, scenario, nothing)), False)[0]
+    return _with_slopes(*_plain((reached, held, scenario, nothing)), False)[0]
 
 
-def _pulled(held: Held, scenario: Scenario, cotangents: Trajectory) -> list[Any]:
+def _tasks(held: Held, scenario: Scenario) -> list[Task]:
+    """Tasks that compile the kernels of `_value` and `_pulled`, each in a thread."""
+    own = _plain((held, scenario))
+    joints = np.asarray(held.goal.joints, float)
+    end = End(np.asarray(held.goal.attitude, float), joints, np.zeros(3 + len(joints)))
+    count = sum(map(np.size, _real(scenario)))
+    slopes = np.zeros((sum(map(np.size, end)), count))
+    nothing = jax.tree.map(np.zeros_like, own[0].trajectory)
+
+    def wide(kernel: Callable[..., Any], *given: Any) -> None:
+        with jax.enable_x64(True):
+            kernel(*given)
+
+    return [
+        partial(wide, _with_slopes, (end, slopes), *own, nothing, False),
+        partial(wide, _end_with_slopes, *own),
+    ]
+
+
+def _pulled(held: Held, scenario: Scenario, reached: Reached, cotangents: Trajectory) -> list[Any]:
     """The product of cotangents with the trajectory's derivatives by the scenario's `_real` numbers."""
-    return _with_slopes(*_plain((held, scenario, cotangents)), True)[1]
+    return _with_slopes(*_plain((reached, held, scenario, cotangents)), True)[1]
 
 
-def _forward(own: tuple[Held, Scenario], way: Any) -> list[Any]:
+def _forward(own: tuple[Held, Scenario, Reached], way: Any) -> list[Any]:
     """Leaves of `_along`, as `linear_map` takes them."""
-    return jax.tree.leaves(_along(*_plain((*own, list(way)))))
+    held, scenario, _ = own
+    return jax.tree.leaves(_along(*_plain((held, scenario, list(way)))))
 
 
-def _backward(own: tuple[Held, Scenario], answers: Any) -> list[Any]:
+def _backward(own: tuple[Held, Scenario, Reached], answers: Any) -> list[Any]:
     """`_pulled` of cotangents given as leaves of a trajectory, the transpose of `_forward`."""
     return _pulled(*own, jax.tree.unflatten(jax.tree.structure(own[0].trajectory), answers))
 
@@ -196,14 +269,15 @@ def _in_64_bits(held: Held) -> Callable[[Scenario], Trajectory]:
             traced: tuple[Trajectory, Trajectory] = jax.jvp(partial(_replan, held), own, ways)
             return traced
         (scenario,) = own
-        found = _value(held, scenario)
+        reached = _reached(held, scenario)
+        found = _value(held, scenario, reached)
         way = [
             way
             for way, leaf in zip(*map(jax.tree.leaves, (ways[0], scenario)), strict=True)
             if _is_real(leaf)
         ]
         answers, tree = jax.tree.flatten(found)
-        return found, jax.tree.unflatten(tree, _slopes((held, scenario), way, answers))
+        return found, jax.tree.unflatten(tree, _slopes((held, scenario, reached), way, answers))
 
     wide.defjvp(follow)
     followed: Callable[[Scenario], Trajectory] = wide
@@ -251,14 +325,15 @@ def _in_32_bits(held: Held, wide: Scenario) -> Callable[[Scenario], Trajectory]:
         if is_traced(scenario):
             return value(scenario), scenario
         with jax.enable_x64(True):
-            return _cast(_value(held, _cast(scenario, jnp.float64)), jnp.float32), scenario
+            own = _cast(scenario, jnp.float64)
+            return _cast(_value(held, own, _reached(held, own)), jnp.float32), scenario
 
     def backward(scenario: Scenario, cotangents: Trajectory) -> tuple[Scenario]:
         if is_traced((scenario, cotangents)):
             return (product(scenario, cotangents),)
         with jax.enable_x64(True):
             own, ways = _cast((scenario, cotangents), jnp.float64)
-            slopes = _cast(_pulled(held, own, ways), jnp.float32)
+            slopes = _cast(_pulled(held, own, _reached(held, own), ways), jnp.float32)
             return (jax.tree.unflatten(jax.tree.structure(scenario), slopes),)
 
     narrow: Any = jax.custom_vjp(lambda scenario: value(scenario))

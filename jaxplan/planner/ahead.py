@@ -18,10 +18,11 @@ from jaxplan.planner.moving import swept
 from jaxplan.planner.steps import find_goals, soonest_task
 from jaxplan.runtime.ahead import Task
 from jaxplan.search import Scene, make_scene
-from jaxplan.search.ahead import further_tasks
+from jaxplan.search.ahead import further_tasks, smoothing_tasks
 from jaxplan.search.ahead import usual_tasks as usual_search
 from jaxplan.trajectory import kernel_tasks
 
+_SOME_ARE_HARD = 16  # scenarios of a kind, among which the search of some will not end with the elastic band
 _begun: set[Hashable] = set()  # kinds of scenarios whose tasks have been handed out in this process
 
 
@@ -43,6 +44,8 @@ def usual_tasks(scenarios: Sequence[Scenario]) -> list[Task]:
         if (kind, many) not in _begun:
             _begun.add((kind, many))
             tasks += _usual(alike[0], many)
+            if len(alike) >= _SOME_ARE_HARD and alike[0].search.method == "mha":
+                tasks += smoothing_tasks(_scene(alike[0]), many=many)
     return tasks
 
 

@@ -7,17 +7,23 @@ code. What JAX compiles for others in the same process is kept there, too.
 """
 
 import hashlib
+import math
 import os
 import stat
+import threading
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
 from jaxplan.version import __version__
 
+_LEAST_TIME = "jax_persistent_cache_min_compile_time_secs"
+
 # JAX keeps by itself only what took a second to compile, and most kernels here take less.
 _KEEP_ALL = {
-    "jax_persistent_cache_min_compile_time_secs": 0.0,
+    _LEAST_TIME: 0.0,
     "jax_persistent_cache_min_entry_size_bytes": -1,
 }
 _SETTINGS = ("jax_compilation_cache_dir", *_KEEP_ALL)
@@ -107,12 +113,44 @@ def settings() -> dict[str, object]:
     import jax
 
     keep_by_default()
-    return {name: getattr(jax.config, name) for name in _SETTINGS}
+    with _turn:
+        found = {name: getattr(jax.config, name) for name in _SETTINGS}
+    if _blocks and found[_LEAST_TIME] == math.inf:
+        found[_LEAST_TIME] = _usual
+    return found
 
 
 def adopt(given: dict[str, object]) -> None:
     """Keep compiled code as another process does, by its `settings`."""
     _use(given)
+
+
+_blocks = 0  # those of `written_once` that have begun and not ended, in all threads
+_usual = 0.0  # what the setting was before the first of them
+_turn = threading.Lock()
+
+
+@contextmanager
+def written_once() -> Iterator[None]:
+    """Let JAX write nothing into its own cache while a block, or one like it in another thread, runs.
+
+    To write an executable there takes as long as here: it is made a text of bytes, and packed.
+    """
+    import jax
+
+    global _blocks, _usual
+    with _turn:
+        if not _blocks:
+            _usual = getattr(jax.config, _LEAST_TIME)
+            jax.config.update(_LEAST_TIME, math.inf)
+        _blocks += 1
+    try:
+        yield
+    finally:
+        with _turn:
+            _blocks -= 1
+            if not _blocks and getattr(jax.config, _LEAST_TIME) == math.inf:  # nobody has set it meanwhile
+                jax.config.update(_LEAST_TIME, _usual)
 
 
 def _use(given: dict[str, object]) -> None:

@@ -28,7 +28,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxplan.runtime.cache import trusted_folder
+from jaxplan.runtime.cache import trusted_folder, written_once
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _PATIENCE = 30.0  # s; then a kernel is compiled though another process, perhaps a stopped one, is at it
@@ -102,7 +102,7 @@ def compile_and_keep(lowered: Any, name: str | None, kinds: str | None) -> Any:
     """Compile a kernel that has been lowered, and keep the executable if there is a folder for it.
 
     A program that was kept for other sources is read, and kept for these, too. What JAX had in its own cache
-    is not kept: XLA cannot write down again what it has read.
+    is not kept: XLA cannot write down again what it has read. What is kept here JAX does not keep once more.
 
     Args:
         lowered: the kernel, by ``jax.jit(...).lower``.
@@ -122,7 +122,8 @@ def compile_and_keep(lowered: Any, name: str | None, kinds: str | None) -> Any:
                 os.link(program, place)
             return found
     hits = _hits.count
-    compiled = lowered.compile()
+    with written_once():
+        compiled = lowered.compile()
     if _hits.count == hits:
         _save(place, compiled)
         with suppress(OSError):  # where files have one name only, it is for these sources alone

@@ -14,8 +14,26 @@ from jax import Array
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
+from jaxplan.runtime.jit import is_traced
+
 Arrays = Sequence[Any]
 Map = Callable[[Any, Arrays], Sequence[Array]]
+
+
+class _Known:
+    """A tree of plain numbers, used like the structure of a tree without leaves.
+
+    As arguments of a primitive all of its numbers would pass through each of JAX's transformations.
+    """
+
+    num_leaves = 0
+
+    def __init__(self, tree: Any) -> None:
+        self.tree = tree
+
+    def unflatten(self, _: Arrays) -> Any:
+        """The tree with its own numbers."""
+        return self.tree
 
 
 def linear_map(name: str, forward: Map, backward: Map) -> Callable[[Any, Arrays, Any], list[Array]]:
@@ -62,7 +80,7 @@ def linear_map(name: str, forward: Map, backward: Map) -> Callable[[Any, Arrays,
     mlir.register_lowering(primitive, mlir.lower_fun(apply, multiple_results=True))
 
     def mapped(fixed: Any, vector: Arrays, like: Any) -> list[Array]:
-        leaves, tree = jax.tree.flatten(fixed)
+        leaves, tree = jax.tree.flatten(fixed) if is_traced(fixed) else ([], _Known(fixed))
         shapes = tuple(jax.core.ShapedArray(jnp.shape(one), jnp.result_type(one)) for one in like)
         found: list[Array] = primitive.bind(*leaves, *vector, tree=tree, shapes=shapes)
         return found

@@ -36,6 +36,21 @@ def usual_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list[T
     return tasks
 
 
+def smoothing_tasks(scene: Scene, *, many: bool) -> list[Task]:
+    """Tasks that call what checks paths found by a search and makes them shorter, which some of many need.
+
+    Args:
+        scene: like those to be searched.
+        many: as of `usual_tasks`.
+    """
+    scenes = _several(scene, many)
+    ends = np.stack([scene.start_attitude] * 2), np.stack([scene.start_joints] * 2)
+    cut_short: Task = partial(
+        shortcuts, scenes, [make_path(scene, *ends)] * len(scenes.scenes), [0.0] * len(scenes.scenes)
+    )
+    return [partial(_answer, scenes, Call(edge_table, (*padded(*ends, EDGES), 0.0))), cut_short]
+
+
 def further_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list[Task]:
     """Tasks that call what harder searches call besides: expansions, trees, and the checks of smoothing.
 
@@ -45,8 +60,7 @@ def further_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list
         many: as of `usual_tasks`.
     """
     scenes, root = _several(scene, many), make_root(scene)
-    ends = np.stack([scene.start_attitude] * 2), np.stack([scene.start_joints] * 2)
-    calls = [Call(edge_table, (*padded(*ends, EDGES), 0.0))]
+    calls: list[Call] = []
     for count in (1, MANY):
         states, steps = np.repeat(scene.ends[:1], count, axis=0), np.zeros((2, count))
         calls.append(Space(scene, settings).reach_call(states, states, steps, steps))
@@ -55,10 +69,7 @@ def further_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list
     for count in (1, len(moves.turns)):  # without and with joints that follow a zone
         own = Moves(moves.turns, np.repeat(moves.options[:1], count, axis=0), moves.choice)
         calls.append(expansion_call(root.packed, own, clearance, fields, edges=True))
-    cut_short: Task = partial(
-        shortcuts, scenes, [make_path(scene, *ends)] * len(scenes.scenes), [0.0] * len(scenes.scenes)
-    )
-    return [cut_short, *(partial(_answer, scenes, call) for call in calls)]
+    return [*smoothing_tasks(scene, many=many), *(partial(_answer, scenes, call) for call in calls)]
 
 
 def _several(scene: Scene, many: bool) -> Scenes:

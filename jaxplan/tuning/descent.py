@@ -19,14 +19,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxplan.derivatives import expect_known_time, follow_and_hold, hold_each
+from jaxplan.derivatives import Held, expect_known_time, follow_and_hold, hold, hold_each
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.planner.runs import as_filed
 from jaxplan.runtime.arguments import expect, several
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.jit import quick_jit
+from jaxplan.runtime.jit import clear_if_full, quick_jit
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import scenario_to_dict
 from jaxplan.schema.numbers import with_numbers
@@ -160,6 +160,8 @@ _ALIKE = 1e-4  # of an objective: by so much plans made anew may differ from tho
 # Slopes; for more of them an optimised kernel pays, which takes some 6 s more to compile and saves 8 ms each.
 _OFTEN = 750
 
+_MANY = 8  # plans; to hold one of so many twice is little beside what is compiled sooner by it
+
 RENEWED = 40  # steps until plans are made anew; at first a quarter and a half of that
 
 
@@ -277,13 +279,20 @@ class _Descent:
         held = hold_each(self._state.plans, nodes=self._nodes)
         pairs = zip(held, (plan.scenario for plan in self._state.plans), strict=True)
         self._often = steps * len(given) > _OFTEN
-        self._slope = mean_slope(pairs, aim, tuned, often=self._often)
+        clear_if_full()  # not while kernels are compiled
+        rehearsal = self._first_held if len(given) >= _MANY else None
+        self._slope = mean_slope(pairs, aim, tuned, often=self._often, rehearsal=rehearsal)
         seen = self._look(self._state)
         if seen is None:
             raise ValueError("the objective, or its gradient, is not finite at the numbers to begin with")
         self._row, self._gradient = seen
         if not state.checkpoints:
             self._state = replace(self._state, checkpoints=(self._stop,))
+
+    def _first_held(self) -> tuple[Held, Scenario]:
+        """What is held of the first plan, found for it alone, with its scenario."""
+        plan = self._state.plans[0]
+        return hold(plan, nodes=self._nodes), plan.scenario
 
     def go(self, steps: int) -> None:
         """Make so many steps, unless the objective ceases to be finite or Ctrl-C interrupts."""

@@ -142,7 +142,12 @@ def _sum_of(weights: tuple[tuple[str, float], ...], trajectory: Trajectory, scen
 
 
 def mean_slope(
-    pairs: Iterable[tuple[Held, Scenario]], aim: Objective, tuned: tuple[Parameter, ...], *, often: bool
+    pairs: Iterable[tuple[Held, Scenario]],
+    aim: Objective,
+    tuned: tuple[Parameter, ...],
+    *,
+    often: bool,
+    rehearsal: Callable[[], tuple[Held, Scenario]] | None = None,
 ) -> Slope:
     """Make the function from free parameters to the mean objective of plans and its gradient.
 
@@ -154,24 +159,33 @@ def mean_slope(
         tuned: the numbers that the parameters stand for.
         often: whether it is called so often that a kernel pays which takes twice as long to compile, and runs
             in half of the time.
+        rehearsal: finds a pair like the first one, for which kernels are compiled while `pairs` are found;
+            what it finds has no other use.
     """
     kernel = _slope if often else _slope_soon
     held: list[Any] = []
     first: dict[Any, int] = {}
 
-    def of(number: int, free: Any) -> tuple[np.ndarray, np.ndarray]:
+    begin = np.array([one.free() for one in tuned])
+
+    def at(free: Any, pair: Any) -> tuple[np.ndarray, np.ndarray]:
         with jax.enable_x64(True):  # a thread has its own setting
-            found: tuple[np.ndarray, np.ndarray] = jax.device_get(kernel(free, *held[number], aim, tuned))
+            found: tuple[np.ndarray, np.ndarray] = jax.device_get(kernel(free, *pair, aim, tuned))
         return found
 
+    def of(number: int, free: Any) -> tuple[np.ndarray, np.ndarray]:
+        return at(free, held[number])
+
     with ThreadPoolExecutor(1) as ahead:  # compiles while the other plans are held
+        if rehearsal is not None:
+            ahead.submit(lambda: at(begin, _plain(*rehearsal())))
         for number, (own, scenario) in enumerate(pairs):
-            held.append(jax.tree.map(np.asarray, (own, bare(scenario))))
+            held.append(_plain(own, scenario))
             shapes = tuple(leaf.shape for leaf in jax.tree.leaves(held[-1]))
             kind = jax.tree.structure(held[-1]), shapes
             if kind not in first:
                 first[kind] = number
-                ahead.submit(of, number, np.array([one.free() for one in tuned]))
+                ahead.submit(of, number, begin)
     others = [number for number in range(len(held)) if number not in first.values()]
 
     def slope(free: Array) -> tuple[float, np.ndarray]:
@@ -186,6 +200,12 @@ def mean_slope(
         return float(np.mean(values)), np.mean(slopes, axis=0)
 
     return slope
+
+
+def _plain(held: Held, scenario: Scenario) -> tuple[Held, Scenario]:
+    """What a kernel takes: arrays of numpy, and no name or epoch."""
+    plain: tuple[Held, Scenario] = jax.tree.map(np.asarray, (held, bare(scenario)))
+    return plain
 
 
 def bare(scenario: Scenario) -> Scenario:

@@ -4,12 +4,13 @@ import threading
 from contextlib import contextmanager
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 from builders import make_scenario
 
 import jaxplan as jp
-from jaxplan import warming
+from jaxplan import gradients, warming
 from jaxplan.planner import ahead as planner_ahead
 from jaxplan.runtime import jit
 from jaxplan.runtime.ahead import ahead, cores, side_by_side
@@ -60,8 +61,6 @@ def test_batches_compile_nothing_once_they_are_warm(compilations):
 
 @pytest.mark.slow
 def test_gradients_compile_nothing_once_they_are_warm(compilations):
-    import jax
-
     scenario = jp.paper_case(1)
     jp.warm_up(scenario, gradients=True, progress=False)
     plan = jp.plan(scenario, progress=False)
@@ -117,6 +116,27 @@ def test_a_kind_is_asked_for_once_by_itself_and_once_for_batches(monkeypatch):
     assert not planner_ahead.usual_tasks(scenarios[:1])
     assert planner_ahead.usual_tasks(scenarios)
     assert not planner_ahead.usual_tasks(scenarios)
+
+
+def test_of_many_scenarios_of_a_kind_some_are_hard(monkeypatch):
+    tasks = []
+    for count in (planner_ahead._SOME_ARE_HARD - 1, planner_ahead._SOME_ARE_HARD):
+        monkeypatch.setattr(planner_ahead, "_begun", set())
+        tasks.append(len(planner_ahead.usual_tasks([make_scenario(1)] * count)))
+    assert tasks[1] > tasks[0] > 0
+
+
+@pytest.mark.parametrize("method", ["paper", "global"])
+def test_tasks_of_a_gradient_compile_the_kernels_that_it_calls(compilations, method):
+    scenario = jp.paper_case(1)
+    plan = jp.plan(replace(scenario, trajectory=replace(scenario.trajectory, method=method)), progress=False)
+    trajectory = jp.differentiable(plan)
+    side_by_side(gradients._tasks(trajectory.held, plan.scenario), lambda: None)
+    with jax.enable_x64(True):
+        before = kernel_count()
+        found, back = jax.vjp(trajectory, plan.scenario)
+        back(jax.tree.map(np.ones_like, found))
+        assert kernel_count() == before
 
 
 @pytest.mark.skipif(cores() < 2, reason="on one core nothing is done beside something else")

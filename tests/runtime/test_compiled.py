@@ -55,6 +55,39 @@ jp.plan(jp.random_scenario(0, "keep_out"), throw=False)
     assert errors == ""
 
 
+KERNEL = """
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+import jax, numpy as np
+from jaxplan.goal.descent import descent_ends
+from jaxplan.runtime import cache
+name = "jax_persistent_cache_min_compile_time_secs"
+cache.keep_by_default()
+before = getattr(jax.config, name)
+given = (np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1), np.zeros(1, int), np.zeros(1, int))
+with ThreadPoolExecutor(2) as pool:
+    for lanes in (2, 3):
+        pool.submit(descent_ends, np.eye(4)[:, :lanes], *given)
+    told = cache.settings()[name]
+after = getattr(jax.config, name)
+jax.jit(lambda x: x + 1)(1.0)
+files = [file.name for file in Path(jax.config.jax_compilation_cache_dir).rglob("*") if file.is_file()]
+by_jax = [file for file in files if file.startswith("jit_")]
+print(json.dumps([before, told, after, by_jax, len(files)]))
+"""
+
+
+@pytest.mark.slow
+def test_what_is_kept_by_us_is_not_kept_by_jax_once_more(tmp_path):
+    (before, told, after, by_jax, files), errors = fresh_python(KERNEL, tmp_path)
+    assert errors == ""
+    assert (before, told, after) == (0.0, 0.0, 0.0)
+    assert by_jax
+    assert not any("descent_ends" in file for file in by_jax)
+    assert files - len(by_jax) >= 2
+
+
 @pytest.mark.slow
 def test_workers_keep_nothing_where_their_parent_does_not(tmp_path):
     code = """

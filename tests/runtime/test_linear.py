@@ -62,3 +62,14 @@ def test_it_is_differentiated_along_its_vector_but_not_in_what_it_depends_on():
     np.testing.assert_allclose(jax.vmap(along)(np.eye(3)), MATRIX.T, rtol=1e-14)
     with pytest.raises(NotImplementedError, match="turned cannot be differentiated"):
         jax.jvp(lambda scale: turned(scale * MATRIX, [ALONG], [BACK])[0], (1.0,), (1.0,))
+
+
+def test_plain_numbers_that_it_depends_on_do_not_pass_through_transformations():
+    def along(matrix):
+        return jax.make_jaxpr(lambda way: turned(matrix, [way], [BACK]))(ALONG)
+
+    for matrix, inputs in ((MATRIX, 1), (jax.jit(lambda: jnp.asarray(MATRIX))(), 1)):
+        (one,) = along(matrix).eqns
+        assert len(one.invars) == inputs
+    (one,) = jax.make_jaxpr(lambda matrix: turned(matrix, [ALONG], [BACK]))(MATRIX).eqns
+    assert len(one.invars) == 2

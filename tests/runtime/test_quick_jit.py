@@ -1,5 +1,8 @@
 """Kernels that are ready soon are ordinary jitted functions."""
 
+import gc
+import threading
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -44,3 +47,40 @@ def test_an_xla_that_knows_no_such_option_compiles_as_usual(monkeypatch):
         assert not quick._known()
     finally:
         quick._known.cache_clear()
+
+
+@pytest.mark.parametrize("before", [True, False])
+def test_no_garbage_is_looked_for_while_kernels_are_traced_and_all_is_as_before_afterwards(before):
+    found, first_is_traced, go_on = [], threading.Event(), threading.Event()
+
+    @quick_jit
+    def slow(x):
+        first_is_traced.set()
+        go_on.wait(10)
+        found.append(gc.isenabled())
+        return x + 1
+
+    @quick_jit
+    def quick_one(x):
+        found.append(gc.isenabled())
+        return x + 2
+
+    def fails(x):
+        raise ArithmeticError(x)
+
+    enabled = gc.isenabled()
+    (gc.enable if before else gc.disable)()
+    try:
+        thread = threading.Thread(target=slow, args=(1.0,))
+        thread.start()
+        assert first_is_traced.wait(10)
+        assert quick_one(1.0) == 3
+        with pytest.raises(ArithmeticError):
+            quick_jit(fails)(1.0)
+        assert not gc.isenabled()  # the other thread is still at it
+        go_on.set()
+        thread.join()
+        assert found == [False, False]
+        assert gc.isenabled() == before
+    finally:
+        (gc.enable if enabled else gc.disable)()

@@ -13,9 +13,10 @@ from quick import quick_jit
 
 import jaxplan as jp
 from jaxplan.cases import paper_case
+from jaxplan.runtime.jit import kernel_count
 from jaxplan.schema import scenario_to_dict
 from jaxplan.schema.numbers import find_number, with_numbers
-from jaxplan.tuning.objectives import OBJECTIVES, make_objective, objective_label
+from jaxplan.tuning.objectives import OBJECTIVES, make_objective, mean_slope, objective_label
 from jaxplan.tuning.parameters import parameters
 
 CASE = paper_case(1)  # the paper's method in 80 s
@@ -390,3 +391,27 @@ def test_where_the_gradient_is_zero_to_begin_with_it_stops_and_says_so():
     assert len(result.history) == 1
     words = "no step was made: the objective's gradient in trajectory.rate_weight is zero at the beginning"
     assert result.message == words
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_rehearsal_compiles_the_kernel_and_changes_no_slope(fails):
+    plan = jp.plan(SMALL, progress=False)
+    tuned = parameters(SMALL, WEIGHTS)
+    aim = make_objective("effort")
+
+    def find():
+        if fails:
+            raise ValueError("nothing is held")
+        return jp.hold(plan), plan.scenario
+
+    def pairs():
+        yield jp.hold(plan), plan.scenario
+
+    alone = mean_slope(pairs(), aim, tuned, often=False)
+    with jax.enable_x64(True):
+        free = jnp.array([one.free() for one in tuned])
+    expected = alone(free)
+    count = kernel_count()
+    value, slope = mean_slope(pairs(), aim, tuned, often=False, rehearsal=find)(free)
+    assert (value, kernel_count()) == (expected[0], count)
+    np.testing.assert_array_equal(slope, expected[1])
