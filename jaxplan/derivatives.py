@@ -151,7 +151,7 @@ def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit, nodes: int) -> Held:
     origin, curve = fitted.origin, fitted.trajectory
     if origin is None or curve is None:
         raise ValueError(f"the plan of {plan.scenario.name} does not move, so nothing of it can be followed")
-    moves, criterion = _followed_by(plan.scenario, goal)
+    moves, criterion = followed_by(plan.scenario, goal)
     ends = (*_rates(plan.scenario, plan.scenario.start), *end_rates(plan.scenario, goal))
     at_speed = any(np.any(rate) for rate in ends)
     path, _ = passed_nodes(path, at_speed=at_speed, every=False)  # as the fit did
@@ -170,7 +170,7 @@ def _held(plan: Plan, path: Path, goal: Goal, fitted: Fit, nodes: int) -> Held:
     )
 
 
-def _followed_by(scenario: Scenario, goal: Goal) -> tuple[tuple[MadeWay, ...], str | None]:
+def followed_by(scenario: Scenario, goal: Goal) -> tuple[tuple[MadeWay, ...], str | None]:
     """How devices without a target made way at a goal, and the criterion that it is an optimum of, if any.
 
     Raises:

@@ -11,8 +11,10 @@ so that what makes a slew longer moves all that comes after it, until a window i
 optimum, followed as that of a single plan (`jaxplan.gradients`); its slopes by ends, limits, inertia and
 zones are found once, and stand for it here.
 
-States in which an attitude is held are numbers of the timeline. One who rests stays as it is. What else a
-timeline may ask for has no derivatives yet, and is refused with all activities and reasons together.
+States in which an attitude is held are numbers of the timeline, and one who rests stays as it is. Where
+devices point at directions that stand still, the state is the optimum of step 1, followed as goals are
+(`jaxplan.goal.sensitivity`). What else a timeline may ask for has no derivatives yet, and is refused with all
+activities and reasons together.
 """
 
 from dataclasses import dataclass, replace
@@ -23,13 +25,19 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.derivatives import own_arrays
+from jaxplan.derivatives import followed_by, own_arrays
+from jaxplan.goal.free import MadeWay
+from jaxplan.goal.sensitivity import differentiable_goal
 from jaxplan.gradients import differentiable
 from jaxplan.model.duration_bound import rest_bounds
-from jaxplan.model.scenario import MINIMUM, Scenario
+from jaxplan.model.goals import LEAST_ROTATION, Targets
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.timeline import Activity
+from jaxplan.model.zones import Turns, masks
 from jaxplan.timeline import TimelinePlan, plan_timeline
 from jaxplan.timeline.choices import BOUND, NEEDED, SEEN, Choice, SlewTime
+from jaxplan.timeline.motions import with_room
 from jaxplan.timeline.slews import Departure
 from jaxplan.timeline.stored import holding, total_in
 from jaxplan.timeline.tracking import State
@@ -37,6 +45,8 @@ from jaxplan.trajectory import measures
 
 _SAME = 1e-6  # s, by which times of a plan that was read, and of one made anew, may differ
 _STAYS = 1e-9  # rad, by which a state that is held may change
+_RESTS = 1e-9  # rad/s, below which a motion counts as at rest
+_OPTIMAL = 1e-6  # rad, by which a state may be off the optimum whose derivative is taken
 _NEAR = 0.01  # of the time of a shortest motion, by which the optimum near it may differ
 TOTAL_TIME = "total_time"
 """What can be asked of a day: s, from its start to the end of the last activity, no rest after it."""
@@ -81,6 +91,39 @@ class _Slope:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class _Pointed:
+    """The state in which devices point at directions that stand still, near a plan's.
+
+    Attributes:
+        place: the state, as a goal of step 1.
+        moves: how devices without a target make way there.
+        turns: whole turns of the yaw after which masks are met again.
+        roomy: whether it keeps the room that an instant keeps from zones and ends of ranges.
+    """
+
+    place: Goal
+    moves: tuple[MadeWay, ...]
+    turns: Turns
+    roomy: bool
+
+    def state(self, scene: Scenario, targets: Targets, before: State) -> State:
+        """The state of a scene near that of the plan, after some state before."""
+        craft, wanted = scene.usable, replace(targets, criterion=LEAST_ROTATION)
+        if self.roomy:
+            craft, wanted = with_room(craft, wanted)
+        found: Any = differentiable_goal(
+            self.place,
+            craft,
+            before.attitude,
+            wanted,
+            scene.rows(self.turns),
+            start_joints=before.joints,
+            moves=self.moves,
+        )
+        return State.still(found.attitude, found.joints)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class HeldDay:
     """What is held of a timeline's plan, as a function of the timeline's numbers.
 
@@ -89,12 +132,14 @@ class HeldDay:
         rows: numbers of the activities in the file, in the order in which they are done.
         choices: how each of them came to begin.
         slopes: of the shortest motions that durations are multiples of, by `id` of these durations.
+        places: the states in which devices point at their targets, by names of activities.
     """
 
     numbers: Numbers
     rows: tuple[int, ...]
     choices: tuple[Choice, ...]
     slopes: dict[int, _Slope]
+    places: dict[str, _Pointed]
 
     def total_time(self, numbers: Numbers) -> Any:
         """The time, s, at which the last activity of a timeline near that of the plan ends."""
@@ -105,12 +150,21 @@ class HeldDay:
             activity = numbers.activities[row]
             craft = holding(scene.spacecraft, total, state)
             here = replace(choice.departure, scene=scene, craft=craft, state=state)
-            goal = _goal(activity, state)
+            goal = self._goal(scene, activity, state)
             begin: Any = 0.0 if activity.earliest is None else activity.earliest
             if choice.time is not None:
                 begin = time + self._seconds(choice, choice.time, here, goal, time)
             time, state = _ends(activity, choice, begin, numbers.until), goal
         return time
+
+    def _goal(self, scene: Scenario, activity: Activity, before: State) -> State:
+        """The state in which the slew to an activity ends; one at rest stays as it is before."""
+        if activity.targets is not None:
+            return self.places[activity.name].state(scene, activity.targets, before)
+        if activity.attitude is None:
+            return before
+        joints: Any = jnp.asarray(activity.attitude.joints)
+        return State.still(so3.exp(jnp.asarray(activity.attitude.rotation_vector)), joints)
 
     def _seconds(self, choice: Choice, own: SlewTime, here: Departure, goal: State, time: Any) -> Any:
         """A duration of a slew, s, from a departure at a time, s, to a goal that does not move."""
@@ -129,14 +183,6 @@ def _start(scene: Scenario) -> State:
     """The state at a scene's start, which rests."""
     joints: Any = jnp.asarray(scene.start.joints)
     return State.still(so3.exp(jnp.asarray(scene.start.rotation_vector)), joints)
-
-
-def _goal(activity: Activity, before: State) -> State:
-    """The state in which the slew to an activity ends; one at rest stays as it is before."""
-    if activity.attitude is None:
-        return before
-    joints: Any = jnp.asarray(activity.attitude.joints)
-    return State.still(so3.exp(jnp.asarray(activity.attitude.rotation_vector)), joints)
 
 
 def _ends(activity: Activity, choice: Choice, begin: Any, until: Any) -> Any:
@@ -169,6 +215,14 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
     start = timeline.scene.start
     if np.any(start.angular_velocity) or np.any(start.joint_rates):
         reasons[choices[0].activity.name] = "the start has rates"
+    places: dict[str, _Pointed] = {}
+    for one in choices:
+        name = one.activity.name
+        if one.activity.targets is not None and not reasons[name]:
+            try:
+                places[name] = _pointed(one, one.activity.targets)
+            except ValueError as error:
+                reasons[name] = str(error)
     slopes: dict[int, _Slope] = {}
     for one in choices:
         name, time = one.activity.name, one.time
@@ -188,6 +242,7 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
         rows=tuple(rows[one.activity.name] for one in choices),
         choices=choices,
         slopes=slopes,
+        places=places,
     )
 
 
@@ -212,10 +267,18 @@ def _with_choices(plan: TimelinePlan) -> TimelinePlan:
 def _refused(choice: Choice, plan: TimelinePlan) -> str:
     """Why how an activity begins has no derivative that is known; empty if it has."""
     activity, departure = choice.activity, choice.departure
-    if activity.targets is not None:
-        return "it points at targets; give it an attitude"
-    if not departure.at_rest(choice.goal):
+    scene, targets = departure.scene, activity.targets
+    if targets is not None and targets.moves:
+        return "its targets move; give it an attitude"
+    if targets is not None and (moves(scene) or targets.prefer):
+        return f"{'a zone moves' if moves(scene) else 'a device has a wish'}; give it an attitude"
+    rates = [np.concatenate([one.velocity, one.rates]) for one in (departure.state, choice.goal)]
+    if np.max(np.abs(rates)) > _RESTS:
         return "the slew to it begins or ends with rates"
+    if choice.time is not None and choice.time.kind == NEEDED and not departure.at_rest(choice.goal):
+        return (
+            "the slew to it takes longer than its bound asks for, and what it begins or ends with turns a bit"
+        )
     end = next(one.end for one in plan.activities if one.name == activity.name)
     assert plan.trajectory is not None
     assert end is not None
@@ -230,6 +293,38 @@ def _refused(choice: Choice, plan: TimelinePlan) -> str:
     if max(moved) > _STAYS:
         return "it gives way to a zone"
     return ""
+
+
+def _pointed(choice: Choice, targets: Targets) -> _Pointed:
+    """How the state is followed in which devices point at directions that stand still.
+
+    Raises:
+        ValueError: as of `followed_by`, or if the state is not the optimum of step 1.
+    """
+    departure, goal = choice.departure, choice.goal
+    place = Goal(
+        attitude=goal.attitude,
+        joints=goal.joints,
+        slew_angle=float(so3.distance(departure.state.attitude, goal.attitude)),
+    )
+    scene = departure.scene
+    turns = tuple(mask.turns for mask in masks(scene.spacecraft))
+    asked = departure.scenario(goal, MINIMUM)
+    for roomy in (True, False) if choice.activity.kind == "point" else (False,):
+        wanted = replace(targets, criterion=LEAST_ROTATION)
+        if roomy:
+            wanted = with_room(scene.usable, wanted)[1]
+        made, _ = followed_by(replace(asked, goal=wanted), place)
+        own = _Pointed(place=place, moves=made, turns=turns, roomy=roomy)
+        with jax.enable_x64(True):
+            near = own.state(own_arrays(scene), targets, departure.state)
+        off = (
+            so3.distance(np.asarray(near.attitude), goal.attitude),
+            *np.abs(np.asarray(near.joints) - goal.joints),
+        )
+        if max(off) <= _OPTIMAL:
+            return own
+    raise ValueError("it turns more than its targets ask for, as by room that it keeps")
 
 
 def _slope(departure: Departure, time: SlewTime) -> _Slope:

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from builders import at_rest, make_spacecraft
 from passing import observer
+from reference import direction
+from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.schema.numbers import numbers_of_timeline, with_numbers
@@ -67,6 +69,27 @@ def far_turn() -> jp.Timeline:
     )
 
 
+def stars() -> jp.Timeline:
+    """A star that is looked at for some time, and one at an instant, each after the least turn there."""
+    craft = make_spacecraft(2, 1)
+    boresight = craft.instruments[0].boresight
+    first, second = Rotation.from_rotvec([[0.21, 0.13, 0.31], [0.11, -0.13, 0.21]]).apply(boresight)
+    return day_of(
+        jp.Activity(name="star", track=jp.Targets.of({"camera-1": first}), duration=5.0),
+        jp.Activity(name="glance", point=jp.Targets.of({"camera-1": second})),
+        jp.Activity(name="look", attitude=at_rest([0.3, 0.1, 0.2], np.zeros(4)), duration=5.0),
+        craft=craft,
+    )
+
+
+def beam() -> jp.Timeline:
+    """A terminal that looks so far up that the platform turns until its pitch is near its limit."""
+    return day_of(
+        jp.Activity(name="beam", point=jp.Targets.of({"terminal-1": direction(0.3, 0.5)})),
+        jp.Activity(name="look", attitude=LOOK, duration=5.0),
+    )
+
+
 def wheels() -> jp.Timeline:
     """An observer whose wheels give all that its turns may have."""
     whole = observer()
@@ -84,6 +107,8 @@ DAYS = {
     "joints and platform": (joints_and_platform, {BOUND}, 12),
     "windows": (windows, {BOUND}, 5),
     "windows in the time there is": (windows_in_the_time_there_is, {BOUND}, 3),
+    "stars": (stars, {BOUND}, 7),
+    "beam": (beam, {BOUND}, 5),
     "far": (far_turn, {NEEDED}, 5),
     "wheels": (wheels, {NEEDED}, 6),
 }
@@ -121,6 +146,23 @@ SOME = {
         "activity[2].from_s",
         "activity[2].attitude[1]",
         "timeline.until_s",
+    ),
+    "stars": (
+        "spacecraft.rate_limit_deg_s",
+        "spacecraft.acceleration_limit_deg_s2",
+        "start.attitude[0]",
+        "start.attitude[1]",
+        "start.attitude[2]",
+        "activity[0].for_s",
+        "activity[2].attitude[0]",
+        "activity[2].attitude[1]",
+    ),
+    "beam": (
+        "spacecraft.terminal[0].pitch_limit_deg",
+        "spacecraft.rate_limit_deg_s",
+        "start.attitude[0]",
+        "start.attitude[2]",
+        "activity[1].attitude[2]",
     ),
     "far": (
         "spacecraft.rate_limit_deg_s",
@@ -213,19 +255,22 @@ def test_a_plan_that_is_another_one_when_planned_anew_is_refused():
 
 
 def test_all_activities_without_derivatives_are_named_with_their_reasons():
-    look = {"camera-1": np.array([0.0, 0.6, 0.8])}
+    times = np.linspace(0.0, 200.0, 21)
+    moving = jp.DirectionPath.through(times, direction(1e-3 * times, np.full(21, 0.5)))
+    still, wish = np.array([0.0, 0.6, 0.8]), jp.Wish(device="terminal-1", direction=np.array([1.0, 0.0, 0.0]))
     day = day_of(
         jp.Activity(name="look", attitude=at_rest([0.1, 0.0, 0.0], np.zeros(4)), duration=5.0),
-        jp.Activity(name="star", track=jp.Targets.of(look), duration=5.0),
-        jp.Activity(name="glance", point=jp.Targets.of(look)),
+        jp.Activity(name="ship", track=jp.Targets.of({"camera-1": moving}), duration=5.0),
+        jp.Activity(name="glance", point=jp.Targets.of({"camera-1": still}, prefer=(wish,))),
         craft=make_spacecraft(2, 1),
+        until=200.0,
     )
     plan = jp.plan_timeline(day, progress=False)
     with pytest.raises(ValueError, match="has no derivatives that are known: ") as refused:
         jp.sensitivities(plan)
     told = str(refused.value)
-    assert "activity star: it points at targets" in told
-    assert "activity glance: it points at targets" in told
+    assert "activity ship: its targets move; give it an attitude" in told
+    assert "activity glance: a device has a wish; give it an attitude" in told
     assert "activity look" not in told
 
 
