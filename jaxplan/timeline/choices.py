@@ -16,12 +16,14 @@ from typing import Any, Self
 
 from jaxplan.model.path import Path
 from jaxplan.model.timeline import Activity
+from jaxplan.runtime.display import shown
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Trajectory
 
 FIXED, BOUND, NEEDED, SEEN = "fixed", "bound", "needed", "seen"
 
 
+@shown("kind", "seconds s", "factor", "offset s")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SlewTime:
     """A duration of a slew, ``factor * base + offset``, and what the base is.
@@ -61,6 +63,7 @@ class SlewTime:
         )
 
 
+@shown("activity.name", "time", "begin s")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Choice:
     """How an activity came to begin.

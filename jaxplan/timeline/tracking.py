@@ -13,6 +13,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.display import shown
 from jaxplan.timeline import curves
 from jaxplan.timeline.least_motion import LeastMotion, Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
@@ -29,6 +30,7 @@ _FINE = 8  # steps from node to node in which attitudes are carried along
 _PLACES = 64  # at which it is measured how far targets turn
 
 
+@shown("attitude", "joints deg", "velocity deg/s", "rates deg/s")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
     """A state of the spacecraft with its first two derivatives by time.
