@@ -19,13 +19,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan import so3
-from jaxplan.goal.free import MadeWay, settled
-from jaxplan.goal.pairs import cleared
-from jaxplan.goal.problem import GoalProblem, Wished, leaves_open
+from jaxplan.goal.followed import Followed, followed_by
+from jaxplan.goal.free import MadeWay
 from jaxplan.goal.sensitivity import differentiable_goal, goal_in_time
 from jaxplan.model.constraints import Constraints
-from jaxplan.model.goals import LEAST_ROTATION, LEAST_TIME, GivenState
+from jaxplan.model.goals import GivenState
 from jaxplan.model.leads import Leads, leads_of
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario, moves
@@ -38,21 +36,17 @@ from jaxplan.planner.runs import as_filed
 from jaxplan.planner.steps import find_goals, fit, fitted_plan, judged, pursuit, wanted_fit
 from jaxplan.runtime.arguments import expect, show
 from jaxplan.runtime.display import shown
-from jaxplan.runtime.jit import clear_if_full, quick_jit
+from jaxplan.runtime.jit import clear_if_full
 from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name, fit_batch
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
 
-_OPTIMAL = 1e-6  # rad, largest distance of a plan's goal from the optimum whose derivative is taken
 _NEEDS_TIME = (
     "its scene has targets or zones that move: derivatives and tuning then know given durations only: set "
     "trajectory.duration_s to a number, which is then no result that has slopes, or hold what moves at an "
     "instant"
 )
-_AT_A_BOUND = "its goal leans on a bound of joints or a vector that these turn"
-_BY_A_WISH = "its goal leans on what a device prefers: leave the wish out, or give the goal as a state"
 _A_PLAN = "jp.plan makes one of a scenario"
-_optimum_near = quick_jit(differentiable_goal)
 
 
 @shown("goal.slew_angle deg", "last", "attitudes", "joints deg", "fit")
@@ -85,21 +79,6 @@ class Held:
     trajectory: Trajectory
     turns: Turns = field(default=(), metadata={"static": True})
     criterion: str | None = field(default=None, metadata={"static": True})
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Followed:
-    """How a goal follows its scenario.
-
-    Attributes:
-        moves: how devices without a target made way at it.
-        criterion: that it is an optimum of; None for a goal that is given as a state.
-        doubts: why it is not the optimum that `differentiable_goal` takes it for.
-    """
-
-    moves: tuple[MadeWay, ...] = ()
-    criterion: str | None = None
-    doubts: tuple[str, ...] = ()
 
 
 def hold(plan: Plan, *, nodes: int = FEWEST_NODES) -> Held:
@@ -139,7 +118,7 @@ def hold_each(plans: Sequence[Plan], *, nodes: int) -> Iterator[Held]:
         yield held
 
 
-def _followable(plan: Plan) -> tuple[Plan, Path, Goal, _Followed]:
+def _followable(plan: Plan) -> tuple[Plan, Path, Goal, Followed]:
     """A plan whose scenario's arrays are copied, its path, its goal, and how that is followed.
 
     Raises:
@@ -157,7 +136,7 @@ def _followable(plan: Plan) -> tuple[Plan, Path, Goal, _Followed]:
         reasons.append(
             "it is a shortest motion with rates at its ends: set trajectory.duration_s to a number"
         )
-    followed = _followed_by(scenario, goal)
+    followed = followed_by(scenario, goal)
     _refuse(scenario.name, [*reasons, *followed.doubts])
     return replace(plan, scenario=own_arrays(scenario)), plan.path, goal, followed
 
@@ -187,7 +166,7 @@ def own_arrays(scenario: Scenario) -> Scenario:
     return copied
 
 
-def _held(plan: Plan, path: Path, goal: Goal, followed: _Followed, fitted: Fit, nodes: int) -> Held:
+def _held(plan: Plan, path: Path, goal: Goal, followed: Followed, fitted: Fit, nodes: int) -> Held:
     """What derivatives hold fixed of an OK plan, from its path, goal and fit, padded to `nodes` nodes.
 
     Raises:
@@ -213,51 +192,6 @@ def _held(plan: Plan, path: Path, goal: Goal, followed: _Followed, fitted: Fit, 
         criterion=followed.criterion,
         trajectory=replace(curve, node_times=padded(curve.node_times, nodes)),
     )
-
-
-def _followed_by(scenario: Scenario, goal: Goal) -> _Followed:
-    """How the goal of a plan follows its scenario, or why it does not."""
-    asked, craft, rows = scenario.asked, scenario.usable, scenario.constraints.at(goal.time)
-    if isinstance(asked, GivenState):
-        return _Followed()
-    soonest = asked.criterion == LEAST_TIME
-    targets, start = asked.at(goal.time), scenario.start
-    problem = GoalProblem.of(craft, start.attitude, targets, rows, start.joints)
-    if targets.clearance:
-        problem = replace(problem, rows=cleared(problem.rows, problem.pairs, targets.clearance))
-    problem = replace(problem, wishes=tuple(Wished.all_of(craft, targets, problem.ranges)))
-    joints = np.clip(problem.joints(goal.attitude), *problem.ranges.T)
-    joints, moves = settled(problem, goal.attitude, joints)
-    doubts = []
-    if any(move.ties for move in moves):
-        doubts.append(
-            "where a device without a target makes way at the goal several things are as near, and which of "
-            "them it will lean on depends on the way the scenario changes"
-        )
-    elif np.max(np.abs(joints - goal.joints), initial=0.0) > _OPTIMAL:
-        doubts.append(_AT_A_BOUND)
-    if _needs_time(scenario):
-        if targets.prefer:
-            doubts.append(_BY_A_WISH)
-        return _Followed(doubts=tuple(doubts))  # a given duration takes another goal
-    if soonest and (asked.moves or targets.prefer or moves):
-        why = "targets that move" if asked.moves else "wishes, or with devices that make way"
-        doubts.append(f'its goal is one of least time with {why}: set goal.criterion = "least_rotation"')
-    if doubts:
-        return _Followed(doubts=tuple(doubts))
-    if not soonest and not targets.prefer and not leaves_open(problem):
-        return _Followed(moves=moves, criterion=asked.criterion)
-    for criterion in dict.fromkeys((asked.criterion, LEAST_ROTATION)):
-        wanted = replace(targets, criterion=criterion)
-        with jax.enable_x64(True):
-            optimum = _optimum_near(
-                _place(goal), craft, start.attitude, wanted, rows, start_joints=start.joints
-            )
-        if float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= _OPTIMAL:
-            return _Followed(moves=moves, criterion=criterion)
-    if soonest:
-        doubts = ['its goal is no smooth optimum of the time: set goal.criterion = "least_rotation"']
-    return _Followed(doubts=tuple(doubts or [_BY_A_WISH if targets.prefer else _AT_A_BOUND]))
 
 
 def replan(held: Held, scenario: Scenario) -> Trajectory:
@@ -390,7 +324,7 @@ def follow_and_hold(plan: Plan, scenario: Scenario, *, nodes: int = FEWEST_NODES
     if not followed.ok or fitted is None or path is None or goal is None:
         return followed, None
     try:
-        return followed, _held(followed, path, goal, _followed_by(scenario, goal), fitted, nodes)
+        return followed, _held(followed, path, goal, followed_by(scenario, goal), fitted, nodes)
     except ValueError:  # nothing moves, or a row is about to bind
         return followed, None
 

@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from reference import assert_each
 
+import jaxplan as jp
 from jaxplan.cases import case_path
 from jaxplan.cli import _parser, main
 from jaxplan.model.status import Status
@@ -663,7 +664,7 @@ def test_the_slew_times_of_their_page_are_certified(tmp_path, monkeypatch, capsy
 
 @pytest.mark.slow
 def test_the_slopes_of_the_page_on_derivatives_are_those_of_its_plan(capsys):
-    code, of_keys = blocks(DOCS / "derivatives.md", "python")
+    code, of_keys, of_day = blocks(DOCS / "derivatives.md", "python")
     slopes, tuned, _ = code.partition("result = jp.tune(")
     assert tuned
     names: dict[str, object] = {}
@@ -677,7 +678,12 @@ def test_the_slopes_of_the_page_on_derivatives_are_those_of_its_plan(capsys):
     effort = float(names["effort"](names["plan"].scenario))
     assert slope == pytest.approx(-3 * effort / trajectory.duration, rel=0.5)
     assert slope < 0
+    scene = names["scenario"]
+    stay = jp.Activity(name="stay", attitude=scene.start, duration=20.0)
+    names["timeline"] = jp.Timeline(name="day", scene=scene, activities=(stay,))
     capsys.readouterr()
+    exec(of_day, names)
+    assert capsys.readouterr().out.startswith("total time 20.5 s")
 
 
 class Links(HTMLParser):

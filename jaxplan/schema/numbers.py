@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import EllipsisType
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +18,7 @@ import numpy as np
 from jaxplan.geometry.vectors import array_module
 from jaxplan.model.goals import GivenState
 from jaxplan.model.scenario import Scenario
+from jaxplan.model.timeline import Timeline
 from jaxplan.schema.arrays import Array, PerAxis, range_of, within_a_turn
 from jaxplan.schema.directions import Axis, TargetList
 from jaxplan.schema.faults import nearest
@@ -28,6 +29,15 @@ from jaxplan.schema.reading import scenario_to_dict
 from jaxplan.schema.states import STATE, TARGETS, Goal, Start
 from jaxplan.schema.tables import Field, Rows, Table
 
+Held = TypeVar("Held", Scenario, Timeline)
+
+_TIMES = {"duration": "for_s", "earliest": "from_s", "latest": "until_s"}  # of activities
+_WITHIN = Interval("[0, 86400]")  # s, of these
+_OF_SLEWS = (
+    "trajectory.duration_s",
+    "trajectory.method",
+    "trajectory.first_guesses",
+)  # timelines choose them
 _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
 
 
@@ -37,9 +47,9 @@ class NumberPlace:
 
     Attributes:
         name: dotted, in the file's keys.
-        path: attributes and indices from the scenario to the number. ``...`` means all numbers of an array
-            at once, of which `get` returns the first. An index may also lead into a limit that is a single
-            number for all axes, which becomes three when one is replaced.
+        path: attributes and indices from the scenario, or timeline, to the number. ``...`` means all numbers
+            of an array at once, of which `get` returns the first. An index may also lead into a limit that is
+            a single number for all axes, which becomes three when one is replaced.
         factor: from the file's unit to the model's.
         interval: where it must lie, in the file's units; None for anywhere.
     """
@@ -49,7 +59,7 @@ class NumberPlace:
     factor: float
     interval: Interval | None
 
-    def get(self, scenario: Scenario) -> Any:
+    def get(self, scenario: Scenario | Timeline) -> Any:
         """The number, in the file's units."""
         value: Any = scenario
         for step in self.path:
@@ -109,6 +119,38 @@ def numbers_of(scenario: Scenario) -> tuple[NumberPlace, ...]:
             found.append(find_number(scenario, name))
         except KeyError:  # a whole number, or one of a vector or matrix, whose numbers depend on each other
             continue
+    return tuple(found)
+
+
+def numbers_of_timeline(timeline: Timeline) -> tuple[NumberPlace, ...]:
+    """All numbers of a timeline that may change by themselves, by the keys of a file that holds it.
+
+    They are those of its scene but for the goal, then times and states of activities, then its end; paths
+    lead from the timeline, and `NumberPlace.get` and `with_numbers` take it in the place of a scenario.
+    """
+    scene = replace(timeline.scene, goal=timeline.scene.start)
+    found = [
+        replace(place, path=("scene", *place.path))
+        for place in numbers_of(scene)
+        if place.path[0] != "goal" and not place.name.startswith(_OF_SLEWS)
+    ]
+    for row, activity in enumerate(timeline.activities):
+        for attribute, key in _TIMES.items():
+            if getattr(activity, attribute) is not None:
+                path = ("activities", row, attribute)
+                found.append(NumberPlace(f"activity[{row}].{key}", path, 1.0, _WITHIN))
+        if activity.attitude is not None:
+            held = GivenState(
+                rotation_vector=activity.attitude.rotation_vector, joints=activity.attitude.joints
+            )
+            for place in numbers_of(replace(scene, start=held, goal=held)):
+                if place.path[0] == "start":
+                    name = f"activity[{row}].{place.name.partition('.')[2]}"
+                    found.append(
+                        replace(place, name=name, path=("activities", row, "attitude", *place.path[1:]))
+                    )
+    if timeline.until is not None:
+        found.append(NumberPlace("timeline.until_s", ("until",), 1.0, _WITHIN))
     return tuple(found)
 
 
@@ -194,8 +236,8 @@ def _each(value: Any) -> Any:
     return value if isinstance(value, tuple) or np.ndim(value) else array_module(value).full(3, value)
 
 
-def with_numbers(scenario: Scenario, numbers: Mapping[NumberPlace, Any]) -> Scenario:
-    """The scenario with other numbers in some places, given in the file's units."""
+def with_numbers(scenario: Held, numbers: Mapping[NumberPlace, Any]) -> Held:
+    """The scenario, or timeline, with other numbers in some places, given in the file's units."""
     for place, number in numbers.items():
         scenario = _replaced(scenario, place.path, number * place.factor)
     return scenario

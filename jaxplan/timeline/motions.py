@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.certificate import LIMIT_ALLOWANCE
+from jaxplan.geometry.vectors import array_module
 from jaxplan.goal import Decomposition, decompose
 from jaxplan.goal.rates import least_rates
 from jaxplan.model.breaches import constraint_breaches
@@ -42,6 +43,12 @@ _ROOM = np.deg2rad(1.0)  # rad, that an instant keeps from zones and ends of ran
 _FEW = 65  # instants at which rates, accelerations and loads are looked at
 _SAME = 1e-9  # s, by which a time may be late
 _SAME_INSTANT = 1e-3  # s, between the end of a span and what begins because of it
+
+
+def with_room(craft: Spacecraft, targets: Targets) -> tuple[Spacecraft, Targets]:
+    """Spacecraft and targets with the room that an instant keeps from ends of ranges and zones if it can."""
+    clearance = array_module(targets.clearance).maximum(targets.clearance, _ROOM)
+    return usable(craft, Robust(joint_error=_ROOM)), replace(targets, clearance=clearance)
 
 
 class Refused(Exception):
@@ -245,8 +252,7 @@ class Doing:
 
     def _instant(self, targets: Targets, goals: Sequence[Goal], begin: float) -> Motion:
         """The state in which devices point at targets at an instant, at their rates: the best that can be."""
-        roomy = usable(self.scene.usable, Robust(joint_error=_ROOM))
-        clear = replace(targets, clearance=max(float(targets.clearance), _ROOM))
+        roomy, clear = with_room(self.scene.usable, targets)
         first: str | None = None
         for goal in (*self._attempted(roomy, clear, begin).goals, *goals):
             spin, rates = least_rates(self.scene.usable, targets.at(begin), goal, targets.rates(begin))

@@ -23,6 +23,7 @@ from jaxplan.runtime.workers import one_thread
 from jaxplan.schema.faults import nearest
 from jaxplan.schema.timelines import take_in_timeline
 from jaxplan.timeline import curves, proving
+from jaxplan.timeline.choices import Choice
 from jaxplan.timeline.motions import Doing, Motion, Refused
 from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan
 from jaxplan.timeline.slews import Departure, Slew
@@ -109,6 +110,7 @@ class _Day:
         self.proofs: list[tuple[float, Trajectory, Certificate]] = []
         self.segments: list[Segment] = []
         self.activities: list[PlannedActivity] = []
+        self.choices: list[Choice] = []
         self.seconds = {"motions": 0.0, "slews": 0.0, "proof": 0.0}
         self.broken = start_breaches(replace(scene, goal=start))
 
@@ -135,6 +137,7 @@ class _Day:
             proof = proving.certify_part(self.scene, segment.start, own, self._craft())
             self._add(segment.name, segment.kind, own, proof)
         self.activities += before
+        self.choices += [one for one in kept.choices if one.activity.name in names[:first]]
         return ordered[first:]
 
     def do(self, activity: Activity) -> bool:
@@ -196,6 +199,7 @@ class _Day:
                     Status.UNCERTIFIED, f"{'; '.join(faults)}; the activity begins at {motion.begin:.2f} s"
                 )
             self._expect_near(activity, error)
+        departure = Departure(scene=self.scene, craft=self._craft(), state=self.state, time=self.time)
         if slew.trajectory is not None and slew.proof is not None:
             self._add(activity.name, "slew", slew.trajectory, slew.proof)
         if motion.trajectory is not None and proof is not None:
@@ -203,6 +207,15 @@ class _Day:
         self.state = motion.state if motion.trajectory is None else self.state
         if not listed:
             return
+        self.choices.append(
+            Choice(
+                activity=activity,
+                departure=departure,
+                time=slew.time,
+                goal=motion.state,
+                begin=motion.begin,
+            )
+        )
         self.activities.append(
             PlannedActivity(
                 name=activity.name,
@@ -354,5 +367,6 @@ class _Day:
             segments=tuple(self.segments),
             trajectory=trajectory,
             certificate=certificate,
+            choices=tuple(self.choices),
             timings=dict(self.seconds),
         )

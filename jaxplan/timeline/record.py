@@ -14,6 +14,7 @@ from jaxplan.model.status import Status
 from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.planner.record import report_summary
 from jaxplan.runtime.display import aligned, as_table, shown
+from jaxplan.timeline.choices import Choice
 from jaxplan.timeline.files import read_plan, save_plan
 from jaxplan.timeline.interruptions import Interruption, interruptions
 from jaxplan.timeline.proving import certify_segments
@@ -85,6 +86,8 @@ class TimelinePlan:
         segments: slews and activities in order, without gaps.
         trajectory: all of the motion as a function of time; None where nothing is planned.
         certificate: what is proved of the trajectory.
+        choices: how each activity came to begin, see `jaxplan.timeline.choices`; no file has them, and of a
+            plan that was read there are none.
         timings: seconds by step, the one part that is not deterministic.
     """
 
@@ -95,6 +98,7 @@ class TimelinePlan:
     segments: tuple[Segment, ...] = ()
     trajectory: Trajectory | None = None
     certificate: Certificate | None = None
+    choices: tuple[Choice, ...] = ()
     timings: dict[str, float] = field(default_factory=dict)
 
     @property

@@ -19,7 +19,7 @@ from jaxplan.model.duration_bound import duration_bound
 from jaxplan.model.goals import GivenState
 from jaxplan.model.later import later
 from jaxplan.model.path import Goal, Path
-from jaxplan.model.scenario import MINIMUM, Scenario
+from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.planner.clock import Clock
@@ -27,6 +27,7 @@ from jaxplan.planner.record import Plan
 from jaxplan.planner.rounds import plan_in_rounds
 from jaxplan.planner.steps import fit
 from jaxplan.timeline import curves, proving
+from jaxplan.timeline.choices import BOUND, NEEDED, SEEN, SlewTime
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import Fit, Trajectory
 from jaxplan.trajectory.fit import too_tight
@@ -56,6 +57,7 @@ class Slew:
         trajectory: from its start on, which is its zero; None where it failed.
         goal: what follows, by the function that says it.
         proof: the certificate of the trajectory, also where it failed.
+        time: how the duration came about, of slews in the shortest time.
     """
 
     status: Status
@@ -66,6 +68,7 @@ class Slew:
     trajectory: Trajectory | None = None
     goal: Any = None
     proof: Certificate | None = None
+    time: SlewTime | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -101,7 +104,7 @@ class Departure:
         is made again for a spacecraft with so much less, `craft`, and proved for its own.
         """
         path = _straight(self.state, goal) if way is None else _ending(way, goal)
-        scenario = self._scenario(goal, duration)
+        scenario = self.scenario(goal, duration)
         if craft is not None:
             scenario = replace(scenario, spacecraft=craft)
         fitted = fit(scenario, path, _goal(self.state, goal, duration))
@@ -143,41 +146,91 @@ class Departure:
             last: s, the last such time at which there is one.
         """
 
-        def admitted(duration: float) -> float:
-            return seen_from(self.time + max(duration, _LEAST)) - self.time
+        def admitted(time: SlewTime) -> SlewTime:
+            begin = self.time + max(time.seconds, _LEAST)
+            seen = seen_from(begin)
+            own = time if time.seconds >= _LEAST else SlewTime.fixed(_LEAST)
+            if seen > begin:
+                own = SlewTime(seconds=0.0, kind=SEEN, factor=1.0)
+            return replace(own, seconds=seen - self.time)
 
-        duration = admitted(min(_FIRST, last - self.time))
-        state, found = goal_at(self.time + duration)
-        duration = admitted(_above(self.bound(state)))
+        time = admitted(SlewTime.fixed(min(_FIRST, last - self.time)))
+        state, found = goal_at(self.time + time.seconds)
+        time = admitted(self._above(state, time))
         failed: Slew | None = None
         way: Path | None = None
+        shortest: Trajectory | None = None
         for growth in _GROWTH:
+            duration = time.seconds
             state, found = goal_at(self.time + duration)
-            bound = self.bound(state)
-            if duration < _CLOSE * bound:
-                duration = admitted(_above(bound))
+            if duration < _CLOSE * self.bound(state):
+                time = admitted(self._above(state, time))
+                duration = time.seconds
                 state, found = goal_at(self.time + duration)
             slew = self._along(way, state, duration)
             if slew.trajectory is not None:
-                return replace(slew, goal=found)
+                return replace(slew, goal=found, time=time)
             failed = failed or slew
-            needed = slew.needed
+            needed = self._needed(way, state, slew.needed)
             if slew.blocked and way is None:
                 quickest = self._planned(state, MINIMUM)
                 if quickest.path is None or quickest.trajectory is None or not quickest.ok:
                     if needed is None:
                         return replace(slew, status=quickest.status, message=self._told(quickest))
                 elif needed is None or quickest.trajectory.duration < needed:
-                    way, needed = quickest.path, quickest.trajectory.duration
+                    way, shortest = quickest.path, quickest.trajectory
+                    needed = shortest.duration
             elif slew.status not in _PERHAPS_TOO_SHORT:
                 return slew
-            duration = admitted(max(_SLACK * (needed or 0.0), growth * duration, duration + _STEP))
+            enough = SlewTime(
+                seconds=_SLACK * (needed or 0.0),
+                kind=NEEDED,
+                factor=_SLACK,
+                goal=state,
+                after=time,
+                path=way,
+                shortest=shortest,
+            )
+            longer = (enough, time.longer(growth, 0.0), time.longer(1.0, _STEP))
+            time, shortest = admitted(max(longer, key=lambda one: one.seconds)), None
         assert failed is not None
         return failed
 
+    def _needed(self, way: Path | None, goal: State, needed: float | None) -> float | None:
+        """What is needed, s, to a state near a path: with `trajectory.optimal` the optimum, where known."""
+        best = self.at_rest(goal) and self.scene.trajectory.optimal and not moves(self.scene)
+        if needed is None or not best:
+            return needed
+        fitted = self._quickest(way, goal)
+        found = fitted.trajectory is not None and fitted.status is Status.OK
+        return fitted.trajectory.duration if found and fitted.trajectory is not None else needed
+
+    def _quickest(self, way: Path | None, goal: State) -> Fit:
+        """The shortest motion to a state near a path; near none straight."""
+        path = _straight(self.state, goal) if way is None else _ending(way, goal)
+        return fit(self.scenario(goal, MINIMUM), path, _goal(self.state, goal, 0.0))
+
+    def at_rest(self, goal: State) -> bool:
+        """Whether slews to a state begin and end at rest."""
+        return not any(np.any(one.velocity) or np.any(one.rates) for one in (self.state, goal))
+
+    def shortest_plan(self, time: SlewTime) -> Plan:
+        """The shortest motion that a duration is a multiple of, as a manoeuvre, without a certificate."""
+        assert time.goal is not None
+        goal, way, found = time.goal, time.path, time.shortest
+        if found is None:
+            found = self._quickest(way, goal).trajectory
+        return Plan(
+            scenario=self.scenario(goal, MINIMUM),
+            status=Status.INFEASIBLE if found is None else Status.OK,
+            goal=_goal(self.state, goal, 0.0),
+            path=_straight(self.state, goal) if way is None else _ending(way, goal),
+            trajectory=found,
+        )
+
     def _planned(self, goal: State, duration: Any) -> Plan:
         """The slew to a state as a manoeuvre with a search, in a duration, s, or the shortest."""
-        scenario = self._scenario(goal, duration)
+        scenario = self.scenario(goal, duration)
         return plan_in_rounds([scenario], [Clock(scenario.search.time_limit)])[0]
 
     def _told(self, found: Fit | Plan) -> str:
@@ -206,7 +259,13 @@ class Departure:
         pairs = [(getattr(self.state, name), getattr(goal, name)) for name in _BOUND]
         return duration_bound(self.craft, *(np.stack(pair) for pair in pairs)).seconds
 
-    def _scenario(self, goal: State, duration: Any) -> Scenario:
+    def _above(self, goal: State, after: SlewTime) -> SlewTime:
+        """The first duration that is tried of slews to a state, which is the goal after some duration."""
+        bound = self.bound(goal)
+        above = SlewTime(seconds=bound, kind=BOUND, factor=1.0, goal=goal, after=after)
+        return max(above.longer(_ABOVE, 0.0), above.longer(1.0, _ROOM), key=lambda one: one.seconds)
+
+    def scenario(self, goal: State, duration: Any) -> Scenario:
         """The problem of a slew to a state in a duration, s, or the shortest."""
         scene = later(self.scene, self.time, None if isinstance(duration, str) else duration)
         tube = scene.trajectory.node_tube
@@ -263,15 +322,10 @@ def _eased(craft: Spacecraft, share: float) -> Spacecraft:
     )
 
 
-def _above(bound: float) -> float:
-    """The first duration, s, that is tried of slews with a strict bound, s."""
-    return max(_ABOVE * bound, bound + _ROOM)
-
-
 def _given(state: State) -> GivenState:
     """A state as scenarios have it."""
     return GivenState(
-        rotation_vector=np.asarray(so3.log(state.attitude)),
+        rotation_vector=so3.log(state.attitude),
         joints=state.joints,
         angular_velocity=state.velocity,
         joint_rates=state.rates,

@@ -1,16 +1,20 @@
-"""The momentum that wheels hold in the middle of a timeline, with which its next part starts."""
+"""The momentum that wheels hold in the middle of a timeline, with which its next part starts.
+
+With numpy, or JAX where a state or a number of the spacecraft is traced.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 
+from jaxplan.geometry.vectors import AnyArray, array_module
 from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import PSEUDO_INVERSE
 from jaxplan.timeline.tracking import State
 
 
-def total_in(craft: Spacecraft, state: State) -> np.ndarray | None:
+def total_in(craft: Spacecraft, state: State) -> AnyArray | None:
     """Total momentum (3,) N m s, inertial axes, in a state in which wheels hold what they store.
 
     It stays what it is; None without wheels.
@@ -18,10 +22,10 @@ def total_in(craft: Spacecraft, state: State) -> np.ndarray | None:
     if not craft.wheels:
         return None
     assert craft.wheel_array is not None
-    return np.asarray(state.attitude @ (_carried(craft, state) + np.asarray(craft.wheel_array.stored)))
+    return state.attitude @ (_carried(craft, state) + craft.wheel_array.stored)
 
 
-def holding(craft: Spacecraft, total: np.ndarray | None, state: State) -> Spacecraft:
+def holding(craft: Spacecraft, total: AnyArray | None, state: State) -> Spacecraft:
     """The spacecraft whose wheels store what a total momentum leaves them in a state.
 
     Where an array shares out so that the largest share is least, the wheels are given the shares of its
@@ -37,14 +41,16 @@ def holding(craft: Spacecraft, total: np.ndarray | None, state: State) -> Spacec
     array = craft.wheel_array
     assert array is not None
     held = state.attitude.T @ total - _carried(craft, state)
-    each = np.linalg.pinv(np.asarray(array.axes).T) @ held
+    xp = array_module(array.axes, held)
+    each = xp.linalg.pinv(array.axes.T) @ held
     if craft.allocation == PSEUDO_INVERSE:
-        each = each + np.asarray(array.apart)
-    wheels = tuple(replace(wheel, stored=float(own)) for wheel, own in zip(craft.wheels, each, strict=True))
+        each = each + array.apart
+    stored = each.tolist() if xp is np else list(each)
+    wheels = tuple(replace(wheel, stored=own) for wheel, own in zip(craft.wheels, stored, strict=True))
     return replace(craft, wheels=wheels)
 
 
-def _carried(craft: Spacecraft, state: State) -> np.ndarray:
+def _carried(craft: Spacecraft, state: State) -> AnyArray:
     """Momentum (3,) N m s, body axes, of all but the wheels."""
     motion = Kinematics(
         spin=[state.velocity],
@@ -52,4 +58,4 @@ def _carried(craft: Spacecraft, state: State) -> np.ndarray:
         inertia=craft.fixed_inertia,
         stages=craft.stages,
     )
-    return np.asarray(motion.momentum)
+    return array_module(motion.momentum).asarray(motion.momentum)

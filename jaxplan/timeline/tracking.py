@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan import so3
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.runtime.display import shown
 from jaxplan.timeline import curves
 from jaxplan.timeline.least_motion import LeastMotion, Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
@@ -32,6 +33,7 @@ _GLANCES = 33  # instants at which it is seen how much room there is
 _PLACES = 64  # at which it is measured how far targets turn
 
 
+@shown("attitude", "joints deg", "velocity deg/s", "rates deg/s")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
     """A state of the spacecraft with its first two derivatives by time.

@@ -6,6 +6,7 @@ Numbers that depend on each other, as those of a unit vector do, are left out.
 """
 
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import EllipsisType
 from typing import Any
@@ -18,7 +19,9 @@ from jaxplan.gradients import differentiable
 from jaxplan.model.keys import unit_of
 from jaxplan.planner import Plan
 from jaxplan.runtime.display import as_table, shown
-from jaxplan.schema.numbers import NumberPlace, numbers_of
+from jaxplan.schema.numbers import NumberPlace, numbers_of, numbers_of_timeline
+from jaxplan.timeline import TimelinePlan
+from jaxplan.tuning.days import TOTAL_TIME, day_slopes
 from jaxplan.tuning.objectives import Objective, make_objective, unit_of_objective
 
 _LINE = 110  # characters of a line of names
@@ -114,12 +117,13 @@ class Sensitivities:
         return as_table(caption, rows)
 
 
-def sensitivities(plan: Plan, measure: str = "effort") -> Sensitivities:
-    """Tell how a measure of a plan changes with each number of its scenario's file.
+def sensitivities(plan: Plan | TimelinePlan, measure: str | None = None) -> Sensitivities:
+    """Tell how a measure of a plan, or the total time of a day's, changes with each number of its file.
 
     Args:
-        plan: an OK one that `differentiable` takes.
-        measure: one of `jaxplan.tuning.OBJECTIVES`, such as "effort", "duration" or "smallest_margin".
+        plan: an OK one that `differentiable` takes; or one of a timeline.
+        measure: one of `jaxplan.tuning.OBJECTIVES`, such as "effort", "duration" or "smallest_margin"; of a
+            timeline's plan "total_time", until its last activity ends. None for "effort" and "total_time".
 
     Returns:
         The slopes in the units of files. Where a choice of the plan is about to change a slope is that of the
@@ -127,34 +131,66 @@ def sensitivities(plan: Plan, measure: str = "effort") -> Sensitivities:
 
     Raises:
         TypeError: if it is no plan, or no name.
-        ValueError: if there is no such measure, the plan lacks what it measures, or as of `differentiable`.
+        ValueError: if there is no such measure, the plan lacks what it measures, or as of `differentiable`;
+            of a timeline's plan also as of `jaxplan.tuning.days.hold_day`.
 
     Example:
         >>> print(jp.sensitivities(plan, "smallest_margin"))
+        >>> print(jp.sensitivities(jp.plan_timeline(timeline), "total_time"))
     """
-    if not isinstance(measure, str):
+    if measure is not None and not isinstance(measure, str):
         raise TypeError(f"measure must be a name, not {type(measure).__name__}")
+    if isinstance(plan, TimelinePlan):
+        return _of_day(plan, TOTAL_TIME if measure is None else measure)
+    if measure == TOTAL_TIME:
+        raise ValueError(f"measure {TOTAL_TIME!r} is of a timeline's plan, of this one it is 'duration'")
+    measure = "effort" if measure is None else measure
     aim: Objective = make_objective(measure)
     sign = -1.0 if measure == _MARGIN else 1.0
     function = differentiable(plan)
     with jax.enable_x64(True):
         scenario = own_arrays(plan.scenario)
         value, slopes = jax.value_and_grad(lambda own: aim(function(own), own), allow_int=True)(scenario)
+    told = measure, sign * float(value), unit_of_objective(measure)
+    return _table(told, numbers_of(plan.scenario), plan.scenario, slopes, sign)
+
+
+def _of_day(plan: TimelinePlan, measure: str) -> Sensitivities:
+    """The slopes of a day's total time by the numbers of its timeline's file."""
+    if measure != TOTAL_TIME:
+        raise ValueError(f"unknown measure {measure!r} of a timeline's plan: must be {TOTAL_TIME!r}")
+    value, slopes = day_slopes(plan)
+    return _table((measure, value, "s"), numbers_of_timeline(plan.timeline), plan.timeline, slopes)
+
+
+def _table(
+    told: tuple[str, float, str], places: Sequence[NumberPlace], owner: Any, slopes: Any, sign: float = 1.0
+) -> Sensitivities:
+    """The table of slopes.
+
+    Args:
+        told: name, value and unit of the measure.
+        places: of the numbers.
+        owner: the scenario or timeline that has them.
+        slopes: derivatives by these, of the measure times `sign`.
+        sign: 1 or -1.
+    """
+    measure, value, unit = told
     found = [
         Sensitivity(
             name=place.name,
-            value=float(place.get(plan.scenario)),
+            value=float(place.get(owner)),
             unit=_unit(place),
             slope=sign * _slope(slopes, place.path) * place.factor,
         )
-        for place in numbers_of(plan.scenario)
+        for place in places
     ]
     least = _ROUNDING * max((abs(one.slope) for one in found if np.isfinite(one.slope)), default=0.0)
     some = [one for one in found if not abs(one.slope) <= least]  # a slope that is no number is told, too
     return Sensitivities(
         measure=measure,
-        value=sign * float(value),
-        unit=unit_of_objective(measure),
+        value=value,
+        unit=unit,
         rows=tuple(sorted(some, key=lambda one: (-abs(one.effect), -abs(one.slope)))),
         without_effect=tuple(one.name for one in found if one not in some),
     )

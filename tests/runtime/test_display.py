@@ -364,6 +364,8 @@ def test_every_result_shows_itself_and_leaves_nothing_unknown(results):
 def test_the_results_looked_at_are_of_every_kind(results):
     inner = {
         "Call",
+        "Choice",
+        "SlewTime",
         "Layout",
         "Leads",
         "MadeWay",

@@ -50,7 +50,7 @@ def test_plans_are_held_and_followed_with_one_thread(two_threads, monkeypatch):
         seen.append(set(numbers()))
         raise ZeroDivisionError
 
-    for name in ("_followed_by", "find_goals"):
+    for name in ("followed_by", "find_goals"):
         monkeypatch.setattr(derivatives, name, look)
     scenario = jp.paper_case(1)
     plan = jp.Plan(scenario=scenario, status=jp.Status.OK, path=(), goal=())

@@ -1,0 +1,89 @@
+"""How the goal of a plan follows its scenario, or why it has no derivative that is known.
+
+Goals are held to be the optimum of step 1 that `jaxplan.goal.sensitivity` differentiates; whether one is that
+optimum is checked here.
+"""
+
+from dataclasses import dataclass, replace
+
+import jax
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.goal.free import MadeWay, settled
+from jaxplan.goal.pairs import cleared
+from jaxplan.goal.problem import GoalProblem, Wished, leaves_open
+from jaxplan.goal.sensitivity import differentiable_goal
+from jaxplan.model.goals import LEAST_ROTATION, LEAST_TIME, GivenState
+from jaxplan.model.path import Goal
+from jaxplan.model.scenario import Scenario, moves
+from jaxplan.runtime.jit import quick_jit
+
+_OPTIMAL = 1e-6  # rad, largest distance of a plan's goal from the optimum whose derivative is taken
+_AT_A_BOUND = "its goal leans on a bound of joints or a vector that these turn"
+_BY_A_WISH = "its goal leans on what a device prefers: leave the wish out, or give the goal as a state"
+_optimum_near = quick_jit(differentiable_goal)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Followed:
+    """How a goal follows its scenario.
+
+    Attributes:
+        moves: how devices without a target made way at it.
+        criterion: that it is an optimum of; None for a goal that is given as a state.
+        doubts: why it is not the optimum that `differentiable_goal` takes it for.
+    """
+
+    moves: tuple[MadeWay, ...] = ()
+    criterion: str | None = None
+    doubts: tuple[str, ...] = ()
+
+
+def followed_by(scenario: Scenario, goal: Goal) -> Followed:
+    """How the goal of a plan follows its scenario, or why it does not.
+
+    Args:
+        scenario: the plan's.
+        goal: the plan's.
+    """
+    asked, craft, rows = scenario.asked, scenario.usable, scenario.constraints.at(goal.time)
+    if isinstance(asked, GivenState):
+        return Followed()
+    place = Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle)
+    soonest = asked.criterion == LEAST_TIME
+    targets, start = asked.at(goal.time), scenario.start
+    problem = GoalProblem.of(craft, start.attitude, targets, rows, start.joints)
+    if targets.clearance:
+        problem = replace(problem, rows=cleared(problem.rows, problem.pairs, targets.clearance))
+    problem = replace(problem, wishes=tuple(Wished.all_of(craft, targets, problem.ranges)))
+    joints = np.clip(problem.joints(goal.attitude), *problem.ranges.T)
+    joints, made = settled(problem, goal.attitude, joints)
+    doubts = []
+    if any(move.ties for move in made):
+        doubts.append(
+            "where a device without a target makes way at the goal several things are as near, and which of "
+            "them it will lean on depends on the way the scenario changes"
+        )
+    elif np.max(np.abs(joints - goal.joints), initial=0.0) > _OPTIMAL:
+        doubts.append(_AT_A_BOUND)
+    if moves(scenario) and not scenario.trajectory.timed:
+        if targets.prefer:
+            doubts.append(_BY_A_WISH)
+        return Followed(doubts=tuple(doubts))  # a given duration takes another goal
+    if soonest and (asked.moves or targets.prefer or made):
+        why = "targets that move" if asked.moves else "wishes, or with devices that make way"
+        doubts.append(f'its goal is one of least time with {why}: set goal.criterion = "least_rotation"')
+    if doubts:
+        return Followed(doubts=tuple(doubts))
+    if not soonest and not targets.prefer and not leaves_open(problem):
+        return Followed(moves=made, criterion=asked.criterion)
+    for criterion in dict.fromkeys((asked.criterion, LEAST_ROTATION)):
+        wanted = replace(targets, criterion=criterion)
+        with jax.enable_x64(True):
+            optimum = _optimum_near(place, craft, start.attitude, wanted, rows, start_joints=start.joints)
+        if float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= _OPTIMAL:
+            return Followed(moves=made, criterion=criterion)
+    if soonest:
+        doubts = ['its goal is no smooth optimum of the time: set goal.criterion = "least_rotation"']
+    return Followed(doubts=tuple(doubts or [_BY_A_WISH if targets.prefer else _AT_A_BOUND]))

@@ -1,0 +1,299 @@
+"""Slopes of a day's total time by the keys of its file, beside differences of timelines planned anew."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from builders import at_rest, make_spacecraft
+from passing import observer
+from reference import direction
+from scipy.spatial.transform import Rotation
+
+import jaxplan as jp
+from jaxplan.schema.numbers import numbers_of_timeline, with_numbers
+from jaxplan.timeline.choices import BOUND, NEEDED
+
+STEP = 1e-5  # rad, s and the like, and relative, by which a number is changed to either side
+AGREE = 1e-4  # relative, of a slope and a difference of timelines planned anew
+# Wheels reach their torque at places that soon change: the optimum has a corner there, and slopes to either
+# side, which are 0.6 % apart.
+AT_CORNERS = {"wheels": 3e-3}
+NO_EFFECT = 1e-5  # s per unit, which such a difference has by rounding, and by limits that do not quite bind
+
+# Bounds of turns are by a table, linear between its places: of turns at such places there are no slopes.
+LOOK = at_rest([0.013, 0.007, 0.019], [0.6, 0.05, 0.1, 0.02])
+TURNED = at_rest([0.041, 0.123, -0.217], [0.57, 0.03, 0.11, 0.01])
+FAR = at_rest([0.11, -0.23, 1.07], [0.13, 0.01, 0.02, 0.07])
+
+
+def day_of(*activities, craft=None, start=None, **more) -> jp.Timeline:
+    """A timeline of a spacecraft with two terminals, whose shortest motions are at their optimum."""
+    begin = at_rest(np.zeros(3), np.zeros(4)) if start is None else start
+    scene = jp.Scenario(
+        name="scene",
+        spacecraft=make_spacecraft(2) if craft is None else craft,
+        start=begin,
+        goal=begin,
+        trajectory=jp.TrajectorySettings(optimal=True),
+    )
+    return jp.Timeline(name="day", scene=scene, activities=activities, **more)
+
+
+def joints_and_platform() -> jp.Timeline:
+    """A joint's way, a rest, and a turn; each slew takes a little more than its bound."""
+    return day_of(
+        jp.Activity(name="look", attitude=LOOK, duration=5.0),
+        jp.Activity(name="rest", idle=True, duration=7.0),
+        jp.Activity(name="turn", attitude=TURNED, duration=9.0),
+    )
+
+
+def windows() -> jp.Timeline:
+    """The same with a window before the turn, that is waited for, and a rest to the end."""
+    look, rest, turn = joints_and_platform().activities
+    back = jp.Activity(name="back", attitude=LOOK, duration=3.0)
+    return day_of(look, rest, replace(turn, earliest=60.0), back, until=200.0)
+
+
+def windows_in_the_time_there_is() -> jp.Timeline:
+    """The same with slews that take all the time until a window opens."""
+    return replace(windows(), slew="calm")
+
+
+def far_turn() -> jp.Timeline:
+    """A turn whose shortest motion takes longer than tried at first."""
+    return day_of(
+        jp.Activity(name="far", attitude=FAR, duration=4.0),
+        jp.Activity(name="look", attitude=LOOK, duration=3.0),
+    )
+
+
+def stars() -> jp.Timeline:
+    """A star that is looked at for some time, and one at an instant, each after the least turn there."""
+    craft = make_spacecraft(2, 1)
+    boresight = craft.instruments[0].boresight
+    first, second = Rotation.from_rotvec([[0.21, 0.13, 0.31], [0.11, -0.13, 0.21]]).apply(boresight)
+    return day_of(
+        jp.Activity(name="star", track=jp.Targets.of({"camera-1": first}), duration=5.0),
+        jp.Activity(name="glance", point=jp.Targets.of({"camera-1": second})),
+        jp.Activity(name="look", attitude=at_rest([0.3, 0.1, 0.2], np.zeros(4)), duration=5.0),
+        craft=craft,
+    )
+
+
+def beam() -> jp.Timeline:
+    """A terminal that looks so far up that the platform turns until its pitch is near its limit."""
+    return day_of(
+        jp.Activity(name="beam", point=jp.Targets.of({"terminal-1": direction(0.3, 0.5)})),
+        jp.Activity(name="look", attitude=LOOK, duration=5.0),
+    )
+
+
+def wheels() -> jp.Timeline:
+    """An observer whose wheels give all that its turns may have."""
+    whole = observer()
+    few = tuple(replace(one, torque=0.3, momentum=4.0, stored=0.6 * one.stored) for one in whole.wheels)
+    begin = at_rest([0.11, 0.03, -0.02], np.zeros(3))
+    return day_of(
+        jp.Activity(name="over", attitude=at_rest([0.53, 0.07, 0.05], [0.1, 0.0, 0.0]), duration=3.0),
+        jp.Activity(name="on", attitude=at_rest([0.47, 0.31, 0.13], [0.1, 0.0, 0.0]), duration=3.0),
+        craft=replace(whole, wheels=few),
+        start=begin,
+    )
+
+
+DAYS = {
+    "joints and platform": (joints_and_platform, {BOUND}, 12),
+    "windows": (windows, {BOUND}, 5),
+    "windows in the time there is": (windows_in_the_time_there_is, {BOUND}, 3),
+    "stars": (stars, {BOUND}, 7),
+    "beam": (beam, {BOUND}, 5),
+    "far": (far_turn, {NEEDED}, 5),
+    "wheels": (wheels, {NEEDED}, 6),
+}
+SOME = {
+    "joints and platform": (
+        "spacecraft.rate_limit_deg_s",
+        "spacecraft.acceleration_limit_deg_s2",
+        "spacecraft.terminal[0].rate_limit_deg_s",
+        "spacecraft.terminal[0].acceleration_limit_deg_s2",
+        "spacecraft.terminal[1].rate_limit_deg_s",
+        "start.yaw_rad[0]",
+        "activity[0].for_s",
+        "activity[0].attitude[0]",
+        "activity[0].yaw_rad[0]",
+        "activity[0].pitch_rad[1]",
+        "activity[1].for_s",
+        "activity[2].attitude[0]",
+        "activity[2].attitude[1]",
+        "activity[2].attitude[2]",
+    ),
+    "windows": (
+        "spacecraft.rate_limit_deg_s",
+        "spacecraft.terminal[0].rate_limit_deg_s",
+        "activity[0].for_s",
+        "activity[2].from_s",
+        "activity[2].for_s",
+        "activity[2].attitude[0]",
+        "activity[3].attitude[1]",
+        "timeline.until_s",
+    ),
+    "windows in the time there is": (
+        "spacecraft.rate_limit_deg_s",
+        "spacecraft.terminal[0].rate_limit_deg_s",
+        "activity[0].for_s",
+        "activity[2].from_s",
+        "activity[2].attitude[1]",
+        "timeline.until_s",
+    ),
+    "stars": (
+        "spacecraft.rate_limit_deg_s",
+        "spacecraft.acceleration_limit_deg_s2",
+        "start.attitude[0]",
+        "start.attitude[1]",
+        "start.attitude[2]",
+        "activity[0].for_s",
+        "activity[2].attitude[0]",
+        "activity[2].attitude[1]",
+    ),
+    "beam": (
+        "spacecraft.terminal[0].pitch_limit_deg",
+        "spacecraft.rate_limit_deg_s",
+        "start.attitude[0]",
+        "start.attitude[2]",
+        "activity[1].attitude[2]",
+    ),
+    "far": (
+        "spacecraft.rate_limit_deg_s",
+        "spacecraft.acceleration_limit_deg_s2",
+        "start.attitude[1]",
+        "activity[0].attitude[2]",
+        "activity[1].attitude[0]",
+    ),
+    "wheels": (
+        "spacecraft.wheel[0].torque_nm",
+        "spacecraft.wheel[1].momentum_nms",
+        "spacecraft.wheel[2].stored_nms",
+        "spacecraft.wheel[3].stored_nms",
+        "start.attitude[0]",
+        "activity[0].attitude[1]",
+        "activity[1].attitude[2]",
+    ),
+}
+QUICK = ("windows in the time there is",)
+each_day = pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in DAYS]
+)
+
+
+@cache
+def planned(name: str) -> jp.TimelinePlan:
+    return jp.plan_timeline(DAYS[name][0](), progress=False)
+
+
+def end_of(plan: jp.TimelinePlan) -> float:
+    """When the last activity ends that is asked for, s."""
+    names = [one.name for one in plan.timeline.activities]
+    return [one.end for one in plan.activities if one.name in names][-1]
+
+
+@each_day
+def test_slopes_of_the_total_time_are_differences_of_timelines_planned_anew(name):
+    plan, found = planned(name), jp.sensitivities(planned(name), "total_time")
+    _, kinds, some = DAYS[name]
+    assert kinds <= {one.time.kind for one in plan.choices if one.time is not None}
+    assert found.value == pytest.approx(end_of(plan), rel=1e-7)
+    assert (found.measure, found.unit) == ("total_time", "s")
+    matter = 0
+    by_name = {place.name: place for place in numbers_of_timeline(plan.timeline)}
+    for place in map(by_name.get, SOME[name]):
+        value = float(place.get(plan.timeline))
+        step = STEP * max(abs(value), 1.0)
+        ends = [
+            end_of(
+                jp.plan_timeline(with_numbers(plan.timeline, {place: value + side * step}), progress=False)
+            )
+            for side in (1, -1)
+        ]
+        difference = (ends[0] - ends[1]) / (2 * step)
+        assert found[place.name] == pytest.approx(
+            difference, rel=AT_CORNERS.get(name, AGREE), abs=NO_EFFECT
+        ), place.name
+        matter += abs(difference) > NO_EFFECT
+    assert matter >= some
+
+
+def test_nothing_before_a_window_that_is_waited_for_matters():
+    found = jp.sensitivities(planned("windows"))
+    before = [
+        name for name in found.without_effect if name.startswith(("activity[0]", "activity[1]", "start"))
+    ]
+    assert "activity[0].for_s" in before
+    assert "start.yaw_rad[0]" in before
+    assert not any(row.name in before for row in found.rows)
+    assert found["activity[2].from_s"] == pytest.approx(1.0)
+    assert found["timeline.until_s"] == 0  # rest after the last activity is not counted
+
+
+def test_a_plan_that_was_read_has_the_slopes_of_the_one_that_was_written(tmp_path):
+    plan = planned("joints and platform")
+    plan.save(tmp_path / "plan.npz")
+    read = jp.load_timeline_plan(tmp_path / "plan.npz")
+    assert read.choices == ()
+    first, again = jp.sensitivities(plan), jp.sensitivities(read)
+    assert [row.name for row in again.rows] == [row.name for row in first.rows]
+    slopes = np.array([[row.slope for row in own.rows] for own in (first, again)])
+    np.testing.assert_allclose(slopes[1], slopes[0], rtol=1e-9)
+
+
+def test_a_plan_that_is_another_one_when_planned_anew_is_refused():
+    plan = planned("joints and platform")
+    late = tuple(replace(one, end=one.end + 1.0) for one in plan.activities)
+    with pytest.raises(ValueError, match="planned anew its activities end at other times"):
+        jp.sensitivities(replace(plan, activities=late, choices=()))
+
+
+def test_all_activities_without_derivatives_are_named_with_their_reasons():
+    times = np.linspace(0.0, 200.0, 21)
+    moving = jp.DirectionPath.through(times, direction(1e-3 * times, np.full(21, 0.5)))
+    still, wish = np.array([0.0, 0.6, 0.8]), jp.Wish(device="terminal-1", direction=np.array([1.0, 0.0, 0.0]))
+    day = day_of(
+        jp.Activity(name="look", attitude=at_rest([0.1, 0.0, 0.0], np.zeros(4)), duration=5.0),
+        jp.Activity(name="ship", track=jp.Targets.of({"camera-1": moving}), duration=5.0),
+        jp.Activity(name="glance", point=jp.Targets.of({"camera-1": still}, prefer=(wish,))),
+        craft=make_spacecraft(2, 1),
+        until=200.0,
+    )
+    plan = jp.plan_timeline(day, progress=False)
+    with pytest.raises(ValueError, match="has no derivatives that are known: ") as refused:
+        jp.sensitivities(plan)
+    told = str(refused.value)
+    assert "activity ship: its targets move; give it an attitude" in told
+    assert "activity glance: a device has a wish; give it an attitude" in told
+    assert "activity look" not in told
+
+
+def test_a_plan_that_failed_is_refused():
+    plan = replace(planned("joints and platform"), status=jp.Status.UNCERTIFIED)
+    with pytest.raises(ValueError, match="ended as UNCERTIFIED: only an OK one"):
+        jp.sensitivities(plan)
+
+
+def test_what_is_no_measure_of_a_day_is_refused():
+    with pytest.raises(
+        ValueError, match="unknown measure 'effort' of a timeline's plan: must be 'total_time'"
+    ):
+        jp.sensitivities(planned("windows"), "effort")
+
+
+@pytest.mark.slow
+def test_plans_above_the_optimum_have_its_total_time_and_slopes():
+    day = far_turn()
+    above = replace(day.scene, trajectory=replace(day.scene.trajectory, optimal=False))
+    plan = jp.plan_timeline(replace(day, scene=above), progress=False)
+    found, best = jp.sensitivities(plan), jp.sensitivities(planned("far"))
+    assert found.value == pytest.approx(best.value, rel=1e-6)
+    assert found.value == pytest.approx(end_of(plan), rel=1e-3)
+    for name in SOME["far"]:
+        assert found[name] == pytest.approx(best[name], rel=1e-4), name
