@@ -199,13 +199,13 @@ def compare(count: int, orekit: bool) -> None:
     if orekit:
         print("aem read by Orekit; apart: deg, the most between its attitudes and those of the interpolation")
         print(
-            f"{'beside':10}{'step':>10}{'files':>7}{'above':>7}{'by':>10}{'median':>10}{'most':>10}{'apart':>10}"
+            f"{'beside':11}{'step':>9}{'files':>7}{'above':>7}{'by':>10}{'median':>10}{'most':>10}{'apart':>10}"
         )
     for step, of_step in by_orekit.items():
         for how, tally in of_step.items():
             degrees, apart = np.rad2deg(tally.gaps), np.rad2deg(tally.apart)
             print(
-                f"{how:10}{step:>10}{len(degrees):7d}{np.sum(degrees < -1e-7):7d}"
+                f"{how:11}{step:>9}{len(degrees):7d}{np.sum(degrees < -1e-7):7d}"
                 f"{max(-degrees.min(), 0):10.1e}{np.median(degrees):10.1e}{degrees.max():10.1e}"
                 f"{apart.max():10.1e}"
             )
