@@ -88,14 +88,19 @@ def draw(plan: Any, folder: Path, frequencies: Sequence[float] = (), observer: A
             say(f"removed {file}, which was of an earlier plan")
 
 
-def name_earlier(plan_file: Path) -> None:
+def name_earlier(plan_file: Path, exports: Sequence[Path] = ()) -> None:
     """Name on stderr what was made of the plan that was in a file before: its reports, pages and tables.
 
     They are not removed, for somebody has asked for each of them.
+
+    Args:
+        plan_file: with the plan.
+        exports: where exports of an earlier plan may be, none of them of the plan itself.
     """
     own = plan_file.name, plan_file.with_suffix(".timings.json").name
     found = sorted(plan_file.parent.glob(f"{escape(plan_file.stem)}.*"))
     old = [str(file) for file in found if file.name not in own and file.is_file()]
+    old += [str(path) for path in exports if path.exists()]
     if old:
         say(f"{', '.join(old)}: of an earlier plan, make {'it' if len(old) == 1 else 'them'} anew")
 

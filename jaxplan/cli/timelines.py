@@ -41,6 +41,7 @@ _TABLES = {
 
 def timeline(options: argparse.Namespace) -> int:
     """Plan a timeline, and write its plan, tables and exports to a folder."""
+    from jaxplan.exporting import FORMATS, export
     from jaxplan.timeline import plan_timeline
 
     asked = load_timeline_file(options.timeline)
@@ -54,10 +55,12 @@ def timeline(options: argparse.Namespace) -> int:
     code = _code_of(plan)
     if folder is not None:
         _write(plan, folder, find_observer(file_of(options.timeline)))
+        for name in formats if plan.ok else ():
+            say(f"wrote {export(plan, _motion(folder, name), format=name, overwrite=True)}")
+        kept = formats if plan.ok else ()
+        name_earlier(folder / PLAN, [_motion(folder, name) for name in FORMATS if name not in kept])
         if formats and not plan.ok:
             return complain(f"{options.timeline}: is not exported, since it is not certified", code)
-        for name in formats:
-            _export(plan, folder, name)
     return code
 
 
@@ -89,15 +92,13 @@ def _write(plan: TimelinePlan, folder: Path, observer: Satellite | None) -> None
     for name in (TIMELINE, PLAN, *_TABLES):
         say(f"wrote {folder / name}")
     draw(plan, folder, observer=observer)
-    name_earlier(folder / PLAN)
 
 
-def _export(plan: TimelinePlan, folder: Path, name: str) -> None:
-    """Write the motion of a certified plan to a folder as another tool reads it."""
-    from jaxplan import exporting
+def _motion(folder: Path, name: str) -> Path:
+    """Where the motion of a plan is in a folder, in a format of exports."""
+    from jaxplan.exporting import FORMATS
 
-    path = folder / f"motion{exporting.FORMATS[name].suffix}"
-    say(f"wrote {exporting.export(plan, path, format=name, overwrite=True)}")
+    return folder / f"motion{FORMATS[name].suffix}"
 
 
 def check(options: argparse.Namespace) -> int:

@@ -71,6 +71,17 @@ def test_all_is_written_and_reads_back(folder):
 
 
 @pytest.mark.slow
+def test_exports_of_an_earlier_plan_are_named_and_those_of_this_one_are_not(folder, capsys, tmp_path):
+    for name in ("motion.csv", "motion.aem"):
+        (tmp_path / name).write_text("earlier")
+    code, _, err = run(capsys, "timeline", folder / "day.toml", "-o", tmp_path, "--export", "csv")
+    assert code == 0
+    assert f"{tmp_path / 'motion.aem'}: of an earlier plan, make it anew" in err
+    assert f"wrote {tmp_path / 'motion.csv'}" in err
+    assert (tmp_path / "motion.aem").read_text() == "earlier"
+
+
+@pytest.mark.slow
 def test_the_tables_say_what_the_plan_does(folder):
     plan = jp.load_timeline_plan(folder / "out" / "plan.npz")
     with (folder / "out" / "activities.csv").open(newline="") as file:
