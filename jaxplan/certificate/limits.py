@@ -102,7 +102,15 @@ def _spin(evidence: Evidence, derivative: int) -> _Sampled:
 
 
 def _square(evidence: Evidence, derivative: int) -> _Sampled:
-    """The square of the length of the angular velocity, or of its derivative of order `derivative`."""
+    """Samples of the squared norm of the angular velocity, or of a derivative of it, with error bounds.
+
+    Args:
+        evidence: samples and bounds of the motion.
+        derivative: order of the derivative; 0 for the angular velocity itself.
+
+    Returns:
+        Values, bound of the truncation error, and bound of the rounding error.
+    """
     values, _, rounding = _spin(evidence, derivative)
     size = evidence.majorants.spin
     for _ in range(derivative):
@@ -325,15 +333,16 @@ def jump_faults(
     joint_names: Sequence[str],
     continuous: int = 1,
 ) -> Iterator[str]:
-    """Yield a sentence for each quantity that jumps though it must not.
+    """Yield a message for each quantity that is discontinuous although it must be continuous.
 
     Args:
-        found: (k, c) each, the jumps of a trajectory.
-        times: (k,) s, of the jumps.
+        found: by name of a quantity its jumps (k, c) at the breaks, a column a component.
+        times: (k,) s, of the breaks.
         smoothness: number of derivatives that the trajectory claims to be continuous.
-        jerk_limited: whether the spacecraft limits the jerk, so that the angular acceleration must not jump.
-        joint_names: of the joints.
-        continuous: number of derivatives that must be continuous anyway.
+        jerk_limited: whether the spacecraft limits the platform's jerk: its attitude must then have two
+            continuous derivatives, whatever `continuous` says.
+        joint_names: one a joint.
+        continuous: number of derivatives that must be continuous whatever the trajectory claims.
     """
     for name, steps in found.items():
         of_platform = name in _PLATFORM

@@ -160,6 +160,6 @@ def _axes(array: np.ndarray) -> list[str]:
 
 
 def _owner(craft: Spacecraft, joint: int) -> int:
-    """The number of the device that a joint, by its index, belongs to."""
+    """The index of the device that a joint of this index belongs to."""
     terminals = len(craft.terminals)
     return joint % terminals if joint < 2 * terminals else joint - terminals

@@ -171,10 +171,17 @@ def _distinct(problem: GoalProblem, etas: np.ndarray, apart: float, as_near: flo
 
 
 def _nearest(problem: GoalProblem, eta: np.ndarray) -> np.ndarray | None:
-    """The shortest rotation vector (3,) that descents reach from one at which every constraint holds.
+    """Find a local minimum of the rotation angle near a feasible rotation.
 
-    Where another entry of a constraint holds best at the end of a descent, the next one starts there with it.
-    None if the end breaks something.
+    Of a constraint with alternatives (`any_of`) the one that holds best is kept while the angle is minimised;
+    where another one holds best at the end, it is minimised again with that one.
+
+    Args:
+        problem: with the constraints.
+        eta: (3,) rad, a rotation vector at which every constraint holds.
+
+    Returns:
+        The rotation vector (3,) rad; None if a constraint is not kept there.
     """
     before: np.ndarray | None = None
     for _ in range(_CHANGES):

@@ -258,7 +258,12 @@ def _of_arc(low: float, high: float, cap: _Cap, frame: np.ndarray) -> _Group:
 
 
 def _groups(asked: list[list[list[_Member]]]) -> Iterator[_Group]:
-    """Yield the groups of a constraint; `asked` has the members of each pair of each entry."""
+    """Yield alternatives that together say the same as one constraint: of each, one member must hold.
+
+    Args:
+        asked: the constraint as entries, of which one must hold; each as pairs, which must all hold; and each
+            pair as lists of caps, of one of which all must be avoided.
+    """
     if len(asked) == 1:  # each of its pairs must hold, so those with two members are groups by themselves
         (entry,) = asked
         plain = [cap for ways in entry if len(ways) == 1 for cap in ways[0]]

@@ -377,11 +377,11 @@ def values(names: Iterable[str], motion: Kinematics) -> AnyArray:
 
 
 def components(names: Iterable[str], rows: int = 0) -> list[slice]:
-    """For each of the platform's quantities, the slice of its components among those of `values`.
+    """List the slices that quantities of the platform have of the vector that `values` returns.
 
     Args:
-        names: of the quantities.
-        rows: of the array of wheels.
+        names: of the quantities, in the order of that vector.
+        rows: number of rows of the array of wheels.
     """
     found, first = [], 0
     for name in names:

@@ -26,7 +26,7 @@ class Status(Enum):
 
     @property
     def advice(self) -> str:
-        """What a user may change, in a sentence or two; empty of a certified plan."""
+        """What a user may change, in a sentence or two; empty for a certified plan."""
         return _ADVICE[self]
 
 

@@ -111,7 +111,13 @@ class WheelSpeeds(NamedTuple):
 
     @classmethod
     def of(cls, craft: Spacecraft, total: AnyArray, inertia: AnyArray) -> "WheelSpeeds":
-        """That of a spacecraft, of a length of the total momentum, and of an inertia (3, 3) to turn."""
+        """Make the bound for a spacecraft with wheels.
+
+        Args:
+            craft: the spacecraft.
+            total: N m s, norm of the angular momentum of platform and wheels.
+            inertia: (3, 3) kg m^2, of the platform.
+        """
         return cls(*reaches(craft), inverse_of(inertia), total)
 
     @property

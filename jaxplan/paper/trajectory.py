@@ -365,13 +365,16 @@ def _success(trajectory: Trajectory, attempt: PaperAttempt) -> Fit:
 def _failure(
     problem: PaperProblem, duration: float, attempt: PaperAttempt | None, needed: float | None
 ) -> Fit:
-    """The fit that breaks a limit or has no curve.
+    """Make the `Fit` of a problem that could not be solved within its limits, with status and message.
+
+    It is INFEASIBLE if no quadratic program had a solution, and otherwise mostly LIMITS_TOO_TIGHT with the
+    trajectory that came nearest; wheels that are full at any duration are told by `full_on_the_way`.
 
     Args:
-        problem: what was fitted.
-        duration: the one asked for, s.
-        attempt: the best one; None if no program had a solution.
-        needed: duration in which all limits are kept, s; None if none was found.
+        problem: the path, spacecraft and settings.
+        duration: s, that was asked for.
+        attempt: the one nearest to the limits; None if no program had a solution.
+        needed: s, a duration in which all limits are kept; None if none was found.
     """
     # "stretched" knows no rates at the ends, nor what moves.
     enough = (

@@ -141,7 +141,15 @@ class SlewTimes(Printed):
         return self.problem
 
     def _place(self, goals: Mapping[str, str | int], departure: int) -> tuple[int, ...]:
-        """Numbers of departure and goals, of these by argument; raises a ValueError for what there is not."""
+        """Indices of departure and goals in the matrix.
+
+        Args:
+            goals: by the name of an argument the name of a goal, or its index.
+            departure: index of the departure.
+
+        Raises:
+            ValueError: if there is no such departure or goal.
+        """
         count = 1 if self.departures is None else len(self.departures)
         if isinstance(departure, bool) or departure not in range(count):
             raise ValueError(f"departure = {departure!r}: must be an integer in [0, {count - 1}]")

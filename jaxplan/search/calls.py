@@ -97,7 +97,7 @@ class Call:
 
     @property
     def kind(self) -> Hashable:
-        """The kernel and the shapes of its arguments: calls that share these are answered in one."""
+        """The kernel and the shapes of its arguments: calls with equal kinds are evaluated in one batch."""
         return self.kernel, tuple(np.shape(argument) for argument in self.arguments)
 
 

@@ -25,7 +25,7 @@ from jaxplan.sky.ephemeris import Ephemeris, EphemerisError, read_oem
 from jaxplan.sky.frames import BODIES, RADII
 from jaxplan.sky.ground import GroundPoint
 from jaxplan.sky.kepler import KeplerOrbit
-from jaxplan.sky.lines import Occulter, hidden, occulter, target
+from jaxplan.sky.line_of_sight import Occulter, hidden, occulter, target
 from jaxplan.sky.passes import Pass, passes
 from jaxplan.sky.satellites import CircularOrbit, StaleTleWarning, Tle, TleError, parse_tle
 from jaxplan.sky.sights import (

@@ -1,6 +1,6 @@
 """Passes: when a satellite or a point of the ground can be seen, and how it is seen then.
 
-They are the windows of what is to be done: between them nothing of `jaxplan.sky.lines` hides the target.
+They are the windows of what is to be done: in them nothing hides the target, see `jaxplan.sky.line_of_sight`.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.arguments import number
 from jaxplan.runtime.display import shown
 from jaxplan.sky.ground import GroundPoint, elevation
-from jaxplan.sky.lines import Occulter, seen_between
+from jaxplan.sky.line_of_sight import Occulter, seen_between
 from jaxplan.sky.sights import Epoch, Satellite, Thing, directions, positions
 
 LONGEST = 31 * 86400.0

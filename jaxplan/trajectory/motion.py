@@ -225,7 +225,16 @@ class Stack:
         return np.asarray(np.max(factors, axis=0))
 
     def _rooted(self, at: "Iterates") -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
-        """Yield shares (G, S, c) of limits in 1 s less lesser parts, powers, and these, where there are."""
+        """Yield, for each load with a term of lower order in 1/T, its two terms as shares of the limit.
+
+        A load at duration T is ``leading / T^p + lower / T^(p - 1)``.
+
+        Args:
+            at: the curves, evaluated for a duration of 1 s.
+
+        Yields:
+            The leading term (G, S, c), the exponent p, and the lower-order term (G, S, c).
+        """
         problem = self.members[0].problem
         for own, lesser, limit in zip(problem.components, problem.lesser, problem.limits, strict=True):
             if lesser is not None:

@@ -331,10 +331,15 @@ def _pointed(choice: Choice, targets: Targets) -> _Pointed:
 
 
 def _slope(departure: Departure, time: SlewTime) -> _Slope:
-    """The shortest motion that a duration is a multiple of, to first order.
+    """Expand the minimum time of a slew to first order in the numbers of its scenario.
+
+    Args:
+        departure: the state that the slew starts from.
+        time: the slew's duration, a multiple of that minimum.
 
     Raises:
-        ValueError: as of `differentiable`, or if the optimum is another motion than was found.
+        ValueError: if the shortest plan cannot be differentiated, or its optimum takes another time, by more
+            than 1 %, than was found.
     """
     plan = departure.shortest_plan(time)
     function = differentiable(plan)
