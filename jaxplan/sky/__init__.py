@@ -21,13 +21,13 @@ It needs the extra ``orbit``: pyerfa for bodies and frames, sgp4 for two-line el
 messages the extra ``oem``, for kernels of SPICE ``spice``.
 """
 
+from jaxplan.sky.circular import CircularOrbit
 from jaxplan.sky.ephemeris import Ephemeris, EphemerisError, read_oem
 from jaxplan.sky.frames import BODIES, RADII
 from jaxplan.sky.ground import GroundPoint
 from jaxplan.sky.kepler import KeplerOrbit
 from jaxplan.sky.line_of_sight import Occulter, hidden, occulter, target
 from jaxplan.sky.passes import Pass, passes
-from jaxplan.sky.satellites import CircularOrbit, StaleTleWarning, Tle, TleError, parse_tle
 from jaxplan.sky.sights import (
     LOCAL,
     Satellite,
@@ -40,6 +40,7 @@ from jaxplan.sky.sights import (
     velocities,
 )
 from jaxplan.sky.spk import SpkBody, read_spk
+from jaxplan.sky.two_line_elements import StaleTleWarning, Tle, TleError, parse_tle
 from jaxplan.sky.zone import keep_out, path
 
 __all__ = [

@@ -25,12 +25,13 @@ from numpy.typing import ArrayLike
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.arguments import floats, number
+from jaxplan.sky.circular import CircularOrbit, orbit_state
 from jaxplan.sky.ephemeris import Ephemeris, ephemeris_state
 from jaxplan.sky.frames import BODIES, RADII, body_state, seconds
 from jaxplan.sky.ground import GroundPoint, ground_state
 from jaxplan.sky.kepler import KeplerOrbit, kepler_state
-from jaxplan.sky.satellites import CircularOrbit, Tle, orbit_state, tle_state
 from jaxplan.sky.spk import SpkBody, spk_state
+from jaxplan.sky.two_line_elements import Tle, tle_state
 
 Satellite: TypeAlias = CircularOrbit | KeplerOrbit | Tle | Ephemeris | SpkBody
 Thing: TypeAlias = Satellite | GroundPoint | str | np.ndarray | Sequence[float]

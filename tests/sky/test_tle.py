@@ -12,7 +12,7 @@ from reference import assert_each
 
 from jaxplan import sky
 from jaxplan.sky import orbits
-from jaxplan.sky.satellites import check_sum, tle_state_teme
+from jaxplan.sky.two_line_elements import check_sum, tle_state_teme
 
 api = pytest.importorskip("sgp4.api", reason="sgp4 is not installed")
 PUBLISHED = Path(api.__file__).parent
