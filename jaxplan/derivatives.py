@@ -43,8 +43,7 @@ from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
 
 _NEEDS_TIME = (
     "its scene has targets or zones that move: derivatives and tuning then know given durations only: set "
-    "trajectory.duration_s to a number, which is then no result that has slopes, or hold what moves at an "
-    "instant"
+    "trajectory.duration_s to a number (it has no slopes itself then), or hold what moves at an instant"
 )
 _A_PLAN = "jp.plan makes one of a scenario"
 
@@ -149,7 +148,7 @@ def _refuse(name: str, reasons: Sequence[str]) -> None:
         numbered = "\n".join(f"  {number}. {reason}" for number, reason in enumerate(reasons, 1))
         raise ValueError(
             f"the plan of {name} has no derivatives, for {len(reasons)} reasons:\n{numbered}\n"
-            "A goal that is given as a state, as plan.goal has it, and a trajectory.duration_s some per cent "
+            "A goal that is given as a state, plan.goal.state, and a trajectory.duration_s some per cent "
             "above that of the plan do without all of them"
         )
 

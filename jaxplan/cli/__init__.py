@@ -221,13 +221,15 @@ def _add_scene_commands(commands: Any) -> None:
     passes.add_argument(
         "scene", metavar="FILE", help="of a scenario or timeline, or case-day or case-imaging"
     )
-    passes.add_argument("targets", nargs="*", metavar="TARGET", help="names in [sky]; all unless told")
+    passes.add_argument(
+        "targets", nargs="*", default=[], metavar="TARGET", help="names in [sky]; all unless told"
+    )
     passes.add_argument(
         "--for",
         dest="duration",
-        type=_seconds,
+        type=float,
         metavar="S",
-        help="for how long from epoch_utc on, up to 31 days (for_duration_s, else a day)",
+        help="seconds, for how long from epoch_utc on, up to 31 days (for_duration_s, else a day)",
     )
     passes.add_argument("--json", action="store_true", help="print them for machines")
 

@@ -1,15 +1,18 @@
 """The command ``passes``: when satellites and points of the ground in a file's ``[sky]`` can be seen."""
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from jaxplan.cases import TIMELINE_NAMES
 from jaxplan.cli.common import DONE, print_result
 from jaxplan.cli.timelines import file_of
 from jaxplan.model.epochs import utc_stamps
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import Sky, load_sky
+from jaxplan.schema.faults import nearest
 from jaxplan.sky import Pass
 from jaxplan.sky.passes import LONGEST
 
@@ -19,11 +22,18 @@ _LEFT = 2  # the first columns are texts that begin at the left
 
 def passes(options: argparse.Namespace) -> int:
     """Print the passes of what a scene or a timeline looks at, in the order in which they begin."""
-    seen = load_sky(file_of(options.scene))
+    path = Path(file_of(options.scene))
+    if not path.is_file():
+        what = "is a folder, name a file in it" if path.is_dir() else "no such file"
+        raise ValueError(
+            f"{options.scene}: {what}; it must have [sky], as {' and '.join(TIMELINE_NAMES)} have"
+        )
+    seen = load_sky(path)
     names = list(dict.fromkeys(options.targets)) or list(seen.things)
     unknown = [name for name in names if name not in seen.things]
     if unknown or not names:
-        raise ValueError(f"{options.scene}: {': '.join([*unknown[:1], seen.known])}")
+        told = [f"{name}: no such target, {nearest(name, list(seen.things), 'names')}" for name in unknown]
+        raise ValueError(f"{options.scene}: {'; '.join(told) or seen.known}")
     if options.duration is not None and not 0 < options.duration <= LONGEST:
         raise ValueError(f"--for {options.duration:g}: must lie in (0, {LONGEST:.0f}] s, which is 31 days")
     found: list[Pass] = []
@@ -70,7 +80,8 @@ def _table(found: list[Pass], seen: Sky) -> list[str]:
         return []
     rows = [_HEAD]
     for one in found:
-        start, end, best = (stamp.replace("T", " ")[:19] for stamp in _stamps(one, seen))
+        inside = [np.ceil(one.start), np.floor(one.end), one.best]  # seconds that are within the pass
+        start, end, best = (text.replace("T", " ")[:19] for text in utc_stamps(seen.epoch, inside))
         high = "" if one.elevation is None else f"{np.rad2deg(one.elevation):.1f}"
         off = f"{np.rad2deg(one.off_nadir):.1f}"
         rows.append((one.target, start, end, f"{one.duration:.0f}", best, high, off, f"{one.distance:.0f}"))

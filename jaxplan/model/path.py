@@ -21,6 +21,7 @@ from jaxplan.geometry.vectors import AnyArray, arrays, length
 from jaxplan.model import constraints
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import Sights
+from jaxplan.model.goals import GivenState
 from jaxplan.model.scores import edge_bound, margins_of_scores, score_curvature, scores
 from jaxplan.runtime.display import shown
 
@@ -53,6 +54,13 @@ class Goal:
     time: float = 0.0
     angular_velocity: np.ndarray | None = None
     joint_rates: np.ndarray | None = None
+
+    @property
+    def state(self) -> GivenState:
+        """The goal as a state that a scenario may be given as its goal, or as its start."""
+        names = ("angular_velocity", "joint_rates")
+        rates = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        return GivenState(rotation_vector=np.asarray(so3.log(self.attitude)), joints=self.joints, **rates)
 
 
 @shown("edges", "length steps", "edge_costs steps", "joints deg", "attitudes")

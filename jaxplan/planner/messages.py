@@ -81,9 +81,10 @@ def unreachable(
     limit = "rate_limit_deg_s" if longest(craft, 1) >= box else "rate_norm_limit_deg_s"
     # The paper's method does not stretch what starts or ends with a rate, or moves.
     otherwise = ', or set it to "stretched"' if scenario.trajectory.method == "global" else ""
+    wishes = " and fulfils the wishes of prefer" * (isinstance(asked, Targets) and bool(asked.prefer))
     return (
-        f"the nearest attitude that reaches the targets is {np.rad2deg(found.slew_angle):.4g} deg away, "
-        f"which takes {least:.4g} s or more within spacecraft.{limit}: raise that, or "
+        f"the nearest attitude that reaches the targets{wishes} is {np.rad2deg(found.slew_angle):.4g} deg "
+        f"away, which takes {least:.4g} s or more within spacecraft.{limit}: raise that, or "
         f"trajectory.duration_s (now {scenario.trajectory.duration}){otherwise}"
     )
 

@@ -128,7 +128,7 @@ _CIRCULAR = (
 _KEPLERIAN = (
     Field(
         "semi_major_axis_km",
-        Number(Interval("(0, 1e6]")),
+        Number(Interval("(0, 1e6]"), hint="it is in km"),
         "semi_major_axis",
         "half the length of the ellipse, whose perigee is outside the Earth",
         required=True,

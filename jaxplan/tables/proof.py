@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.certificate import Certificate, Claim, certify_batch, margin_and_peaks
+from jaxplan.model.directions import DirectionPath
 from jaxplan.model.epochs import seconds_between
 from jaxplan.model.goals import GivenState
 from jaxplan.model.later import later
@@ -198,7 +199,9 @@ def certify_table(
     lacking = needs(table, how)
     if lacking is not None:
         raise ValueError(lacking)
-    found = certify_rows(table, how, scene, _begin(table, scene), forgives, other=other)
+    begin = _begin(table, scene)
+    _expect_known(table, scene, begin)
+    found = certify_rows(table, how, scene, begin, forgives, other=other)
     goal_off = found.goal_off if scene is scenario else None
     return replace(found, goal_off=goal_off, left_out=(*found.left_out, *foreign))
 
@@ -289,6 +292,18 @@ def _begin(table: AttitudeTable, scenario: Scenario) -> float:
             f"{table.name}: begins {-begin:.6g} s before the scene, which is of {scenario.epoch} on"
         )
     return begin
+
+
+def _expect_known(table: AttitudeTable, scenario: Scenario, begin: float) -> None:
+    """Raise a ValueError if a zone that moves is not known to the end of a table that begins at a time, s."""
+    end = begin + float(table.times[-1] - table.times[0])
+    for zone in scenario.zones:
+        path = getattr(zone, "direction", None)
+        if isinstance(path, DirectionPath) and not path.covers(end):
+            raise ValueError(
+                f"{table.name}: ends {end:.6g} s after the scene's start, and zone {zone.name} moves and is "
+                f"known until {path.times[-1]:g} s: give samples for longer, of [sky] a longer for_duration_s"
+            )
 
 
 def _goal_off(scenario: Scenario, table: AttitudeTable, time: float) -> float | None:

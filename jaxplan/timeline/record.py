@@ -107,6 +107,12 @@ class TimelinePlan:
         return self.status is Status.OK
 
     @property
+    def not_done(self) -> tuple[str, ...]:
+        """Names of the activities of the timeline that are not planned, in the timeline's order."""
+        done = {one.name for one in self.activities if one.ok}
+        return tuple(one.name for one in self.timeline.activities if one.name not in done)
+
+    @property
     def advice(self) -> str:
         """What a user may change, in a sentence or two; empty of a certified plan."""
         return _ADVICE.get(self.status, self.status.advice)
@@ -174,8 +180,10 @@ class TimelinePlan:
         rows = [("status", self.status.name)]
         if self.message:
             rows.append(("", self.message))
+            rows += [("", self.advice)] * bool(self.advice)
         planned = [one for one in self.activities if one.ok]
-        rows.append(("activities", f"{len(planned)} of {len(self.activities)} planned"))
+        asked = len(self.timeline.activities)
+        rows.append(("activities", f"{asked - len(self.not_done)} of {asked} planned"))
         slews = [one.slew for one in planned if one.slew]
         if slews:
             rows.append(("slews", f"{len(slews)}, {sum(slews):.1f} s in all, {max(slews):.1f} s the longest"))
@@ -224,6 +232,8 @@ class TimelinePlan:
         lines = [
             f"{'activity':<{wide}}  {'start s':>10}  {'end s':>10}  {'slew s':>7}  {'error deg':>9}  status"
         ]
+        tried = {one.name for one in self.activities}
+        left = [name for name in self.not_done if name not in tried]
         for one in self.activities:
             cells = (
                 _cell(one.start, "10.2f"),
@@ -234,6 +244,7 @@ class TimelinePlan:
             lines.append(f"{one.name:<{wide}}  {'  '.join(cells)}  {one.status.name}")
             if one.message:
                 lines.append(f"{'':<{wide}}  {one.message}")
+        lines += [f"{'not tried':<{wide}}  {', '.join(left)}"] * bool(left)
         return "\n".join(lines)
 
     def __str__(self) -> str:

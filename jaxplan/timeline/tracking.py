@@ -10,9 +10,9 @@ the instants looked at, and the certificate proves it for all.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from jaxplan import so3
+from jaxplan.geometry import quaternion
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import shown
 from jaxplan.timeline import curves
@@ -28,6 +28,7 @@ _PART = 0.05  # of the tolerance by which a device may be off its target between
 _BETWEEN = 4  # instants looked at in each interval
 _ASIDE = 0.2  # rad, by which a motion is turned to give way to what comes head-on
 _FINE = 8  # steps from node to node in which attitudes are carried along
+_ROUNDING = 1e-11  # rad/s or rad/s^2: what follows one that stands still begins at rest
 _DRAWN = 64  # attitudes, from which targets may lead where there is room
 _GLANCES = 33  # instants at which it is seen how much room there is
 _PLACES = 64  # at which it is measured how far targets turn
@@ -56,15 +57,19 @@ class State:
 
     @classmethod
     def of(cls, trajectory: Trajectory, time: float) -> "State":
-        """The state of a trajectory at a time, s."""
+        """The state of a trajectory at a time, s; derivatives of rounding size are zero."""
         at = trajectory.sample(time)
+
+        def clean(derivative: np.ndarray) -> np.ndarray:
+            return np.where(np.abs(derivative) <= _ROUNDING, 0.0, derivative)
+
         return cls(
             attitude=at.attitude,
             joints=at.joints,
-            velocity=at.angular_velocity,
-            rates=at.joint_rates,
-            acceleration=at.angular_acceleration,
-            bends=at.joint_accelerations,
+            velocity=clean(at.angular_velocity),
+            rates=clean(at.joint_rates),
+            acceleration=clean(at.angular_acceleration),
+            bends=clean(at.joint_accelerations),
         )
 
     @classmethod
@@ -253,7 +258,8 @@ def roomiest(
     if pursuit.equations >= 3:
         return []
     search = LeastMotion(pursuit, Wanted(attitude=None, joints=joints, slew_time=1.0))
-    drawn = Rotation.random(_DRAWN, rng=seed).as_matrix()
+    numbers = np.random.default_rng(seed).normal(size=(_DRAWN, 4))
+    drawn = np.asarray(quaternion.to_matrix(numbers / np.linalg.norm(numbers, axis=1, keepdims=True)))
     found: list[tuple[float, int, np.ndarray]] = []
     for ends in ((start, end), (end, start)):
         times = np.linspace(*ends, _GLANCES)

@@ -19,6 +19,7 @@ from jaxplan.gradients import differentiable
 from jaxplan.model.keys import unit_of
 from jaxplan.planner import Plan
 from jaxplan.runtime.display import as_table, shown
+from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema.numbers import NumberPlace, numbers_of, numbers_of_timeline
 from jaxplan.timeline import TimelinePlan
 from jaxplan.tuning.days import TOTAL_TIME, day_slopes
@@ -50,7 +51,7 @@ class Sensitivity:
     @property
     def effect(self) -> float:
         """By how much the measure changes where the number grows by a hundredth, to first order."""
-        return self.slope * abs(self.value) * _SHARE
+        return self.slope * abs(self.value) * _SHARE + 0.0  # no minus zero
 
 
 @shown("measure", "value", "unit")
@@ -148,7 +149,7 @@ def sensitivities(plan: Plan | TimelinePlan, measure: str | None = None) -> Sens
     aim: Objective = make_objective(measure)
     sign = -1.0 if measure == _MARGIN else 1.0
     function = differentiable(plan)
-    with jax.enable_x64(True):
+    with progress_bar("derivatives"), jax.enable_x64(True):
         scenario = own_arrays(plan.scenario)
         value, slopes = jax.value_and_grad(lambda own: aim(function(own), own), allow_int=True)(scenario)
     told = measure, sign * float(value), unit_of_objective(measure)
@@ -159,7 +160,8 @@ def _of_day(plan: TimelinePlan, measure: str) -> Sensitivities:
     """The slopes of a day's total time by the numbers of its timeline's file."""
     if measure != TOTAL_TIME:
         raise ValueError(f"unknown measure {measure!r} of a timeline's plan: must be {TOTAL_TIME!r}")
-    value, slopes = day_slopes(plan)
+    with progress_bar("derivatives of the day"):
+        value, slopes = day_slopes(plan)
     return _table((measure, value, "s"), numbers_of_timeline(plan.timeline), plan.timeline, slopes)
 
 

@@ -215,7 +215,9 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
     reasons = {one.activity.name: _refused(one, plan) for one in choices}
     start = timeline.scene.start
     if np.any(start.angular_velocity) or np.any(start.joint_rates):
-        reasons[choices[0].activity.name] = "the start has rates"
+        reasons[choices[0].activity.name] = (
+            "the start has rates, as one in the local frame has: give it a start at rest"
+        )
     places: dict[str, _Pointed] = {}
     for one in choices:
         name = one.activity.name
@@ -278,7 +280,8 @@ def _refused(choice: Choice, plan: TimelinePlan) -> str:
         return "the slew to it begins or ends with rates"
     if choice.time is not None and choice.time.kind == NEEDED and not departure.at_rest(choice.goal):
         return (
-            "the slew to it takes longer than its bound asks for, and what it begins or ends with turns a bit"
+            "the slew to it takes longer than its bound, and before or after it something moves: give it an "
+            "attitude"
         )
     end = next(one.end for one in plan.activities if one.name == activity.name)
     assert plan.trajectory is not None

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -143,6 +144,26 @@ def test_what_cannot_be_done_has_its_own_exit_code_and_may_be_passed_over(folder
     assert "is not exported, since it is not certified" in err
     found = jp.load_timeline_plan(tmp_path / "plan.npz")
     assert [one.status.name for one in found.activities] == ["OK", "OUT_OF_WINDOW", "OK"]
+    assert found.not_done == ("star",)
+    # what there is of it is certified, and still it is not what was asked
+    code, out, err = run(capsys, "check", tmp_path / "plan.npz")
+    assert code == 1
+    assert "certified" in out
+    assert "is not all that was asked, of 3 activities not done: star; it ended as OUT_OF_WINDOW" in err
+    code, out, _ = run(capsys, "check", tmp_path / "plan.npz", "--json")
+    told = json.loads(out)
+    assert (code, told["status"], told["not_done"]) == (1, "OUT_OF_WINDOW", ["star"])
+
+
+@pytest.mark.slow
+def test_activities_are_counted_as_the_file_has_them(capsys, tmp_path):
+    late = FILE.replace("until_s = 300", "until_s = 26")
+    (tmp_path / "late.toml").write_text(late + '[[activity]]\nname = "last"\nidle = true\nfor_s = 2\n')
+    code, out, _ = run(capsys, "timeline", tmp_path / "late.toml")
+    assert code == 1
+    assert re.search(r"activities +1 of 3 planned", out)
+    assert re.search(r"not tried +last", out)
+    assert jp.Status.OUT_OF_WINDOW.advice in out or "window" in out
 
 
 def test_a_new_timeline_is_written_and_valid(capsys, tmp_path):

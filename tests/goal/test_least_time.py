@@ -310,6 +310,6 @@ def test_all_reasons_why_slopes_are_refused_are_told_at_once():
     ):
         jp.hold(plan)
     # What the message says that is enough.
-    goal = replace(moving.start, rotation_vector=so3.log(plan.goal.attitude), joints=plan.goal.joints)
+    goal = plan.goal.state
     longer = replace(moving.trajectory, duration=1.05 * plan.trajectory.duration)
     jp.hold(jp.plan(replace(moving, goal=goal, trajectory=longer)))

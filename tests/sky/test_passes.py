@@ -134,13 +134,26 @@ def test_the_command_line_lists_them_in_their_order(capsys):
     assert capsys.readouterr().out == "never seen in 60 s: oslo\n"
 
 
+def test_a_window_that_is_printed_lies_within_the_pass(capsys):
+    assert main(["passes", "case-imaging", "oslo", "--for", "7000"]) == 0
+    row = capsys.readouterr().out.splitlines()[1].split()
+    seen = jp.load_sky(jp.cases.case_path("case-imaging"))
+    (one, *_) = seen.passes("oslo")
+    start, end = (
+        (np.datetime64(f"{day}T{clock}") - seen.epoch) / np.timedelta64(1, "s")
+        for day, clock in (row[1:3], row[3:5])
+    )
+    assert one.start <= start < one.start + 1
+    assert one.end - 1 < end <= one.end
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (["case-1"], "sky: missing, must say epoch_utc and observer"),
-        (["case-imaging", "bergen"], "bergen: must be one of svalbard, oslo"),
+        (["case-imaging", "bergen"], "bergen: no such target, the names are svalbard, oslo"),
         (["case-imaging", "--for", "1e8"], "--for 1e+08: must lie in (0, 2678400] s, which is 31 days"),
-        (["nowhere.toml"], "nowhere.toml: cannot be read"),
+        (["nowhere.toml"], "nowhere.toml: no such file; it must have [sky]"),
     ],
 )
 def test_the_command_line_names_what_is_wrong(arguments, said, capsys):

@@ -104,3 +104,12 @@ def test_messages_with_rates_are_read_in_both_ways_and_exported_for_both(tmp_pat
 def test_an_unknown_reading_is_refused():
     with pytest.raises(ValueError, match="alternative = 'cubic': must be None or one of slerp"):
         replace(bulging(0.0), alternative="cubic")
+
+
+def test_a_zone_that_moves_must_be_known_to_the_end_of_the_table():
+    place = scene(10.0)
+    times = np.linspace(0.0, 30.0, 7)
+    path = jp.DirectionPath.through(times, np.tile(place.keep_out[0].direction, (7, 1)))
+    short = replace(place, keep_out=(replace(place.keep_out[0], direction=path),))
+    with pytest.raises(ValueError, match=r"ends 40 s after .* zone sun moves and is known until 30 s"):
+        jp.certify_table(bulging(0.0), None, short)
