@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 from dense import assert_kept
+from quick import quick_jit
 
 import jaxplan as jp
 
@@ -81,7 +82,7 @@ def test_a_plan_in_a_given_time_is_held_with_the_goal_that_it_has(scene, least):
     plan = jp.plan(lasting(scene, 1.03 * least))
     held = jp.hold(plan)
     with jax.enable_x64(True):
-        again = jp.replan(held, plan.scenario)
+        again = quick_jit(jp.replan)(held, jax.tree.map(np.asarray, plan.scenario))
     np.testing.assert_allclose(again.sample(0.0).attitude, plan.scenario.start.attitude, atol=1e-9)
     np.testing.assert_allclose(again.sample(plan.trajectory.duration).attitude, plan.goal.attitude, atol=1e-6)
 
