@@ -294,6 +294,9 @@ class LeastMotion:
         every = np.arange(count - 1)
         found[every, :3, every + 1, :3] = np.eye(3)
         found[every, :3, every, :3] = -np.swapaxes(so3.exp(self._turns(nodes)), 1, 2)
+        if self.wanted.optimal:  # else what a turn that is small does to the derivative is left out
+            own = np.linalg.inv(so3.right_jacobian(self._turns(nodes)))
+            found[:, :3] = np.einsum("kij,kjnd->kind", own, found[:, :3])
         found[every, 3:, every + 1] = slopes[1:]
         found[every, 3:, every] = -slopes[:-1]
         return found
