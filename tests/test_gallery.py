@@ -153,7 +153,7 @@ def inspection(plan):
 
 def flyby(plan):
     passing, downlink = plan.activities
-    assert passing.end - 600 == pytest.approx(360, abs=20)
+    assert passing.end - 600 == pytest.approx(315, abs=20)
     assert passing.start < 200
     assert rate(plan, 600.0) == pytest.approx(np.rad2deg(7 / 1200), rel=0.02)
     assert rate(plan, np.array([passing.start, passing.end])).max() < 0.2

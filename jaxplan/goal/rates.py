@@ -6,8 +6,13 @@ instrument asks two numbers of ``omega``, a drive one, across what its joint can
 the shortest ``omega`` is taken, so that nothing turns about a boresight that need not.
 """
 
-import numpy as np
+from typing import Any
 
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxplan.geometry.vectors import length
 from jaxplan.model.goals import Targets
 from jaxplan.model.path import Goal
 from jaxplan.model.spacecraft import Spacecraft
@@ -55,6 +60,60 @@ def least_rates(
             own = [gimbals.yaws[number], *gimbals.pitches[number : number + 1]]
             rates[own] = np.linalg.pinv(by_joints[number].T, rcond=_ALIKE) @ left
     return spin, rates
+
+
+def differentiable_rates(
+    craft: Spacecraft, targets: Targets, attitude: Array, joints: Array, target_rates: Array
+) -> tuple[Array, Array]:
+    """The rates of `least_rates` as arrays of JAX, with derivatives.
+
+    Args:
+        craft: the spacecraft.
+        targets: which devices have them.
+        attitude: (3, 3) body to inertial, at which these devices point along their targets.
+        joints: (J,) rad, likewise.
+        target_rates: (k, 3) 1/s, how fast the directions turn, inertial.
+
+    Returns:
+        (3,) angular velocity, rad/s, body axes, and (J,) joint rates, rad/s. Where a terminal points along
+        its yaw axis they are no numbers.
+    """
+    gimbals = craft.gimbals
+    turned = jnp.asarray(target_rates).reshape(-1, 3) @ attitude  # in body axes
+    azimuth, _ = gimbals.angles(joints)
+    fixed = jnp.asarray(craft.fixed_boresights, turned.dtype)
+    boresights = jnp.concatenate([gimbals.boresights(joints), fixed])
+    matrix, right = [jnp.zeros((0, 3))], [jnp.zeros(0)]
+    by_joints: dict[int, Any] = {}
+    for number, rate in zip(targets.numbers(craft), turned, strict=True):
+        beam = boresights[number]
+        across = jnp.zeros((0, 3))
+        if number < gimbals.count:
+            axes = jnp.concatenate(gimbals.axes(azimuth[np.array([number])], np.array([number])))
+            axes = axes[: 2 if number < gimbals.terminals else 1]
+            by_joints[number] = jnp.cross(axes, beam)  # at right angles to each other
+            if number >= gimbals.terminals:
+                across = _unit(jnp.cross(beam, by_joints[number][0]))[None]
+        else:
+            first = _unit(jnp.cross(beam, jnp.eye(3)[jnp.argmin(jnp.abs(beam))]))
+            across = jnp.stack([first, jnp.cross(beam, first)])
+        matrix.append(jnp.cross(beam, across))
+        right.append(across @ rate)
+    rows, spin = jnp.concatenate(matrix), jnp.zeros(3)
+    if len(rows):
+        spin = jnp.linalg.pinv(rows, rtol=_ALIKE) @ jnp.concatenate(right)
+    rates = jnp.zeros(joints.shape)
+    for number, rate in zip(targets.numbers(craft), turned, strict=True):
+        if number in by_joints:
+            left = rate - jnp.cross(spin, boresights[number])
+            moved = by_joints[number]
+            rates = rates.at[gimbals.joints_of(number)].set(moved @ left / jnp.sum(moved**2, axis=1))
+    return spin, rates
+
+
+def _unit(vector: Array) -> Array:
+    """A vector (3,) brought to unit length."""
+    return jnp.asarray(vector / length(vector))
 
 
 def _beyond(directions: np.ndarray, moved: np.ndarray) -> np.ndarray:

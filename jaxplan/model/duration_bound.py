@@ -59,6 +59,7 @@ from jaxplan.model.quadratic import (
     inverse_of,
     largest_in_box,
     principal,
+    roots_of,
     sizes_by,
 )
 from jaxplan.model.spacecraft import Spacecraft
@@ -96,11 +97,11 @@ class _Ends(NamedTuple):
         rates: (2, 2n + d) rad/s, likewise.
     """
 
-    spins: np.ndarray | None = None
-    joints: np.ndarray | None = None
-    rates: np.ndarray | None = None
+    spins: AnyArray | None = None
+    joints: AnyArray | None = None
+    rates: AnyArray | None = None
 
-    def momenta(self, craft: Spacecraft, *, still: bool = False) -> np.ndarray:
+    def momenta(self, craft: Spacecraft, *, still: bool = False) -> AnyArray:
         """Momenta (2, 3) N m s of all but the wheels, body axes; with `still` as if joints did not move."""
         spins = np.zeros((2, 3)) if self.spins is None else self.spins
         if self.joints is None or self.rates is None:
@@ -112,7 +113,8 @@ class _Ends(NamedTuple):
             inertia=craft.fixed_inertia,
             stages=craft.stages,
         )
-        return np.asarray(motion.momentum).T
+        momentum: AnyArray = motion.momentum
+        return array_module(momentum).asarray(momentum).T
 
 
 def rest_bounds(spacecraft: Spacecraft, turns: ArrayLike, moves: ArrayLike) -> AnyArray:
@@ -178,14 +180,54 @@ def duration_bound(
     Returns:
         The largest bound, with its name; of equal ones the first.
     """
-    turn = so3.log(attitudes[0].T @ attitudes[1])
-    spins = np.asarray(angular_velocities, float) if np.any(angular_velocities) else None
-    ends = _Ends(spins, np.asarray(joints, float), np.asarray(joint_rates, float))
-    ways = list(_ways_of_platform(spacecraft, turn, ends))
-    ways += _ways_of_joints(spacecraft, np.subtract(joints[1], joints[0]), np.asarray(joint_rates, float))
+    turning = bool(np.any(angular_velocities))
+    ways = _ways_between(spacecraft, attitudes, joints, angular_velocities, joint_rates, turning=turning)
     times = [float(way.time) for way in ways]
     slowest = int(np.argmax(times))
     return DurationBound(seconds=times[slowest], name=ways[slowest].name)
+
+
+def moving_bound(
+    spacecraft: Spacecraft,
+    attitudes: AnyArray,
+    joints: AnyArray,
+    angular_velocities: AnyArray,
+    joint_rates: AnyArray,
+    *,
+    turning: bool,
+) -> AnyArray:
+    """The seconds of `duration_bound` as a number of numpy or JAX, with derivatives.
+
+    Args:
+        spacecraft: its limits.
+        attitudes: (2, 3, 3) first and last, body to inertial.
+        joints: (2, 2n + d) rad.
+        angular_velocities: (2, 3) rad/s, body axes.
+        joint_rates: (2, 2n + d) rad/s.
+        turning: whether the platform turns at either end. If it turns at neither more limits are known.
+
+    Returns:
+        s. Derivatives are finite, and right almost everywhere: where an end comes to rest they are those of
+        one that stays at rest.
+    """
+    ways = _ways_between(spacecraft, attitudes, joints, angular_velocities, joint_rates, turning=turning)
+    return greatest_of([way.time for way in ways])
+
+
+def _ways_between(
+    craft: Spacecraft,
+    attitudes: AnyArray,
+    joints: AnyArray,
+    angular_velocities: AnyArray,
+    joint_rates: AnyArray,
+    *,
+    turning: bool,
+) -> list[Way]:
+    """All ways between two states; arguments as of `moving_bound`."""
+    _, attitudes, joints, spins, rates = arrays(attitudes, joints, angular_velocities, joint_rates)
+    turn = so3.log(attitudes[0].T @ attitudes[1])
+    ways = list(_ways_of_platform(craft, turn, _Ends(spins if turning else None, joints, rates)))
+    return [*ways, *_ways_of_joints(craft, joints[1] - joints[0], rates)]
 
 
 def excess(duration: float, bound: float) -> float | None:
@@ -193,7 +235,7 @@ def excess(duration: float, bound: float) -> float | None:
     return duration / bound - 1 if bound > _TELLING * duration else None
 
 
-def _ways_of_joints(craft: Spacecraft, moves: AnyArray, rates: np.ndarray | None = None) -> Iterator[Way]:
+def _ways_of_joints(craft: Spacecraft, moves: AnyArray, rates: AnyArray | None = None) -> Iterator[Way]:
     """Yield the way of each joint, of changes (..., 2n + d) rad and rates (2, 2n + d) rad/s at both ends.
 
     Rates of None are zero.
@@ -288,7 +330,7 @@ def _ways_of_platform(craft: Spacecraft, turns: AnyArray, ends: _Ends) -> Iterat
 def _box_ways(
     name: str,
     turns: AnyArray,
-    spins: np.ndarray | None,
+    spins: AnyArray | None,
     rate: AnyArray,
     acceleration: AnyArray,
     more: AnyArray = 0.0,
@@ -315,14 +357,14 @@ def _box_ways(
             top=xp.max(rate / box),
             growth=xp.max(acceleration / box),
             more_growth=xp.max(more / box),
-            speeds=None if spins is None else np.max(np.abs(spins) / box, axis=1),
+            speeds=None if spins is None else (abs(spins) / box).max(axis=1),
         )
 
 
 def _axis_ways(
     name: str,
     turns: AnyArray,
-    spins: np.ndarray | None,
+    spins: AnyArray | None,
     rate: AnyArray,
     acceleration: AnyArray,
     norms: tuple[AnyArray, AnyArray],
@@ -405,7 +447,7 @@ def _energy_way(
     if spins is not None and craft.stages is None:
         speeds = sizes_by(spins, least)
     elif spins is not None:
-        speeds = np.sqrt(np.sum(spins * ends.momenta(craft, still=True), axis=1))
+        speeds = roots_of((spins * ends.momenta(craft, still=True)).sum(axis=1))
     return Way(
         name=ENERGY,
         distance=greatest_of(rows),
@@ -424,8 +466,8 @@ def _total(craft: Spacecraft, ends: _Ends) -> AnyArray:
         return length(
             craft.wheel_array.stored if resting else craft.wheel_array.stored + ends.momenta(craft)[0]
         )
-    xp, inertia, stored = arrays(craft.whole_inertia, craft.wheel_array.stored)
-    return length(stored if ends.spins is None else stored + inertia @ xp.asarray(ends.spins[0]))
+    _, inertia, stored = arrays(craft.whole_inertia, craft.wheel_array.stored)
+    return length(stored if ends.spins is None else stored + inertia @ ends.spins[0])
 
 
 def _accelerations_by_torque(inertia: AnyArray, torque: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:

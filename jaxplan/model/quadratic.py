@@ -54,6 +54,13 @@ def largest_size(vectors: AnyArray, matrix: AnyArray) -> AnyArray:
 
 
 def sizes_by(vectors: AnyArray, matrix: AnyArray) -> AnyArray:
-    """``sqrt(x . matrix x)`` (k,) of vectors (k, 3)."""
+    """``sqrt(x . matrix x)`` (k,) of vectors (k, 3); the derivative is taken as zero where it is zero."""
     xp, x, matrix = arrays(vectors, matrix)
-    return xp.sqrt(xp.sum((x @ matrix) * x, axis=-1))
+    return roots_of(xp.sum((x @ matrix) * x, axis=-1))
+
+
+def roots_of(squares: AnyArray) -> AnyArray:
+    """Square roots of numbers >= 0; at zero, where they have no derivative, it is taken as zero."""
+    xp = array_module(squares)
+    some = squares > 0
+    return xp.where(some, xp.sqrt(xp.where(some, squares, 1)), 0)

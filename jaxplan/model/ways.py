@@ -5,8 +5,6 @@ Units are those of the distance: rad for angles.
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from jaxplan.geometry.vectors import AnyArray, arrays
 
 _ROOTS = 12  # steps of Newton's method, which has then converged to rounding
@@ -54,21 +52,24 @@ class Way:
         return xp.where(moving, time, 0)
 
     @property
-    def time(self) -> np.ndarray:
-        """Least time between the speeds at both ends, (...) s; in numpy."""
+    def time(self) -> AnyArray:
+        """Least time between the speeds at both ends, (...) s, with numpy or JAX."""
         if self.speeds is None:
-            return np.asarray(self.rest_time)
-        first, last = self.speeds
-        found = shortest_time(self.distance, first, last, self.top, self.growth)
+            return self.rest_time
+        xp, far, top, growth, speeds = arrays(self.distance, self.top, self.growth, self.speeds)
+        first, last = speeds[0], speeds[1]
+        found = shortest_time(far, first, last, top, growth)
+        if self.signed:
+            return found
         # speeds along a length are at least zero: on too short a one they cannot change within the growth
-        short = 2 * self.growth * np.abs(self.distance) < np.abs(first**2 - last**2)
-        return np.where(short & (not self.signed), np.abs(first - last) / self.growth, found)
+        short = 2 * growth * xp.abs(far) < xp.abs(first**2 - last**2)
+        return xp.where(short, xp.abs(first - last) / growth, found)
 
 
 def shortest_time(
-    distance: np.ndarray, first: np.ndarray, last: np.ndarray, rate: np.ndarray, acceleration: np.ndarray
-) -> np.ndarray:
-    """Least time of a motion on a line with bounded rate and acceleration.
+    distance: AnyArray, first: AnyArray, last: AnyArray, rate: AnyArray, acceleration: AnyArray
+) -> AnyArray:
+    """Least time of a motion on a line with bounded rate and acceleration, with numpy or JAX.
 
     Args:
         distance: (...) rad, with its sign.
@@ -78,16 +79,19 @@ def shortest_time(
         acceleration: (...) rad/s^2, likewise.
 
     Returns:
-        (...) s.
+        (...) s. Its derivatives are finite, and right almost everywhere.
     """
-    best = np.full(np.broadcast(distance, first, last, rate).shape, np.inf)
+    xp, distance, first, last, rate, acceleration = arrays(distance, first, last, rate, acceleration)
+    highest = xp.where(xp.isfinite(rate), rate, 1)  # where there is no limit none is coasted at
+    found = []
     for sign in (1, -1):  # which way it goes first
         d, v, w = sign * distance, sign * first, sign * last
         square = acceleration * d + (v**2 + w**2) / 2  # of the rate at the top of a triangle
-        top = np.sqrt(np.maximum(square, 0))
+        some = square > 0
+        top = xp.where(some, xp.sqrt(xp.where(some, square, 1)), 0)
         triangle = (2 * top - v - w) / acceleration
-        coasting = (2 * rate - v - w) / acceleration + (square - rate**2) / (rate * acceleration)
-        time = np.where(top <= rate, triangle, coasting)
-        possible = (square >= 0) & (top >= np.maximum(v, w) * (1 - 1e-12) - 1e-15)
-        best = np.minimum(best, np.where(possible, np.maximum(time, 0), np.inf))
-    return best
+        coasting = (2 * highest - v - w) / acceleration + (square - highest**2) / (highest * acceleration)
+        time = xp.where(top <= rate, triangle, coasting)
+        possible = (square >= 0) & (top >= xp.maximum(v, w) * (1 - 1e-12) - 1e-15)
+        found.append(xp.where(possible, xp.maximum(time, 0), xp.inf))
+    return xp.where(found[1] < found[0], found[1], found[0])

@@ -37,6 +37,7 @@ class SlewTime:
         after: the duration after which that goal is the one; None likewise.
         path: along which the shortest motion was looked for; None for the straight one, and likewise.
         shortest: that motion, where it was found by a search; None where not.
+        motion: what follows that goal, a `jaxplan.timeline.motions.Motion`; None of other kinds.
     """
 
     seconds: float
@@ -47,6 +48,7 @@ class SlewTime:
     after: "SlewTime | None" = None
     path: Path | None = None
     shortest: Trajectory | None = None
+    motion: Any = None
 
     @classmethod
     def fixed(cls, seconds: float) -> Self:
@@ -70,14 +72,23 @@ class Choice:
 
     Attributes:
         activity: what was done.
-        departure: where the slew to it starts, a `jaxplan.timeline.slews.Departure`.
+        before: the state after what was done before.
+        since: s, when it was reached, in the timeline's times.
+        departure: where the slew to it starts, a `jaxplan.timeline.slews.Departure`; later than `since` where
+            there was time to rest before.
         time: how the slew's duration came about; None of one that takes the time until the window opens.
         goal: the state in which the slew ends.
         begin: s, when it does, in the timeline's times.
+        end: s, when the activity ends, likewise.
+        motion: what follows, a `jaxplan.timeline.motions.Motion`.
     """
 
     activity: Activity
+    before: State
+    since: float
     departure: Any
     time: SlewTime | None
     goal: State
     begin: float
+    end: float
+    motion: Any

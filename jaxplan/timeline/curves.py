@@ -43,7 +43,7 @@ def through(nodes: Nodes) -> Trajectory:
     """
     times = nodes.times - nodes.times[0]
     joints = _spline(times, nodes.joints)
-    edges = _chart_ends(nodes.attitudes)
+    edges = chart_ends(nodes.attitudes)
     derivatives = {node: _derivatives(times, nodes.attitudes, node) for node in edges}
     breaks, coefficients, attitudes, starts = [times[:1]], [], [], []
     for first, last in pairwise(edges):
@@ -78,11 +78,8 @@ def _spline(times: np.ndarray, values: np.ndarray, ends: Any = None) -> tuple[np
         ends: first and second derivatives at either end, ((d,), (d,)) each; None for those of the
             polynomials through the outermost nodes.
     """
-    from scipy.interpolate import make_interp_spline  # slow to import, so not at the top
-
     base = values[:1]  # what stands still does so to the last bit
-    given = None if ends is None else tuple([(1, rate), (2, bend)] for rate, bend in ends)
-    spline = make_interp_spline(times, values - base, k=DEGREE, bc_type=given)
+    spline = interpolated(times, values - base, ends)
     breaks = np.unique(spline.t)
     size = np.diff(breaks)
     powers = np.stack(
@@ -96,7 +93,15 @@ def _spline(times: np.ndarray, values: np.ndarray, ends: Any = None) -> tuple[np
     return breaks, coefficients
 
 
-def _chart_ends(attitudes: np.ndarray) -> list[int]:
+def interpolated(times: np.ndarray, values: np.ndarray, ends: Any = None) -> Any:
+    """The spline of scipy through values; arguments as of `_spline`."""
+    from scipy.interpolate import make_interp_spline  # slow to import, so not at the top
+
+    given = None if ends is None else tuple([(1, rate), (2, bend)] for rate, bend in ends)
+    return make_interp_spline(times, values, k=DEGREE, bc_type=given)
+
+
+def chart_ends(attitudes: np.ndarray) -> list[int]:
     """Numbers of the nodes at which charts end: the first and the last, and some between."""
     edges = [0]
     for node in range(1, len(attitudes)):
@@ -108,12 +113,15 @@ def _chart_ends(attitudes: np.ndarray) -> list[int]:
 
 def _derivatives(times: np.ndarray, attitudes: np.ndarray, node: int) -> tuple[np.ndarray, np.ndarray]:
     """Angular velocity and acceleration, (3,) each, in body axes at a node, from the nodes around it."""
-    first = max(0, min(node - _AROUND, len(times) - 2 * _AROUND - 1))
-    own = slice(first, first + 2 * _AROUND + 1)
-    from scipy.interpolate import make_interp_spline
-
-    spline = make_interp_spline(times[own], so3.log(attitudes[node].T @ attitudes[own]), k=DEGREE)
+    own = around(len(times), node)
+    spline = interpolated(times[own], so3.log(attitudes[node].T @ attitudes[own]))
     return spline(times[node], 1), spline(times[node], 2)  # where b is zero they are those of the body
+
+
+def around(count: int, node: int) -> slice:
+    """The nodes, of so many, from which derivatives at one of them are found."""
+    first = max(0, min(node - _AROUND, count - 2 * _AROUND - 1))
+    return slice(first, first + 2 * _AROUND + 1)
 
 
 def _in_chart(

@@ -15,6 +15,7 @@ one of a quadratic program, in which what cannot be kept may be broken at a pric
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,8 +26,10 @@ from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.trajectory.qp import BoxQP, solve_box_qps
 
 _STEPS = 12  # most steps; some four are usual
+_OPTIMAL_STEPS = 60  # likewise where the optimum is asked for
 _SETTLED = 5e-3  # share of the energy; a step that gains no more is the last
 _STILL = 1e-6  # rad; so is one that changes nothing by more
+_POLISH, _LEAST = 60, 1e-12  # most further steps to the optimum, and rad, the size of the last
 _DIFFERENCE = 1e-6  # rad, for slopes by differences
 _TRUST = 0.5  # rad, most by which a step moves any device
 _NEAR = 1.2  # rad; constraints with larger margins do not matter to a step
@@ -38,6 +41,7 @@ _CHEAP = 1.0  # of one by which it has less room
 _WISH = 0.1  # 1/s, weight of the square of the angle to what a device prefers, per rate weight
 _ROUNDS = 12  # in which rows of a quadratic program are added
 _KEPT = 1e-9  # rad, by which a row may be broken and count as kept
+_AT = 3e-9  # rad, within which a node keeps just some room
 _FLAT = 1e-9  # size of a row below which no step changes it
 _TIE = 1e-9  # weight on the size of a step, so that what costs nothing does not change
 
@@ -54,6 +58,8 @@ class Wanted:
         slew_time: s, that the slew from there takes, roughly.
         wishes: devices without a target by number, each with the direction that it prefers.
         weights: of the squares of rate and acceleration.
+        optimal: whether steps go on until the energy is least to rounding, so that the nodes are a function
+            of what they depend on.
     """
 
     attitude: np.ndarray | None
@@ -61,6 +67,7 @@ class Wanted:
     slew_time: float
     wishes: tuple[tuple[int, DirectionPath], ...] = ()
     weights: tuple[float, float] = (1.0, 3.0)
+    optimal: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,6 +83,24 @@ class Nodes:
     times: np.ndarray
     attitudes: np.ndarray
     joints: np.ndarray
+
+
+class Leaning(NamedTuple):
+    """What nodes of least energy lean on: rows of low ends of ranges, then of high ones, and of constraints.
+
+    Attributes:
+        node: (a,) numbers of nodes that keep just some room from something.
+        row: (a,) of what.
+        room: (a,) rad, how much.
+        price: (K + 1, c) 1/rad, of what is left where that is less than such room.
+        rates: whether a rate is as large as it may be.
+    """
+
+    node: np.ndarray
+    row: np.ndarray
+    room: np.ndarray
+    price: np.ndarray
+    rates: bool
 
 
 class LeastMotion:
@@ -101,7 +126,8 @@ class LeastMotion:
         """
         nodes = self.first(times, attitudes, rest)
         price = self.price(nodes)
-        for _ in range(_STEPS):
+        optimal = self.wanted.optimal
+        for _ in range(_OPTIMAL_STEPS if optimal else _STEPS):
             step = self._step(nodes)
             for share in (1.0, 0.5, 0.25, 0.1):
                 tried = self._moved(nodes, share * step)
@@ -111,7 +137,21 @@ class LeastMotion:
             else:
                 break
             gained, nodes, price = price - found, tried, found
-            if gained <= _SETTLED * price or np.max(np.abs(share * step), initial=0.0) <= _STILL:
+            settled = not optimal and gained <= _SETTLED * price
+            if settled or np.max(np.abs(share * step), initial=0.0) <= _STILL:
+                break
+        return self._polished(nodes) if optimal else nodes
+
+    def _polished(self, nodes: Nodes) -> Nodes:
+        """Nodes after whole steps for as long as these become shorter, which the price could not tell."""
+        last = np.inf
+        for _ in range(_POLISH):
+            step = self._step(nodes)
+            size = float(np.max(np.abs(step), initial=0.0))
+            if not size < last:
+                break
+            nodes, last = self._moved(nodes, step), size
+            if size <= _LEAST:
                 break
         return nodes
 
@@ -126,6 +166,28 @@ class LeastMotion:
     def depth(self, nodes: Nodes) -> float:
         """How far the worst node is beyond the worst of ranges and constraints, rad; below zero within."""
         return float(np.max(-self._left(nodes), initial=-np.inf))
+
+    def leaning(self, nodes: Nodes) -> Leaning:
+        """What nodes of least energy lean on."""
+        left = self._left(nodes)
+        levels = [(np.argwhere(np.abs(left - level) <= _AT), level) for level in (_HARD, _ROOM)]
+        rows = np.concatenate([found for found, _ in levels])
+        step, craft = nodes.times[1] - nodes.times[0], self.pursuit.craft
+        turned = np.abs(self._turns(nodes))
+        free = [
+            np.min(
+                _SHARE * step * craft.joint_rate_limits - np.abs(np.diff(nodes.joints, axis=0)), initial=1.0
+            ),
+            np.min(_SHARE * step * np.broadcast_to(craft.rate_limit, 3) - turned),
+            np.min(_SHARE * step * longest(craft, 1) - np.linalg.norm(turned, axis=1)),
+        ]
+        return Leaning(
+            node=rows[:, 0],
+            row=rows[:, 1],
+            room=np.concatenate([np.full(len(found), level) for found, level in levels]),
+            price=_CHEAP * (left < _ROOM - _AT) + _PRICE * (left < _HARD - _AT),
+            rates=bool(min(free) < _AT),
+        )
 
     def _nodes(self, times: np.ndarray, attitudes: np.ndarray, rest: np.ndarray) -> Nodes:
         """Nodes at attitudes near given ones at which targets are met, with joints that follow."""
@@ -170,10 +232,16 @@ class LeastMotion:
         """Derivatives (K + 1, J, 3 + f) of joints by turns and free joints, targets met."""
         slopes = np.zeros((*nodes.joints.shape, 3 + len(self.free)))
         for axis in range(3):
-            turned = nodes.attitudes @ so3.exp(_DIFFERENCE * np.eye(3)[axis])
-            after = self.pursuit.joints(turned, nodes.times, nodes.joints)
-            change = after - nodes.joints
-            slopes[..., axis] = (change - 2 * np.pi * np.round(change / (2 * np.pi))) / _DIFFERENCE
+            turn = _DIFFERENCE * np.eye(3)[axis]
+            after = self.pursuit.joints(nodes.attitudes @ so3.exp(turn), nodes.times, nodes.joints)
+            before, wide = nodes.joints, _DIFFERENCE
+            if (
+                self.wanted.optimal
+            ):  # differences to one side are off by as much as nodes are then to be known
+                before = self.pursuit.joints(nodes.attitudes @ so3.exp(-turn), nodes.times, nodes.joints)
+                wide = 2 * _DIFFERENCE
+            change = after - before
+            slopes[..., axis] = (change - 2 * np.pi * np.round(change / (2 * np.pi))) / wide
         slopes[:, self.free, 3 + np.arange(len(self.free))] = 1.0
         return slopes
 
@@ -226,6 +294,9 @@ class LeastMotion:
         every = np.arange(count - 1)
         found[every, :3, every + 1, :3] = np.eye(3)
         found[every, :3, every, :3] = -np.swapaxes(so3.exp(self._turns(nodes)), 1, 2)
+        if self.wanted.optimal:  # else what a turn that is small does to the derivative is left out
+            own = np.linalg.inv(so3.right_jacobian(self._turns(nodes)))
+            found[:, :3] = np.einsum("kij,kjnd->kind", own, found[:, :3])
         found[every, 3:, every + 1] = slopes[1:]
         found[every, 3:, every] = -slopes[:-1]
         return found

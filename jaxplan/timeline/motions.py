@@ -35,7 +35,7 @@ from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.timeline.tracking import State, Tracked, led_back, roomiest, track
 from jaxplan.trajectory import Trajectory
 
-_SLEW_TIME = 30.0  # s, a usual slew; it weighs the way to a motion against the motion's own energy
+SLEW_TIME = 30.0  # s, a usual slew; it weighs the way to a motion against the motion's own energy
 _GOALS = 4  # attitudes of step 1 that are tried as first guesses
 _BROKEN = 1e-9  # rad by which a node may break what it keeps
 _LOOK, _LOOKS = 5.0, 2000  # s between the instants at which zones are looked at, and the most of them
@@ -68,12 +68,15 @@ class Motion:
         trajectory: from its begin on, which is its zero; None of what takes no time.
         begin: s, in the timeline's times.
         tracked: how devices follow their targets; None where they have none.
+        aim: the best state of step 1 at the begin, to whose joints the nodes are drawn; None where that is
+            not known.
     """
 
     state: State
     trajectory: Trajectory | None
     begin: float
     tracked: Tracked | None = None
+    aim: Goal | None = None
 
 
 @dataclass(kw_only=True, eq=False)
@@ -178,7 +181,9 @@ class Doing:
         if self.last is not None and self.last.tracked is not None:
             nodes = self.last.tracked.nodes
             with suppress(Refused):  # later there may be another way
-                again = self._tracked(targets, [nodes.attitudes], nodes.joints[0], begin)
+                aim = self._decomposed(targets, begin).goals[0] if self.scene.trajectory.optimal else None
+                joints = nodes.joints[0] if aim is None else aim.joints
+                again = replace(self._tracked(targets, [nodes.attitudes], joints, begin), aim=aim)
                 if _keeps_all(again):
                     return again
         found = self._decomposed(targets, begin)
@@ -188,7 +193,8 @@ class Doing:
         for guesses in self._first_guesses(targets, found.goals, begin):
             if guesses:
                 try:
-                    made.append(self._tracked(targets, guesses, joints, begin))
+                    own = self._tracked(targets, guesses, joints, begin)
+                    made.append(replace(own, aim=found.goals[0]))
                 except Refused as refused:
                     refusals.append(refused)
             if made and _keeps_all(made[-1]):
@@ -280,9 +286,10 @@ class Doing:
         wanted = Wanted(
             attitude=self.before.attitude,
             joints=joints,
-            slew_time=_SLEW_TIME,
+            slew_time=SLEW_TIME,
             wishes=tuple((craft.device_names.index(wish.device), as_path(wish.direction)) for wish in wishes),
             weights=(settings.rate_weight, settings.acceleration_weight),
+            optimal=settings.optimal,
         )
         found = self._calmest(pursuit, wanted, guesses, begin)
         if wishes and self._overrun(found.trajectory, begin):

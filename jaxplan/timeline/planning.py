@@ -210,10 +210,14 @@ class _Day:
         self.choices.append(
             Choice(
                 activity=activity,
+                before=doing.before,
+                since=doing.time,
                 departure=departure,
                 time=slew.time,
                 goal=motion.state,
                 begin=motion.begin,
+                end=self.time,
+                motion=motion,
             )
         )
         self.activities.append(

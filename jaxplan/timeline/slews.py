@@ -3,8 +3,9 @@
 A slew leads from one state to another at given times. It is fitted along the straight path first, and where
 that cannot be proved it is planned with a search, as any manoeuvre. Its duration is the time that there is,
 or the shortest, which is looked for from the strict lower bound on: first in a time a little above that, then
-in what the fit says is needed. The state in which it ends depends on when that is, so that each duration has
-a goal of its own.
+in what the fit says is needed; with ``trajectory.optimal`` in what the optimum tells, or where an end moves
+in a fixed multiple of the bound. The state in which it ends depends on when that is, so that each duration
+has a goal of its own.
 """
 
 from collections.abc import Callable
@@ -37,10 +38,11 @@ _ABOVE = 1.03  # times the bound: the first duration that is tried
 _ROOM = 0.3  # s above the bound that it is at least, since accelerations begin and end at rest
 _CLOSE = 1.004  # times the bound, below which a duration is not worth a try
 _SLACK = 1.003  # times what is needed to a goal, that is given to reach the goal of another time
+_RUNG = 1.01  # times the rung below: multiples of the bound that are tried where no optimum tells the time
 _GROWTH = (1.02, 1.04, 1.08, 1.15, 1.3, 1.6)  # times: how much longer at least the next try is
 _STEP = 0.05  # s: likewise
-_FIRST = 10.0  # s, for which the first goal is found
-_LEAST = 0.5  # s, of any slew
+FIRST = 10.0  # s, for which the first goal is found
+LEAST = 0.5  # s, of any slew
 _DETOUR = 1.3  # times the duration that was tried; a straight slew that needs more is compared with others
 
 
@@ -147,16 +149,16 @@ class Departure:
         """
 
         def admitted(time: SlewTime) -> SlewTime:
-            begin = self.time + max(time.seconds, _LEAST)
+            begin = self.time + max(time.seconds, LEAST)
             seen = seen_from(begin)
-            own = time if time.seconds >= _LEAST else SlewTime.fixed(_LEAST)
+            own = time if time.seconds >= LEAST else SlewTime.fixed(LEAST)
             if seen > begin:
                 own = SlewTime(seconds=0.0, kind=SEEN, factor=1.0)
             return replace(own, seconds=seen - self.time)
 
-        time = admitted(SlewTime.fixed(min(_FIRST, last - self.time)))
+        time = admitted(SlewTime.fixed(min(FIRST, last - self.time)))
         state, found = goal_at(self.time + time.seconds)
-        time = admitted(self._above(state, time))
+        time = admitted(self._above(state, time, found))
         failed: Slew | None = None
         way: Path | None = None
         shortest: Trajectory | None = None
@@ -164,7 +166,7 @@ class Departure:
             duration = time.seconds
             state, found = goal_at(self.time + duration)
             if duration < _CLOSE * self.bound(state):
-                time = admitted(self._above(state, time))
+                time = admitted(self._above(state, time, found))
                 duration = time.seconds
                 state, found = goal_at(self.time + duration)
             slew = self._along(way, state, duration)
@@ -190,7 +192,10 @@ class Departure:
                 after=time,
                 path=way,
                 shortest=shortest,
+                motion=found,
             )
+            if self.scene.trajectory.optimal and not self._has_optimum(state):
+                enough = self._on_a_rung(enough)
             longer = (enough, time.longer(growth, 0.0), time.longer(1.0, _STEP))
             time, shortest = admitted(max(longer, key=lambda one: one.seconds)), None
         assert failed is not None
@@ -198,12 +203,29 @@ class Departure:
 
     def _needed(self, way: Path | None, goal: State, needed: float | None) -> float | None:
         """What is needed, s, to a state near a path: with `trajectory.optimal` the optimum, where known."""
-        best = self.at_rest(goal) and self.scene.trajectory.optimal and not moves(self.scene)
-        if needed is None or not best:
+        if needed is None or not (self.scene.trajectory.optimal and self._has_optimum(goal)):
             return needed
         fitted = self._quickest(way, goal)
         found = fitted.trajectory is not None and fitted.status is Status.OK
         return fitted.trajectory.duration if found and fitted.trajectory is not None else needed
+
+    def _has_optimum(self, goal: State) -> bool:
+        """Whether the optimum of the shortest motion to a state can be found."""
+        return self.at_rest(goal) and not moves(self.scene)
+
+    def _on_a_rung(self, enough: SlewTime) -> SlewTime:
+        """A duration raised to the next rung of a ladder of multiples of the bound.
+
+        What a fit says is needed changes by itself from one fit to the next; rungs stay, and so the duration
+        is a function of both ends.
+        """
+        assert enough.goal is not None
+        bound = self.bound(enough.goal)
+        if not 0 < bound < enough.seconds:
+            return enough
+        factor = _RUNG ** int(np.ceil(np.log(enough.seconds / bound) / np.log(_RUNG)))
+        own = replace(enough, seconds=bound, kind=BOUND, factor=1.0, path=None, shortest=None)
+        return own.longer(factor, 0.0)
 
     def _quickest(self, way: Path | None, goal: State) -> Fit:
         """The shortest motion to a state near a path; near none straight."""
@@ -259,10 +281,10 @@ class Departure:
         pairs = [(getattr(self.state, name), getattr(goal, name)) for name in _BOUND]
         return duration_bound(self.craft, *(np.stack(pair) for pair in pairs)).seconds
 
-    def _above(self, goal: State, after: SlewTime) -> SlewTime:
-        """The first duration that is tried of slews to a state, which is the goal after some duration."""
+    def _above(self, goal: State, after: SlewTime, motion: Any) -> SlewTime:
+        """The first duration tried of slews to a state: the goal after some duration, with its motion."""
         bound = self.bound(goal)
-        above = SlewTime(seconds=bound, kind=BOUND, factor=1.0, goal=goal, after=after)
+        above = SlewTime(seconds=bound, kind=BOUND, factor=1.0, goal=goal, after=after, motion=motion)
         return max(above.longer(_ABOVE, 0.0), above.longer(1.0, _ROOM), key=lambda one: one.seconds)
 
     def scenario(self, goal: State, duration: Any) -> Scenario:

@@ -97,6 +97,7 @@ class Tracked:
         between: rad, how far the trajectory does at most at instants between the nodes.
         too_quick: rad, by how much the fastest turn there, kept up from node to node, is beyond what limits
             of rate allow.
+        wanted: what the nodes are near, beside their targets.
     """
 
     trajectory: Trajectory
@@ -104,6 +105,7 @@ class Tracked:
     broken: np.ndarray
     between: float
     too_quick: float
+    wanted: Wanted
 
     @property
     def depth(self) -> tuple[float, float]:
@@ -190,6 +192,7 @@ def _found(search: LeastMotion, times: np.ndarray, guess: np.ndarray, tolerance:
         broken=search.broken(nodes),
         between=float(np.max(search.broken(inner))),
         too_quick=_too_quick(search.pursuit.craft, at) * (times[1] - times[0]),
+        wanted=search.wanted,
     )
 
 

@@ -11,12 +11,13 @@ so that what makes a slew longer moves all that comes after it, until a window i
 optimum, followed as that of a single plan (`jaxplan.gradients`); its slopes by ends, limits, inertia and
 zones are found once, and stand for it here.
 
-States in which an attitude is held are numbers of the timeline, and one who rests stays as it is. Where
-devices point at directions that stand still, the state is the optimum of step 1, followed as goals are
-(`jaxplan.goal.sensitivity`). What else a timeline may ask for has no derivatives yet, and is refused with all
-activities and reasons together.
+A bound or a shortest motion is to the state in which the activity begins, of which targets that move make
+another one at every time. So it is the state at the end of an earlier duration, and those are followed, too.
+The states themselves are in `jaxplan.tuning.day_states`. What else a timeline may ask for has no derivatives
+yet, and is refused with all activities and reasons together.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -26,28 +27,22 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.derivatives import own_arrays
-from jaxplan.goal.followed import followed_by
-from jaxplan.goal.free import MadeWay
-from jaxplan.goal.sensitivity import differentiable_goal
 from jaxplan.gradients import differentiable
-from jaxplan.model.duration_bound import rest_bounds
-from jaxplan.model.goals import LEAST_ROTATION, Targets
-from jaxplan.model.path import Goal
+from jaxplan.model.duration_bound import moving_bound, rest_bounds
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.timeline import Activity
-from jaxplan.model.zones import Turns, masks
 from jaxplan.timeline import TimelinePlan, plan_timeline
-from jaxplan.timeline.choices import BOUND, NEEDED, SEEN, Choice, SlewTime
-from jaxplan.timeline.motions import with_room
-from jaxplan.timeline.slews import Departure
+from jaxplan.timeline.choices import BOUND, FIXED, NEEDED, SEEN, Choice, SlewTime
+from jaxplan.timeline.motions import Motion
+from jaxplan.timeline.slews import FIRST, LEAST, Departure
 from jaxplan.timeline.stored import holding, total_in
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import measures
+from jaxplan.tuning.day_states import Ends, Held, Reached, Rested, When, following, off_by, pointed
 
 _SAME = 1e-6  # s, by which times of a plan that was read, and of one made anew, may differ
 _STAYS = 1e-9  # rad, by which a state that is held may change
-_RESTS = 1e-9  # rad/s, below which a motion counts as at rest
-_OPTIMAL = 1e-6  # rad, by which a state may be off the optimum whose derivative is taken
 _NEAR = 0.01  # of the time of a shortest motion, by which the optimum near it may differ
 TOTAL_TIME = "total_time"
 """What can be asked of a day: s, from its start to the end of the last activity, no rest after it."""
@@ -92,39 +87,6 @@ class _Slope:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Pointed:
-    """The state in which devices point at directions that stand still, near a plan's.
-
-    Attributes:
-        place: the state, as a goal of step 1.
-        moves: how devices without a target make way there.
-        turns: whole turns of the yaw after which masks are met again.
-        roomy: whether it keeps the room that an instant keeps from zones and ends of ranges.
-    """
-
-    place: Goal
-    moves: tuple[MadeWay, ...]
-    turns: Turns
-    roomy: bool
-
-    def state(self, scene: Scenario, targets: Targets, before: State) -> State:
-        """The state of a scene near that of the plan, after some state before."""
-        craft, wanted = scene.usable, replace(targets, criterion=LEAST_ROTATION)
-        if self.roomy:
-            craft, wanted = with_room(craft, wanted)
-        found: Any = differentiable_goal(
-            self.place,
-            craft,
-            before.attitude,
-            wanted,
-            scene.rows(self.turns),
-            start_joints=before.joints,
-            moves=self.moves,
-        )
-        return State.still(found.attitude, found.joints)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class HeldDay:
     """What is held of a timeline's plan, as a function of the timeline's numbers.
 
@@ -132,69 +94,124 @@ class HeldDay:
         numbers: those of the plan's timeline.
         rows: numbers of the activities in the file, in the order in which they are done.
         choices: how each of them came to begin.
+        states: how the state is followed in which each begins.
         slopes: of the shortest motions that durations are multiples of, by `id` of these durations.
-        places: the states in which devices point at their targets, by names of activities.
     """
 
     numbers: Numbers
     rows: tuple[int, ...]
     choices: tuple[Choice, ...]
+    states: tuple[Reached, ...]
     slopes: dict[int, _Slope]
-    places: dict[str, _Pointed]
 
     def total_time(self, numbers: Numbers) -> Any:
         """The time, s, at which the last activity of a timeline near that of the plan ends."""
         scene = numbers.scene
         state, time = _start(scene), jnp.asarray(0.0)
         total = total_in(scene.spacecraft, state)
-        for row, choice in zip(self.rows, self.choices, strict=True):
-            activity = numbers.activities[row]
-            craft = holding(scene.spacecraft, total, state)
-            here = replace(choice.departure, scene=scene, craft=craft, state=state)
-            goal = self._goal(scene, activity, state)
-            begin: Any = 0.0 if activity.earliest is None else activity.earliest
-            if choice.time is not None:
-                begin = time + self._seconds(choice, choice.time, here, goal, time)
-            time, state = _ends(activity, choice, begin, numbers.until), goal
+        for row, choice, reached in zip(self.rows, self.choices, self.states, strict=True):
+            leg = _Leg(
+                slopes=self.slopes,
+                choice=choice,
+                reached=reached,
+                activity=numbers.activities[row],
+                scene=scene,
+                craft=holding(scene.spacecraft, total, state),
+                state=state,
+                time=time,
+                until=numbers.until,
+            )
+            begin = leg.begin
+            time, state = leg.ends(begin), leg.states(begin, choice.motion)[1]
         return time
 
-    def _goal(self, scene: Scenario, activity: Activity, before: State) -> State:
-        """The state in which the slew to an activity ends; one at rest stays as it is before."""
-        if activity.targets is not None:
-            return self.places[activity.name].state(scene, activity.targets, before)
-        if activity.attitude is None:
-            return before
-        joints: Any = jnp.asarray(activity.attitude.joints)
-        return State.still(so3.exp(jnp.asarray(activity.attitude.rotation_vector)), joints)
 
-    def _seconds(self, choice: Choice, own: SlewTime, here: Departure, goal: State, time: Any) -> Any:
-        """A duration of a slew, s, from a departure at a time, s, to a goal that does not move."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Leg:
+    """The way to an activity, in the numbers of a timeline near that of the plan.
+
+    Attributes:
+        slopes: as of `HeldDay`.
+        choice: how the activity came to begin.
+        reached: how the state is followed in which it begins.
+        activity: with these numbers.
+        scene: of the timeline.
+        craft: the spacecraft with what its wheels hold at the start.
+        state: before.
+        time: s, when that is reached.
+        until: s, when the timeline ends; None without.
+    """
+
+    slopes: dict[int, _Slope]
+    choice: Choice
+    reached: Reached
+    activity: Activity
+    scene: Scenario
+    craft: Spacecraft
+    state: State
+    time: Any
+    until: Any
+
+    @property
+    def begin(self) -> Any:
+        """When the activity begins, s."""
+        if self.choice.time is not None:
+            return self.time + self._seconds(self.choice.time)
+        opens = self.choice.activity.earliest or 0.0
+        late = abs(self.choice.begin - opens) > _SAME  # what is hidden then does not depend on any number
+        return self.choice.begin if late else self.activity.earliest or 0.0
+
+    def states(self, begin: Any, near: Motion) -> Ends:
+        """The states in which the activity begins, at a time, s, and ends, near a motion of the plan."""
+        when = When(self.time, begin, self.ends(begin))
+        return self.reached.at(self.scene, self.activity, self.state, when, near)
+
+    def ends(self, begin: Any) -> Any:
+        """When the activity ends, s, that begins at a time, s."""
+        activity, opens = self.activity, self.activity.earliest
+        if activity.duration is not None:
+            waits = self.choice.begin < (self.choice.activity.earliest or 0.0)
+            return (begin if opens is None or not waits else opens) + activity.duration
+        if activity.kind == "point":
+            return begin
+        return self.until if activity.latest is None else activity.latest
+
+    def _seconds(self, own: SlewTime) -> Any:
+        """A duration of the slew, s."""
         base: Any = 0.0
-        if own.kind == BOUND:
-            turn = so3.log(here.state.attitude.T @ goal.attitude)
-            base = rest_bounds(here.craft, turn[None], (goal.joints - here.state.joints)[None])[0]
-        elif own.kind == NEEDED:
-            base = self.slopes[id(own)].at(here.scenario(goal, MINIMUM))
+        if own.kind in (BOUND, NEEDED):
+            after = own.after if self.reached.in_time else None
+            goal = self.states(0.0 if after is None else self.time + self._seconds(after), own.motion)[0]
+            base = self._bound(own, goal) if own.kind == BOUND else self._needed(own, goal)
         elif own.kind == SEEN:
-            base = choice.departure.time + (own.seconds - own.offset) / own.factor - time
+            base = self.choice.since + (own.seconds - own.offset) / own.factor - self.time
         return own.factor * base + own.offset
+
+    def _bound(self, own: SlewTime, goal: State) -> Any:
+        """The strict bound, s, of the slew to a goal that does not move, or does."""
+        assert own.goal is not None
+        then = self.choice.departure.state, own.goal
+        turning = any(np.any(one.velocity) for one in then)
+        ends = self.state, goal
+        if not turning and not any(np.any(one.rates) for one in then):
+            turn = so3.log(ends[0].attitude.T @ goal.attitude)
+            return rest_bounds(self.craft, turn[None], (goal.joints - self.state.joints)[None])[0]
+        pairs = [
+            jnp.stack([jnp.asarray(getattr(one, name)) for one in ends])
+            for name in ("attitude", "joints", "velocity", "rates")
+        ]
+        return moving_bound(self.craft, *pairs, turning=turning)
+
+    def _needed(self, own: SlewTime, goal: State) -> Any:
+        """The time, s, of the shortest motion to a goal that does not move."""
+        here = replace(self.choice.departure, scene=self.scene, craft=self.craft, state=self.state)
+        return self.slopes[id(own)].at(here.scenario(goal, MINIMUM))
 
 
 def _start(scene: Scenario) -> State:
     """The state at a scene's start, which rests."""
     joints: Any = jnp.asarray(scene.start.joints)
     return State.still(so3.exp(jnp.asarray(scene.start.rotation_vector)), joints)
-
-
-def _ends(activity: Activity, choice: Choice, begin: Any, until: Any) -> Any:
-    """When an activity ends, s, that begins at a time, s."""
-    if activity.duration is not None:
-        opens: Any = activity.earliest
-        waits = opens is not None and choice.begin < (choice.activity.earliest or 0.0)
-        return (opens if waits else begin) + activity.duration
-    if activity.kind == "point":
-        return begin
-    return until if activity.latest is None else activity.latest
 
 
 def hold_day(plan: TimelinePlan) -> HeldDay:
@@ -218,21 +235,16 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
         reasons[choices[0].activity.name] = (
             "the start has rates, as one in the local frame has: give it a start at rest"
         )
-    places: dict[str, _Pointed] = {}
-    for one in choices:
-        name = one.activity.name
-        if one.activity.targets is not None and not reasons[name]:
-            try:
-                places[name] = _pointed(one, one.activity.targets)
-            except ValueError as error:
-                reasons[name] = str(error)
+    states: list[Reached] = []
     slopes: dict[int, _Slope] = {}
     for one in choices:
-        name, time = one.activity.name, one.time
-        if reasons[name] or time is None or time.kind != NEEDED:
+        name = one.activity.name
+        if reasons[name]:
             continue
         try:
-            slopes[id(time)] = _slope(one.departure, time)
+            states.append(_reached(one))
+            for time in _needed(one, states[-1].in_time):
+                slopes[id(time)] = _slope(one.departure, time)
         except ValueError as error:
             reasons[name] = str(error)
     if any(reasons.values()):
@@ -244,8 +256,8 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
         ),
         rows=tuple(rows[one.activity.name] for one in choices),
         choices=choices,
+        states=tuple(states),
         slopes=slopes,
-        places=places,
     )
 
 
@@ -269,68 +281,71 @@ def _with_choices(plan: TimelinePlan) -> TimelinePlan:
 
 def _refused(choice: Choice, plan: TimelinePlan) -> str:
     """Why how an activity begins has no derivative that is known; empty if it has."""
-    activity, departure = choice.activity, choice.departure
-    scene, targets = departure.scene, activity.targets
-    if targets is not None and targets.moves:
-        return "its targets move; give it an attitude"
-    if targets is not None and (moves(scene) or targets.prefer):
-        return f"{'a zone moves' if moves(scene) else 'a device has a wish'}; give it an attitude"
-    rates = [np.concatenate([one.velocity, one.rates]) for one in (departure.state, choice.goal)]
-    if np.max(np.abs(rates)) > _RESTS:
-        return "the slew to it begins or ends with rates"
-    if choice.time is not None and choice.time.kind == NEEDED and not departure.at_rest(choice.goal):
-        return (
-            "the slew to it takes longer than its bound, and before or after it something moves: give it an "
-            "attitude"
-        )
+    activity, targets = choice.activity, choice.activity.targets
+    if targets is not None and targets.prefer:
+        return "a device has a wish; give it an attitude"
+    if activity.kind == "point" or _follows(choice):
+        return ""
     end = next(one.end for one in plan.activities if one.name == activity.name)
     assert plan.trajectory is not None
     assert end is not None
     then = plan.trajectory.sample(end)
     moved = so3.distance(then.attitude, choice.goal.attitude), *np.abs(then.joints - choice.goal.joints)
-    if activity.idle:
-        before = departure.state
-        moved += (
-            so3.distance(before.attitude, choice.goal.attitude),
-            *np.abs(before.joints - choice.goal.joints),
-        )
-    if max(moved) > _STAYS:
-        return "it gives way to a zone"
-    return ""
+    return "it gives way to a zone" if max(moved) > _STAYS else ""
 
 
-def _pointed(choice: Choice, targets: Targets) -> _Pointed:
-    """How the state is followed in which devices point at directions that stand still.
+def _follows(choice: Choice) -> bool:
+    """Whether an activity is a motion with which devices follow targets, or give way to zones."""
+    targets = choice.activity.track
+    return targets is not None and (targets.moves or moves(choice.departure.scene))
+
+
+def _motions(choice: Choice) -> Iterator[Motion]:
+    """Yield the motions at whose begins bounds on the way to an activity were taken."""
+    time = choice.time
+    while time is not None:
+        if time.motion is not None:
+            yield time.motion
+        time = time.after
+
+
+def _reached(choice: Choice) -> Reached:
+    """How the state is followed in which an activity begins.
 
     Raises:
-        ValueError: for the doubts of `followed_by`, or if the state is not the optimum of step 1.
+        ValueError: as of `pointed`, or where it is another one.
     """
-    departure, goal = choice.departure, choice.goal
-    place = Goal(
-        attitude=goal.attitude,
-        joints=goal.joints,
-        slew_angle=float(so3.distance(departure.state.attitude, goal.attitude)),
-    )
-    scene = departure.scene
-    turns = tuple(mask.turns for mask in masks(scene.spacecraft))
-    asked = departure.scenario(goal, MINIMUM)
-    for roomy in (True, False) if choice.activity.kind == "point" else (False,):
-        wanted = replace(targets, criterion=LEAST_ROTATION)
-        if roomy:
-            wanted = with_room(scene.usable, wanted)[1]
-        followed = followed_by(replace(asked, goal=wanted), place)
-        if followed.doubts:
-            raise ValueError("; ".join(followed.doubts))
-        own = _Pointed(place=place, moves=followed.moves, turns=turns, roomy=roomy)
-        with jax.enable_x64(True):
-            near = own.state(own_arrays(scene), targets, departure.state)
-        off = (
-            so3.distance(np.asarray(near.attitude), goal.attitude),
-            *np.abs(np.asarray(near.joints) - goal.joints),
-        )
-        if max(off) <= _OPTIMAL:
-            return own
-    raise ValueError("it turns more than its targets ask for, as by room that it keeps")
+    targets, before = choice.activity.targets, choice.before
+    if targets is not None and _follows(choice):
+        return following(choice, targets, [choice.motion, *_motions(choice)])
+    if targets is not None:
+        return pointed(choice, targets)
+    if choice.activity.attitude is not None:
+        return Held()
+    found = Rested(in_time=bool(np.any(before.velocity) or np.any(before.rates)))
+    if off_by(found, choice) > _STAYS:
+        raise ValueError("it gives way to a zone")
+    return found
+
+
+def _needed(choice: Choice, in_time: bool) -> Iterator[SlewTime]:
+    """Yield the durations that are multiples of a shortest motion's, on which the time of a slew depends.
+
+    Raises:
+        ValueError: if one is not from rest to rest.
+    """
+    time = choice.time
+    while time is not None:
+        if time.kind == NEEDED:
+            if not choice.departure.at_rest(time.goal):
+                raise ValueError(
+                    "the slew to it takes longer than its bound asks for, and begins or ends with rates"
+                )
+            yield time
+        begun = time.kind == FIXED and time is not choice.time
+        if begun and in_time and time.seconds not in (FIRST, LEAST):
+            raise ValueError("it can begin only shortly before the end of what is known")
+        time = time.after if in_time else None
 
 
 def _slope(departure: Departure, time: SlewTime) -> _Slope:

@@ -90,6 +90,42 @@ def beam() -> jp.Timeline:
     )
 
 
+def moving(rate, first, pitch) -> jp.DirectionPath:
+    """A direction that goes round at a rate, rad/s, from an azimuth at 0 s, and rises slowly."""
+    times = np.linspace(0, 400.0, 81)
+    return jp.DirectionPath.through(times, direction(first + rate * times, pitch + 1e-4 * times))
+
+
+def ships() -> jp.Timeline:
+    """Instants at targets that move, before a rest and after others."""
+    ship, other = moving(1e-3, 0.3, 0.5), moving(1.3e-3, 0.6, 0.7)
+    both = {"camera-1": other, "terminal-2": moving(-1e-3, 2.0, 0.1)}
+    return day_of(
+        jp.Activity(name="ship", point=jp.Targets.of({"camera-1": ship})),
+        jp.Activity(name="satellite", point=jp.Targets.of({"terminal-1": moving(-2e-3, 0.5, 0.3)})),
+        jp.Activity(name="rest", idle=True, duration=5.0),
+        jp.Activity(name="both", point=jp.Targets.of(both)),
+        jp.Activity(name="look", attitude=at_rest([0.3, 0.1, 0.2], np.zeros(4)), duration=5.0),
+        craft=make_spacecraft(2, 1),
+        until=400.0,
+    )
+
+
+def tracks() -> jp.Timeline:
+    """Targets followed for a while: by a camera, and by two terminals that leave the attitude free."""
+    narrow = make_spacecraft(2, 1)
+    wide = tuple(replace(one, pitch_limit=1.2) for one in narrow.terminals)
+    pair = {"terminal-1": moving(-2e-3, 0.2, 0.4), "terminal-2": moving(1e-3, 3.0, -0.2)}
+    ship = jp.Targets.of({"camera-1": moving(1e-3, 0.3, 0.5)}, tolerance=1e-4)
+    return day_of(
+        jp.Activity(name="ship", track=ship, duration=40.0),
+        jp.Activity(name="pair", track=jp.Targets.of(pair, tolerance=1e-4), duration=30.0),
+        jp.Activity(name="look", attitude=at_rest([0.3, 0.1, 0.2], np.zeros(4)), duration=5.0),
+        craft=replace(narrow, terminals=wide),
+        until=400.0,
+    )
+
+
 def wheels() -> jp.Timeline:
     """An observer whose wheels give all that its turns may have."""
     whole = observer()
@@ -109,6 +145,8 @@ DAYS = {
     "windows in the time there is": (windows_in_the_time_there_is, {BOUND}, 3),
     "stars": (stars, {BOUND}, 7),
     "beam": (beam, {BOUND}, 5),
+    "ships": (ships, {BOUND}, 8),
+    "tracks": (tracks, {BOUND}, 6),
     "far": (far_turn, {NEEDED}, 5),
     "wheels": (wheels, {NEEDED}, 6),
 }
@@ -163,6 +201,27 @@ SOME = {
         "start.attitude[0]",
         "start.attitude[2]",
         "activity[1].attitude[2]",
+    ),
+    "ships": (
+        "spacecraft.rate_limit_deg_s",
+        "spacecraft.acceleration_limit_deg_s2",
+        "spacecraft.terminal[0].rate_limit_deg_s",
+        "spacecraft.terminal[1].pitch_limit_deg",
+        "start.yaw_rad[0]",
+        "start.attitude[1]",
+        "activity[2].for_s",
+        "activity[4].attitude[0]",
+        "activity[4].attitude[1]",
+    ),
+    "tracks": (
+        "spacecraft.rate_limit_deg_s",
+        "spacecraft.acceleration_limit_deg_s2",
+        "spacecraft.terminal[0].pitch_limit_deg",
+        "start.attitude[1]",
+        "start.attitude[2]",
+        "activity[0].for_s",
+        "activity[1].for_s",
+        "activity[2].attitude[0]",
     ),
     "far": (
         "spacecraft.rate_limit_deg_s",
@@ -265,11 +324,13 @@ def test_all_activities_without_derivatives_are_named_with_their_reasons():
         craft=make_spacecraft(2, 1),
         until=200.0,
     )
+    coarse = replace(day.scene.trajectory, optimal=False)
+    day = replace(day, scene=replace(day.scene, trajectory=coarse))
     plan = jp.plan_timeline(day, progress=False)
     with pytest.raises(ValueError, match="has no derivatives that are known: ") as refused:
         jp.sensitivities(plan)
     told = str(refused.value)
-    assert "activity ship: its targets move; give it an attitude" in told
+    assert "activity ship: its targets move: set trajectory.optimal = true, or give it an attitude" in told
     assert "activity glance: a device has a wish; give it an attitude" in told
     assert "activity look" not in told
 

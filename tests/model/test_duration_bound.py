@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import partial
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from builders import make_spacecraft
@@ -12,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from stages import change, momentum, with_stages
 from wheels import random_wheels, wheels
 
-from jaxplan.model.duration_bound import duration_bound, rest_bounds
+from jaxplan import so3
+from jaxplan.model.duration_bound import duration_bound, moving_bound, rest_bounds
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.ways import shortest_time
 
@@ -245,6 +247,39 @@ def test_bounds_at_rest_are_the_same_one_by_one_and_in_jax(loads):
     for axis, step in enumerate(1e-6 * np.eye(3)):
         rise = rest_bounds(craft, turns + step, moves) - rest_bounds(craft, turns - step, moves)
         np.testing.assert_allclose(slopes[:, axis], rise / 2e-6, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("turning", [True, False])
+@pytest.mark.parametrize("size", [None, 0.05], ids=["stiff", "stages"])
+@pytest.mark.parametrize(
+    "loads", [{}, BOX, {"wheels": random_wheels(4, seed=2)}], ids=["rates", "box", "wheels"]
+)
+def test_bounds_between_rates_are_the_same_in_jax_with_slopes_of_differences(loads, size, turning):
+    rng = np.random.default_rng(12)
+    craft = replace(make_spacecraft(1), inertia=np.diag([1.0, 2.0, 2.5]) + 0.1, **loads)
+    craft = craft if size is None else with_stages(craft, size, 1)
+
+    def ends(x):  # turn, joints, velocities and rates at both ends
+        xp = np if isinstance(x, np.ndarray) else jnp
+        attitudes = xp.stack([so3.exp(x[:3]), so3.exp(x[3:6])])
+        spins = x[10:16].reshape(2, 3) if turning else np.zeros((2, 3))
+        return attitudes, x[6:10].reshape(2, 2), spins, x[16:].reshape(2, 2)
+
+    def bound(x):
+        return moving_bound(craft, *ends(x), turning=turning)
+
+    matter = 0
+    with jax.enable_x64(True):
+        both = jax.jit(jax.value_and_grad(bound))
+        for _ in range(6):
+            x = np.concatenate([rng.uniform(-0.9, 0.9, 10), 0.004 * rng.uniform(-1, 1, 10)])
+            value, slope = both(jnp.asarray(x))
+            assert float(value) == pytest.approx(duration_bound(craft, *ends(x)).seconds, rel=1e-9)
+            step = 1e-7
+            rise = [bound(x + step * one) - bound(x - step * one) for one in np.eye(20)]
+            np.testing.assert_allclose(slope, np.array(rise) / (2 * step), rtol=1e-4, atol=1e-4)
+            matter += np.sum(np.abs(slope[10:]) > 1e-3)
+    assert matter > 0
 
 
 def test_the_bound_says_which_limits_set_it():

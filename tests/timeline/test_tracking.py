@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxplan.timeline import tracking
-from jaxplan.timeline.least_motion import Nodes
+from jaxplan.timeline.least_motion import Nodes, Wanted
 from jaxplan.timeline.tracking import Tracked
 
 
@@ -23,6 +23,7 @@ def motion(count, broken=0.0, between=0.0, too_quick=0.0):
         broken=np.full(count + 1, broken),
         between=between,
         too_quick=too_quick,
+        wanted=Wanted(attitude=None, joints=np.zeros(0), slew_time=1.0),
     )
 
 
