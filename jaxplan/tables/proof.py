@@ -176,8 +176,8 @@ def certify_table(
 
     Raises:
         TypeError: if it is no table, path or scenario.
-        ValueError: for a file that is no table, or one that lacks what the interpolation takes; or what is to
-            be forgiven lies outside.
+        ValueError: for a file that is no table, or one that lacks what the interpolation takes; where a zone
+            that moves is not known to the end of the table; or what is to be forgiven lies outside.
 
     Example:
         >>> print(jp.certify_table("slew.aem", "slerp", jp.load_scenario("scene.toml")))
