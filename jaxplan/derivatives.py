@@ -42,7 +42,7 @@ from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name, fit_batch
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
 
 _NEEDS_TIME = (
-    "its scene has targets or zones that move: derivatives and tuning then know given durations only: set "
+    "has targets or zones that move: derivatives and tuning then know given durations only: set "
     "trajectory.duration_s to a number (it has no slopes itself then), or hold what moves at an instant"
 )
 _A_PLAN = "jp.plan makes one of a scenario"
@@ -130,7 +130,7 @@ def _followable(plan: Plan) -> tuple[Plan, Path, Goal, Followed]:
     reasons, free_time = [], not scenario.trajectory.timed
     ends = (*_rates(scenario, scenario.start), *end_rates(scenario, goal))
     if _needs_time(scenario):
-        reasons.append(_NEEDS_TIME)
+        reasons.append(f"its scene {_NEEDS_TIME}")
     elif free_time and any(np.any(rate) for rate in ends):
         reasons.append(
             "it is a shortest motion with rates at its ends: set trajectory.duration_s to a number"
@@ -399,4 +399,4 @@ def _needs_time(scenario: Scenario) -> bool:
 def expect_known_time(scenario: Scenario) -> None:
     """Raise ValueError where something moves and no duration is given, which then depends on the goal."""
     if _needs_time(scenario):
-        raise ValueError(f"{scenario.name} {_NEEDS_TIME.removeprefix('its scene ')}")
+        raise ValueError(f"{scenario.name} {_NEEDS_TIME}")

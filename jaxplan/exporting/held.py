@@ -29,7 +29,7 @@ _MOST_ROWS = 200_000  # that are proved; tables of more have rows too close toge
 
 
 class Readings(NamedTuple):
-    """What readers of a table do between its rows.
+    """How readers of a table interpolate between its rows.
 
     Attributes:
         usual: what most do.

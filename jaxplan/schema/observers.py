@@ -41,7 +41,7 @@ class Sky:
 
     @property
     def known(self) -> str:
-        """What names there are, for messages."""
+        """Words for messages that tell which names may be asked for."""
         if not self.things:
             return "[sky] has neither satellites nor points of the ground"
         return f"must be one of {', '.join(self.things)}"

@@ -259,7 +259,7 @@ def certify_rows(
 def _proved(
     known: AttitudeTable, how: str, scene: Scenario, times: np.ndarray, most: int
 ) -> tuple[Certificate, "_Claimed", Reading]:
-    """What holds of a table with an interpolation, of limits that fall by a power of time up to `most`."""
+    """Prove what a table keeps with an interpolation, of limits that fall by a power of time up to `most`."""
     motion = reading(known, how, TOLERANCE, _RATE_SHARE * _least_rate(scene.spacecraft))
     claim = _Claimed.of(scene, known, how, motion, most)
     parts = [

@@ -1,4 +1,4 @@
-"""What was chosen while a timeline was planned: how the duration of each slew came about.
+"""Records of what was chosen while a timeline was planned: how the duration of each slew came about.
 
 A slew in the shortest time takes a multiple of a number that follows from its ends, and some seconds more:
 

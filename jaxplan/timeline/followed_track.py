@@ -48,7 +48,7 @@ _STEPS = 4  # of Newton's method, which starts at the optimum of the plan
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Track:
-    """What a motion of least energy depends on.
+    """The quantities that a motion of least energy depends on.
 
     Attributes:
         craft: the spacecraft.

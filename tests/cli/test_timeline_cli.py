@@ -163,7 +163,9 @@ def test_activities_are_counted_as_the_file_has_them(capsys, tmp_path):
     assert code == 1
     assert re.search(r"activities +1 of 3 planned", out)
     assert re.search(r"not tried +last", out)
-    assert jp.Status.OUT_OF_WINDOW.advice in out or "window" in out
+    plan = jp.plan_timeline(jp.load_timeline(tmp_path / "late.toml"), throw=False, progress=False)
+    assert plan.advice
+    assert plan.advice in out
 
 
 def test_a_new_timeline_is_written_and_valid(capsys, tmp_path):
