@@ -5,38 +5,8 @@ angle. Along each the motion has a speed, whose magnitude limits keep below a *t
 they keep below a *growth*, its largest acceleration. So a way takes at least the time of a trapezoid of the
 speed, or of a triangle. Every way gives a lower bound of the duration, and the largest of them is used.
 
-    way                        speed                             top, growth
-    a joint's angle            its rate                          the joint's own limits
-    length in a box            max of |w_i| / c_i                max of limit_i / c_i, also of accelerations
-    angle of the turn          |w|                               limits of the lengths, or diagonals of boxes
-    angle of a body axis       |w across it|                     diagonals of the two other axes' limits
-    length by the energy       sqrt(w . J w)                     the largest over boxes; growth by torque too
-
-`w` is the angular velocity in body axes; lengths of turns are those of `jaxplan.model.turn_table`. By J the
-speed grows no faster than the largest ``sqrt(torque . J^-1 torque)``, since gyroscopic torques do no work.
-In a box they count: from rest, ``w_i' <= a_i + g_i t^2``, with ``a = |J^-1| torque`` and ``g_i`` the largest
-of ``|J^-1 (w x J w)|_i`` for the energy, or the momentum, that there can be after a second. Limits of
-momentum are taken for limits of the rates.
-
-Wheels give ``J w' + w x (R^T H)`` and hold ``R^T H - J w``, both within what the array reaches by its
-allocation (`jaxplan.model.wheel_reach`); ``|H|`` is known from the start. So the rates are within ``J^-1``
-times the reach of the momenta and ``|H|`` about it, accelerations within that of the torques and ``|w| |H|``,
-and in the energy the torque that turns ``H`` does no work. Lengths of both, and of what lies across a body
-axis, are at most those of the corners, which is less than the diagonals of boxes.
-
-Where stages of gimbals have an inertia, ``J`` depends on the joints, and joints that move carry momentum and
-push back. What these are at most has `jaxplan.model.inertia_bounds`: with ``d = J - J_c`` the momentum is
-``J_c w + (d w + p)``, so limits of momentum and torque let ``J_c w`` and ``J_c w'`` be larger by the most
-that ``d w + p`` and ``d w' + J' w + p'`` can be, and gyroscopic torque adds the former times ``|w|``. In the
-energy the speed is ``sqrt(w . J(q) w)``: it is no less than that by the least inertia, whose length of the
-turn it has to cover, its top is by the greatest, and as
-
-    d/dt (w . J w) / 2 = w . (torque - J' w / 2 - p')
-
-it grows by no more than the torque lets it by the least inertia, and ``(|p'| + |J'| |w| / 2) / sqrt(a)``,
-with ``a`` the least moment of that.
-
-Any ``c`` is allowed; the limits of rates, those of accelerations and what lies between are tried.
+`jaxplan.model.platform_ways` has those of the platform, by rates, accelerations, torque, wheels and inertia;
+that of a joint's angle has its rate for speed, and the joint's own limits.
 
 No zone is in these bounds, nor jerk, nor that accelerations be continuous: they only add to the time.
 Radians, seconds, body axes.
@@ -44,35 +14,18 @@ Radians, seconds, body axes.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan import so3
-from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, separation
-from jaxplan.model.inertia_bounds import InertiaBounds, inertia_bounds, most_by
-from jaxplan.model.kinematics import Kinematics
-from jaxplan.model.limits import limits, longest
-from jaxplan.model.quadratic import (
-    greatest_of,
-    inverse_of,
-    largest_in_box,
-    principal,
-    roots_of,
-    sizes_by,
-)
+from jaxplan.geometry.vectors import AnyArray, arrays
+from jaxplan.model.platform_ways import Ends, ways_of_platform
+from jaxplan.model.quadratic import greatest_of
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.turn_table import turn_table
 from jaxplan.model.ways import Way
-from jaxplan.model.wheel_reach import WheelSpeeds, reaches
 
 _TELLING = 0.01  # share of the duration below which a bound says nothing, as of a path that ends at its start
-_SAME = 1e-9  # relative difference below which the axes' ratios of acceleration to rate count as equal
-
-RATES = "rates and accelerations of the platform"
-TORQUE = "rates, accelerations and torque of the platform"
-ENERGY = "torque and inertia of the platform"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,35 +41,6 @@ class DurationBound:
     name: str
 
 
-class _Ends(NamedTuple):
-    """The motion at start and end, where it need not rest.
-
-    Attributes:
-        spins: (2, 3) rad/s, angular velocities in body axes; None from rest to rest.
-        joints: (2, 2n + d) rad; None where these rest, too.
-        rates: (2, 2n + d) rad/s, likewise.
-    """
-
-    spins: AnyArray | None = None
-    joints: AnyArray | None = None
-    rates: AnyArray | None = None
-
-    def momenta(self, craft: Spacecraft, *, still: bool = False) -> AnyArray:
-        """Momenta (2, 3) N m s of all but the wheels, body axes; with `still` as if joints did not move."""
-        spins = np.zeros((2, 3)) if self.spins is None else self.spins
-        if self.joints is None or self.rates is None:
-            raise ValueError("joints are not known")
-        rates = 0 * self.rates if still else self.rates
-        motion = Kinematics(
-            spin=[spins.T],
-            joints=[self.joints.T, rates.T],
-            inertia=craft.fixed_inertia,
-            stages=craft.stages,
-        )
-        momentum: AnyArray = motion.momentum
-        return array_module(momentum).asarray(momentum).T
-
-
 def rest_bounds(spacecraft: Spacecraft, turns: ArrayLike, moves: ArrayLike) -> AnyArray:
     """Strict lower bounds of the time of motions from rest to rest.
 
@@ -130,7 +54,7 @@ def rest_bounds(spacecraft: Spacecraft, turns: ArrayLike, moves: ArrayLike) -> A
         taken to stay.
     """
     _, turned, moved = arrays(turns, moves)
-    times = [way.rest_time for way in _ways_of_platform(spacecraft, turned, _Ends())]
+    times = [way.rest_time for way in ways_of_platform(spacecraft, turned, Ends())]
     times += [way.rest_time for way in _ways_of_joints(spacecraft, moved)]
     return greatest_of(times)
 
@@ -150,7 +74,7 @@ def time_along(spacecraft: Spacecraft, attitudes: np.ndarray, joints: np.ndarray
     """
     turns = so3.log(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])
     ways = [
-        *_ways_of_platform(spacecraft, turns, _Ends()),
+        *ways_of_platform(spacecraft, turns, Ends()),
         *_ways_of_joints(spacecraft, np.diff(joints, axis=0)),
     ]
     slowest = np.zeros(len(turns))
@@ -226,7 +150,7 @@ def _ways_between(
     """All ways between two states; arguments as of `moving_bound`."""
     _, attitudes, joints, spins, rates = arrays(attitudes, joints, angular_velocities, joint_rates)
     turn = so3.log(attitudes[0].T @ attitudes[1])
-    ways = list(_ways_of_platform(craft, turn, _Ends(spins if turning else None, joints, rates)))
+    ways = list(ways_of_platform(craft, turn, Ends(spins if turning else None, joints, rates)))
     return [*ways, *_ways_of_joints(craft, joints[1] - joints[0], rates)]
 
 
@@ -250,241 +174,3 @@ def _ways_of_joints(craft: Spacecraft, moves: AnyArray, rates: AnyArray | None =
             speeds=None if rates is None else rates[:, number],
             signed=True,
         )
-
-
-def _ways_of_platform(craft: Spacecraft, turns: AnyArray, ends: _Ends) -> Iterator[Way]:
-    """Yield the ways of the platform: those of the module's table but the first, each with its limits.
-
-    Args:
-        craft: its limits and inertia.
-        turns: (..., 3) rad, rotation vectors from start to end, in the body axes of the start.
-        ends: the motion at both ends.
-    """
-    given = {limit.quantity.name: limit.bound for limit in limits(craft)}
-    rate, acceleration = given["angular_velocity"], given["angular_acceleration"]
-    norms, name, spins = (longest(craft, 1), longest(craft, 2)), RATES, ends.spins
-    if "wheel_momentum" in given:
-        body = inertia_bounds(craft)
-        xp, inverse, momentum = arrays(inverse_of(body.middle), given["wheel_momentum"])
-        by_momentum = xp.abs(inverse) @ momentum
-        if craft.stages is not None:
-            fastest = most_by(norms[0], body, length(momentum) + body.carried)
-            by_momentum = by_momentum + length(inverse) * (body.off * fastest + body.carried)
-        rate = xp.minimum(rate, by_momentum)
-    across = None
-    if craft.wheel_array is not None:
-        array, body, total = craft.wheel_array, inertia_bounds(craft), _total(craft, ends)
-        own = WheelSpeeds.of(craft, total, body.middle)
-        yield _energy_way(craft, body, given, norms, turns, ends)
-        if craft.stages is not None:
-            most = most_by(
-                norms[0],
-                body,
-                array_module(array.each_momentum).sum(array.each_momentum) + total + body.carried,
-            )
-            own = own._replace(carried=body.carried + body.off * most)
-        xp, rate, acceleration, own_rate = arrays(rate, acceleration, own.rate)
-        rate = xp.minimum(rate, own_rate)
-        top = xp.minimum(xp.minimum(norms[0], length(rate)), own.top(np.eye(3)))
-        if craft.stages is not None:
-            push = body.pushed + body.swept * top
-            most = most_by(norms[1], body, xp.sum(array.each_torque) + total * top + push)
-            own = own._replace(pushed=push + body.off * most)
-        acceleration = xp.minimum(acceleration, own.acceleration(top))
-        norms, name = (top, xp.minimum(norms[1], own.growth(np.eye(3), top))), TORQUE
-        planes = np.eye(3) - np.eye(3)[:, :, None] * np.eye(3)[:, None]
-        across = [own.top(plane) for plane in planes], [own.growth(plane, top) for plane in planes]
-    if "torque" in given:
-        body = inertia_bounds(craft)
-        yield _energy_way(craft, body, given, norms, turns, ends)
-        at_rest, gyroscopic, later = _accelerations_by_torque(body.middle, given["torque"])
-        xp, acceleration, at_rest, later = arrays(acceleration, at_rest, later)
-        if craft.stages is not None:
-            fastest = norms[0]
-            push = body.pushed + body.swept * fastest + fastest * (body.off * fastest + body.carried)
-            heaviest = xp.max(principal(body.middle)[0])
-            most = most_by(norms[1], body, length(given["torque"]) + push + heaviest * fastest**2)
-            at_rest = at_rest + length(inverse_of(body.middle)) * (push + body.off * most)
-        elif spins is None:
-            slower = at_rest < acceleration
-            yield from _box_ways(
-                TORQUE,
-                turns,
-                None,
-                rate,
-                xp.where(slower, at_rest, acceleration),
-                xp.where(slower, later, 0),
-            )
-        acceleration = xp.minimum(acceleration, at_rest + gyroscopic * norms[0] ** 2)
-    yield from _box_ways(name, turns, spins, rate, acceleration)
-    yield Way(
-        name=RATES if across is None else name,
-        distance=length(turns),
-        top=norms[0],
-        growth=norms[1],
-        speeds=None if spins is None else length(spins),
-    )
-    yield from _axis_ways(name, turns, spins, rate, acceleration, norms, across)
-
-
-def _box_ways(
-    name: str,
-    turns: AnyArray,
-    spins: AnyArray | None,
-    rate: AnyArray,
-    acceleration: AnyArray,
-    more: AnyArray = 0.0,
-) -> Iterator[Way]:
-    """Yield the lengths of turns in the boxes of the rates, of the accelerations, and of what lies between.
-
-    Args:
-        name: of the limits.
-        turns: (..., 3) rad, rotation vectors.
-        spins: (2, 3) rad/s, at both ends; None at rest.
-        rate: (3,) rad/s, limits of the components.
-        acceleration: (3,) rad/s^2, likewise.
-        more: (3,) rad/s^4, by which these grow with the square of the time since rest.
-    """
-    xp, rate, acceleration, more = arrays(rate, acceleration, more)
-    boxes = [rate]
-    ratio = acceleration / rate
-    if xp is not np or np.ptp(ratio) > _SAME * np.max(ratio):
-        boxes += [acceleration, xp.sqrt(rate * acceleration)]
-    for box in boxes:
-        yield Way(
-            name=name,
-            distance=turn_table("box").length(turns, box),
-            top=xp.max(rate / box),
-            growth=xp.max(acceleration / box),
-            more_growth=xp.max(more / box),
-            speeds=None if spins is None else (abs(spins) / box).max(axis=1),
-        )
-
-
-def _axis_ways(
-    name: str,
-    turns: AnyArray,
-    spins: AnyArray | None,
-    rate: AnyArray,
-    acceleration: AnyArray,
-    norms: tuple[AnyArray, AnyArray],
-    of_wheels: tuple[list[AnyArray], list[AnyArray]] | None,
-) -> Iterator[Way]:
-    """Yield for each body axis the angle between its directions at start and end, which is a way.
-
-    Turns about the axis itself do not change it. The name of the limits, turns (..., 3) rad, spins (2, 3)
-    rad/s at both ends or None, rate (3,) rad/s, acceleration (3,) rad/s^2, and `norms`, limits of the lengths
-    of both; `of_wheels` likewise of what lies across each axis, None without.
-    """
-    turned = _axis_angles(turns)
-    xp, rate, acceleration = arrays(rate, acceleration)
-    for axis in range(3):
-        across = np.arange(3) != axis
-        top = xp.minimum(length(rate[across]), norms[0])
-        growth = xp.minimum(length(acceleration[across]), norms[1])
-        if of_wheels is not None:
-            top, growth = xp.minimum(top, of_wheels[0][axis]), xp.minimum(growth, of_wheels[1][axis])
-        yield Way(
-            name=name,
-            distance=turned[..., axis],
-            top=top,
-            growth=growth,
-            speeds=None if spins is None else length(spins[:, across]),
-        )
-
-
-def _axis_angles(turns: AnyArray) -> AnyArray:
-    """Angles (..., 3) rad between the directions of the three axes before and after turns (..., 3) rad."""
-    _, turned = arrays(so3.exp(turns))
-    return separation(np.eye(3, dtype=turned.dtype), array_module(turned).swapaxes(turned, -1, -2))
-
-
-def _energy_way(
-    craft: Spacecraft,
-    body: InertiaBounds,
-    given: dict[str, AnyArray],
-    norms: tuple[AnyArray, AnyArray],
-    turns: AnyArray,
-    ends: _Ends,
-) -> Way:
-    """The way along which the speed is ``sqrt(w . J w)``, with the largest of its lower bounds as distance.
-
-    Args:
-        craft: its wheels' limits stand in the place of those of torque and momentum.
-        body: between what ``J`` lies.
-        given: bounds (3,) of the limits, by the names of their quantities.
-        norms: limits of the lengths of angular velocity and acceleration, rad/s and rad/s^2.
-        turns: (..., 3) rad, rotation vectors.
-        ends: the motion at both ends.
-    """
-    array, spins = craft.wheel_array, ends.spins
-    xp, least, greatest = arrays(body.least, body.greatest)
-    moments, axes = principal(least)
-    roots, heaviest = xp.sqrt(moments), xp.sqrt(xp.max(principal(greatest)[0]))
-    own = turns @ axes
-    rows = [turn_table("ellipsoid").length(own, 1 / roots)]
-    angles = _axis_angles(own)
-    for axis in range(3):
-        rows.append(xp.min(roots[np.arange(3) != axis]) * angles[..., axis])
-    lightest, inverse, speeds = xp.sqrt(xp.min(moments)), inverse_of(least), None
-    carried, pushed, swept = (
-        (0.0, 0.0, 0.0)
-        if craft.stages is None
-        else (body.carried / lightest, body.pushed / lightest, body.swept * norms[0] / 2 / lightest)
-    )
-    tops = [norms[0] * heaviest, largest_in_box(given["angular_velocity"], greatest)]
-    if "wheel_momentum" in given:
-        tops.append(largest_in_box(given["wheel_momentum"], inverse) + carried)
-    growths = [norms[1] * heaviest, largest_in_box(given["angular_acceleration"], greatest)]
-    growths = [growth + swept for growth in growths]
-    if array is None:
-        growths.append(largest_in_box(given["torque"], inverse) + pushed + swept)
-    else:
-        torque, momentum = reaches(craft)
-        tops.append(momentum.largest(inverse) + _total(craft, ends) / lightest + carried)
-        growths.append(torque.largest(inverse) + pushed + swept)
-    xp = array_module(*tops, *growths)
-    if spins is not None and craft.stages is None:
-        speeds = sizes_by(spins, least)
-    elif spins is not None:
-        speeds = roots_of((spins * ends.momenta(craft, still=True)).sum(axis=1))
-    return Way(
-        name=ENERGY,
-        distance=greatest_of(rows),
-        top=xp.min(xp.stack(tops)),
-        growth=xp.min(xp.stack(growths)),
-        speeds=speeds,
-    )
-
-
-def _total(craft: Spacecraft, ends: _Ends) -> AnyArray:
-    """Length, N m s, of the total momentum of platform and wheels, from the motion at the start."""
-    if craft.wheel_array is None:
-        raise ValueError("there are no wheels")
-    if craft.stages is not None:
-        resting = ends.joints is None
-        return length(
-            craft.wheel_array.stored if resting else craft.wheel_array.stored + ends.momenta(craft)[0]
-        )
-    _, inertia, stored = arrays(craft.whole_inertia, craft.wheel_array.stored)
-    return length(stored if ends.spins is None else stored + inertia @ ends.spins[0])
-
-
-def _accelerations_by_torque(inertia: AnyArray, torque: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Bounds of the angular acceleration's components, by inertia (3, 3) kg m^2 and torque limits (3,) N m.
-
-    Returns:
-        (3,) rad/s^2 at rest, by the torque; (3,) of what a turning body adds, by the square of its angular
-        velocity; and (3,) rad/s^4, of what it adds by the square of the time since it was at rest.
-    """
-    xp, inertia, torque = arrays(inertia, torque)
-    inverse = inverse_of(inertia)
-    moments, axes = principal(inertia)
-    half = (axes / xp.sqrt(moments)) @ axes.T
-    crossed = so3.hat(inverse) @ inertia
-    forms = (crossed + xp.swapaxes(crossed, -1, -2)) / 2  # w . forms[i] w is component i of J^-1 (w x J w)
-    sizes = [
-        xp.max(xp.abs(xp.linalg.eigvalsh(by @ forms @ by)), axis=-1) for by in (np.eye(3), half, inverse)
-    ]
-    later = xp.minimum(sizes[1] * largest_in_box(torque, inverse) ** 2, sizes[2] * xp.sum(torque**2))
-    return xp.abs(inverse) @ torque, sizes[0], later
