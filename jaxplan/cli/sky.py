@@ -10,6 +10,7 @@ from jaxplan.cases import TIMELINE_NAMES
 from jaxplan.cli.common import DONE, print_result
 from jaxplan.cli.timelines import file_of
 from jaxplan.model.epochs import utc_stamps
+from jaxplan.runtime.display import in_columns
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import Sky, load_sky
 from jaxplan.schema.faults import nearest
@@ -17,7 +18,7 @@ from jaxplan.sky import Pass
 from jaxplan.sky.passes import LONGEST
 
 _HEAD = ("target", "from (UTC)", "until (UTC)", "lasts s", "best (UTC)", "up deg", "off nadir deg", "km")
-_LEFT = 2  # the first columns are texts that begin at the left
+_SIDES = "<<>>>>>>"
 
 
 def passes(options: argparse.Namespace) -> int:
@@ -81,15 +82,10 @@ def _table(found: list[Pass], seen: Sky) -> list[str]:
     rows = [_HEAD]
     for one in found:
         inside = [np.ceil(one.start), np.floor(one.end), one.best]  # seconds that are within the pass
+        if not inside[0] <= inside[1]:  # there is none
+            inside[:2] = one.start, one.end
         start, end, best = (text.replace("T", " ")[:19] for text in utc_stamps(seen.epoch, inside))
         high = "" if one.elevation is None else f"{np.rad2deg(one.elevation):.1f}"
         off = f"{np.rad2deg(one.off_nadir):.1f}"
         rows.append((one.target, start, end, f"{one.duration:.0f}", best, high, off, f"{one.distance:.0f}"))
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(
-            f"{cell:<{width}}" if number < _LEFT else f"{cell:>{width}}"
-            for number, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
+    return in_columns(rows, _SIDES)

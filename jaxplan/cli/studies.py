@@ -14,6 +14,7 @@ from jaxplan.cases import RANDOM_KINDS
 from jaxplan.cli.common import DONE, complain, print_result, save, say, set_up_jax, writable_folder
 from jaxplan.cli.scenes import load_scene
 from jaxplan.model.scenario import Scenario
+from jaxplan.runtime.display import in_columns
 from jaxplan.search import PLANNERS
 from jaxplan.study import Study, compare_studies, load_study, run_study
 from jaxplan.study import table4 as table
@@ -90,11 +91,7 @@ def _each(own: Sequence[tuple[Path, Scenario]], study: Study) -> str:
                 row["message"] or "",
             )
         )
-    wide = [max(len(row[column]) for row in rows) for column in range(4)]
-    return "\n".join(
-        f"{file:<{wide[0]}}  {status:<{wide[1]}}  {lasts:>{wide[2]}}  {margin:>{wide[3]}}  {told}".rstrip()
-        for file, status, lasts, margin, told in rows
-    )
+    return "\n".join(in_columns(rows, "<<>><"))
 
 
 def _first_seed(options: argparse.Namespace) -> int:

@@ -90,6 +90,22 @@ def aligned(rows: Rows) -> list[str]:
     return [f"{label:<{width}}  {value}" for label, value in pairs]
 
 
+def in_columns(rows: Cells, sides: str) -> list[str]:
+    """Lines of text for a table whose columns line up.
+
+    Args:
+        rows: of cells, all of the same length; the first one may be a head.
+        sides: a character for each column: "<" for one whose texts begin at the left, ">" for numbers.
+    """
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            f"{cell:{side}{width}}" for cell, side, width in zip(row, sides, widths, strict=True)
+        ).rstrip()
+        for row in rows
+    ]
+
+
 def as_table(caption: str, rows: Rows, cells: Cells = ()) -> str:
     """A table for notebooks, in the colours of the page that it is on.
 

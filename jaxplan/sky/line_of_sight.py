@@ -226,6 +226,17 @@ def clearance(centre: np.ndarray, observer: np.ndarray, thing: np.ndarray) -> np
     return np.asarray(np.linalg.norm(start + along[..., None] * way, axis=-1))
 
 
+def least_between(
+    function: Callable[[np.ndarray], np.ndarray], low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """Times (k,) s at which a function of time, which falls and then rises between bounds (k,), is least."""
+    for _ in range(_THIRDS):
+        first, second = low + (high - low) / 3, high - (high - low) / 3
+        later = function(first) > function(second)
+        low, high = np.where(later, first, low), np.where(later, high, second)
+    return np.asarray((low + high) / 2)
+
+
 def _spans_below(height: Callable[[np.ndarray], np.ndarray], times: np.ndarray) -> list[tuple[float, float]]:
     """Spans (start, end) s in which a smooth function of time is negative, longer by `_GUARD` at both ends.
 
@@ -238,12 +249,9 @@ def _spans_below(height: Callable[[np.ndarray], np.ndarray], times: np.ndarray) 
     sign = np.where(middle > 0, 1.0, -1.0)  # looked for is what is lower than a dip, or higher than a peak
     turning = 1 + np.flatnonzero((sign * middle <= sign * before) & (sign * middle <= sign * after))
     if len(turning):
-        low, high, side = times[turning - 1], times[turning + 1], sign[turning - 1]
-        for _ in range(_THIRDS):
-            first, second = low + (high - low) / 3, high - (high - low) / 3
-            later = side * height(first) > side * height(second)
-            low, high = np.where(later, first, low), np.where(later, high, second)
-        times = np.union1d(times, (low + high) / 2)
+        side = sign[turning - 1]
+        extrema = least_between(lambda at: side * height(at), times[turning - 1], times[turning + 1])
+        times = np.union1d(times, extrema)
     negative = height(times) < 0
     changes = np.flatnonzero(negative[1:] != negative[:-1])
     low, high, below = times[changes], times[changes + 1], negative[changes]

@@ -13,14 +13,13 @@ from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.arguments import number
 from jaxplan.runtime.display import shown
 from jaxplan.sky.ground import GroundPoint, elevation
-from jaxplan.sky.line_of_sight import Occulter, seen_between
+from jaxplan.sky.line_of_sight import Occulter, least_between, seen_between
 from jaxplan.sky.sights import Epoch, Satellite, Thing, directions, positions
 
 LONGEST = 31 * 86400.0
 """s, the longest time over which passes are looked for."""
 _STEP = 10.0  # s between looks at whether something is seen, at most
 _LOOKS = 64  # within a pass, at how it is seen
-_THIRDS = 40  # steps of ternary search for the best instant, each of which takes a third off
 
 
 @shown("target", "start s", "end s", "best s", "elevation deg", "distance km", "off_nadir deg")
@@ -129,21 +128,17 @@ def passes(
 def _best(thing: Thing, starts: np.ndarray, ends: np.ndarray, epoch: Epoch, observer: Thing) -> np.ndarray:
     """Times (k,) s within spans when a target is highest, or nearest if it is a satellite."""
 
-    def worth(times: np.ndarray) -> np.ndarray:
+    def cost(times: np.ndarray) -> np.ndarray:
         here, flat = positions(observer, epoch=epoch, times=times.ravel()), times.ravel()
         if isinstance(thing, GroundPoint):
-            found = elevation(thing, here, parse_epoch(epoch), flat)
+            found = -elevation(thing, here, parse_epoch(epoch), flat)
         else:
-            found = -np.linalg.norm(positions(thing, epoch=epoch, times=flat) - here, axis=-1)
+            found = np.linalg.norm(positions(thing, epoch=epoch, times=flat) - here, axis=-1)
         return found.reshape(times.shape)
 
     looks = np.linspace(starts, ends, _LOOKS + 1, axis=-1)
-    place = np.argmax(worth(looks), axis=-1)[:, None]
+    place = np.argmin(cost(looks), axis=-1)[:, None]
     low, high = (
         np.take_along_axis(looks, np.clip(place + side, 0, _LOOKS), axis=-1)[:, 0] for side in (-1, 1)
     )
-    for _ in range(_THIRDS):
-        first, second = low + (high - low) / 3, high - (high - low) / 3
-        later = worth(first) < worth(second)
-        low, high = np.where(later, first, low), np.where(later, high, second)
-    return np.asarray((low + high) / 2)
+    return least_between(cost, low, high)

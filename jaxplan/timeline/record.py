@@ -3,6 +3,7 @@
 import os
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -13,13 +14,14 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.status import Status
 from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.planner.record import report_summary
-from jaxplan.runtime.display import aligned, as_table, shown
+from jaxplan.runtime.display import aligned, as_table, in_columns, shown
 from jaxplan.timeline.choices import Choice
 from jaxplan.timeline.files import read_plan, save_plan
 from jaxplan.timeline.interruptions import Interruption, interruptions
 from jaxplan.timeline.proving import certify_segments
 from jaxplan.trajectory import Trajectory
 
+_HEAD = ("activity", "start s", "end s", "slew s", "error deg", "status")
 # What a user of a timeline may change, where that is not what one of a single manoeuvre may.
 _ADVICE = {
     Status.INVALID_GOAL: (
@@ -228,24 +230,27 @@ class TimelinePlan:
 
     def table(self) -> str:
         """A line for each activity, with its times, slew and pointing error."""
-        wide = max((len(one.name) for one in self.activities), default=4)
-        lines = [
-            f"{'activity':<{wide}}  {'start s':>10}  {'end s':>10}  {'slew s':>7}  {'error deg':>9}  status"
-        ]
         tried = {one.name for one in self.activities}
         left = [name for name in self.not_done if name not in tried]
-        for one in self.activities:
-            cells = (
-                _cell(one.start, "10.2f"),
-                _cell(one.end, "10.2f"),
-                _cell(one.slew, "7.2f"),
-                _cell(None if one.pointing_error is None else np.rad2deg(one.pointing_error), "9.1e"),
+        cells = [
+            (
+                one.name,
+                _cell(one.start, ".2f"),
+                _cell(one.end, ".2f"),
+                _cell(one.slew, ".2f"),
+                _cell(None if one.pointing_error is None else np.rad2deg(one.pointing_error), ".1e"),
+                one.status.name,
             )
-            lines.append(f"{one.name:<{wide}}  {'  '.join(cells)}  {one.status.name}")
-            if one.message:
-                lines.append(f"{'':<{wide}}  {one.message}")
-        lines += [f"{'not tried':<{wide}}  {', '.join(left)}"] * bool(left)
-        return "\n".join(lines)
+            for one in self.activities
+        ]
+        cells += [("not tried", "", "", "", "", ", ".join(left))] * bool(left)
+        head, *lines = in_columns([_HEAD, *cells], "<>>>><")
+        below = " " * (2 + max(len(row[0]) for row in (_HEAD, *cells)))
+        messages = [*(one.message for one in self.activities), *[""] * bool(left)]
+        told = [
+            [line, *[below + message] * bool(message)] for line, message in zip(lines, messages, strict=True)
+        ]
+        return "\n".join([head, *chain.from_iterable(told)])
 
     def __str__(self) -> str:
         lines = [f"Plan of {self.timeline.name}"]
@@ -302,9 +307,8 @@ def _degrees(angle: float | None) -> float | None:
 
 
 def _cell(value: float | None, form: str) -> str:
-    """A number by a format, or a dash of the same width."""
-    width = int(form.split(".")[0])
-    return f"{'-':>{width}}" if value is None else f"{value:{form}}"
+    """A number by a format, or a dash."""
+    return "-" if value is None else f"{value:{form}}"
 
 
 class TimelineError(Exception):

@@ -18,7 +18,7 @@ from jaxplan.derivatives import own_arrays
 from jaxplan.gradients import differentiable
 from jaxplan.model.keys import unit_of
 from jaxplan.planner import Plan
-from jaxplan.runtime.display import as_table, shown
+from jaxplan.runtime.display import as_table, in_columns, shown
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema.numbers import NumberPlace, numbers_of, numbers_of_timeline
 from jaxplan.timeline import TimelinePlan
@@ -95,12 +95,8 @@ class Sensitivities:
             (row.name, f"{row.value:.6g}", row.unit, f"{row.slope:+.4g}", f"{row.effect:+.3g}")
             for row in self.rows
         ]
-        wide = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
         lines = [f"{self.measure.replace('_', ' ')} {self.value:.6g} {self.unit}"]
-        for row in (head, *rows):
-            name, value, unit, slope, effect = row
-            number = f"{name:<{wide[0]}}  {value:>{wide[1]}} {unit:<{wide[2]}}"
-            lines.append(f"{number}  {slope:>{wide[3]}}  {effect:>{wide[4]}}")
+        lines += in_columns([head, *rows], "<><>>")
         if self.without_effect:
             names = f"and {len(self.without_effect)} whose slope is zero: {', '.join(self.without_effect)}"
             lines += textwrap.wrap(
