@@ -55,6 +55,11 @@ class SlewTime:
         """A duration, s, that nothing changes."""
         return cls(seconds=seconds, offset=seconds)
 
+    @property
+    def at_an_instant(self) -> bool:
+        """Whether it ends at the very instant before which there is no goal."""
+        return self.kind == SEEN and self.factor == 1.0 and self.offset == 0.0
+
     def longer(self, factor: float, more: float) -> "SlewTime":
         """A duration that is a multiple of this one, and some seconds more."""
         return replace(
@@ -76,7 +81,8 @@ class Choice:
         since: s, when it was reached, in the timeline's times.
         departure: where the slew to it starts, a `jaxplan.timeline.slews.Departure`; later than `since` where
             there was time to rest before.
-        time: how the slew's duration came about; None of one that takes the time until the window opens.
+        time: how the slew's duration came about; None of one that ends when the window opens, or targets are
+            seen.
         goal: the state in which the slew ends.
         begin: s, when it does, in the timeline's times.
         end: s, when the activity ends, likewise.

@@ -2,9 +2,9 @@
 
 Each activity begins as soon as its slew can end, not before its window and the one that it comes after. Where
 the window is later than that, a slew in the shortest time is followed by the targets' pursuit until the
-window opens, if they are seen then; a calm one takes the time that there is. An activity that cannot be done
-is told by name and is not done, nor is what comes after it by its `after`. Planning ends there; if asked
-the rest is planned from the state before it.
+window opens, if they are seen then, or else begins after a rest; a calm one takes the time that there is, or
+what is gentle, after a rest. An activity that cannot be done is told by name and is not done, nor is what
+comes after it by its `after`. Planning ends there; if asked the rest is planned from the state before it.
 """
 
 import time as clock
@@ -142,15 +142,14 @@ class _Day:
 
     def do(self, activity: Activity) -> bool:
         """Plan an activity from the state so far on; returns whether it could be."""
-        before = self.state, self.time, len(self.parts)
+        before = self._mark()
         try:
             if self.broken:
                 raise Refused(Status.INVALID_START, "; ".join(self.broken))
             self._expect_done(activity.after)
             self._do(activity)
         except Refused as refused:
-            self.state, self.time, kept = before  # without a rest that was to fill time
-            del self.parts[kept:], self.proofs[kept:], self.segments[kept:]
+            self._back_to(before)  # without a rest that was to fill time
             self.activities.append(
                 PlannedActivity(
                     name=activity.name, kind=activity.kind, status=refused.status, message=refused.message
@@ -158,6 +157,15 @@ class _Day:
             )
             return False
         return True
+
+    def _mark(self) -> tuple[State, float, int]:
+        """How far the plan is, to come back to by `_back_to`."""
+        return self.state, self.time, len(self.parts)
+
+    def _back_to(self, mark: tuple[State, float, int]) -> None:
+        """Take away what was added after a mark."""
+        self.state, self.time, kept = mark
+        del self.parts[kept:], self.proofs[kept:], self.segments[kept:]
 
     def _expect_done(self, name: str) -> None:
         """Raise `Refused` if the activity of a name, which was to be done before, is not; empty for none."""
@@ -290,7 +298,30 @@ class _Day:
                 return self._calm(departure, doing, opens)
             raise Refused(slew.status, f"no slew to it from {self.time:.2f} s on: {slew.message}")
         self._expect_in_time(doing, slew.goal)
+        if slew.time is not None and slew.time.at_an_instant:
+            return self._after_rest(departure, doing, slew), slew.goal
         return slew, slew.goal
+
+    def _after_rest(self, departure: Departure, doing: Doing, slew: Slew) -> Slew:
+        """A slew that must not end before an instant, such as that at which a target comes into sight.
+
+        Where there is much time until then the platform rests, and slews in the shortest time after that;
+        else, or where that cannot be, it takes all the time that there is, which is `slew`.
+        """
+        motion, slew = slew.goal, replace(slew, time=None)
+        if slew.duration <= _USUAL:
+            return slew
+        quick = departure.shortest(lambda _: (motion.state, motion), lambda time: time)
+        if quick.trajectory is None or slew.duration - quick.duration <= _USUAL:
+            return slew
+        mark = self._mark()
+        if self._wait(doing.activity.name, motion.begin - quick.duration):
+            departure = replace(departure, craft=self._craft(), state=self.state, time=self.time)
+            late = departure.in_time(motion.state, motion.begin - self.time)
+            if late.trajectory is not None:
+                return late
+            self._back_to(mark)
+        return slew
 
     def _calm(self, departure: Departure, doing: Doing, opens: float) -> tuple[Slew, Motion]:
         """The slew that takes all the time until an activity may begin, and the motion that follows."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from builders import at_rest, make_spacecraft
 from passing import observer
-from reference import direction
+from reference import direction, unit
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
@@ -281,6 +281,14 @@ def test_slopes_of_the_total_time_are_differences_of_timelines_planned_anew(name
         ), place.name
         matter += abs(difference) > NO_EFFECT
     assert matter >= some
+
+
+def test_an_instant_at_its_window_moves_with_the_window():
+    target = jp.Targets.of({"terminal-1": unit([0.9, 0.3, 0.316])})
+    glance = jp.Activity(name="glance", point=target, earliest=100.0)
+    found = jp.sensitivities(jp.plan_timeline(day_of(glance, until=200.0), progress=False))
+    assert found.value == pytest.approx(100.0)
+    assert found["activity[0].from_s"] == pytest.approx(1.0)
 
 
 def test_nothing_before_a_window_that_is_waited_for_matters():

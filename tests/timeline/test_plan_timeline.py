@@ -280,6 +280,23 @@ def test_a_glance_points_at_its_target_at_its_instant_and_moves_with_it():
     assert np.ptp(at) < deg(1e-4)
 
 
+def test_the_shortest_slew_to_an_instant_comes_after_a_rest():
+    glance = activity("glance", what="point", earliest=400.0)
+    day = jp.plan_timeline(
+        replace(images_day(), activities=(glance,), until=500.0, slew="shortest"), progress=False
+    )
+    assert day.certificate.certified
+    done = day.activities[0]
+    assert done.start == done.end == pytest.approx(400.0, abs=1e-9)
+    (_, begin, rested), (_, left, end) = spans(day, "idle")[0], spans(day, "slew")[1]
+    assert begin < 1.0
+    assert (rested, end) == (left, pytest.approx(400.0, abs=1e-9))
+    time = np.linspace(begin, rested, 9)
+    assert np.ptp(attitudes_of(day.trajectory, time), axis=0).max() < 1e-12
+    own = day.choices[0].departure
+    assert done.slew == end - left <= 1.5 * own.bound(day.choices[0].goal)
+
+
 def test_an_attitude_is_held_at_rest():
     plan = planned("images")
     done = next(one for one in plan.activities if one.name == "aside")
