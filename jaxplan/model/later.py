@@ -34,7 +34,13 @@ def later(scene: Scenario, time: float, duration: float | None = None) -> Scenar
 
     def moved(zones: Iterable[AnyCone]) -> tuple[AnyCone, ...]:
         return tuple(
-            replace(zone, direction=later_direction(zone.direction, time, duration)) if zone.moves else zone
+            replace(
+                zone,
+                direction=later_direction(zone.direction, time, duration) if zone.moves else zone.direction,
+                lasts=zone.lasts - time,
+            )
+            if zone.moves or zone.lasts < np.inf
+            else zone
             for zone in zones
         )
 

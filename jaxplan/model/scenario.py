@@ -340,6 +340,10 @@ def seen_from(scenario: Scenario, time: float) -> float:
 
 
 def known_until(scenario: Scenario) -> tuple[float, str]:
-    """Time, s, until which all that moves is known, and the name of what ends then; inf if nothing moves."""
+    """Time, s, until which zones and all that moves are known, and the name of what ends then.
+
+    Infinite where nothing moves and zones last for good.
+    """
     ends = [(float(path.times[-1]), name) for name, path in paths(scenario)]
+    ends += [(zone.lasts, f"zone {zone.name}") for zone in scenario.zones if zone.lasts < np.inf]
     return min(ends, default=(np.inf, ""))

@@ -12,6 +12,7 @@ hold as zones do (`masks`).
 `jaxplan.model.tabulation` makes rows of them.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -85,6 +86,13 @@ class _Cone:
         static=True,
     )
     vectors: tuple[FixedVector, ...] = keyed((), "vector", "further directions that it binds")
+    lasts: float = keyed(
+        math.inf,
+        "lasts_s",
+        "for how long from the start on it is known; a motion that takes longer is refused",
+        "(0, 1e7]",
+        words={"always": math.inf},
+    )
     any_of: str | None = field(default=None, metadata=_GROUP)
     entry: str | None = field(default=None, metadata=_ENTRY)
 
@@ -121,7 +129,10 @@ class _Cone:
         return axis
 
 
-_SHOWN = ("half_angle deg", "direction", "axis_body", "axis_device", "devices", "vectors", "any_of", "entry")
+_SHOWN = (
+    *("half_angle deg", "direction", "axis_body", "axis_device", "devices", "vectors", "lasts s"),
+    *("any_of", "entry"),
+)
 FIELD_OF_VIEW = "field_of_view"
 """What a zone may be outside or inside of."""
 
@@ -141,6 +152,8 @@ class KeepOut(_Cone):
         axis_device: name of the device whose boresight is the axis.
         devices: names of the devices it binds; empty for all, of an inertial axis without vectors.
         vectors: further vectors that it binds.
+        lasts: s from the start on, for which it is known; one about a body that stands still is only as wide
+            as the body's motion in this time takes.
         any_of: name of its group, None for a zone that must hold by itself.
         entry: name of its entry in the group; zones of the same one must hold together. None for a zone
             that is an entry by itself.
@@ -174,6 +187,8 @@ class KeepIn(_Cone):
         axis_device: name of the device whose boresight is the axis.
         devices: names of the devices it binds, at least one unless there are vectors.
         vectors: further vectors that it binds.
+        lasts: s from the start on, for which it is known; one about a body that stands still is only as wide
+            as the body's motion in this time takes.
         any_of: name of its group, None for a zone that must hold by itself.
         entry: name of its entry in the group; zones of the same one must hold together. None for a zone
             that is an entry by itself.
@@ -220,6 +235,7 @@ class JointBound:
 
     path: ClassVar[None] = None
     moves: ClassVar[bool] = False
+    lasts: ClassVar[float] = math.inf
     is_inertial: ClassVar[bool] = False
 
 
@@ -245,6 +261,7 @@ class Mask:
     entry: ClassVar[None] = None
     path: ClassVar[None] = None
     moves: ClassVar[bool] = False
+    lasts: ClassVar[float] = math.inf
     is_inertial: ClassVar[bool] = False
 
 

@@ -56,6 +56,7 @@ def prove_batch(queries: Sequence[ProofQuery]) -> list[Certificate]:
     for query, certificate in zip(queries, certify_batch([_claim(query) for query in queries]), strict=True):
         off = (
             *_goal_faults(query.scenario, query.goal),
+            *_lasting_faults(query.scenario, query.trajectory.duration),
             *_arrival_faults(query.scenario, query.goal, query.trajectory.duration),
         )
         certified, faults = certificate.certified and not off, (*certificate.faults, *off)
@@ -198,6 +199,16 @@ def _allowed(scenario: Scenario, name: str) -> float:
     """Angle, rad, by which the device `name` may be off its target: a terminal only by rounding."""
     of_terminal = any(terminal.name == name for terminal in scenario.spacecraft.terminals)
     return TOLERANCE if of_terminal else TOLERANCE + float(scenario.goal.tolerance)  # type: ignore[union-attr]
+
+
+def _lasting_faults(scenario: Scenario, duration: float) -> Iterator[str]:
+    """Yield a sentence for each zone that lasts for less than a motion of a duration, s."""
+    for zone in scenario.zones:
+        if not duration <= zone.lasts:
+            yield (
+                f"zone {zone.name} is known for {zone.lasts:g} s, and the motion takes {duration:.4g} s: "
+                "give it a longer lasts_s, or [sky] a longer for_duration_s"
+            )
 
 
 def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator[str]:

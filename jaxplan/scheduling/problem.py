@@ -259,18 +259,20 @@ def _departures(
     times = floats("departures", departures, "an array of numbers of seconds")
     if times.ndim != 1 or not len(times):
         raise ValueError(f"departures: must be of shape (k,) with k at least 1, not {times.shape}")
-    known = dict(paths(scene))
+    known = {what: float(path.times[-1]) for what, path in paths(scene)}
+    known |= {f"zone {zone.name}": zone.lasts for zone in scene.zones if zone.lasts < np.inf}
     for name, goal in zip(named, goals, strict=True):
-        known |= {f"{what}, of goal {name}": path for what, path in paths(replace(scene, goal=goal))}
+        own = paths(replace(scene, goal=goal))
+        known |= {f"{what}, of goal {name}": float(path.times[-1]) for what, path in own}
     for place, time in enumerate(times):
         if not 0 <= time <= 1e7:
             raise ValueError(f"departures[{place}] = {time:g}: must lie in [0, 1e7] s")
         if place and not time > times[place - 1]:
             raise ValueError(f"departures[{place}] = {time:g}: must be later than {times[place - 1]:g}")
-        for what, path in known.items():
-            if not time < path.times[-1]:
+        for what, last in known.items():
+            if not time < last:
                 raise ValueError(
-                    f"departures[{place}] = {time:g}: must be earlier than {path.times[-1]:g} s, until "
+                    f"departures[{place}] = {time:g}: must be earlier than {last:g} s, until "
                     f"when {what} is known"
                 )
     return times

@@ -386,15 +386,15 @@ def _check_duration(scenario: Scenario, root: Place) -> None:
 
 
 def check_paths(scenario: Scenario, root: Place) -> None:
-    """Note directions that move but are not known for the whole duration.
+    """Note directions that move, and zones, that are not known for the whole duration.
 
-    And, if any moves, a duration that is no number, for the paper's method.
+    And, if any direction moves, a duration that is no number, for the paper's method.
     """
     settings = scenario.trajectory
+    zones = [one for key in ("keep_out", "keep_in") for one in placed(getattr(scenario, key), root[key])]
     paths = [
         (zone.direction, place["direction"] if root.reading.python else place)
-        for key in ("keep_out", "keep_in")
-        for place, zone in placed(getattr(scenario, key), root[key])
+        for place, zone in zones
         if _moves(zone.direction)
     ]
     targets = placed(getattr(scenario.goal, "directions", ()), root["goal"]["targets"])
@@ -403,10 +403,13 @@ def check_paths(scenario: Scenario, root: Place) -> None:
     if paths and getattr(settings, "method", "") == "paper" and isinstance(duration, str):
         complaint = 'must be a number of seconds with trajectory.method = "paper", since something moves'
         root["trajectory"]["duration_s"].fault(complaint, duration)
+    asked = root["trajectory"]["duration_s"].path
+    for place, zone in zones:
+        if WRONG is not zone.lasts and isinstance(duration, float) and not duration <= zone.lasts:
+            place["lasts_s"].fault(f"must reach {asked} = {duration:g}", zone.lasts)
     for path, place in paths:
         first, last = path.times[0], path.times[-1]
         if isinstance(duration, float) and not path.covers(duration):
-            asked = root["trajectory"]["duration_s"].path
             place["times_s"].fault(f"must reach {asked} = {duration:g}, ends at {last:g}")
         elif not path.covers(0.0):
             place["times_s"].fault(f"must reach from the start, 0, on, lies in [{first:g}, {last:g}]")

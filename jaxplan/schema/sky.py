@@ -288,7 +288,16 @@ def _zone(zone: Any, axis: Followed, place: Place, seen: Known) -> Any:
         place["body"],
         axis.name,
     )
-    return zone if found is WRONG else replace(zone, direction=found.direction, half_angle=found.half_angle)
+    return (
+        zone
+        if found is WRONG
+        else replace(
+            zone,
+            direction=found.direction,
+            half_angle=found.half_angle,
+            lasts=min(zone.lasts, found.lasts),
+        )
+    )
 
 
 def direction_by_name(name: str, place: Place, seen: Known, *, target: bool = False) -> Any:

@@ -5,6 +5,7 @@ an attitude as a rotation vector or a quaternion. A goal is a state, or targets 
 is a start: then devices point at their targets when the manoeuvre begins.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -51,13 +52,18 @@ def make_state(parts: dict[str, Any], place: Place) -> GivenState:
         terminals, drives = (reading.sizes.get(noun) for noun in ("terminal", "drive"))
         for of, key in (("yaws", "yaw_rad"), ("pitches", "pitch_rad")):
             if found[of] is None and terminals:
-                alternatives = f"{key.replace('rad', 'deg')}, joints_deg"
-                given.append(place[key].fault(f"missing (or {alternatives}), must be {_counted(terminals)}"))
+                given.append(place[key].fault(_missing(key, reading.names.get("terminal"), terminals)))
         if found["drives"] is None and drives:
             given.append(WRONG if reading.ranges is None else np.clip(0.0, *reading.ranges[-drives:].T))
         joints = WRONG if any(own is WRONG for own in given) else np.concatenate([np.zeros(0), *given])
     turned = parts.pop("quaternion", None)
     return model(**parts | {"joints": joints} | ({} if turned is None else {"rotation_vector": turned}))
+
+
+def _missing(key: str, names: Sequence[str] | None, count: int) -> str:
+    """Text on missing angles of a number of terminals: their key in radians, and what may stand for it."""
+    by_name = f"joints_deg, such as {{ {names[0]} = [0.0, 0.0] }}" if names else "joints_deg"
+    return f"missing (or {key.replace('rad', 'deg')}, or {by_name}), must be {_counted(count)}"
 
 
 def _counted(count: int) -> str:

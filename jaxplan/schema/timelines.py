@@ -6,6 +6,7 @@ that a path which many activities follow is in the file once; of a name of ``[sk
 Times count from the epoch on. What concerns single activities is in `activities`.
 """
 
+import math
 import os
 import re
 from collections.abc import Mapping
@@ -313,12 +314,17 @@ def _check_together(
     moving: list[tuple[str, Any]] = [(f"zone {zone.name}", zone.direction) for zone in zones if zone.moves]
     for _, one, _ in read:
         moving += paths_of(one, scene.spacecraft)
-    if moving and until is None:
-        ends.fault(f"missing, must be a number of seconds, since {moving[0][0]} moves")
-    elif moving:
-        words, path = min(moving, key=lambda one: float(one[1].times[-1]))
-        if not path.covers(until):
-            ends.fault(f"must be at most {path.times[-1]:.10g}, until when {words} is known", until)
+    known = [(float(path.times[-1]), words) for words, path in moving]
+    known += [(zone.lasts, f"zone {zone.name}") for zone in zones if zone.lasts < math.inf]
+    if not known:
+        return
+    if until is None:
+        what = f"{moving[0][0]} moves" if moving else f"{known[0][1]} lasts for {known[0][0]:g} s"
+        ends.fault(f"missing, must be a number of seconds, since {what}")
+        return
+    last, words = min(known, key=lambda one: one[0])
+    if not until <= last or not all(path.covers(until) for _, path in moving):
+        ends.fault(f"must be at most {last:.10g}, until when {words} is known", until)
 
 
 def take_in_timeline(given: object) -> Timeline:

@@ -110,7 +110,7 @@ def keep_out(
 
     Returns:
         The zone, its axis where the body is at half the duration, or its path of one that moves, its half
-        angle rounded up to 1e-9 deg.
+        angle rounded up to 1e-9 deg. One that stands still lasts for the duration, if that is not zero.
 
     Raises:
         ValueError: if an argument is out of its range, both or none of the angles are given, a device is
@@ -159,4 +159,5 @@ def keep_out(
         direction=direction,
         half_angle=math.radians(half_angle),
         devices=names,
+        lasts=float(for_duration_s) if for_duration_s > 0 and not moving else math.inf,
     )

@@ -14,7 +14,6 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.certificate import Certificate, Claim, certify_batch, margin_and_peaks
-from jaxplan.model.directions import DirectionPath
 from jaxplan.model.epochs import seconds_between
 from jaxplan.model.goals import GivenState
 from jaxplan.model.later import later
@@ -295,14 +294,16 @@ def _begin(table: AttitudeTable, scenario: Scenario) -> float:
 
 
 def _expect_known(table: AttitudeTable, scenario: Scenario, begin: float) -> None:
-    """Raise a ValueError if a zone that moves is not known to the end of a table that begins at a time, s."""
+    """Raise a ValueError if a zone is not known to the end of a table that begins at a time, s."""
     end = begin + float(table.times[-1] - table.times[0])
     for zone in scenario.zones:
-        path = getattr(zone, "direction", None)
-        if isinstance(path, DirectionPath) and not path.covers(end):
+        path = zone.path if zone.moves else None
+        known = min(zone.lasts, np.inf if path is None else float(path.times[-1]))
+        if not end <= known:
             raise ValueError(
-                f"{table.name}: ends {end:.6g} s after the scene's start, and zone {zone.name} moves and is "
-                f"known until {path.times[-1]:g} s: give samples for longer, of [sky] a longer for_duration_s"
+                f"{table.name}: ends {end:.6g} s after the scene's start, and zone {zone.name} "
+                f"{'moves and ' * zone.moves}is known until {known:g} s: give samples for longer, or of "
+                "[sky] a longer for_duration_s"
             )
 
 

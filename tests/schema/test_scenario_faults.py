@@ -142,7 +142,7 @@ def test_a_key_like_none_is_answered_with_the_known_ones():
         "keep_out, keep_in, joint_bound, robust, search, trajectory",
         "keep_out[0].colour: unknown key, the keys are name, direction, axis_body, axis_device, "
         "half_angle_deg, body, exclusion_deg, moving, satellite, direction_samples, times_s, devices, "
-        "vector, any_of, entry, outside",
+        "vector, lasts_s, any_of, entry, outside",
     )
 
 
@@ -150,6 +150,10 @@ def test_of_a_zone_with_two_axes_only_that_is_told():
     read = changed({"keep_out[0].axis_body": [0.0, 0.0, 1.0], "keep_out[0].devices": ABSENT})
     complaint = "stands in the place of direction, only one of them can be given"
     assert faults_of(read) == (f"keep_out[0].axis_body: {complaint}",)
+
+
+COUNTED = "an array of 2 numbers, one a terminal"
+JOINTS = "joints_deg, such as { fore = [0.0, 0.0] }"
 
 
 @pytest.mark.parametrize(
@@ -164,8 +168,8 @@ def test_of_a_zone_with_two_axes_only_that_is_told():
         "spacecraft.terminal[1].pitch_limit_deg: missing (or pitch_range_deg), must be a number in (0, 90)",
         "spacecraft.instrument[0].boresight: missing, must be a unit vector of 3 numbers",
         "start.attitude: missing (or quaternion_wxyz), must be a rotation vector of 3 numbers",
-        "start.yaw_rad: missing (or yaw_deg, joints_deg), must be an array of 2 numbers, one a terminal",
-        "start.pitch_rad: missing (or pitch_deg, joints_deg), must be an array of 2 numbers, one a terminal",
+        f"start.yaw_rad: missing (or yaw_deg, or {JOINTS}), must be {COUNTED}",
+        f"start.pitch_rad: missing (or pitch_deg, or {JOINTS}), must be {COUNTED}",
         "keep_out[1].half_angle_deg: missing (or exclusion_deg), must be a number in (0, 180)",
         "keep_out[2].devices: missing (or vector), must be an array of names of devices",
     ],
