@@ -12,9 +12,10 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any, NoReturn
+from typing import Any
 
 from jaxplan.cli.common import BAD_INPUT, DONE, complain
+from jaxplan.cli.parser import Parser
 from jaxplan.version import __version__
 
 DESCRIPTION = "Plan certified attitude manoeuvres of spacecraft with several pointing devices."
@@ -105,22 +106,6 @@ def _drop_output() -> None:
         sys.stdout.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-class Parser(argparse.ArgumentParser):
-    """A parser whose errors are those of the subcommand that was given, and point to its help."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print the usage and what is wrong with the arguments, and exit with `BAD_INPUT`."""
-        self.print_usage(sys.stderr)
-        self.exit(BAD_INPUT, f"{self.prog}: error: {message}; see {self.prog} --help\n")
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse arguments; one that is not known is an error."""
-        known, left = super().parse_known_args(args, namespace)
-        if left:
-            self.error(f"unrecognized arguments: {' '.join(left)}")
-        return known, left
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -338,7 +323,6 @@ def _add_plan_commands(commands: Any) -> None:
     report.add_argument("--view", action="store_true", help="with the plan in space, to turn and play")
     export.add_argument(
         "--format",
-        required=True,
         metavar="F",
         help="aem, ck (SPICE), stk, czml, basilisk, csv or npz; c (C99) or json for the polynomials",
     )

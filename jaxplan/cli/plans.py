@@ -178,6 +178,8 @@ def export(options: argparse.Namespace) -> int:
     from jaxplan import exporting
     from jaxplan.model.export_names import ExportNames
 
+    if options.format is None:
+        raise ValueError(f"--format: missing, must be one of {', '.join(exporting.FORMATS)}")
     plan = _load_any_plan(options.plan)
     of_timeline = isinstance(plan, TimelinePlan)
     beside = Path(options.plan).with_name("motion") if of_timeline else options.plan  # plan.npz is the plan

@@ -157,6 +157,6 @@ SCENARIO = declared(
     split=split_scenario,
     refused=dict.fromkeys(
         ("kind", "timeline", "activity", "direction"),
-        "is of a timeline, which load_timeline and jaxplan timeline read",
+        'is of a timeline, which has kind = "timeline", and which load_timeline and jaxplan timeline read',
     ),
 )

@@ -211,7 +211,13 @@ class Orbit(Either):
 
     def read(self, value: Any, place: Place) -> Any:
         before = len(place.reading.faults)
-        read = self._table(value).read(value, place)
+        table = self._table(value)
+        others = [key for key in value if key in table.refused] if isinstance(value, dict) else []
+        if len(others) > 1:  # told once
+            keys = f"{', '.join(others[:-1])} and {others[-1]}"
+            place.fault(f"{keys} stand beside what says all of the orbit, {table.fields[0].key}: give either")
+            value = {key: own for key, own in value.items() if key not in others}
+        read = table.read(value, place)
         return read if len(place.reading.faults) == before else WRONG
 
     def _table(self, value: Any) -> Table:

@@ -228,6 +228,8 @@ def test_wrong_words_are_told_with_the_command_whose_help_says_more(capsys):
     for words, said in {
         ("plan", "case-4", "case-3"): "jaxplan plan: error: unrecognized arguments: case-3; see jaxplan plan",
         ("check", "--quick", "x"): "jaxplan check: error: unrecognized arguments: --quick; see jaxplan check",
+        ("check", "p", "--scene", "x"): "unrecognized arguments: --scene x, perhaps --scenario is meant; see",
+        ("export", "plan.json", "exp.c"): "arguments: exp.c; what is written is named by -o exp.c; see",
         ("new",): "jaxplan new: error: the following arguments are required: FILE; see jaxplan new --help",
         ("scene.toml",): "invalid choice: 'scene.toml'",
         ("--quick",): "jaxplan: error: unrecognized arguments: --quick; see jaxplan --help",

@@ -190,7 +190,8 @@ def test_where_nothing_moves_no_end_need_be_told():
 
 def test_a_scenario_reader_says_what_reads_a_timeline():
     told = faults(read=parse_scenario)
-    assert "kind: is of a timeline, which load_timeline and jaxplan timeline read" in told
+    meant = 'which has kind = "timeline", and which load_timeline and jaxplan timeline read'
+    assert f"kind: is of a timeline, {meant}" in told
 
 
 def test_all_faults_are_told_at_once():

@@ -245,7 +245,7 @@ def test_a_scene_may_have_its_observer_and_targets_from_kernels(kernels):
         ("naif_id = -999 }", "naif_id = -987 }", "sky.observer.spk: .*have no body -987"),
         ("naif_id = -999 }", "naif_id = 1.5 }", "naif_id = 1.5: must be an integer in"),
         (", naif_id = -999 }", " }", "sky.observer.naif_id: missing, must be an integer"),
-        ("-999 }", "-999, tle = [] }", "an spk, which says all of its orbit|a tle, which says all"),
+        ("-999 }", "-999, tle = [] }", "spk and naif_id stand beside what says all of the orbit, tle"),
         ('spk = "craft.bsp"', "spk = 3", "sky.observer.spk = 3: must be the path of an SPK kernel"),
         ("for_duration_s = 600", "for_duration_s = 4000", "sky.observer: .*asked for .*, is known in"),
     ):  # fmt: skip
