@@ -22,7 +22,7 @@ from _machine import print_machine
 from _options import positive
 
 import jaxplan as jp
-from jaxplan.scheduling import SlewTimes
+from jaxplan.slew_matrix import SlewTimes
 
 Matrix = Callable[[ProcessPoolExecutor | None], SlewTimes]
 SUN = np.array([-0.8, 0.0, -0.6])

@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from jaxplan.planner import Plan, PlanFileError, PlanningError, certify, load_plan, plan, plan_batch
     from jaxplan.report import report_html
     from jaxplan.runtime.cache import compilation_cache
-    from jaxplan.scheduling import SlewTimes, load_slew_times, slew_times
     from jaxplan.schema import (
         ScenarioError,
         load_observer,
@@ -59,6 +58,7 @@ if TYPE_CHECKING:
         save_scenario,
         save_timeline,
     )
+    from jaxplan.slew_matrix import SlewTimes, load_slew_times, slew_times
     from jaxplan.study import Study, StudyFolderError, compare_studies, load_study, run_study
     from jaxplan.tables import AttitudeTable, TableCertificate, certify_table, load_attitude
     from jaxplan.timeline import TimelineError, TimelinePlan, load_timeline_plan, plan_timeline
@@ -94,7 +94,7 @@ _HOMES = {
     "SearchTuning": "jaxplan.tuning",
     "Segment": "jaxplan.model.timeline",
     "Sensitivities": "jaxplan.tuning",
-    "SlewTimes": "jaxplan.scheduling",
+    "SlewTimes": "jaxplan.slew_matrix",
     "Spacecraft": "jaxplan.model.spacecraft",
     "Status": "jaxplan.model.status",
     "Study": "jaxplan.study",
@@ -128,7 +128,7 @@ _HOMES = {
     "load_plan": "jaxplan.planner",
     "load_scenario": "jaxplan.schema",
     "load_sky": "jaxplan.schema",
-    "load_slew_times": "jaxplan.scheduling",
+    "load_slew_times": "jaxplan.slew_matrix",
     "load_study": "jaxplan.study",
     "load_timeline": "jaxplan.schema",
     "load_timeline_plan": "jaxplan.timeline",
@@ -146,7 +146,7 @@ _HOMES = {
     "save_scenario": "jaxplan.schema",
     "save_timeline": "jaxplan.schema",
     "sensitivities": "jaxplan.tuning",
-    "slew_times": "jaxplan.scheduling",
+    "slew_times": "jaxplan.slew_matrix",
     "tune": "jaxplan.tuning",
     "tune_search": "jaxplan.tuning",
     "view": "jaxplan.viewing",

@@ -11,6 +11,7 @@ from typing import get_args
 import numpy as np
 
 from jaxplan.exporting.aem import write_aem
+from jaxplan.exporting.ck import write_spice
 from jaxplan.exporting.czml import write_czml
 from jaxplan.exporting.flight import (
     Day,
@@ -27,7 +28,6 @@ from jaxplan.exporting.held import SPARSEST, SPARSEST_DEG, Readings, expect_held
 from jaxplan.exporting.instants import chosen_instants, steady_instants, step_fault, tolerance_fault
 from jaxplan.exporting.pieces import write_pieces
 from jaxplan.exporting.sampled import Sampling
-from jaxplan.exporting.spice import write_spice
 from jaxplan.exporting.stk import write_stk
 from jaxplan.exporting.tables import write_basilisk, write_csv, write_npz
 from jaxplan.model.epochs import parse_epoch

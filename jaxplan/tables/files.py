@@ -11,7 +11,7 @@ from jaxplan.geometry import quaternion
 from jaxplan.model.epochs import parse_epoch
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.arguments import expect, file_path
-from jaxplan.tables.kernels import read_ck
+from jaxplan.tables.ck import read_ck
 from jaxplan.tables.messages import read_aem, read_stk
 from jaxplan.tables.table import RODRIGUES, AttitudeTable
 

@@ -18,7 +18,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.runtime.arguments import file_path, number
 from jaxplan.runtime.display import Cells, shown
 from jaxplan.runtime.files import replacing_file
-from jaxplan.scheduling.problem import SlewProblem, Unmet
+from jaxplan.slew_matrix.problem import SlewProblem, Unmet
 from jaxplan.study.result import QUANTILES, Printed
 
 OK, NOT_ASKED, NOT_DONE = "OK", "not asked", "not done"

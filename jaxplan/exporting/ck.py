@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.exporting.kernels import (
+from jaxplan.exporting.sampled import Sampled, Sampling, device_frames, device_rates
+from jaxplan.exporting.text_kernels import (
     Frames,
     clock_kernel,
     frame_kernel,
@@ -26,7 +27,6 @@ from jaxplan.exporting.kernels import (
     instrument_kernel,
     ticks,
 )
-from jaxplan.exporting.sampled import Sampled, Sampling, device_frames, device_rates
 from jaxplan.exporting.texts import plain
 from jaxplan.geometry import quaternion
 from jaxplan.model.epochs import ephemeris_time, utc_texts

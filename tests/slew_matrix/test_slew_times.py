@@ -15,8 +15,8 @@ import pytest
 
 import jaxplan as jp
 from jaxplan.model.later import later
-from jaxplan.scheduling.matrix import MATRIX
-from jaxplan.scheduling.problem import make_problem
+from jaxplan.slew_matrix.matrix import MATRIX
+from jaxplan.slew_matrix.problem import make_problem
 from jaxplan.study.store import StudyFolderError
 
 deg = np.deg2rad

@@ -7,7 +7,7 @@
 `matrix` plans them as a study, and `result` says what came of it.
 """
 
-from jaxplan.scheduling.matrix import slew_times
-from jaxplan.scheduling.result import SlewTimes, load_slew_times
+from jaxplan.slew_matrix.matrix import slew_times
+from jaxplan.slew_matrix.result import SlewTimes, load_slew_times
 
 __all__ = ["SlewTimes", "load_slew_times", "slew_times"]

@@ -15,8 +15,8 @@ from jaxplan.model.zones import JointBound, KeepIn, KeepOut
 from jaxplan.runtime.arguments import file_path
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import Workers, one_thread
-from jaxplan.scheduling.problem import SlewProblem, make_problem
-from jaxplan.scheduling.result import NOT_ASKED, NOT_DONE, OK, SlewTimes
+from jaxplan.slew_matrix.problem import SlewProblem, make_problem
+from jaxplan.slew_matrix.result import NOT_ASKED, NOT_DONE, OK, SlewTimes
 from jaxplan.study import run_study
 
 MATRIX = "slew_times.npz"
