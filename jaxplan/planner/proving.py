@@ -202,13 +202,17 @@ def _allowed(scenario: Scenario, name: str) -> float:
 
 
 def _lasting_faults(scenario: Scenario, duration: float) -> Iterator[str]:
-    """Yield a sentence for each zone that lasts for less than a motion of a duration, s."""
+    """Yield a sentence for zones that last for less than a motion of a duration, s."""
+    brief: dict[float, list[str]] = {}
     for zone in scenario.zones:
         if not duration <= zone.lasts:
-            yield (
-                f"zone {zone.name} is known for {zone.lasts:g} s, and the motion takes {duration:.4g} s: "
-                "give it a longer lasts_s, or [sky] a longer for_duration_s"
-            )
+            brief.setdefault(zone.lasts, []).append(zone.name)
+    for lasts, names in brief.items():
+        several = len(names) > 1
+        yield (
+            f"zone{'s' * several} {', '.join(names)} {'are' if several else 'is'} known for {lasts:g} s, and "
+            f"the motion takes {duration:.4g} s: give a longer lasts_s, or [sky] a longer for_duration_s"
+        )
 
 
 def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator[str]:
