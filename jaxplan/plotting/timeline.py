@@ -55,7 +55,11 @@ _SHARE, _LAID_OUT = 0.66, 0.93  # of the figure's width and of its own height th
 _ZONES = ("#B2182B", "#0B6394", "#8C510A", "#7A3E9D", "#1B7837", "#E08214", "#000000", "#C51B7D")
 _NAMED = len(_ZONES)  # zones with the least margins that have a colour; others are grey
 _TIGHT = 1e-2  # share of the least error proved, or asked for, below which errors are not told apart
-_SHORT = 0.006  # of the day: what is followed for less has a dot instead of a curve of its error
+# Shares of the day: what is followed for less than the first has a dot of its largest error, for less than
+# the second a level of it. Curves so narrow would be strokes up and down.
+_SHORT, _NARROW = 0.006, 0.1
+_TICKED = "limit, its ticks on\nthe side beyond it"
+_LEVEL: Look = {"linewidth": 2.4, "solid_capstyle": "butt", "linestyle": "-"}
 _PEAK: Look = {"markersize": 3.0, "markeredgewidth": 0.0}
 _PROVED: Look = {"color": "black", "linewidth": 1.0, "linestyle": (0, (1, 1))}
 
@@ -102,10 +106,10 @@ def timeline(plan: TimelinePlan, ax: Canvas = None, *, legend: bool = True) -> l
     for axes, panel in zip(grid, shown, strict=True):
         entries = panel.draw(axes)
         if axes is not grid[0]:
-            shade_slews(axes, plan)
+            shade_slews(axes, plan, edges=False)
             axes.set_ylabel(axes.get_ylabel().replace(" (", "\n("))
         if legend:
-            legend_beside(axes, entries)
+            legend_beside(axes, [(handle, _TICKED if text == "limit" else text) for handle, text in entries])
     write_names(grid[0], plan, _end(plan), _extent(grid[0], heights[0] / size[1] if new else None))
     _title(grid[0], plan)
     if moves is not None:
@@ -202,17 +206,20 @@ def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
     axes.set_ylabel("pointing error (deg)", fontsize=TEXT)
     craft = plan.timeline.scene.spacecraft
     errors: dict[int, np.ndarray] = {}
-    peaks: dict[int, list[tuple[float, float]]] = {}  # of those too short for a curve
+    levels: dict[int, list[tuple[float, float, float]]] = {}  # of those too short for a curve
+    peaks: dict[int, list[tuple[float, float]]] = {}  # of those too short for a level
     proved, asked = list[tuple[float, float, float]](), list[tuple[float, float, float]]()
     for own in followings(plan):
         within = (moves.times >= own.begin) & (moves.times <= own.end)
         line = errors.setdefault(own.device, np.full(len(moves.times), np.nan))
         seen = np.asarray(own.path.at(moves.times[within]))
         off = np.rad2deg(separation(moves.boresights[within, own.device], seen))
-        if own.end - own.begin > _SHORT * moves.times[-1]:
+        lasts, highest = own.end - own.begin, float(np.max(off, initial=0.0))
+        if lasts > _NARROW * moves.times[-1]:
             line[within] = off
+        elif lasts > _SHORT * moves.times[-1]:
+            levels.setdefault(own.device, []).append((own.begin, own.end, highest))
         else:
-            highest = float(np.max(off, initial=0.0))
             peaks.setdefault(own.device, []).append(((own.begin + own.end) / 2, highest))
         asked.append((own.begin, own.end, float(np.rad2deg(own.tolerance))))
         if own.planned.pointing_error is not None:
@@ -222,6 +229,9 @@ def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
     for device, line in errors.items():
         style = device_style(device)
         curve(axes, moves.times, np.maximum(line, _TIGHT * least), **{**style, "linewidth": 1.2})
+    for device, spans in levels.items():
+        times, values = _steps(spans)
+        axes.plot(times, np.maximum(values, _TIGHT * least), color=device_style(device)["color"], **_LEVEL)
     for device, dots in peaks.items():
         times, values = np.array(dots).T
         axes.plot(
@@ -236,9 +246,8 @@ def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
         (Line2D([], [], **{**device_style(device), "linewidth": 1.2}), craft.device_names[device])
         for device in sorted(errors)
     ]
-    entries += [
-        (Line2D([], [], marker="o", color=GREY, linestyle="none", **_PEAK), "largest of a short one")
-    ] * bool(peaks)
+    short: Look = {"color": GREY, "marker": "o", **_PEAK, **(_LEVEL if levels else {"linestyle": "none"})}
+    entries += [(Line2D([], [], **short), "largest, of one\nthat is short")] * bool(peaks or levels)
     entries.append((Line2D([], [], color=GREY, **barrier(1)), "tolerance"))
     if proved:
         axes.plot(*_steps(proved), **_PROVED)

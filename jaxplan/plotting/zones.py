@@ -20,7 +20,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
 from jaxplan.plotting.frames import INERTIAL, Inertial
-from jaxplan.plotting.projections import GlobeView, Projection, circle
+from jaxplan.plotting.projections import GlobeView, Projection, TwoDiscs, circle
 from jaxplan.plotting.style import (
     GREY,
     HALO,
@@ -60,8 +60,7 @@ def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
     """Draw a zone with its edge, hatched for keep-out and pale if it binds no device; returns the artists."""
     axis, drawn = zone.axis_at(), list[Artist]()
     fill = _zone_fill(zone)
-    limb = Circle((0, 0), 1, transform=axes.transData) if isinstance(projection, GlobeView) else None
-    for across, upward, directions, strength in projection.sheets(axis, zone.half_angle):
+    for across, upward, directions, strength, limb in projection.sheets(axis, zone.half_angle):
         inside = directions @ axis - np.cos(zone.half_angle)
         if not np.any(inside > 0):
             continue
@@ -71,7 +70,8 @@ def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
             "hatches": [fill.get("hatch") if strength >= 1 else None],
         }
         area = axes.contourf(across, upward, inside, levels=[0, 3], zorder=1, **look)
-        area.set(clip_path=limb, edgecolor=fill["edgecolor"], linewidth=0)
+        edge = None if limb is None else Circle(*limb, transform=axes.transData)
+        area.set(clip_path=edge, edgecolor=fill["edgecolor"], linewidth=0)
         drawn.append(area)
     return drawn + draw_line(axes, projection, circle(axis, zone.half_angle), zone_outline(zone) | _EDGE)
 
@@ -118,6 +118,8 @@ def name_zones(
     """
     crowded = len(zones) > _CROWD
     marks = [(spot, np.full(2, projection.mark)) for spot in projection.project(ends)]
+    if isinstance(projection, TwoDiscs):
+        marks += [(place, projection.letter * [len(text), 1]) for text, place in projection.ring_names()]
     labels, texts = Labels(projection.project(tracks), marks), list[Artist]()
     # What is in front first, and of that the smallest, as it has the least room; of equals as they come.
     for zone in sorted(zones, key=lambda zone: (-projection.opacity(zone.axis_at()), zone.half_angle)):
