@@ -11,7 +11,8 @@ import numpy as np
 
 from jaxplan.model.wheels import Wheel
 
-COLOUR, RIM = "0.25", 0.30  # of wheels, and opacity of what a ring of them encloses; no device is grey
+COLOUR = "0.25"  # of wheels; no device is grey
+FILL = (COLOUR, 0.30)  # colour and opacity of what a ring encloses
 SPIN = 0.24  # length of the arrow along the axis
 _OFF, _RADIUS = 0.30, 0.13  # of the middle of a wheel from that of the platform, and of its ring
 _BESIDE, _APART = 2.4, 1.5  # radii from a place to those beside it, and between two wheels at least

@@ -69,7 +69,7 @@ _LINES, _KINDS = 34, 12  # lines of text in a column of the legend, and of those
 _FILLED = 0.84  # share of the axes' width or height that the picture fills
 _LETTER = np.array([0.75, 1.8])  # width of a letter and height of a line, in sizes of the font
 _HEAD = 0.07  # length of an arrow's head, in the picture's units
-_RING: Look = {"color": flywheels.COLOUR, "markerfacecolor": to_rgba(flywheels.COLOUR, flywheels.RIM)}
+_RING: Look = {"color": flywheels.COLOUR, "markerfacecolor": to_rgba(*flywheels.FILL)}
 _FACES = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # corners of a square
 
 
@@ -197,7 +197,8 @@ class _Picture:
         look: Look = {"color": flywheels.COLOUR, "linewidth": 1.3}
         for wheel, hub in zip(self.craft.wheels, self.hubs, strict=True):
             ring = flywheels.ring(wheel, hub)
-            self._fill(ring[None], flywheels.COLOUR, flywheels.RIM)
+            hubs = np.broadcast_to(hub, ring[2::2].shape)
+            self._fill(np.stack([hubs, ring[:-2:2], ring[1:-1:2], ring[2::2]], axis=1), *flywheels.FILL)
             self._line(ring, look)
             self._arrow(_from(hub, flywheels.SPIN * np.asarray(wheel.axis)), look)
 
@@ -335,8 +336,13 @@ class _Picture:
         return np.asarray(self.axes.transData.transform((across, up)))
 
     def _fill(self, polygons: Sequence[np.ndarray] | np.ndarray, colour: str, alpha: float) -> None:
-        """Add polygons, each (k, 3) in body axes, to the surfaces, which `draw` draws together."""
-        self.surfaces += list(polygons)
+        """Add triangles or squares, each (k, 3) in body axes, to the surfaces, which `draw` draws together.
+
+        All have four corners, perhaps one of them twice: matplotlib fills up shorter ones with what it finds,
+        and scales the axes to that.
+        """
+        corners = np.asarray(polygons)
+        self.surfaces += list(corners if corners.shape[1] == 4 else corners[:, [0, 1, 2, 2]])
         self.colours += [to_rgba(colour, alpha)] * len(polygons)
 
     def _line(self, points: np.ndarray, look: Look) -> None:

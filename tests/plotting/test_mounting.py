@@ -196,6 +196,7 @@ def test_each_wheel_is_a_ring_across_its_axis_with_an_arrow_along_it_and_its_nam
     assert [text.get_text() for text in axes.texts][-4:] == [wheel.name for wheel in wheels]
     told = [text.get_text() for text in legend(axes).get_texts()]
     assert "4 reaction wheels,\narrow along the axis;\neach 0.2 N m, 4 N m s" in told
+    assert {len(corners) for corners in picture_of(craft).surfaces} == {4}
     other = replace(craft, wheels=(replace(wheels[0], torque=0.1), *wheels[1:]))
     told = [text.get_text() for text in legend(jp.plot.spacecraft(other)).get_texts()]
     assert "4 reaction wheels,\narrow along the axis" in told
