@@ -232,7 +232,7 @@ def draw_ball(axes: Axes, view: GlobeView) -> None:
 def _draw_discs(axes: Axes, frame: Orbital) -> Entries:
     """Draw the two empty discs with rings and azimuths, and the Earth; returns its legend entry."""
     projection = TwoDiscs()
-    axes.set_aspect("equal", anchor="W")
+    axes.set_aspect("equal", anchor="E")  # else the layout takes what is free beside it as the legend's room
     edge = projection.middle + 90
     axes.set(xlim=(-edge - 12, edge + 12), ylim=(-104, 104))
     axes.set_axis_off()

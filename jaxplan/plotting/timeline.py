@@ -55,6 +55,8 @@ _SHARE, _LAID_OUT = 0.66, 0.93  # of the figure's width and of its own height th
 _ZONES = ("#B2182B", "#0B6394", "#8C510A", "#7A3E9D", "#1B7837", "#E08214", "#000000", "#C51B7D")
 _NAMED = len(_ZONES)  # zones with the least margins that have a colour; others are grey
 _TIGHT = 1e-2  # share of the least error proved, or asked for, below which errors are not told apart
+_NOTHING = 1e-5  # the same of the least tolerance: a smaller error is none
+_WINDOWS = 40  # of a span of time that are as long as what a curve of errors shows the largest of
 # Shares of the day: what is followed for less than the first has a dot of its largest error, for less than
 # the second a level of it. Curves so narrow would be strokes up and down.
 _SHORT, _NARROW = 0.006, 0.1
@@ -216,7 +218,7 @@ def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
         off = np.rad2deg(separation(moves.boresights[within, own.device], seen))
         lasts, highest = own.end - own.begin, float(np.max(off, initial=0.0))
         if lasts > _NARROW * moves.times[-1]:
-            line[within] = off
+            line[within] = _largest_about(off)
         elif lasts > _SHORT * moves.times[-1]:
             levels.setdefault(own.device, []).append((own.begin, own.end, highest))
         else:
@@ -225,18 +227,17 @@ def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
         if own.planned.pointing_error is not None:
             proved.append((own.begin, own.end, float(np.rad2deg(own.planned.pointing_error))))
     least, most = (pick(value for *_, value in (*asked, *proved)) for pick in (min, max))
+    lowest = max(_TIGHT * least, _NOTHING * min(value for *_, value in asked))
     one = len({value for *_, value in asked}) == 1
     for device, line in errors.items():
         style = device_style(device)
-        curve(axes, moves.times, np.maximum(line, _TIGHT * least), **{**style, "linewidth": 1.2})
+        curve(axes, moves.times, np.maximum(line, lowest), **{**style, "linewidth": 1.2})
     for device, spans in levels.items():
         times, values = _steps(spans)
-        axes.plot(times, np.maximum(values, _TIGHT * least), color=device_style(device)["color"], **_LEVEL)
+        axes.plot(times, np.maximum(values, lowest), color=device_style(device)["color"], **_LEVEL)
     for device, dots in peaks.items():
         times, values = np.array(dots).T
-        axes.plot(
-            times, np.maximum(values, _TIGHT * least), "o", color=device_style(device)["color"], **_PEAK
-        )
+        axes.plot(times, np.maximum(values, lowest), "o", color=device_style(device)["color"], **_PEAK)
     axes.set_yscale("log")
     if one:
         axes.axhline(asked[0][2], color=GREY, **barrier(1))
@@ -252,8 +253,15 @@ def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
     if proved:
         axes.plot(*_steps(proved), **_PROVED)
         entries.append((Line2D([], [], **_PROVED), "proved for all time"))
-    axes.set_ylim(_TIGHT * least / 2, 4 * most)
+    axes.set_ylim(lowest / 2, 4 * most)
     return entries
+
+
+def _largest_about(errors: np.ndarray) -> np.ndarray:
+    """The largest of errors (k,) about each of them: between nodes they are zero, which would be strokes."""
+    half = len(errors) // (2 * _WINDOWS)
+    padded = np.pad(errors, half, mode="edge")
+    return np.asarray(np.max(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=-1))
 
 
 def _steps(levels: list[tuple[float, float, float]]) -> tuple[Any, Any]:
