@@ -23,6 +23,7 @@ from jaxplan.plotting.schedule import (
     row_count,
     row_height,
     shade_slews,
+    slews,
     write_names,
 )
 from jaxplan.plotting.style import (
@@ -63,6 +64,7 @@ _SHORT, _NARROW = 0.006, 0.1
 _TICKED = "limit, its ticks on\nthe side beyond it"
 _LEVEL: Look = {"linewidth": 2.4, "solid_capstyle": "butt", "linestyle": "-"}
 _PEAK: Look = {"markersize": 3.0, "markeredgewidth": 0.0}
+_THIN: Look = {"linewidth": 0.6, "alpha": 0.8}
 _PROVED: Look = {"color": "black", "linewidth": 1.0, "linestyle": (0, (1, 1))}
 
 
@@ -148,7 +150,7 @@ def _panels(plan: TimelinePlan, moves: Motion | None) -> list[_Panel]:
         found.append(_Panel(_PANEL, lambda axes: _draw_margins(axes, plan, moves)))
     if followings(plan):
         found.append(_Panel(_PANEL, lambda axes: _draw_errors(axes, plan, moves)))
-    found.append(_Panel(_PANEL, lambda axes: _draw_rate(axes, moves, craft)))
+    found.append(_Panel(_PANEL, lambda axes: _draw_rate(axes, plan, moves, craft)))
     found += [_Panel(_PANEL, draw) for draw in joint_panels(craft, moves)]
     if craft.wheels:
         own = expect_plan(plan)
@@ -196,11 +198,24 @@ def _draw_margins(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
     return [*entries, (Line2D([], [], color=KEEP_OUT, **barrier(-1)), "limit: below it\na zone is broken")]
 
 
-def _draw_rate(axes: Axes, moves: Motion, craft: Spacecraft) -> Entries:
-    """Draw the platform's angular velocity by body axes; returns legend entries."""
+def _draw_rate(axes: Axes, plan: TimelinePlan, moves: Motion, craft: Spacecraft) -> Entries:
+    """Draw the platform's angular velocity by body axes, thin in slews; returns legend entries.
+
+    On a long axis of time a slew is a stroke up and down, which would hide what is between.
+    """
     entries = draw_platform_rate(axes, moves, craft)
     axes.set_ylabel("platform rate (deg/s)", fontsize=TEXT)
-    return entries
+    spans = slews(plan)
+    within = np.zeros(len(moves.times), dtype=bool)
+    for start, end in spans:
+        within |= (moves.times >= start) & (moves.times <= end)
+    inner = within.copy()  # so that the two parts of a line meet
+    inner[1:-1] = within[:-2] & within[1:-1] & within[2:]
+    for line in [line for line in axes.lines if np.size(line.get_xdata()) == len(moves.times)]:
+        values = np.asarray(line.get_ydata(), float)
+        line.set_ydata(np.where(inner, np.nan, values))
+        axes.plot(moves.times, np.where(within, values, np.nan), color=line.get_color(), **_THIN)
+    return [*entries, *[(Line2D([], [], color=GREY, **_THIN), "in slews")] * bool(spans)]
 
 
 def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:

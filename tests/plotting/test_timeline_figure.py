@@ -178,6 +178,22 @@ def test_the_legend_says_what_bars_gaps_and_ticks_are_and_slews_have_no_edges_am
         assert bool(len(shade.get_edgecolor())) == (number == 0)
 
 
+def test_rates_are_thin_in_slews_and_all_there(plan, grid):
+    times = motion(plan).times
+    (axes,) = [one for one in grid if one.get_ylabel().startswith("platform rate")]
+    lines = _lines(axes, len(times))
+    slewing = np.zeros(len(times), dtype=bool)
+    for start, end in schedule.slews(plan):
+        slewing |= (times >= start) & (times <= end)
+    assert 0.1 < np.mean(slewing) < 0.9
+    for bold, thin in zip(lines[:3], lines[3:], strict=True):
+        assert thin.get_linewidth() < bold.get_linewidth() / 2
+        np.testing.assert_array_equal(np.isfinite(thin.get_ydata()), slewing)
+        assert np.all(np.isfinite(bold.get_ydata())[~slewing])
+        rate = np.fmax(bold.get_ydata(), thin.get_ydata())
+        np.testing.assert_allclose(rate, np.rad2deg(RATE) if bold is lines[2] else 0, atol=1e-9)
+
+
 def test_on_the_sphere_it_is_bold_where_a_device_follows_its_target(plan):
     axes = jp.plot.sphere(plan)
     own = as_plan(plan)
