@@ -13,8 +13,8 @@ from jaxplan.model.wheels import Wheel
 
 COLOUR = "0.25"  # of wheels; no device is grey
 FILL = (COLOUR, 0.30)  # colour and opacity of what a ring encloses
-SPIN = 0.24  # length of the arrow along the axis
-_OFF, _RADIUS = 0.30, 0.13  # of the middle of a wheel from that of the platform, and of its ring
+SPIN = 0.19  # length of the arrow along the axis
+_OFF, _RADIUS = 0.36, 0.13  # of the middle of a wheel from that of the platform, and of its ring
 _BESIDE, _APART = 2.4, 1.5  # radii from a place to those beside it, and between two wheels at least
 
 
