@@ -192,7 +192,7 @@ def _draw_histogram(
         longer = int(np.sum(times > end))
         if longer:
             text = f"{longer} longer,\nup to {np.max(times):.0f} s"
-            axes.text(0.99, 0.12, text, transform=axes.transAxes, ha="right", fontsize=SMALL, color=GREY)
+            axes.text(0.99, 0.25, text, transform=axes.transAxes, ha="right", fontsize=SMALL, color=GREY)
         if minimum is not None and len(shortest):
             axes.stairs(_shares(shortest, edges), edges, **_LINE)
             entries.append((Line2D([], [], **_LINE), _described(minimum, shortest)))
