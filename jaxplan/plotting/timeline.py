@@ -243,6 +243,8 @@ def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
             proved.append((own.begin, own.end, float(np.rad2deg(own.planned.pointing_error))))
     least, most = (pick(value for *_, value in (*asked, *proved)) for pick in (min, max))
     lowest = max(_TIGHT * least, _NOTHING * min(value for *_, value in asked))
+    axes.set_yscale("log")
+    axes.set_ylim(lowest / 2, 4 * most)  # before anything is drawn: levels alone have no height to scale to
     one = len({value for *_, value in asked}) == 1
     for device, line in errors.items():
         style = device_style(device)
@@ -253,7 +255,6 @@ def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
     for device, dots in peaks.items():
         times, values = np.array(dots).T
         axes.plot(times, np.maximum(values, lowest), "o", color=device_style(device)["color"], **_PEAK)
-    axes.set_yscale("log")
     if one:
         axes.axhline(asked[0][2], color=GREY, **barrier(1))
     else:
@@ -268,7 +269,6 @@ def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
     if proved:
         axes.plot(*_steps(proved), **_PROVED)
         entries.append((Line2D([], [], **_PROVED), "proved for all time"))
-    axes.set_ylim(lowest / 2, 4 * most)
     return entries
 
 

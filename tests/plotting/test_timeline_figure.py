@@ -160,6 +160,8 @@ def test_what_is_too_narrow_for_a_curve_is_a_level_of_its_largest_error():
     (level,) = own
     np.testing.assert_allclose(level.get_xdata()[:2], [100, 160])
     np.testing.assert_allclose(level.get_ydata()[:2], np.rad2deg(ERROR), rtol=1e-5)
+    low, high = axes.get_ylim()
+    assert low < np.rad2deg(ERROR) < np.rad2deg(TOLERANCE) < high
     for line in axes.lines:  # nothing that goes up or down while no time passes
         times, values = (np.asarray(own, float) for own in line.get_data())
         steps = np.abs(np.diff(values)) > 0
