@@ -20,7 +20,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
 from jaxplan.plotting.frames import INERTIAL, Inertial
-from jaxplan.plotting.projections import GlobeView, Projection, TwoDiscs, circle
+from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, TwoDiscs, circle
 from jaxplan.plotting.style import (
     GREY,
     HALO,
@@ -44,6 +44,9 @@ _CROWD = 20  # number of zones beyond which their names are smaller and do not s
 # Where a zone's name may stand, the best first: shares of the zone's half width and half height.
 _SPOTS = np.array([(across, up) for across in (0, 0.6, -0.6, 1.2, -1.2) for up in (0, 0.5, -0.5, 0.8, -0.8)])
 _INSIDE = 0.9  # share of a zone's half angle within which the middle of its name stands
+_LARGE = np.deg2rad(45.0)  # half angle of a zone from which on no name stands beside it
+_TOLD = {FlatMap: _CROWD, TwoDiscs: 4, GlobeView: -1}  # most zones whose names say what they bind
+_SIDES = ((0, 1), (0, -1), (1, 0), (-1, 0), (0.7, 1), (-0.7, 1), (0.7, -1), (-0.7, -1), (0, 1.8), (0, -1.8))
 NOTHING = np.zeros((0, 3))
 
 
@@ -111,7 +114,7 @@ def name_zones(
     Args:
         axes: where to.
         projection: of the axes.
-        zones: that are named; few ones on the flat map with what they bind, if that is not all devices.
+        zones: that are named; few ones, but on the globe, with what they bind, if that is not all devices.
         devices: names of all devices.
         tracks: (k, 3) directions of drawn curves, which names should not cover.
         ends: (m, 3) directions of starts and goals, which names cover only where there is no other place.
@@ -124,11 +127,14 @@ def name_zones(
     # What is in front first, and of that the smallest, as it has the least room; of equals as they come.
     for zone in sorted(zones, key=lambda zone: (-projection.opacity(zone.axis_at()), zone.half_angle)):
         near = projection.opacity(zone.axis_at()) == 1
-        told = [] if crowded or isinstance(projection, GlobeView) else [*_bound(zone, devices), *_group(zone)]
+        told = (
+            [] if crowded or len(zones) > _TOLD[type(projection)] else [*_bound(zone, devices), *_group(zone)]
+        )
         spot = None
-        for lines in ([zone.name, *told], [zone.name]):
+        for lines, last in (([zone.name, *told], False), ([zone.name], False), ([zone.name], True)):
             size = projection.letter * (max(map(len, lines)), len(lines))
-            spot = labels.place(_places(projection, zone, size), size, must=lines == [zone.name])
+            places = _places(projection, zone, size) + _about(projection, zone, size) * last
+            spot = labels.place(places, size, must=last)
             if spot is not None:
                 break
         assert spot is not None
@@ -163,6 +169,17 @@ def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.nda
     moved = spots[:, 1] != wanted[:, 1]  # up or down: these come last
     order = np.argsort(moved, kind="stable")
     return [*spots[order][fits[order]], *projection.fit(centre[None], size)]
+
+
+def _about(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.ndarray]:
+    """Points (2,) of the picture beside a small zone, where its name of a size (2,) is all outside."""
+    if zone.half_angle >= _LARGE:
+        return []
+    axis = zone.axis_at()
+    away = np.array(projection.extent(axis, zone.half_angle)) + size / 2 + projection.gap
+    wanted = projection.project(axis) + away * np.array(_SIDES)
+    spots = projection.fit(wanted, size)
+    return [spot for spot, place in zip(spots, wanted, strict=True) if np.allclose(spot, place)]
 
 
 def _bound(zone: Cone, names: Sequence[str]) -> list[str]:

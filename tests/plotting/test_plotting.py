@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from builders import make_observer, make_plan, make_scenario
-from drawn import filled
+from drawn import assert_apart, filled
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 from oblique import oblique_craft
@@ -743,6 +743,19 @@ def test_zones_about_one_axis_are_all_named() -> None:
             assert label.get_text().startswith(zone.name)
             spot = _direction(np.array([label.get_position()], dtype=float))[0]
             assert angle(spot, axis) < zone.half_angle
+
+
+def test_zones_about_one_axis_that_have_no_room_inside_are_named_beside_them_and_not_over_each_other() -> (
+    None
+):
+    plan = make_plan(0, 3, zones=0)
+    axis = _direction(np.array([[60.0, 10.0]]))[0]
+    zones = tuple(
+        KeepOut(name=f"zone number {k}", direction=axis, half_angle=np.deg2rad(6 + k)) for k in range(5)
+    )
+    figure = Figure(figsize=sky.SPHERE_SIZE, layout="constrained")
+    axes = jp.plot.sphere(replace(plan, scenario=replace(plan.scenario, keep_out=zones)), figure)
+    assert_apart(figure, axes.texts, 5)
 
 
 def test_zones_of_a_group_look_and_are_called_other_than_those_that_must_hold() -> None:
