@@ -3,10 +3,12 @@
 import json
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from glob import escape
 from pathlib import Path
 from typing import Any
+
+from jaxplan.runtime.progress import progress_bar
 
 DONE, NO_PLAN, BAD_INPUT, NOT_CERTIFIED = 0, 1, 2, 3
 MARK = "jaxplan"  # what the PNG files that we write name as their software; others are never removed
@@ -56,18 +58,20 @@ def say(message: str) -> None:
     print(message, file=sys.stderr)
 
 
-def save(figure: Any, file: Path) -> None:
-    """Write a figure as PNG, whole or not at all, and print the file's name to stderr."""
+def save(figure: Any, file: Path, tell: Callable[[str], None] = say) -> None:
+    """Write a figure as PNG, whole or not at all, and tell the file's name, if not otherwise on stderr."""
     from jaxplan.plotting import write_png
     from jaxplan.runtime.files import replacing_file
 
     with replacing_file(file) as fresh:
         write_png(figure, fresh, MARK)
-    say(f"wrote {file}")
+    tell(f"wrote {file}")
 
 
 def draw(plan: Any, folder: Path, frequencies: Sequence[float] = (), observer: Any = None) -> None:
     """Write every figure that a plan has to a folder, and remove those of an earlier plan that it has not.
+
+    A bar on stderr names the figure that is being drawn, and counts.
 
     Args:
         plan: of a scenario or of a timeline.
@@ -77,11 +81,13 @@ def draw(plan: Any, folder: Path, frequencies: Sequence[float] = (), observer: A
     """
     from jaxplan import plotting
 
-    drawn = []
-    for name, figure in plotting.figures(plan, frequencies, observer):
-        save(figure, folder / f"{name}.png")
-        drawn.append(name)
-    for name in sorted(set(plotting.FIGURE_NAMES) - set(drawn)):
+    every = plotting.drawings(plan, frequencies, observer)
+    with progress_bar("drawing", "figures", total=len(every)) as bar:
+        for name, make in every:
+            bar.step(name.replace("_", " "))
+            save(make(), folder / f"{name}.png", bar.say)
+            bar.update()
+    for name in sorted(set(plotting.FIGURE_NAMES) - {name for name, _ in every}):
         file = folder / f"{name}.png"
         if file.is_file() and MARK.encode() in file.read_bytes()[:200]:  # a picture of somebody else stays
             file.unlink()

@@ -33,6 +33,7 @@ from jaxplan.plotting.time_panels import accelerations, angles, rates, torque
 from jaxplan.plotting.timeline import timeline
 from jaxplan.plotting.tuning_panels import tuning
 from jaxplan.plotting.whole_plan import FIGURE_NAMES as FIGURE_NAMES
+from jaxplan.plotting.whole_plan import drawings as drawings
 from jaxplan.plotting.whole_plan import figures, overview
 from jaxplan.plotting.whole_plan import inline_figures as inline_figures
 from jaxplan.plotting.whole_plan import write_png as write_png

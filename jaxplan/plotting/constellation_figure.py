@@ -19,14 +19,14 @@ from jaxplan.plotting.style import (
     Entries,
     Look,
     expect_view,
-    legend_beside,
+    legend_below,
     panels,
     plain,
     tidy,
 )
 from jaxplan.runtime.arguments import expect_any
 
-_SIZE = (WIDTH, 3.9)  # inches
+_SIZE = (WIDTH, 4.5)  # inches
 _EARTH: Look = {"facecolor": "#EAF1F6", "edgecolor": "0.6", "linewidth": 0.8}
 _SUN = "#E69F00"
 _LINE: Look = {"color": "black", "linewidth": 1.4}  # of the histogram of `minimum`
@@ -78,13 +78,13 @@ def constellation(
         expect_any(name, given, (Constellation,), "a Constellation, as jp.plan_constellation returns")
     if not len(result.planned):
         raise ValueError("there are no satellites to draw yet")
-    globe, histogram = panels(ax, 2, _SIZE, columns=2, widths=(1.3, 1.0), shared=False)
+    globe, histogram = panels(ax, 2, _SIZE, columns=2, widths=(1.45, 1.0), shared=False)
     known = result.duration[np.isfinite(result.duration)]
     norm = Normalize(np.min(known), np.quantile(known, _MOST)) if len(known) else Normalize(0.0, 1.0)
     marks = _draw_globe(globe, result, norm, _view(result, view))
     curves = _draw_histogram(histogram, result, minimum, norm)
     if legend:
-        legend_beside(histogram, [*curves, *marks])
+        legend_below(histogram, [*curves, *marks])
     return [globe, histogram]
 
 
@@ -125,12 +125,6 @@ def _draw_globe(axes: Axes, result: Constellation, norm: Normalize, view: GlobeV
             axes.scatter(flat[here, 0], flat[here, 1], s=share * size, **looks)
             entries.append((Line2D([], [], linestyle="", **mark), text))
     _draw_sun(axes, result.switch.sun_direction, view, radius)
-    longer = norm.vmax is not None and bool(np.any(result.duration > norm.vmax))
-    place: Look = {"location": "left", "shrink": 0.75, "aspect": 30, "pad": 0.0}
-    image = axes.scatter([], [], c=[], **colours)
-    bar = axes.figure.colorbar(image, ax=axes, extend="max" if longer else "neither", **place)
-    bar.set_label("manoeuvre time (s)", fontsize=TEXT)
-    bar.ax.tick_params(labelsize=TEXT)
     plain(axes.set_title(shell.name, fontsize=TEXT + 1, loc="left"))
     return entries
 
@@ -138,14 +132,14 @@ def _draw_globe(axes: Axes, result: Constellation, norm: Normalize, view: GlobeV
 def _draw_earth(axes: Axes, view: GlobeView, radius: float) -> None:
     """Draw the Earth with its grid, and scale the axes to a shell's radius, in radii of the Earth."""
     reach = 1.16 * radius
-    axes.set_aspect("equal")
+    axes.set_aspect("equal", anchor="N")
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
     axes.set_axis_off()
     axes.add_artist(Circle((0, 0), 1, zorder=0.5, **_EARTH))
     for line in grid_lines():
         (near, _), _ = view.parts(line)
         axes.plot(*near.T, color="0.82", linewidth=0.5, zorder=0.7)
-    text = f"{view.words}; pale: beyond the limb"
+    text = f"{view.words};\npale: beyond the limb; colours: times, as in the histogram"
     axes.text(0, -1.12 * radius, text, fontsize=SMALL, color=GREY, ha="center", va="top")
 
 
@@ -198,14 +192,14 @@ def _draw_histogram(
         longer = int(np.sum(times > end))
         if longer:
             text = f"{longer} longer,\nup to {np.max(times):.0f} s"
-            axes.text(0.99, 0.12, text, transform=axes.transAxes, ha="right", fontsize=SMALL, color=GREY)
+            axes.text(0.99, 0.25, text, transform=axes.transAxes, ha="right", fontsize=SMALL, color=GREY)
         if minimum is not None and len(shortest):
             axes.stairs(_shares(shortest, edges), edges, **_LINE)
             entries.append((Line2D([], [], **_LINE), _described(minimum, shortest)))
     axes.set_xlabel("manoeuvre time (s)", fontsize=TEXT)
     axes.set_ylabel("satellites (%)", fontsize=TEXT)
     count, total = int(np.sum(result.certified)), len(result.certified)
-    axes.set_title(f"{count} of {total} planned and certified", fontsize=TEXT + 1, loc="left")
+    axes.set_title(f"{count} of {total}\nplanned and certified", fontsize=TEXT + 1, loc="left")
     return entries
 
 

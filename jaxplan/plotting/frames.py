@@ -2,8 +2,8 @@
 
 The local orbital frame is that of `jaxplan.sky.local_axes`: z to nadir, y against the orbit's normal, and
 x = y x z, about along the velocity. It turns with the spacecraft, so what stands still in space moves in it.
-In pictures nadir is below, as for somebody who looks ahead with the Earth under the feet and y to the right:
-azimuth counts from x to y, elevation from the local horizontal to nadir.
+On the globe nadir is below, as for somebody who looks ahead with the Earth under the feet and y to the right;
+elsewhere its half spheres are two discs (`jaxplan.plotting.projections.TwoDiscs`).
 """
 
 from dataclasses import dataclass
@@ -17,6 +17,7 @@ from jaxplan.geometry.vectors import azimuth_elevation
 from jaxplan.planner import Plan
 from jaxplan.plotting.projections import GlobeView
 from jaxplan.runtime.arguments import expect_any
+from jaxplan.sky.orbits import EARTH_RADIUS
 
 _UPRIGHT = np.array([1.0, -1.0, -1.0])  # takes the frame's axes to those with x ahead and z to the zenith
 
@@ -28,9 +29,6 @@ class Inertial:
 
     moves: ClassVar[bool] = False
     words: ClassVar[str] = ""
-    across: ClassVar[str] = "inertial azimuth (deg)"
-    upward: ClassVar[str] = "inertial elevation (deg)"
-    lowest: ClassVar[int] = -1  # sign of elevations at the lower edge of a map
 
     @property
     def rate(self) -> float:
@@ -74,9 +72,6 @@ class Orbital(Inertial):
 
     moves: ClassVar[bool] = True
     words: ClassVar[str] = ", in the local orbital frame"
-    across: ClassVar[str] = "azimuth from ahead to the right (deg)"
-    upward: ClassVar[str] = "elevation to nadir (deg)"
-    lowest: ClassVar[int] = 1
 
     @property
     def rate(self) -> float:
@@ -86,6 +81,11 @@ class Orbital(Inertial):
     def end(self, plan: Plan) -> float:
         """When a plan's motion ends, s."""
         return 0.0 if plan.trajectory is None else plan.trajectory.duration
+
+    def limb(self) -> float:
+        """Angle of the Earth's limb from nadir at the epoch, rad, of an Earth that is a sphere."""
+        place = sky.positions(self.observer, epoch=self.epoch, times=0.0)
+        return float(np.arcsin(min(1.0, EARTH_RADIUS / float(np.linalg.norm(place)))))
 
     def turn(self, times: ArrayLike) -> np.ndarray:
         """The rotations (..., 3, 3) that take inertial directions to the frame at times (...), s."""

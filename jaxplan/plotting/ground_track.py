@@ -3,7 +3,7 @@
 Places are geodetic, on the ellipsoid of WGS 84, whose axes turn with the Earth as `jaxplan.sky.frames` says.
 A boresight meets the ellipsoid at its first crossing; while it looks past the Earth its track has a gap, and
 the legend says for which share of the time it meets. Nothing hides the ground: clouds, night and terrain do
-not count. The map is plain (longitude against latitude) with a grid and no coasts, of the whole Earth or,
+not count. The map is plain (longitude against latitude) with a grid and coarse coasts, of the whole Earth or,
 where all is near together, of the region.
 
 A target whose lines of sight meet in one point of the turning Earth, near its surface, is a place on the
@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
@@ -25,8 +26,10 @@ from jaxplan.geometry.vectors import pointing
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.goals import GivenState
 from jaxplan.planner import Plan
+from jaxplan.plotting.coast import coasts, land
 from jaxplan.plotting.frames import Orbital, orbit_of
-from jaxplan.plotting.projections import cut
+from jaxplan.plotting.projections import cut, over_poles
+from jaxplan.plotting.sky import BETWEEN, FOLLOWED, TRACK, followed, followed_entry
 from jaxplan.plotting.style import (
     HALO,
     SMALL,
@@ -54,7 +57,9 @@ _WAY: Look = {"color": "black", "linewidth": 1.0, "zorder": 2.5}
 _START: Look = {"marker": "*", "markersize": 11, "linestyle": "none", "color": "black"}
 _END: Look = {"marker": "s", "markersize": 8, "linestyle": "none", "fillstyle": "none", "color": "black"}
 _SITE: Look = {"marker": "^", "markersize": 7, "linestyle": "none", "color": "#1B7837", "zorder": 4.5}
-_NIGHT: Look = {"facecolor": "0.86"}
+_LAND: Look = {"facecolor": "#EFE6D3", "edgecolor": "none", "zorder": 0.3}
+_COAST: Look = {"color": "0.55", "linewidth": 0.6, "zorder": 0.5}
+_NIGHT: Look = {"facecolor": "black", "alpha": 0.13}
 _REGION = np.array([120.0, 80.0])  # deg of longitude and latitude within which not all of the Earth is drawn
 _LEAST, _PAD = 8.0, 0.12  # of a region: deg that it has at least, and share of it that is added to each side
 _SAMPLES = 65  # lines of sight by which a place on the ground is found
@@ -109,25 +114,31 @@ def ground_track(
     (axes,) = panels(ax, 1, GROUND_SIZE)
     tidy(axes)
     axes.spines[["top", "right"]].set_visible(True)
+    axes.add_collection(PolyCollection(land(), **_LAND), autolim=False)
+    axes.add_collection(LineCollection(coasts(), **_COAST), autolim=False)
     to_earth = gcrs_to_earth(orbit.epoch, moves.times)
     there = _places(orbit, moves.times, to_earth)
     below = _on_map(there)
     looks = np.einsum("kij,kdj->kdi", to_earth, moves.boresights)
     meets = _on_map(surface_point(there[:, None], looks))
     entries: Entries = [(Line2D([], [], **_WAY), "below the spacecraft")]
-    axes.plot(*cut(below).T, **_WAY)
-    missing, n = [], len(craft.terminals)
+    axes.plot(*cut(over_poles(below)).T, **_WAY)
+    missing, n, spans = [], len(craft.terminals), followed(plan)
     for device, name in enumerate(craft.device_names):
         if n <= device < n + len(craft.drives):
             continue
-        track, look = meets[:, device], {"linewidth": 1.8, "zorder": 3, **device_style(device)}
+        track, look = meets[:, device], {**(BETWEEN if spans else TRACK), **device_style(device)}
         share = _share(moves.times, np.isfinite(track[:, 0]))
         if share == 0:
             missing.append(name)
             continue
-        axes.plot(*cut(track).T, **look)
+        axes.plot(*cut(over_poles(track)).T, **look)
+        for _, start, end in (span for span in spans if span[0] == device):
+            bold = track[(moves.times >= start) & (moves.times <= end)]
+            axes.plot(*cut(over_poles(bold)).T, color=look["color"], **FOLLOWED)
         told = "" if share == 1 else f",\nmeets the Earth\n{_percent(share)} of the time"
         entries.append((Line2D([], [], **look), f"{name}{told}"))
+    entries += followed_entry(plan)
     if missing:
         entries.append(
             (Line2D([], [], linestyle="none"), "\n".join(["past the Earth all the time:", *missing]))
@@ -277,7 +288,9 @@ def _draw_night(axes: Axes, orbit: Orbital, time: float) -> bool:
     up = np.asarray(pointing(*np.deg2rad(np.meshgrid(east, north))))
     sun = sky.directions("sun", epoch=orbit.epoch, observer="earth", times=time)
     height = up @ (gcrs_to_earth(orbit.epoch, np.asarray(time)) @ sun)
-    axes.contourf(east, north, -height, levels=[0, 2], colors=[_NIGHT["facecolor"]], zorder=0.4)
+    axes.contourf(
+        east, north, -height, levels=[0, 2], colors=[_NIGHT["facecolor"]], alpha=_NIGHT["alpha"], zorder=0.4
+    )
     axes.set(xlim=(left, right), ylim=(low, high))
     return bool(np.any(height < 0))
 

@@ -3,8 +3,9 @@
 The platform is a cube, since nothing is known of its shape, and devices stand on the sides to which they look
 (`jaxplan.plotting.feet`). Each is drawn about its foot: a terminal with its yaw axis and the part of a sphere
 that its ranges reach, masks cut out of it; a drive with its axis and the fan of its boresight; a field of
-view as a pyramid. Lengths mean nothing, directions are in body axes. An arrow on what a joint reaches points
-to where its angle grows.
+view as a pyramid; a reaction wheel as a ring in the cube, across its axis (`jaxplan.plotting.flywheels`).
+Lengths mean nothing, directions are in body axes. An arrow on what a joint reaches points to where its angle
+grows.
 """
 
 from collections.abc import Sequence
@@ -26,6 +27,7 @@ from jaxplan.model.devices import Drive, Instrument, Terminal
 from jaxplan.model.gimbals import TURN
 from jaxplan.model.outlines import FORWARD, UP, field_corners, turns
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.plotting import flywheels
 from jaxplan.plotting.feet import feet
 from jaxplan.plotting.reach import (
     cells_of,
@@ -63,10 +65,11 @@ _FRAME = 1.3  # length of the body axes, from the middle of the platform
 _VIEW = (24.0, -52.0)  # deg, elevation and azimuth of the eye
 _REACH, _MASKED, _SIDE = 0.20, 0.45, 0.10  # opacities: of what is reached, of masks, of the platform's faces
 _NARROW = 0.01  # width of the axes that the legend stands beside, in widths of the picture
-_LINES, _KINDS = 34, 9  # lines of text in a column of the legend, and of those on what lines mean
+_LINES, _KINDS = 34, 12  # lines of text in a column of the legend, and of those on what lines mean
 _FILLED = 0.84  # share of the axes' width or height that the picture fills
 _LETTER = np.array([0.75, 1.8])  # width of a letter and height of a line, in sizes of the font
 _HEAD = 0.07  # length of an arrow's head, in the picture's units
+_RING: Look = {"color": flywheels.COLOUR, "markerfacecolor": to_rgba(*flywheels.FILL)}
 _FACES = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # corners of a square
 
 
@@ -76,7 +79,7 @@ def spacecraft(
     """Draw a spacecraft in its body axes, so that a wrong mounting is seen.
 
     Args:
-        spacecraft: its devices.
+        spacecraft: its devices and reaction wheels.
         joints: (2n + d,) rad, at which boresights are drawn as well, with fields of view there; None for
             zero angles alone.
         ax: 3-D axes, a figure to put them in, or None for a new one.
@@ -161,12 +164,14 @@ class _Picture:
         own = [turn_by(*pair) for pair in zip(azimuth, elevation, strict=True)]
         # body from the moving part of each gimbal: boresight, left, up
         self.moved = [frame @ turn for frame, turn in zip(craft.gimbals.frames, own, strict=True)]
+        self.hubs = flywheels.hubs(craft.wheels)
         self.zero = craft.boresights(np.eye(3), np.zeros(craft.joint_count))
         self.now = craft.boresights(np.eye(3), joints)
 
     def draw(self) -> None:
         """Draw the platform, its axes and all devices, with equal scales."""
         self._draw_body()
+        self._draw_wheels()
         for number, (device, foot) in enumerate(
             zip(self.craft.devices, _BODY * feet(self.craft), strict=True)
         ):
@@ -174,7 +179,7 @@ class _Picture:
         looks: Look = {"edgecolors": "none", "antialiaseds": False, "rasterized": True, "zorder": 1}
         self.axes.add_collection3d(Poly3DCollection(self.surfaces, facecolors=self.colours, **looks))
         self._fill_axes()
-        self._name_devices()
+        self._write_names()
 
     def _draw_body(self) -> None:
         """Draw the platform as a cube, with the body axes."""
@@ -186,6 +191,16 @@ class _Picture:
         for axis, look, name in zip(np.eye(3), AXIS_STYLES, "xyz", strict=True):
             self._arrow(np.array([_BODY * axis, _FRAME * axis]), {**look, "linewidth": 1.4})
             self._name(1.06 * _FRAME * axis, name, look["color"], TEXT + 2)
+
+    def _draw_wheels(self) -> None:
+        """Draw each reaction wheel as a ring across its axis, with an arrow along that."""
+        look: Look = {"color": flywheels.COLOUR, "linewidth": 1.3}
+        for wheel, hub in zip(self.craft.wheels, self.hubs, strict=True):
+            ring = flywheels.ring(wheel, hub)
+            hubs = np.broadcast_to(hub, ring[2::2].shape)
+            self._fill(np.stack([hubs, ring[:-2:2], ring[1:-1:2], ring[2::2]], axis=1), *flywheels.FILL)
+            self._line(ring, look)
+            self._arrow(_from(hub, flywheels.SPIN * np.asarray(wheel.axis)), look)
 
     def _draw_device(self, number: int, device: Terminal | Drive | Instrument, foot: np.ndarray) -> None:
         """Draw the device of a number from its foot (3,): reach, boresights and field of view."""
@@ -285,8 +300,11 @@ class _Picture:
         room = np.array([np.ptp(self.axes.viewLim.intervalx), np.ptp(self.axes.viewLim.intervaly)])
         self.axes.set_box_aspect((1, 1, 1), zoom=_FILLED * np.min(room / (high - low)))
 
-    def _name_devices(self) -> None:
-        """Write each device's name at the end of its boresight, or of its axis, where it covers no other."""
+    def _write_names(self) -> None:
+        """Write each device's name at the end of its boresight, or of its axis, where it covers no other.
+
+        So are those of wheels, at either side of them or at the end of their arrows.
+        """
         letter = _LETTER * (SMALL + 1) * self.axes.figure.dpi / 72  # pixels, before the final layout
         labels = Labels(np.zeros((0, 2)))
         labels.taken.extend((self._seen(1.06 * _FRAME * axis), 2 * letter) for axis in np.eye(3))
@@ -294,12 +312,23 @@ class _Picture:
             ends = [_LOOK * self.now[number], _LOOK * self.zero[number]]
             if number < self.craft.gimbals.count:
                 ends += [side * _AXIS * self.craft.gimbals.frames[number, :, 2] for side in (1, -0.5)]
-            places = [foot + 1.15 * end for end in ends]
-            name = self.craft.device_names[number]
-            spots = [self._seen(place) for place in places]
-            spot = labels.place(spots, letter * [len(name), 1.0], must=True)
-            where = int(np.argmin([np.linalg.norm(one - spot) for one in spots]))
-            self._name(places[where], name, device_style(number)["color"], SMALL + 1)
+            places = [foot + 1.15 * end for end in ends] + [foot + share * ends[0] for share in (0.75, 0.45)]
+            look = (device_style(number)["color"], SMALL + 1)
+            self._place(labels, self.craft.device_names[number], places, letter, look)
+        letter = letter * SMALL / (SMALL + 1)
+        labels.taken.extend((self._seen(hub), np.full(2, float(letter[1]))) for hub in self.hubs)
+        for wheel, hub in zip(self.craft.wheels, self.hubs, strict=True):
+            places = flywheels.name_places(wheel, hub)
+            self._place(labels, wheel.name, places, letter, (flywheels.COLOUR, SMALL))
+
+    def _place(
+        self, labels: Labels, name: str, places: list[np.ndarray], letter: np.ndarray, look: tuple[str, float]
+    ) -> None:
+        """Write a name of a colour and size at one of some places (3,), with letters of a size in pixels."""
+        spots = [self._seen(place) for place in places]
+        spot = labels.place(spots, letter * [len(name), 1.0], must=True)
+        where = int(np.argmin([np.linalg.norm(one - spot) for one in spots]))
+        self._name(places[where], name, *look)
 
     def _seen(self, point: np.ndarray) -> np.ndarray:
         """Place (2,) in the picture, pixels, of a point (3,) in body axes."""
@@ -307,8 +336,13 @@ class _Picture:
         return np.asarray(self.axes.transData.transform((across, up)))
 
     def _fill(self, polygons: Sequence[np.ndarray] | np.ndarray, colour: str, alpha: float) -> None:
-        """Add polygons, each (k, 3) in body axes, to the surfaces, which `draw` draws together."""
-        self.surfaces += list(polygons)
+        """Add triangles or squares, each (k, 3) in body axes, to the surfaces, which `draw` draws together.
+
+        All have four corners, perhaps one of them twice: matplotlib fills up shorter ones with what it finds,
+        and scales the axes to that.
+        """
+        corners = np.asarray(polygons)
+        self.surfaces += list(corners if corners.shape[1] == 4 else corners[:, [0, 1, 2, 2]])
         self.colours += [to_rgba(colour, alpha)] * len(polygons)
 
     def _line(self, points: np.ndarray, look: Look) -> None:
@@ -368,6 +402,11 @@ class _Picture:
                     [], [], color=GREY, linewidth=0.8, marker="^", markerfacecolor="none", linestyle="none"
                 ),
                 "field of view,\nwith an arrow to its up",
+            ),
+            (
+                bool(self.craft.wheels),
+                Line2D([], [], marker="o", markersize=8, linestyle="none", **_RING),
+                flywheels.label(self.craft.wheels),
             ),
         ]
         return found + [(handle, text) for there, handle, text in kinds if there]

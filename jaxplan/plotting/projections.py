@@ -1,12 +1,17 @@
-"""Two projections of the sphere of directions: a flat map, and the globe seen from outside.
+"""Three projections of the sphere of directions: a flat map, two discs, and the globe seen from outside.
 
-Both answer the same questions, so that `jaxplan.plotting.sky` draws on either: where directions are in the
+All answer the same questions, so that `jaxplan.plotting.sky` draws on any: where directions are in the
 picture and how strongly they show there, into which parts a line falls, and which directions the picture's
 points are, for areas and names.
 
 The flat map shows inertial directions as points ``(azimuth, elevation)`` in degrees on [-180, 180] x
 [-90, 90]. Its left and right edge are one meridian, its upper and lower edge one pole each. A line that
-crosses the meridian is cut there, with a row of NaN in between, so that one array holds the whole line.
+crosses the meridian is cut there, with a row of NaN in between, so that one array holds the whole line. So is
+one that runs over a pole: there the azimuth jumps by half a turn, which is no way of anything.
+
+The two discs are the half spheres about z and about -z, beside each other: in the local orbital frame those
+about nadir and about the zenith. Angles from the middle are true, as are azimuths about it (azimuthal
+equidistant). Both are seen from the zenith, so that x is up and y to the right on either.
 
 The globe is the orthographic projection, seen from very far. Points of the picture are ``(right, up)`` in
 units of the sphere's radius. Up is north, the inertial z axis. What lies on the far side is seen through the
@@ -16,11 +21,12 @@ sphere, and drawn paler.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 from typing import ClassVar, NamedTuple, Self, TypeAlias
 
 import numpy as np
 
-from jaxplan.geometry.vectors import azimuth_elevation, frame, pointing
+from jaxplan.geometry.vectors import azimuth_elevation, frame, pointing, separation
 
 PALE = 0.28  # opacity of the far side of the globe, as a share of the near side's
 
@@ -32,9 +38,14 @@ _ROUND = np.unique(
 )
 _ELEVATIONS = np.deg2rad([15, 0, -15, 30, -30, 45, -45])  # rad, elevations of the eye that are tried
 _LIMB = 0.2  # depth, in radii, below which a direction is too near to the limb to count as in front
+_POLE = 1.0  # deg from a pole within which a line runs over it, less than the width of a line
+_STRAIGHT = 4.0  # deg of azimuth between two points up to which a line between them is drawn straight
+_SHORT = np.deg2rad(1.0)  # rad between two points up to which it is, wherever they are
+_MOST_BETWEEN = 90  # points that are put between two
 # Lines of the grids on which areas are found: deg on the flat map, radii on the globe.
 _AZIMUTHS, _ELEVATION_LINES = np.linspace(-180, 180, 361), np.linspace(-90, 90, 181)
 _GLOBE_LINES = np.linspace(-1.01, 1.01, 203)
+_DISC_LINES = np.linspace(-91.0, 91.0, 183)
 _SMALL = np.deg2rad(3.0)  # rad, half angle of a cone up to which the grid is made finer for it
 _ACROSS = np.linspace(-1.1, 1.1, 23)  # half widths of such a cone from its centre, where lines are added
 
@@ -95,6 +106,61 @@ def cut(points: np.ndarray) -> np.ndarray:
     return np.insert(points, np.repeat(before + 1, 3), extra.transpose(1, 0, 2).reshape(-1, 2), axis=0)
 
 
+def over_poles(points: np.ndarray) -> np.ndarray:
+    """A line on the flat map, taken apart where it runs over a pole.
+
+    Args:
+        points: (k, 2) deg, successive points of the line.
+
+    Returns:
+        (k', 2) deg: what is within `_POLE` of a pole is replaced by the pole at the azimuths before and
+        after, with a row of NaN between. A line that never leaves a pole is as it was.
+    """
+    near = np.abs(points[:, 1]) > 90 - _POLE
+    if not np.any(near) or np.all(np.abs(points[:, 1]) > 90 - 1.5 * _POLE):
+        return points
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
+    parts, done = list[np.ndarray](), 0
+    for first, after in edges.reshape(-1, 2):
+        pole = np.copysign(90.0, points[first, 1])
+        parts.append(points[done:first])
+        if first > 0:
+            parts.append(np.array([[points[first - 1, 0], pole]]))
+        if first > 0 and after < len(points):
+            parts.append(np.full((1, 2), np.nan))
+        if after < len(points):
+            parts.append(np.array([[points[after, 0], pole]]))
+        done = after
+    return np.concatenate([*parts, points[done:]])
+
+
+def fine(line: np.ndarray, wide: np.ndarray) -> np.ndarray:
+    """A line with points along great circles put between those of its points that are far apart.
+
+    Args:
+        line: (k, 3) unit vectors.
+        wide: (k - 1,) how many steps there are to be between two points, 1 for none between.
+
+    Returns:
+        (k', 3), among them all of the line's points; between opposite ones, which no great circle joins
+        alone, none are put.
+    """
+    apart = separation(line[:-1], line[1:])
+    steps = np.where((apart > _SHORT) & (apart < np.pi - 1e-6), np.clip(wide, 1, _MOST_BETWEEN), 1).astype(
+        int
+    )
+    if not np.any(steps > 1):
+        return line
+    before = np.repeat(np.arange(len(steps)), steps)
+    share = (np.arange(len(before)) - np.repeat(np.cumsum(steps) - steps, steps)) / steps[before]
+    angle = apart[before]
+    sine = np.where(np.sin(angle) > 0, np.sin(angle), 1.0)
+    first, second = np.sin((1 - share) * angle) / sine, np.sin(share * angle) / sine
+    points = first[:, None] * line[before] + second[:, None] * line[before + 1]
+    points[share == 0] = line[before[share == 0]]
+    return np.concatenate([points, line[-1:]])
+
+
 class Sheet(NamedTuple):
     """One layer of a picture, on a grid of its points.
 
@@ -103,12 +169,14 @@ class Sheet(NamedTuple):
         upward: (m,) vertical ones.
         directions: (m, n, 3) inertial unit vectors at the grid's points.
         strength: factor of an area's opacity.
+        limb: centre (2,) and radius of the circle that the layer ends at; None for a rectangle.
     """
 
     across: np.ndarray
     upward: np.ndarray
     directions: np.ndarray
     strength: float
+    limb: tuple[tuple[float, float], float] | None = None
 
 
 class FlatMap:
@@ -134,7 +202,11 @@ class FlatMap:
 
     def parts(self, line: np.ndarray) -> list[tuple[np.ndarray, float]]:
         """A line (k, 3) on the sphere as lines (k', 2) of the picture with their opacities."""
-        return [(cut(unfold(line)), 1.0)]
+        if len(line) > 1:
+            turned = np.abs(np.diff(unfold(line)[:, 0]))
+            turned = np.minimum(turned, 360 - turned)
+            line = fine(line, np.where(turned > _STRAIGHT, np.ceil(2 * turned / _STRAIGHT), 1))
+        return [(cut(over_poles(unfold(line))), 1.0)]
 
     def sheets(self, axis: np.ndarray, half_angle: float) -> Iterator[Sheet]:
         """Yield the one layer of the map, on a grid that is fine enough for a cone."""
@@ -178,6 +250,99 @@ def _finer(lines: np.ndarray, centre: float, reach: float) -> np.ndarray:
     """Grid coordinates (n,) with more of them within about `reach` of a centre, for what is small there."""
     more = centre + reach * _ACROSS
     return np.union1d(lines, more[(more > lines[0]) & (more < lines[-1])])
+
+
+class TwoDiscs:
+    """Projection of the half spheres about z and -z to a disc each, with true angles from the middles.
+
+    Attributes:
+        middle: deg of the picture that the middles of the discs are to the left and to the right.
+        letter: deg that a letter of a name is wide and a line of it high.
+        mark: deg that a start or a goal takes.
+        gap: deg between a zone and a name beside it.
+        rings: deg from the middles, of rings that are drawn and named.
+    """
+
+    rings: ClassVar = (30, 60, 90)
+    middle: ClassVar = 104.0
+    letter: ClassVar = np.array([4.7, 8.8])
+    mark: ClassVar = 10.0
+    gap: ClassVar = 2.0
+
+    def project(self, directions: np.ndarray) -> np.ndarray:
+        """Points (..., 2) of the picture, deg, of directions (..., 3) in the frame."""
+        return self._on(directions, directions[..., 2] >= 0)
+
+    def ring_names(self) -> list[tuple[str, np.ndarray]]:
+        """The names of rings with their places (2,), which no other name may cover."""
+        found = []
+        for middle, ring in product((-self.middle, self.middle), self.rings):
+            off = (ring + 6 * (ring == 90)) * np.sqrt(0.5)  # that of the edge stands beside it
+            found.append((f"{ring}\N{DEGREE SIGN}", np.array([middle + off, -off])))
+        return found
+
+    def _on(self, directions: np.ndarray, first: np.ndarray) -> np.ndarray:
+        """Points (..., 2) of directions (..., 3) on the first disc, or on the second."""
+        across = np.hypot(directions[..., 0], directions[..., 1])
+        off = np.rad2deg(np.arctan2(across, np.where(first, 1, -1) * directions[..., 2]))
+        share = np.divide(off, across, out=np.zeros_like(off), where=across > 0)
+        middle = np.where(first, -self.middle, self.middle)
+        return np.stack([middle + share * directions[..., 1], share * directions[..., 0]], axis=-1)
+
+    def opacity(self, directions: np.ndarray) -> np.ndarray:
+        """Opacity (...) of marks and lines at directions (..., 3)."""
+        return np.ones(directions.shape[:-1])
+
+    def parts(self, line: np.ndarray) -> list[tuple[np.ndarray, float]]:
+        """A line (k, 3) on the sphere as lines (k', 2) of the picture, cut where they leave a disc."""
+        if len(line) > 1:
+            line = fine(line, np.ceil(separation(line[:-1], line[1:]) / _SHORT))
+        first = line[:, 2] >= 0
+        before = np.flatnonzero(np.diff(first))
+        low, high = line[before], line[before + 1]
+        share = low[:, 2] / (low[:, 2] - high[:, 2])
+        edge = low + share[:, None] * (high - low)
+        edge[:, 2] = 0.0
+        here, there = self._on(edge, first[before]), self._on(edge, ~first[before])
+        extra = np.stack([here, np.full_like(here, np.nan), there], axis=1).reshape(-1, 2)
+        return [(np.insert(self.project(line), np.repeat(before + 1, 3), extra, axis=0), 1.0)]
+
+    def sheets(self, axis: np.ndarray, half_angle: float) -> Iterator[Sheet]:
+        """Yield the layers of both discs; points beyond their edges have directions of these."""
+        own, (reach, _) = self.project(axis), self.extent(axis, half_angle)
+        for side in (1, -1):
+            middle = np.array([-side * self.middle, 0.0])
+            across = upward = _DISC_LINES
+            if half_angle <= _SMALL:
+                across, upward = (_finer(across, centre, reach) for centre in own - middle)
+            directions = _off_middle(*np.meshgrid(across, upward)) * (1, 1, side)
+            yield Sheet(across + middle[0], upward, directions, 1.0, ((float(middle[0]), 0.0), 90.0))
+
+    def extent(self, axis: np.ndarray, half_angle: float) -> tuple[float, float]:
+        """Half the width and height, deg, of a cone in the picture, at most those of a half sphere."""
+        size = min(float(np.rad2deg(half_angle)), 90.0)
+        return size, size
+
+    def fit(self, spots: np.ndarray, size: np.ndarray) -> np.ndarray:
+        """Centres (k, 2) of labels of a size (2,), moved so far that each is upon one disc's square."""
+        middle = np.where(spots[:, :1] < 0, -self.middle, self.middle) * (1, 0)
+        room = np.maximum(np.array([94.0, 88.0]) - size / 2, 0)
+        return np.asarray(middle + np.clip(spots - middle, -room, room))
+
+    def directions(self, spots: np.ndarray, _: np.ndarray) -> np.ndarray:
+        """Directions (k, 3) at points (k, 2) of the picture; NaN beyond the discs."""
+        side = np.where(spots[:, 0] < 0, 1.0, -1.0)
+        right, up = spots[:, 0] + side * self.middle, spots[:, 1]
+        found = _off_middle(right, up) * np.stack([np.ones_like(side), np.ones_like(side), side], axis=-1)
+        return np.where(np.hypot(right, up)[:, None] <= 90 + 1e-9, found, np.nan)
+
+
+def _off_middle(right: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Directions (..., 3) about z at places of a disc, deg from its middle; beyond its edge those of that."""
+    off = np.hypot(right, up)
+    angle = np.deg2rad(np.minimum(off, 90.0))
+    across = np.sin(angle) / np.where(off > 0, off, 1.0)
+    return np.stack([across * up, across * right, np.cos(angle)], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -251,7 +416,7 @@ class GlobeView:
             across, upward = _finer(across, right, reach), _finer(upward, up, reach)
             points = _disc(across, upward)
         for side, strength in ((1, 1.3), (-1, PALE)):
-            yield Sheet(across, upward, points * (1, 1, side) @ self.axes, strength)
+            yield Sheet(across, upward, points * (1, 1, side) @ self.axes, strength, ((0.0, 0.0), 1.0))
 
     def extent(self, axis: np.ndarray, half_angle: float) -> tuple[float, float]:
         """Half the width and height, radii, of a cone in the picture, as if it were seen along its axis."""
@@ -269,7 +434,7 @@ class GlobeView:
         return np.column_stack([spots, side * depth]) @ self.axes
 
 
-Projection: TypeAlias = FlatMap | GlobeView
+Projection: TypeAlias = FlatMap | TwoDiscs | GlobeView
 
 
 def _disc(across: np.ndarray, upward: np.ndarray) -> np.ndarray:

@@ -39,7 +39,13 @@ _NARROW = 0.006  # of the day: shorter bars have no white edge
 _PALE = 0.35  # opacity of bars before a window opens
 _NOT_PLANNED = "not planned"
 _KINDS: dict[str, str] = {"track": "0.35", "point": "0.35", "attitude": "0.55", "idle": "0.75"}
-_HIDDEN: Look = {"facecolor": "none", "edgecolor": "0.72", "hatch": "////", "linewidth": 0.0}
+_HIDDEN: Look = {"facecolor": "none", "edgecolor": "0.84", "hatch": "///", "linewidth": 0.0}
+_GAP: Look = {"facecolor": "white", "edgecolor": "0.7", "linewidth": 0.6}
+_MEANINGS = {  # of the colours of activities, in the order of the legend
+    "point": "activity with targets,\na line where it is short",
+    "attitude": "activity at an attitude",
+    "idle": "rest",
+}
 _FAILED: Look = {"facecolor": to_rgba(KEEP_OUT, 0.10), "edgecolor": KEEP_OUT, "linewidth": 1.0}
 _SLEW: Look = {"facecolor": "0.92", "edgecolor": "0.84", "linewidth": 0.5, "zorder": 0.7}
 _POINT: Look = {"marker": "D", "markersize": 5.5, "linestyle": "none", "markeredgewidth": 0.6}
@@ -117,10 +123,14 @@ def slews(plan: TimelinePlan) -> list[Span]:
     return [(one.start, one.end) for one in plan.segments if one.kind == "slew"]
 
 
-def shade_slews(axes: Axes, plan: TimelinePlan) -> None:
-    """Shade the slews behind the data of a panel; a short one on a long axis is a hairline."""
+def shade_slews(axes: Axes, plan: TimelinePlan, *, edges: bool = True) -> None:
+    """Shade the slews behind the data of a panel.
+
+    With edges a short one on a long axis is a hairline; among curves that would look like one of them.
+    """
     spans = [(start, end - start) for start, end in slews(plan)]
-    axes.broken_barh(spans, (0, 1), transform=axes.get_xaxis_transform(), **_SLEW)
+    look = _SLEW if edges else {**_SLEW, "edgecolor": "none"}
+    axes.broken_barh(spans, (0, 1), transform=axes.get_xaxis_transform(), **look)
 
 
 def devices(plan: TimelinePlan) -> list[int]:
@@ -142,7 +152,14 @@ def draw_rows(axes: Axes, plan: TimelinePlan, end: float) -> Entries:
     axes.set_xlim(0, end)
     axes.grid(False, axis="y")
     shade_slews(axes, plan)
-    entries: Entries = [(Patch(**_SLEW), "slew")]
+    done = {_KINDS[one.kind] for one in plan.activities if one.start is not None}
+    entries: Entries = [
+        (Patch(color=_KINDS[kind]), text) for kind, text in _MEANINGS.items() if _KINDS[kind] in done
+    ]
+    following = [
+        (Patch(facecolor=device_style(device)["color"]), "device that follows one") for device in rows
+    ]
+    entries += [*following[:1], (Patch(**_SLEW), "slew"), (Patch(**_GAP), "gap: the device is free")]
     hidden = _draw_hidden(axes, plan, end)
     bars = list(_bars(plan, end))
     for bar in bars:
@@ -155,7 +172,8 @@ def draw_rows(axes: Axes, plan: TimelinePlan, end: float) -> Entries:
     off = any(not one.ok and one.start is not None for one in plan.activities)
     entries += [(Patch(**_FAILED), "not certified")] * off
     if any(bar.waiting for bar in bars):
-        entries.append((Patch(color=GREY, alpha=_PALE), "followed before\nits window"))
+        colour = device_style(next(iter(rows)))["color"]
+        entries.append((Patch(color=colour, alpha=_PALE), "followed before\nits window"))
     if any(one.kind == "point" and one.ok for one in plan.activities):
         entries.append((Line2D([], [], color=GREY, **_POINT), "instant"))
     return entries

@@ -1,8 +1,9 @@
-"""The sphere of directions with zones and boresights from start to goal, as a flat map and as a globe.
+"""The sphere of directions with zones and boresights from start to goal: a flat map, two discs, or a globe.
 
-One drawing serves both projections of `jaxplan.plotting.projections` (the paper's Figures 7 and 12 are flat
-maps). Directions are unit vectors in inertial axes, or in the local orbital frame. A *track* is the curve of
-a direction on the sphere over time.
+One drawing serves all projections of `jaxplan.plotting.projections` (the paper's Figures 7 and 12 are flat
+maps). Directions are unit vectors in inertial axes, or in the local orbital frame, whose half spheres about
+nadir and the zenith are two discs: on a flat map the Earth would be a band across all of it. A *track* is the
+curve of a direction on the sphere over time.
 """
 
 from collections.abc import Sequence
@@ -21,11 +22,12 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.planner import Plan
 from jaxplan.plotting.day import DayPlan
-from jaxplan.plotting.frames import INERTIAL, Inertial, frame_of
+from jaxplan.plotting.frames import INERTIAL, Inertial, Orbital, frame_of
 from jaxplan.plotting.joint_map import field_outlines
-from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, circle, grid_lines
+from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, TwoDiscs, circle, grid_lines
 from jaxplan.plotting.style import (
     GREY,
+    HALO,
     SMALL,
     TEXT,
     WIDTH,
@@ -59,7 +61,7 @@ from jaxplan.runtime.arguments import number
 from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
 
-SPHERE_SIZE, GLOBE_SIZE = (WIDTH, 4.1), (WIDTH, 6.0)  # inches
+SPHERE_SIZE, DISCS_SIZE, GLOBE_SIZE = (WIDTH, 4.1), (WIDTH, 3.5), (WIDTH, 6.0)  # inches
 _ROWS = 24  # entries of a legend that is not higher than the map
 # The square is open, and the star fits into it, so that both show where a device does not move.
 _START: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgewidth": 0.5}
@@ -82,7 +84,21 @@ _NOW: Look = {"marker": "o", "markersize": 7, "linestyle": "none", "markeredgewi
 _NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
 _FAINT: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}  # edge of a moving zone at its last place
 _FIELD: Look = {"linewidth": 1.0, "zorder": 3.1}  # outline of a field of view
+TRACK: Look = {"linewidth": 1.8, "zorder": 3}  # of a boresight
+BETWEEN: Look = {"linewidth": 0.9, "alpha": 0.75, "zorder": 2.8}  # the same on a day, beside what follows
+FOLLOWED: Look = {"linewidth": 2.6, "solid_capstyle": "round", "zorder": 3}
+_AT_POLE = np.deg2rad(0.5)  # rad within which the end of a track is at a pole of the flat map
 _ZONE_TRACK: Look = {"linewidth": 1.1, "zorder": 1.7}
+_EARTH: Look = {"facecolor": "#E3EDF5", "edgecolor": "#5B87A6", "linewidth": 1.0, "zorder": 0.6}
+_EARTH_ENTRY: Look = {
+    "marker": "o",
+    "markersize": 9,
+    "linestyle": "none",
+    "markerfacecolor": _EARTH["facecolor"],
+    "markeredgecolor": _EARTH["edgecolor"],
+}
+_RING: Look = {"facecolor": "none", "edgecolor": "0.85", "linewidth": 0.5}  # of 30 deg from a disc's middle
+_RING_NAME: Look = {**HALO, "fontsize": SMALL - 1, "color": "0.5"}
 
 
 def sphere(
@@ -109,13 +125,16 @@ def sphere(
         plan: of any status, or that of a timeline.
         ax: axes, a figure to put them in, or None for a new one.
         at: s, an instant at which zones are drawn instead, with a dot where each device looks then.
-        frame: "inertial", or "orbital" for the local orbital frame, in which nadir is below
-            (`jaxplan.sky.local_axes`); what stands still in space moves in it.
+        frame: "inertial" for the unfolded sphere, or "orbital" for two discs in the local orbital frame
+            (`jaxplan.sky.local_axes`): the half sphere about nadir, with the Earth's limb as it is at first,
+            and that about the zenith, both with ahead up and the right to the right. What stands still in
+            space moves in it.
         observer: the spacecraft's orbit, for the orbital frame, since a plan does not hold it.
         legend: whether to name devices and marks beside the map.
 
     Returns:
-        The axes: azimuth against elevation, deg.
+        The axes: azimuth against elevation, deg; of the discs deg from their middles, of which nadir is at
+        (-104, 0) and the zenith at (104, 0).
 
     Raises:
         TypeError: if it is no plan, or the observer no orbit.
@@ -128,16 +147,19 @@ def sphere(
     plan = expect_plan(plan)
     _expect_instant(plan, at)
     own = frame_of(plan, frame, observer)
-    (axes,) = panels(ax, 1, SPHERE_SIZE)
+    (axes,) = panels(ax, 1, DISCS_SIZE if isinstance(own, Orbital) else SPHERE_SIZE)
+    if isinstance(own, Orbital):
+        limb = _draw_discs(axes, own)
+        _draw_plan(axes, plan, TwoDiscs(), legend, at, own, limb)
+        return axes
     tidy(axes)
     axes.spines[["top", "right"]].set_visible(True)
     # A strip around the map, so that a mark at a pole or at the meridian is whole.
-    lowest = own.lowest * 96
-    axes.set(xlim=(-186, 186), ylim=(lowest, -lowest), xticks=range(-180, 181, 60), yticks=range(-90, 91, 30))
+    axes.set(xlim=(-186, 186), ylim=(-96, 96), xticks=range(-180, 181, 60), yticks=range(-90, 91, 30))
     axes.patch.set_facecolor("0.94")
     axes.add_artist(Rectangle((-180, -90), 360, 180, facecolor="white", edgecolor="0.6", zorder=0.5))
-    axes.set_xlabel(own.across, fontsize=TEXT)
-    axes.set_ylabel(own.upward, fontsize=TEXT)
+    axes.set_xlabel("inertial azimuth (deg)", fontsize=TEXT)
+    axes.set_ylabel("inertial elevation (deg)", fontsize=TEXT)
     _draw_plan(axes, plan, FlatMap(), legend, at, own)
     if not plan.scenario.spacecraft.device_names:
         note(axes, "no devices")
@@ -207,6 +229,32 @@ def draw_ball(axes: Axes, view: GlobeView) -> None:
     axes.text(0, -1.1, text, fontsize=SMALL, color=GREY, ha="center", va="top")
 
 
+def _draw_discs(axes: Axes, frame: Orbital) -> Entries:
+    """Draw the two empty discs with rings and azimuths, and the Earth; returns its legend entry."""
+    projection = TwoDiscs()
+    axes.set_aspect("equal", anchor="E")  # else the layout takes what is free beside it as the legend's room
+    edge = projection.middle + 90
+    axes.set(xlim=(-edge - 12, edge + 12), ylim=(-104, 104))
+    axes.set_axis_off()
+    earth = Circle((-projection.middle, 0), np.rad2deg(frame.limb()), **_EARTH)
+    for middle, words in ((-projection.middle, "nadir"), (projection.middle, "zenith")):
+        axes.add_artist(Circle((middle, 0), 90, facecolor="white", edgecolor="0.6", zorder=0.5))
+        for ring in projection.rings[:-1]:
+            axes.add_artist(Circle((middle, 0), ring, zorder=0.7, **_RING))
+        for turn in np.deg2rad(range(0, 180, 45)):
+            ends = 90 * np.array([[np.sin(turn)], [np.cos(turn)]]) * (-1, 1)
+            axes.plot(middle + ends[0], ends[1], zorder=0.7, color="0.88", linewidth=0.5)
+        small: Look = {"fontsize": SMALL, "color": GREY, "ha": "center"}
+        axes.text(middle, 93, "ahead", va="bottom", **small)
+        axes.text(middle, -93, f"behind \N{EN DASH} angles from {words}", va="top", **small)
+        axes.text(middle + 97, 0, "right", va="center", rotation=90, **small)
+        axes.text(middle - 97, 0, "left", va="center", rotation=90, **small)
+    for text, (across, up) in projection.ring_names():
+        axes.text(float(across), float(up), text, zorder=3.5, **_RING_NAME)
+    axes.add_artist(earth)
+    return [(Line2D([], [], **_EARTH_ENTRY), "the Earth, to its limb")]
+
+
 def _expect_instant(plan: Plan, at: float | None) -> None:
     """Raise a ValueError for an instant, s, that is not within the plan's trajectory."""
     if at is None:
@@ -220,7 +268,13 @@ def _expect_instant(plan: Plan, at: float | None) -> None:
 
 
 def _draw_plan(
-    axes: Axes, plan: Plan, projection: Projection, legend: bool, at: float | None, frame: Inertial
+    axes: Axes,
+    plan: Plan,
+    projection: Projection,
+    legend: bool,
+    at: float | None,
+    frame: Inertial,
+    further: Entries | None = None,
 ) -> None:
     """Draw all that a projection shows of a plan, with title and legend; zones perhaps at an instant, s."""
     scenario, craft = plan.scenario, plan.scenario.spacecraft
@@ -230,7 +284,9 @@ def _draw_plan(
     tracks, tubes = boresight_tracks(plan, frame), Entries()
     if tracks is not None:
         for device, track in enumerate(np.moveaxis(tracks, 1, 0)):
-            draw_line(axes, projection, track, {"linewidth": 1.8, "zorder": 3, **device_style(device)})
+            look = {**(BETWEEN if followed(plan) else TRACK), **device_style(device)}
+            draw_line(axes, projection, track, look)
+        entries += _draw_followed(axes, projection, plan, tracks)
         tubes = draw_tubes(axes, projection, scenario, tracks)
     if plan.path is not None and craft.device_names:
         nodes = np.asarray(craft.boresights(plan.path.attitudes, plan.path.joints))
@@ -246,7 +302,31 @@ def _draw_plan(
     ends = draw_ends(axes, plan, projection, frame)
     entries += [*ends, *_draw_fields(axes, plan, projection, frame), *tubes]
     if legend:
-        legend_beside(axes, [*entries, *zone_entries(scenario, frame)], rows=_ROWS)
+        legend_beside(axes, [*entries, *zone_entries(scenario, frame), *(further or ())], rows=_ROWS)
+
+
+def followed(plan: Plan) -> tuple[tuple[int, float, float], ...]:
+    """When each device follows a target on a day; nothing for any other plan."""
+    return plan.followed if isinstance(plan, DayPlan) else ()
+
+
+def _draw_followed(axes: Axes, projection: Projection, plan: Plan, tracks: np.ndarray) -> Entries:
+    """Draw anew, bold, where devices follow targets on a day; returns a legend entry of all between."""
+    spans = followed(plan)
+    if not spans:
+        return []
+    times = motion(plan).times
+    for device, start, end in spans:
+        within = (times >= start) & (times <= end)
+        look = {**FOLLOWED, "color": device_style(device)["color"]}
+        draw_line(axes, projection, tracks[within, device], look)
+    return followed_entry(plan)
+
+
+def followed_entry(plan: Plan) -> Entries:
+    """The legend entry of what is bold while a device follows a target; none but for a day."""
+    bold: Look = {**FOLLOWED, "color": GREY}
+    return [(Line2D([], [], **bold), "while it follows a target")] if followed(plan) else []
 
 
 def _draw_fields(axes: Axes, plan: Plan, projection: Projection, frame: Inertial) -> Entries:
@@ -325,14 +405,33 @@ def draw_ends(
         **fading: perhaps ``alpha``, instead of the projection's opacity.
     """
     marks = end_marks(plan, frame)
+    tracks = boresight_tracks(plan, frame)
     for look, _, devices, directions in marks:
         star = look is _START  # it stands before the others
         for device, point in zip(devices, directions, strict=True):
+            if isinstance(projection, FlatMap) and (star or look is _END) and tracks is not None:
+                point = _off_pole(point, tracks[:: 1 if star else -1, device])
             colour = device_style(device)["color"]
             edge = "white" if star else colour
             own = {"color": colour, "markeredgecolor": edge, "zorder": 4.2 if star else 4, **look, **fading}
             _draw_points(axes, projection, point[None], own)
     return [(Line2D([], [], color=GREY, **mark.look), mark.name) for mark in marks]
+
+
+def _off_pole(point: np.ndarray, track: np.ndarray) -> np.ndarray:
+    """An end (3,) of a track at a pole, which has any azimuth, as a place right beside it on the track's way.
+
+    Args:
+        point: unit vector; elsewhere it is returned as it is.
+        track: (k, 3) from that end on.
+    """
+    if abs(point[2]) < np.cos(_AT_POLE):
+        return point
+    off = np.flatnonzero(np.abs(track[:, 2]) < np.cos(2 * _AT_POLE))
+    if not len(off):
+        return point
+    across = track[off[0], :2] / np.linalg.norm(track[off[0], :2])
+    return np.array([*(np.sin(_AT_POLE) * across), np.copysign(np.cos(_AT_POLE), point[2])])
 
 
 def boresight_tracks(plan: Plan, frame: Inertial = INERTIAL) -> np.ndarray | None:

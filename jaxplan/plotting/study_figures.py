@@ -24,6 +24,7 @@ from jaxplan.plotting.style import (
     LINE_STYLES,
     SMALL,
     TEXT,
+    WIDTH,
     Canvas,
     Entries,
     Look,
@@ -42,7 +43,7 @@ Studies: TypeAlias = Study | Iterable[Study] | Mapping[str, Study]
 Named: TypeAlias = dict[str, Study]
 
 OK = Status.OK.name
-_SIZE = (8.0, 4.2)  # inches
+_SIZE = (WIDTH, 4.2)  # inches
 _ROW, _AROUND = 0.4, 1.1  # inches: height of a study's line, and of what is around the lines
 _BAR = 0.6  # lines: height of a bar
 # Multiples of a power of ten whose ticks have a number, where largest over least value is below the key.
@@ -64,7 +65,7 @@ _OUTCOMES = {
     "crashed": "black",
 }
 _SPREADS = ("total_s", "length_steps", "duration_s", "min_margin_deg")
-_CURVES = 2.6  # inches: height of a row of distributions
+_CURVES = 2.3  # inches: height of a row of distributions
 _LINE, _ABOVE = 0.26, 0.75  # inches: height of a study's line above them, and of what is around the lines
 
 
@@ -143,7 +144,7 @@ def study_figure(studies: Studies) -> Figure:
 
 def _size(studies: int) -> tuple[float, float]:
     """Width and height of the page for a number of studies, inches."""
-    return 11.0, _ABOVE + _LINE * studies + 2 * _CURVES + 0.3
+    return WIDTH, _ABOVE + _LINE * studies + 2 * _CURVES + 0.3
 
 
 def success_rates(studies: Studies, ax: Canvas = None) -> Axes:

@@ -71,6 +71,7 @@ HALO: Look = {  # of a name at a place
     "va": "center",
     "path_effects": [withStroke(linewidth=2.5, foreground="white")],
 }
+_BELOW = -0.24  # heights of axes below them where a legend begins, under the label of the axis
 _LONGEST = 30  # letters of a line of a legend
 _LEGEND_ROWS = 14  # entries in a column of a legend, beyond which it gets another column
 INSTANTS = 1024  # times of the grid of a motion; the paper's manoeuvres have 14 to 50 nodes
@@ -194,6 +195,17 @@ def legend_beside(
         columns: of the legend; None for as many as are needed.
         rows: entries that a column may then have.
     """
+    columns = -(-len(entries) // rows) if columns is None else columns
+    _legend(axes, entries, {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "ncols": columns})
+
+
+def legend_below(axes: Axes, entries: Sequence[Entry]) -> None:
+    """Put a legend below the axes and what is written there, where there is no room beside them."""
+    _legend(axes, entries, {"loc": "upper left", "bbox_to_anchor": (-0.1, _BELOW)})
+
+
+def _legend(axes: Axes, entries: Sequence[Entry], place: Look) -> None:
+    """Give axes a legend at a place, if there is anything to tell."""
     if not entries:
         return
     labels = ["\n".join(map(_broken, label.split("\n"))) for _, label in entries]
@@ -202,13 +214,11 @@ def legend_beside(
     legend = axes.legend(
         [handle for handle, _ in entries],
         labels,
-        loc="upper left",
-        bbox_to_anchor=(1.01, 1.0),
         borderaxespad=0.0,
         frameon=False,
         fontsize=SMALL,
         handlelength=3.2,
-        ncols=-(-len(entries) // rows) if columns is None else columns,
+        **place,
     )
     for text in legend.get_texts():
         plain(text)

@@ -23,6 +23,7 @@ from jaxplan.plotting.schedule import (
     row_count,
     row_height,
     shade_slews,
+    slews,
     write_names,
 )
 from jaxplan.plotting.style import (
@@ -55,8 +56,15 @@ _SHARE, _LAID_OUT = 0.66, 0.93  # of the figure's width and of its own height th
 _ZONES = ("#B2182B", "#0B6394", "#8C510A", "#7A3E9D", "#1B7837", "#E08214", "#000000", "#C51B7D")
 _NAMED = len(_ZONES)  # zones with the least margins that have a colour; others are grey
 _TIGHT = 1e-2  # share of the least error proved, or asked for, below which errors are not told apart
-_SHORT = 0.006  # of the day: what is followed for less has a dot instead of a curve of its error
+_NOTHING = 1e-5  # the same of the least tolerance: a smaller error is none
+_WINDOWS = 40  # of a span of time that are as long as what a curve of errors shows the largest of
+# Shares of the day: what is followed for less than the first has a dot of its largest error, for less than
+# the second a level of it. Curves so narrow would be strokes up and down.
+_SHORT, _NARROW = 0.006, 0.1
+_TICKED = "limit, its ticks on\nthe side beyond it"
+_LEVEL: Look = {"linewidth": 2.4, "solid_capstyle": "butt", "linestyle": "-"}
 _PEAK: Look = {"markersize": 3.0, "markeredgewidth": 0.0}
+_THIN: Look = {"linewidth": 0.6, "alpha": 0.8}
 _PROVED: Look = {"color": "black", "linewidth": 1.0, "linestyle": (0, (1, 1))}
 
 
@@ -102,10 +110,10 @@ def timeline(plan: TimelinePlan, ax: Canvas = None, *, legend: bool = True) -> l
     for axes, panel in zip(grid, shown, strict=True):
         entries = panel.draw(axes)
         if axes is not grid[0]:
-            shade_slews(axes, plan)
+            shade_slews(axes, plan, edges=False)
             axes.set_ylabel(axes.get_ylabel().replace(" (", "\n("))
         if legend:
-            legend_beside(axes, entries)
+            legend_beside(axes, [(handle, _TICKED if text == "limit" else text) for handle, text in entries])
     write_names(grid[0], plan, _end(plan), _extent(grid[0], heights[0] / size[1] if new else None))
     _title(grid[0], plan)
     if moves is not None:
@@ -142,7 +150,7 @@ def _panels(plan: TimelinePlan, moves: Motion | None) -> list[_Panel]:
         found.append(_Panel(_PANEL, lambda axes: _draw_margins(axes, plan, moves)))
     if followings(plan):
         found.append(_Panel(_PANEL, lambda axes: _draw_errors(axes, plan, moves)))
-    found.append(_Panel(_PANEL, lambda axes: _draw_rate(axes, moves, craft)))
+    found.append(_Panel(_PANEL, lambda axes: _draw_rate(axes, plan, moves, craft)))
     found += [_Panel(_PANEL, draw) for draw in joint_panels(craft, moves)]
     if craft.wheels:
         own = expect_plan(plan)
@@ -190,11 +198,24 @@ def _draw_margins(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
     return [*entries, (Line2D([], [], color=KEEP_OUT, **barrier(-1)), "limit: below it\na zone is broken")]
 
 
-def _draw_rate(axes: Axes, moves: Motion, craft: Spacecraft) -> Entries:
-    """Draw the platform's angular velocity by body axes; returns legend entries."""
+def _draw_rate(axes: Axes, plan: TimelinePlan, moves: Motion, craft: Spacecraft) -> Entries:
+    """Draw the platform's angular velocity by body axes, thin in slews; returns legend entries.
+
+    On a long axis of time a slew is a stroke up and down, which would hide what is between.
+    """
     entries = draw_platform_rate(axes, moves, craft)
     axes.set_ylabel("platform rate (deg/s)", fontsize=TEXT)
-    return entries
+    spans = slews(plan)
+    within = np.zeros(len(moves.times), dtype=bool)
+    for start, end in spans:
+        within |= (moves.times >= start) & (moves.times <= end)
+    inner = within.copy()  # so that the two parts of a line meet
+    inner[1:-1] = within[:-2] & within[1:-1] & within[2:]
+    for line in [line for line in axes.lines if np.size(line.get_xdata()) == len(moves.times)]:
+        values = np.asarray(line.get_ydata(), float)
+        line.set_ydata(np.where(inner, np.nan, values))
+        axes.plot(moves.times, np.where(within, values, np.nan), color=line.get_color(), **_THIN)
+    return [*entries, *[(Line2D([], [], color=GREY, **_THIN), "in slews")] * bool(spans)]
 
 
 def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
@@ -202,32 +223,38 @@ def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
     axes.set_ylabel("pointing error (deg)", fontsize=TEXT)
     craft = plan.timeline.scene.spacecraft
     errors: dict[int, np.ndarray] = {}
-    peaks: dict[int, list[tuple[float, float]]] = {}  # of those too short for a curve
+    levels: dict[int, list[tuple[float, float, float]]] = {}  # of those too short for a curve
+    peaks: dict[int, list[tuple[float, float]]] = {}  # of those too short for a level
     proved, asked = list[tuple[float, float, float]](), list[tuple[float, float, float]]()
     for own in followings(plan):
         within = (moves.times >= own.begin) & (moves.times <= own.end)
         line = errors.setdefault(own.device, np.full(len(moves.times), np.nan))
         seen = np.asarray(own.path.at(moves.times[within]))
         off = np.rad2deg(separation(moves.boresights[within, own.device], seen))
-        if own.end - own.begin > _SHORT * moves.times[-1]:
-            line[within] = off
+        lasts, highest = own.end - own.begin, float(np.max(off, initial=0.0))
+        if lasts > _NARROW * moves.times[-1]:
+            line[within] = _largest_about(off)
+        elif lasts > _SHORT * moves.times[-1]:
+            levels.setdefault(own.device, []).append((own.begin, own.end, highest))
         else:
-            highest = float(np.max(off, initial=0.0))
             peaks.setdefault(own.device, []).append(((own.begin + own.end) / 2, highest))
         asked.append((own.begin, own.end, float(np.rad2deg(own.tolerance))))
         if own.planned.pointing_error is not None:
             proved.append((own.begin, own.end, float(np.rad2deg(own.planned.pointing_error))))
     least, most = (pick(value for *_, value in (*asked, *proved)) for pick in (min, max))
+    lowest = max(_TIGHT * least, _NOTHING * min(value for *_, value in asked))
+    axes.set_yscale("log")
+    axes.set_ylim(lowest / 2, 4 * most)  # before anything is drawn: levels alone have no height to scale to
     one = len({value for *_, value in asked}) == 1
     for device, line in errors.items():
         style = device_style(device)
-        curve(axes, moves.times, np.maximum(line, _TIGHT * least), **{**style, "linewidth": 1.2})
+        curve(axes, moves.times, np.maximum(line, lowest), **{**style, "linewidth": 1.2})
+    for device, spans in levels.items():
+        times, values = _steps(spans)
+        axes.plot(times, np.maximum(values, lowest), color=device_style(device)["color"], **_LEVEL)
     for device, dots in peaks.items():
         times, values = np.array(dots).T
-        axes.plot(
-            times, np.maximum(values, _TIGHT * least), "o", color=device_style(device)["color"], **_PEAK
-        )
-    axes.set_yscale("log")
+        axes.plot(times, np.maximum(values, lowest), "o", color=device_style(device)["color"], **_PEAK)
     if one:
         axes.axhline(asked[0][2], color=GREY, **barrier(1))
     else:
@@ -236,15 +263,20 @@ def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
         (Line2D([], [], **{**device_style(device), "linewidth": 1.2}), craft.device_names[device])
         for device in sorted(errors)
     ]
-    entries += [
-        (Line2D([], [], marker="o", color=GREY, linestyle="none", **_PEAK), "largest of a short one")
-    ] * bool(peaks)
+    short: Look = {"color": GREY, "marker": "o", **_PEAK, **(_LEVEL if levels else {"linestyle": "none"})}
+    entries += [(Line2D([], [], **short), "largest, of one\nthat is short")] * bool(peaks or levels)
     entries.append((Line2D([], [], color=GREY, **barrier(1)), "tolerance"))
     if proved:
         axes.plot(*_steps(proved), **_PROVED)
         entries.append((Line2D([], [], **_PROVED), "proved for all time"))
-    axes.set_ylim(_TIGHT * least / 2, 4 * most)
     return entries
+
+
+def _largest_about(errors: np.ndarray) -> np.ndarray:
+    """The largest of errors (k,) about each of them: between nodes they are zero, which would be strokes."""
+    half = len(errors) // (2 * _WINDOWS)
+    padded = np.pad(errors, half, mode="edge")
+    return np.asarray(np.max(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=-1))
 
 
 def _steps(levels: list[tuple[float, float, float]]) -> tuple[Any, Any]:

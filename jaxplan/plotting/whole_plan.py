@@ -23,7 +23,7 @@ from jaxplan.plotting.margin_panels import margins
 from jaxplan.plotting.mounting import SIZE as SPACECRAFT_SIZE
 from jaxplan.plotting.mounting import spacecraft
 from jaxplan.plotting.orbital import attitude, attitude_size
-from jaxplan.plotting.sky import GLOBE_SIZE, SPHERE_SIZE, globe, sphere
+from jaxplan.plotting.sky import DISCS_SIZE, GLOBE_SIZE, SPHERE_SIZE, globe, sphere
 from jaxplan.plotting.spectrum import spectrum
 from jaxplan.plotting.style import TEXT, WIDTH, expect_plan, legend_beside, motion, new_figure, time_axis
 from jaxplan.plotting.time_panels import (
@@ -111,9 +111,9 @@ def figures(
 
     Args:
         plan: of any status, or that of a timeline, which alone has a figure of that name. Without a
-            trajectory only spacecraft and sphere are drawn, without devices no spacecraft, without joints no
-            angles, without zones no margins, without masks no joint map, and torque only where it, the
-            momentum or the jerk has a limit.
+            trajectory only spacecraft and sphere are drawn, without devices and wheels no spacecraft,
+            without joints no angles, without zones no margins, without masks no joint map, and torque only
+            where it, the momentum or the jerk has a limit.
         frequencies: Hz, for a spectrum with a line at each; without them there is none.
         observer: the spacecraft's orbit, one of `jaxplan.sky`, for the sphere and the attitude in the local
             orbital frame and the ground track; these are there where the plan has an epoch, and the extra
@@ -126,6 +126,18 @@ def figures(
         TypeError: if it is no plan, or the observer no orbit.
         ValueError: if a frequency is not positive, or the orbit is not known for the time of the plan.
     """
+    for name, make in drawings(plan, frequencies, observer):
+        yield name, make()
+
+
+def drawings(
+    plan: Plan | TimelinePlan, frequencies: Sequence[float] = (), observer: Satellite | None = None
+) -> list[tuple[str, Callable[[], Figure]]]:
+    """The names of all figures that a plan has, each with what draws it.
+
+    So whoever tells progress knows how many there are before the first is drawn. Arguments and errors are
+    those of `figures`.
+    """
     day = plan if isinstance(plan, TimelinePlan) else None
     plan = expect_plan(plan)
     asked = expect_frequencies(frequencies, zero=False)
@@ -135,11 +147,11 @@ def figures(
     moves, craft = plan.trajectory is not None, plan.scenario.spacecraft
     loads = len(limited_loads(craft))
     kinds = len(joint_kinds(craft))
-    drawings: dict[str, tuple[Callable[..., Any], tuple[float, float], bool]] = {
+    known: dict[str, tuple[Callable[..., Any], tuple[float, float], bool]] = {
         "overview": (overview, _overview_size(kinds), moves),
-        "spacecraft": (_at_start, SPACECRAFT_SIZE, bool(craft.device_names)),
+        "spacecraft": (_at_start, SPACECRAFT_SIZE, bool(craft.device_names or craft.wheels)),
         "sphere": (sphere, SPHERE_SIZE, True),
-        "orbital_sphere": (partial(sphere, frame="orbital", observer=observer), SPHERE_SIZE, orbits),
+        "orbital_sphere": (partial(sphere, frame="orbital", observer=observer), DISCS_SIZE, orbits),
         "attitude": (
             partial(attitude, observer=observer),
             attitude_size(1 + bool(craft.device_names)),
@@ -158,16 +170,22 @@ def figures(
             moves and len(asked) > 0,
         ),
     }
+    found: list[tuple[str, Callable[[], Figure]]] = []
     for name in FIGURE_NAMES:
-        draw, inches, there = drawings.get(name, (timeline, SPHERE_SIZE, False))
+        draw, inches, there = known.get(name, (timeline, SPHERE_SIZE, False))
         if name == "timeline" and day is not None:
-            figure = Figure(figsize=timeline_size(day), layout="constrained")
-            timeline(day, ax=figure)
-            yield name, figure
+            found.append((name, partial(_drawn, timeline, timeline_size(day), day)))
         elif there:
-            figure = Figure(figsize=inches, layout="constrained")
-            draw(day if name == "ground_track" and day is not None else plan, ax=figure)
-            yield name, figure
+            shown = day if name == "ground_track" and day is not None else plan
+            found.append((name, partial(_drawn, draw, inches, shown)))
+    return found
+
+
+def _drawn(draw: Callable[..., Any], inches: tuple[float, float], plan: Plan | TimelinePlan) -> Figure:
+    """A figure of its own, of a size in inches, on which a plan is drawn."""
+    figure = Figure(figsize=inches, layout="constrained")
+    draw(plan, ax=figure)
+    return figure
 
 
 def _at_start(plan: Plan, ax: Figure) -> None:

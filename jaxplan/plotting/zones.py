@@ -20,7 +20,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
 from jaxplan.plotting.frames import INERTIAL, Inertial
-from jaxplan.plotting.projections import GlobeView, Projection, circle
+from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, TwoDiscs, circle
 from jaxplan.plotting.style import (
     GREY,
     HALO,
@@ -44,6 +44,9 @@ _CROWD = 20  # number of zones beyond which their names are smaller and do not s
 # Where a zone's name may stand, the best first: shares of the zone's half width and half height.
 _SPOTS = np.array([(across, up) for across in (0, 0.6, -0.6, 1.2, -1.2) for up in (0, 0.5, -0.5, 0.8, -0.8)])
 _INSIDE = 0.9  # share of a zone's half angle within which the middle of its name stands
+_LARGE = np.deg2rad(45.0)  # half angle of a zone from which on no name stands beside it
+_TOLD = {FlatMap: _CROWD, TwoDiscs: 4, GlobeView: -1}  # most zones whose names say what they bind
+_SIDES = ((0, 1), (0, -1), (1, 0), (-1, 0), (0.7, 1), (-0.7, 1), (0.7, -1), (-0.7, -1), (0, 1.8), (0, -1.8))
 NOTHING = np.zeros((0, 3))
 
 
@@ -60,8 +63,7 @@ def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
     """Draw a zone with its edge, hatched for keep-out and pale if it binds no device; returns the artists."""
     axis, drawn = zone.axis_at(), list[Artist]()
     fill = _zone_fill(zone)
-    limb = Circle((0, 0), 1, transform=axes.transData) if isinstance(projection, GlobeView) else None
-    for across, upward, directions, strength in projection.sheets(axis, zone.half_angle):
+    for across, upward, directions, strength, limb in projection.sheets(axis, zone.half_angle):
         inside = directions @ axis - np.cos(zone.half_angle)
         if not np.any(inside > 0):
             continue
@@ -71,7 +73,8 @@ def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
             "hatches": [fill.get("hatch") if strength >= 1 else None],
         }
         area = axes.contourf(across, upward, inside, levels=[0, 3], zorder=1, **look)
-        area.set(clip_path=limb, edgecolor=fill["edgecolor"], linewidth=0)
+        edge = None if limb is None else Circle(*limb, transform=axes.transData)
+        area.set(clip_path=edge, edgecolor=fill["edgecolor"], linewidth=0)
         drawn.append(area)
     return drawn + draw_line(axes, projection, circle(axis, zone.half_angle), zone_outline(zone) | _EDGE)
 
@@ -111,22 +114,27 @@ def name_zones(
     Args:
         axes: where to.
         projection: of the axes.
-        zones: that are named; few ones on the flat map with what they bind, if that is not all devices.
+        zones: that are named; few ones, but on the globe, with what they bind, if that is not all devices.
         devices: names of all devices.
         tracks: (k, 3) directions of drawn curves, which names should not cover.
         ends: (m, 3) directions of starts and goals, which names cover only where there is no other place.
     """
     crowded = len(zones) > _CROWD
     marks = [(spot, np.full(2, projection.mark)) for spot in projection.project(ends)]
+    if isinstance(projection, TwoDiscs):
+        marks += [(place, projection.letter * [len(text), 1]) for text, place in projection.ring_names()]
     labels, texts = Labels(projection.project(tracks), marks), list[Artist]()
     # What is in front first, and of that the smallest, as it has the least room; of equals as they come.
     for zone in sorted(zones, key=lambda zone: (-projection.opacity(zone.axis_at()), zone.half_angle)):
         near = projection.opacity(zone.axis_at()) == 1
-        told = [] if crowded or isinstance(projection, GlobeView) else [*_bound(zone, devices), *_group(zone)]
+        told = (
+            [] if crowded or len(zones) > _TOLD[type(projection)] else [*_bound(zone, devices), *_group(zone)]
+        )
         spot = None
-        for lines in ([zone.name, *told], [zone.name]):
+        for lines, last in (([zone.name, *told], False), ([zone.name], False), ([zone.name], True)):
             size = projection.letter * (max(map(len, lines)), len(lines))
-            spot = labels.place(_places(projection, zone, size), size, must=lines == [zone.name])
+            places = _places(projection, zone, size) + _about(projection, zone, size) * last
+            spot = labels.place(places, size, must=last)
             if spot is not None:
                 break
         assert spot is not None
@@ -161,6 +169,17 @@ def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.nda
     moved = spots[:, 1] != wanted[:, 1]  # up or down: these come last
     order = np.argsort(moved, kind="stable")
     return [*spots[order][fits[order]], *projection.fit(centre[None], size)]
+
+
+def _about(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.ndarray]:
+    """Points (2,) of the picture beside a small zone, where its name of a size (2,) is all outside."""
+    if zone.half_angle >= _LARGE:
+        return []
+    axis = zone.axis_at()
+    away = np.array(projection.extent(axis, zone.half_angle)) + size / 2 + projection.gap
+    wanted = projection.project(axis) + away * np.array(_SIDES)
+    spots = projection.fit(wanted, size)
+    return [spot for spot, place in zip(spots, wanted, strict=True) if np.allclose(spot, place)]
 
 
 def _bound(zone: Cone, names: Sequence[str]) -> list[str]:

@@ -1,8 +1,9 @@
 """What the pages say beneath figures that both of a plan and of a timeline's plan have along the orbit."""
 
 ALONG_ORBIT = {
-    "orbital_sphere": "The sphere in the local orbital frame, which turns with the spacecraft: ahead is in "
-    "the middle, the right at 90 deg, nadir below. What stands still in space moves in it.",
+    "orbital_sphere": "The sphere in the local orbital frame, which turns with the spacecraft: the half "
+    "sphere about nadir, with the Earth to its limb, and that about the zenith, on both ahead up and the "
+    "right to the right. What stands still in space moves in it.",
     "attitude": "The body in that frame (x about along the velocity, y against the orbit's normal, z to "
     "nadir), by yaw, then pitch, then roll; and how far boresights are from nadir.",
     "ground_track": "Where the spacecraft is overhead, and where boresights meet the ellipsoid of WGS 84.",

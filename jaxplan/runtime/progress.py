@@ -47,6 +47,10 @@ class Bar:
         """Show a text after the bar, with its next refresh."""
         self._tqdm.set_postfix_str(text, refresh=False)
 
+    def say(self, text: str) -> None:
+        """Print a line to stderr, above the bar where that shows."""
+        self._tqdm.write(text, file=sys.stderr)
+
     def compiles(self, begins: bool) -> None:
         """Note that JAX begins to compile (True), or has ended (False)."""
         self._compiling = begins

@@ -4,15 +4,18 @@ import re
 import shutil
 import subprocess
 import sys
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import jaxplan as jp
+from jaxplan import plotting
 from jaxplan.cases import RANDOM_KINDS, case_path
-from jaxplan.cli import main, plans
+from jaxplan.cli import common, main, plans
 from jaxplan.exporting.formats import FORMATS
 from jaxplan.schema import find_observer
 from jaxplan.search import PLANNERS
@@ -349,6 +352,36 @@ def test_the_folder_is_tried_before_anything_is_planned(capsys, monkeypatch, tmp
         assert (code, printed) == (2, "")
         assert words in err
     assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_each_figure_is_named_on_the_bar_while_it_is_drawn(monkeypatch, tmp_path, capsys):
+    told = []
+
+    class Bar:
+        def step(self, name):
+            told.append(name)
+
+        def update(self):
+            told.append("done")
+
+        def say(self, text):
+            told.append(text)
+
+    @contextmanager
+    def bar_of(what, unit, *, total):
+        told.append((what, unit, total))
+        yield Bar()
+
+    monkeypatch.setattr(common, "progress_bar", bar_of)
+    made = [("orbital_sphere", Figure), ("angles", Figure)]
+    monkeypatch.setattr(plotting, "drawings", lambda *_: made)
+    common.draw(None, tmp_path)
+    assert told == [
+        ("drawing", "figures", 2),
+        *("orbital sphere", f"wrote {tmp_path / 'orbital_sphere.png'}", "done"),
+        *("angles", f"wrote {tmp_path / 'angles.png'}", "done"),
+    ]
+    assert all((tmp_path / f"{name}.png").stat().st_size for name, _ in made)
 
 
 def test_a_failed_plan_leaves_no_figures_of_an_earlier_one(capsys, case_file, planned):

@@ -6,6 +6,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from builders import make_observer, make_plan, make_spacecraft
+from drawn import assert_apart
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 from oblique import oblique_craft
@@ -13,7 +14,7 @@ from reference import angle, assert_each, unit
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.plotting import mounting, style
+from jaxplan.plotting import flywheels, mounting, style
 from jaxplan.plotting.feet import feet
 
 DOME, LOOK, FIELD = mounting._DOME, mounting._LOOK, mounting._FIELD
@@ -51,7 +52,7 @@ def legend(axes) -> mpl.legend.Legend | None:
     return next((own for one in axes.figure.axes if (own := one.get_legend()) is not None), None)
 
 
-def drawn(craft, joints=None) -> mounting._Picture:
+def picture_of(craft, joints=None) -> mounting._Picture:
     axes, _ = mounting._solid(Figure())
     given = np.zeros(craft.joint_count) if joints is None else joints
     picture = mounting._Picture(craft, axes, given, turned=joints is not None)
@@ -89,7 +90,7 @@ def test_boresights_are_drawn_from_feet_to_where_they_look(craft):
 
 @pytest.mark.parametrize("craft", [make_observer(), masked_craft(), oblique_craft(1, 1, seed=3)])
 def test_what_a_device_reaches_is_drawn_where_its_ranges_and_masks_let_it(craft):
-    picture = drawn(craft)
+    picture = picture_of(craft)
     (terminal,), frame = craft.terminals, frame_of(craft.terminals[0])
     foot = mounting._BODY * feet(craft)[0]
     low, high = terminal.ranges[:, 0], terminal.ranges[:, 1]
@@ -114,7 +115,7 @@ def test_what_a_device_reaches_is_drawn_where_its_ranges_and_masks_let_it(craft)
 def test_all_of_a_range_is_drawn():
     craft = replace(make_observer(), drives=(), instruments=())
     terminal = replace(craft.terminals[0], yaw_range=np.deg2rad([-40.0, 75.0]))
-    cells = drawn(replace(craft, terminals=(terminal,))).surfaces[6:]  # after the faces of the platform
+    cells = picture_of(replace(craft, terminals=(terminal,))).surfaces[6:]  # after the faces of the platform
     areas = [np.linalg.norm(np.cross(a - c, b - d)) / 2 for a, b, c, d in cells]
     low, high = np.deg2rad([-5.0, 85.0])
     expected = DOME**2 * np.deg2rad(115.0) * (np.sin(high) - np.sin(low))
@@ -143,7 +144,7 @@ def test_a_field_of_view_is_a_pyramid_of_its_angles_about_the_boresight():
     beam = replace(make_observer().terminals[0], up=unit([0, 0.6, 0.8]), field_of_view=full)
     craft = replace(make_observer(), terminals=(beam,), drives=(), instruments=(look,))
     joints = np.deg2rad([110.0, 33.0])
-    picture = drawn(craft, joints)
+    picture = picture_of(craft, joints)
     turned = frame_of(beam) @ Rotation.from_euler("ZY", joints * [1, -1]).as_matrix()
     roll = Rotation.from_rotvec(np.arctan2(-0.6, 0.8) * np.array([1.0, 0, 0])).as_matrix()
     for number, (name, axes) in enumerate({"antenna": turned @ roll, "camera": frame}.items()):
@@ -171,6 +172,54 @@ def test_the_legend_tells_ranges_fields_and_what_lines_are():
     assert not {"mask, cut out of it", "field of view,\nwith an arrow to its up"} & set(plain)
     names = [text.get_text() for text in jp.plot.spacecraft(craft).texts]
     assert names == ["x", "y", "z", *craft.device_names]
+
+
+def _wheels(*axes):
+    return tuple(
+        jp.Wheel(name=f"wheel-{k}", axis=unit(axis), torque=0.2, momentum=4.0) for k, axis in enumerate(axes)
+    )
+
+
+def test_each_wheel_is_a_ring_across_its_axis_with_an_arrow_along_it_and_its_name():
+    wheels = _wheels([1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1])
+    craft = replace(make_observer(), inertia=80.0 * np.eye(3), wheels=wheels)
+    axes = jp.plot.spacecraft(craft)
+    own = lines(axes, flywheels.COLOUR)
+    rings = [line for line in own if len(line) > 9]
+    assert len(rings) == len(wheels)
+    for wheel, ring in zip(wheels, rings, strict=True):
+        middle = np.mean(ring[:-1], axis=0)
+        np.testing.assert_allclose((ring - middle) @ wheel.axis, 0, atol=1e-12)
+        assert_each(np.max(np.abs(ring)), "<", mounting._BODY)  # it is in the platform
+        (arrow,) = [line for line in own if len(line) == 2 and np.allclose(line[0], middle)]
+        np.testing.assert_allclose(unit(arrow[1] - arrow[0]), wheel.axis, atol=1e-12)
+    assert [text.get_text() for text in axes.texts][-4:] == [wheel.name for wheel in wheels]
+    told = [text.get_text() for text in legend(axes).get_texts()]
+    assert "4 reaction wheels,\narrow along the axis;\neach 0.2 N m, 4 N m s" in told
+    assert {len(corners) for corners in picture_of(craft).surfaces} == {4}
+    other = replace(craft, wheels=(replace(wheels[0], torque=0.1), *wheels[1:]))
+    told = [text.get_text() for text in legend(jp.plot.spacecraft(other)).get_texts()]
+    assert "4 reaction wheels,\narrow along the axis" in told
+
+
+def test_wheels_about_one_axis_stand_apart():
+    axes = [*np.eye(3), *-np.eye(3), *np.eye(3), [1, 1, 1], [0, 0, 1]]
+    middles = np.array(flywheels.hubs(_wheels(*axes)))
+    apart = np.linalg.norm(middles[:, None] - middles, axis=-1) + 9 * np.eye(len(middles))
+    assert np.min(apart) > 0.19
+    assert_each(np.abs(middles), "<", mounting._BODY - 0.05)
+
+
+@pytest.mark.parametrize("wheels", [(), ([1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1])])
+def test_names_of_devices_and_wheels_do_not_lie_over_each_other(wheels):
+    sight = jp.Instrument(
+        name="telescope", boresight=np.array([0.0, 0.0, 1.0])
+    )  # along the z axis and its name
+    for craft in (make_observer(), replace(make_observer(), instruments=(sight,), drives=(), terminals=())):
+        craft = replace(craft, inertia=80.0 * np.eye(3), wheels=_wheels(*wheels))
+        figure = Figure(figsize=mounting.SIZE, layout="constrained")
+        axes = jp.plot.spacecraft(craft, ax=figure)
+        assert_apart(figure, axes.texts, 4)
 
 
 def test_feet_are_on_the_platform_apart_and_on_the_sides_to_which_devices_look():

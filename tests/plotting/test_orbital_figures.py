@@ -9,12 +9,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builders import make_observer, make_plan
+from drawn import assert_apart
 from heavens import almanac_sun, earth_to_j2000, on_the_ground
+from matplotlib.contour import ContourSet
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.path import Path
 from reference import assert_each
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
+from jaxplan.plotting.coast import coasts, land
 from jaxplan.plotting.ground_track import _SITE, _WAY
+from jaxplan.plotting.sky import SPHERE_SIZE
 from jaxplan.plotting.style import device_style, motion
 from jaxplan.sky.ground import geodetic, surface_point
 
@@ -62,10 +69,19 @@ def lines_of(axes, number):
     ]
 
 
-def unfolded(directions):
-    return np.rad2deg(np.arctan2(directions[..., 1], directions[..., 0])), np.rad2deg(
-        np.arcsin(np.clip(directions[..., 2], -1, 1))
-    )
+def on_discs(directions):
+    """Where directions (..., 3) of the local frame are on the two discs: true angles from nadir or zenith."""
+    off = np.rad2deg(np.arccos(np.clip(directions[..., 2], -1, 1)))
+    turn = np.arctan2(directions[..., 1], directions[..., 0])
+    below = off <= 90
+    off = np.where(below, off, 180 - off)
+    return np.stack([np.where(below, -104.0, 104.0) + off * np.sin(turn), off * np.cos(turn)], axis=-1)
+
+
+def nearest(points, drawn):
+    """Distance (k,) of each of (k, 2) points from the nearest of those drawn (m, 2)."""
+    known = drawn[np.isfinite(drawn[:, 0])]
+    return np.linalg.norm(points[:, None] - known[None], axis=-1).min(axis=1)
 
 
 def test_the_local_frame_has_nadir_below_and_the_right_against_the_orbits_normal():
@@ -91,22 +107,29 @@ def test_on_an_eccentric_orbit_down_and_across_are_kept_and_ahead_is_level():
     assert_each(np.sum(ahead * v, axis=1), ">", 0)
 
 
-def test_boresights_zones_and_marks_stand_on_the_map_where_they_are_in_the_frame(plan):
+def test_boresights_zones_and_marks_stand_on_the_discs_where_they_are_in_the_frame(plan):
     axes = jp.plot.sphere(plan, frame="orbital", observer=ORBIT)
     moves, craft = motion(plan), plan.scenario.spacecraft
     seen = np.einsum("kij,kdj->kdi", frames(moves.times), moves.boresights)
     for device in range(len(craft.device_names)):
-        azimuth, elevation = unfolded(seen[:, device])
         drawn = max(lines_of(axes, device), key=len)
-        known = drawn[np.isfinite(drawn[:, 0]) & (np.abs(drawn[:, 0]) < 180)]
-        inner = np.abs(azimuth) < 180
-        np.testing.assert_allclose(known, np.column_stack([azimuth, elevation])[inner], atol=1e-6)
+        assert_each(nearest(on_discs(seen[:, device]), drawn), "<", 1e-5)
+        steps = np.linalg.norm(np.diff(drawn, axis=0), axis=-1)
+        assert_each(steps[np.isfinite(steps)], "<", 3)  # no stroke from disc to disc, none across one
+        known = drawn[np.isfinite(drawn[:, 0])]
+        assert_each(np.hypot(np.abs(known[:, 0]) - 104, known[:, 1]), "<", 90 + 1e-9)
     start, goal = ([line for line in axes.lines if line.get_marker() == mark] for mark in "*s")
     for marks, time in ((start, 0), (goal, -1)):
         places = np.array([line.get_xydata()[0] for line in marks if len(line.get_xdata())])
-        np.testing.assert_allclose(places, np.column_stack(unfolded(seen[time])), atol=1e-6)
-    low, high = axes.get_ylim()
-    assert low > 0 > high  # nadir is below
+        np.testing.assert_allclose(places, on_discs(seen[time]), atol=1e-6)
+
+
+def test_the_earth_is_drawn_to_its_limb_about_nadir(plan):
+    axes = jp.plot.sphere(plan, frame="orbital", observer=ORBIT)
+    limb = np.rad2deg(np.arcsin(6378.137 / (6378.137 + 620.0)))
+    found = [own for own in axes.patches if isinstance(own, Circle) and np.isclose(own.radius, limb)]
+    assert [own.center for own in found] == [(-104.0, 0.0)]
+    assert "the Earth, to its limb" in [text.get_text() for text in axes.get_legend().get_texts()]
 
 
 def test_what_stands_still_in_space_moves_and_the_earth_does_not(plan):
@@ -117,12 +140,24 @@ def test_what_stands_still_in_space_moves_and_the_earth_does_not(plan):
     scene = replace(plan.scenario, keep_out=(down, still))
     axes = jp.plot.sphere(replace(plan, scenario=scene), frame="orbital", observer=ORBIT)
     names = {text.get_text().split("\n")[0]: np.array(text.get_position()) for text in axes.texts}
-    assert names["earth"][1] > 0
+    assert np.linalg.norm(names["earth"] + [104, 0]) < 70
     there = frames([0.0, DURATION]) @ still.direction
     tracks = [line.get_xydata() for line in axes.lines if line.get_zorder() == 1.7]
     (track,) = tracks  # of the zone that stands still; that of the Earth is a point
-    ends = np.column_stack(unfolded(there))
-    np.testing.assert_allclose(track[[0, -1]], ends, atol=1e-6)
+    np.testing.assert_allclose(track[[0, -1]], on_discs(there), atol=1e-6)
+
+
+def test_names_on_the_discs_do_not_lie_over_each_other_or_over_what_is_looked_at(plan):
+    down = jp.sky.keep_out(
+        "earth", epoch=EPOCH, observer=ORBIT, exclusion_deg=20.0, for_duration_s=DURATION, moving=True
+    )
+    sun = jp.sky.keep_out(
+        "sun", epoch=EPOCH, observer=ORBIT, half_angle_deg=30, for_duration_s=DURATION, moving=True
+    )
+    scene = replace(plan.scenario, keep_out=(down, sun, *plan.scenario.keep_out))
+    figure = Figure(figsize=SPHERE_SIZE, layout="constrained")
+    axes = jp.plot.sphere(replace(plan, scenario=scene), figure, frame="orbital", observer=ORBIT)
+    assert_apart(figure, [text for text in axes.texts if text.get_visible()])
 
 
 def test_the_globe_has_the_zenith_up_and_the_right_to_the_right_of_ahead(plan):
@@ -238,7 +273,7 @@ def test_targets_on_the_ground_are_found_again_and_named_and_others_are_not(plan
 
 def test_it_is_night_where_the_sun_is_below_the_horizon(plan):
     axes = jp.plot.ground_track(plan, ORBIT)
-    (night,) = axes.collections
+    (night,) = [one for one in axes.collections if isinstance(one, ContourSet)]
     sun = earth_to_j2000(utc(DURATION / 2)).T @ almanac_sun(utc(DURATION / 2))
     east, north = np.meshgrid(np.arange(-175, 180, 10), np.arange(-85, 90, 10))
     if axes.get_xlim() != (-180, 180):
@@ -254,6 +289,29 @@ def test_it_is_night_where_the_sun_is_below_the_horizon(plan):
     dark = night.get_paths()[0].contains_points(np.column_stack([east.ravel(), north.ravel()]))
     sure = np.abs(height) > 0.02
     np.testing.assert_array_equal(dark[sure], height[sure] < 0)
+
+
+def test_the_map_has_coasts_and_land_where_they_are_known_to_be():
+    inside = {"Moscow": (37.6, 55.8), "Brasilia": (-47.9, -15.8), "Alice Springs": (133.9, -23.7)}
+    inside |= {"the south pole": (0, -89.0), "Wrangel's other side": (-178, 67.0), "Reykholt": (-19, 64.7)}
+    water = {
+        "the Atlantic": (-40, 30),
+        "the Gulf of Guinea": (0, 0),
+        "Bengal": (88, 15),
+        "Tasman": (160, -38),
+    }
+    for places, expected in ((inside, 1), (water, 0)):
+        for name, place in places.items():
+            assert sum(Path(ring).contains_point(place) for ring in land()) == expected, name
+    for ring in land():
+        np.testing.assert_allclose(ring[0], ring[-1], atol=1e-9)
+        assert_each(np.abs(ring[:, 1]), "<=", 90.0 + 1e-9)
+    for line in coasts():  # none runs along the edge of the map, or across it
+        steps = np.abs(np.diff(line, axis=0))
+        assert_each(steps[:, 0], "<", 30)
+        assert np.max(line[:, 1]) > -89
+    nice = np.concatenate(coasts()) - [7.26, 43.70]
+    assert np.min(np.hypot(*nice.T)) < 2.0
 
 
 def test_lines_meet_the_ellipsoid_first_on_its_near_side():

@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from builders import make_observer, make_plan, make_scenario
-from drawn import filled
+from drawn import assert_apart, filled
 from matplotlib import pyplot
 from matplotlib.figure import Figure
 from oblique import oblique_craft
@@ -69,10 +69,11 @@ def test_outline_lies_on_the_cone_and_on_the_map() -> None:
         points = line[~np.isnan(line[:, 0])]
         assert_each(np.abs(points), "<=", [180, 90])
         # where the map's edge cuts it, the chord on the map leaves the cone by less than is seen
-        cut = np.abs(points[:, 0]) > 180 - 1e-9
+        cut, pole = np.abs(points[:, 0]) > 180 - 1e-9, np.abs(points[:, 1]) == 90
         depth = angle(_direction(points), axis) - half_angle
-        np.testing.assert_allclose(depth[~cut], 0, atol=1e-9)
-        np.testing.assert_allclose(depth[cut], 0, atol=1e-4)
+        np.testing.assert_allclose(depth[~cut & ~pole], 0, atol=1e-9)
+        np.testing.assert_allclose(depth[cut & ~pole], 0, atol=1e-4)
+        np.testing.assert_allclose(depth[pole], 0, atol=np.deg2rad(1.0))
 
 
 def test_outline_goes_all_the_way_round_without_a_streak() -> None:
@@ -80,8 +81,10 @@ def test_outline_goes_all_the_way_round_without_a_streak() -> None:
         first, second = _steps(_outline(axis, half_angle))
         assert_each(np.abs(second - first)[:, 0], "<=", 180)
         lengths = angle(_direction(first), _direction(second))
-        assert lengths.max() < np.deg2rad(0.6)
-        np.testing.assert_allclose(lengths.sum(), 2 * np.pi * np.sin(half_angle), rtol=1e-4)
+        over_pole = np.any(np.abs(first[:, 1]) == 90)  # whose surroundings are left out
+        assert lengths.max() < np.deg2rad(1.6 if over_pole else 0.6)
+        left_out = np.deg2rad(2.5) if over_pole else 0.0
+        np.testing.assert_allclose(lengths.sum(), 2 * np.pi * np.sin(half_angle), rtol=1e-4, atol=left_out)
 
 
 def test_a_zone_is_filled_on_the_map_where_the_cone_is_and_nowhere_else() -> None:
@@ -135,6 +138,66 @@ def test_no_line_across_the_map_has_a_streak() -> None:
         assert_each(np.abs(second - first)[:, 0], "<=", 180)
         # where it is cut, the chord on the map leaves the great circle by far less than a step
         assert angle(_direction(first), _direction(second)).max() < 3 * 2 * np.pi / 400
+
+
+def test_a_line_over_a_pole_goes_up_to_it_and_down_again_without_a_stroke() -> None:
+    rng = np.random.default_rng(7)
+    for tilt, count in [
+        (0.0, 400),
+        (0.0, 33),
+        (1e-3, 400),
+        (1e-3, 12),
+        (0.3, 20),
+        (-1e-4, 1000),
+        (0.012, 64),
+    ]:
+        turn = Rotation.from_euler("z", rng.uniform(0, 6)) * Rotation.from_euler("x", np.pi / 2 - tilt)
+        angles = np.linspace(0.1, 2 * np.pi + 0.1, count)
+        way = turn.apply(np.column_stack([np.cos(angles), np.sin(angles), np.zeros(count)]))
+        ((line, _),) = FlatMap().parts(way)
+        first, second = _steps(line)
+        middles = (first + second) / 2
+        on_a_pole = (np.abs(first[:, 1]) == 90) & (np.abs(second[:, 1]) == 90)
+        assert not np.any(on_a_pole & (np.abs(first - second)[:, 0] > 1))
+        # between its points, too, the line on the map is where the way is, up to the width of the line
+        across = np.abs(np.arcsin(np.clip(_direction(middles) @ turn.apply([0, 0, 1]), -1, 1)))
+        assert_each(np.rad2deg(across), "<", 1.5)
+        assert np.sum(angle(_direction(first), _direction(second))) > 2 * np.pi - 0.2
+
+
+def test_what_rests_at_a_pole_is_drawn_as_it_is() -> None:
+    small = projections.circle(_direction(np.array([[30.0, 89.9]]))[0], np.deg2rad(0.3))
+    ((line, _),) = FlatMap().parts(small)
+    np.testing.assert_allclose(
+        angle(_direction(line[np.isfinite(line[:, 0])]), _direction(np.array([[30.0, 89.9]]))[0]),
+        np.deg2rad(0.3),
+        atol=1e-6,
+    )
+
+
+def test_the_discs_have_true_angles_and_are_cut_where_a_line_leaves_them() -> None:
+    discs, rng = projections.TwoDiscs(), np.random.default_rng(4)
+    directions = rng.standard_normal((500, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    places = discs.project(directions)
+    from_middle = places - np.where(directions[:, 2:] > 0, [-104.0, 0.0], [104.0, 0.0])
+    np.testing.assert_allclose(
+        np.hypot(*from_middle.T), np.rad2deg(angle(np.abs(directions) * [0, 0, 1], np.abs(directions)))
+    )
+    np.testing.assert_allclose(
+        np.arctan2(*from_middle.T), np.arctan2(directions[:, 1], directions[:, 0]), atol=1e-12
+    )
+    np.testing.assert_allclose(discs.directions(places, directions[0]), directions, atol=1e-12)
+    assert np.all(np.isnan(discs.directions(np.array([[0.0, 0.0], [-104.0, 91.0]]), directions[0])))
+    for axis, half_angle in _cones():
+        ((line, _),) = discs.parts(projections.circle(axis, half_angle))
+        first, second = _steps(line)
+        assert_each(
+            np.linalg.norm(second - first, axis=1), "<", 2
+        )  # half a turn of azimuth is 1.6 of an angle
+        np.testing.assert_allclose(
+            angle(discs.directions((first + second) / 2 * [1, 1], axis), axis), half_angle, atol=1e-3
+        )
 
 
 # The numbers
@@ -680,6 +743,19 @@ def test_zones_about_one_axis_are_all_named() -> None:
             assert label.get_text().startswith(zone.name)
             spot = _direction(np.array([label.get_position()], dtype=float))[0]
             assert angle(spot, axis) < zone.half_angle
+
+
+def test_zones_about_one_axis_that_have_no_room_inside_are_named_beside_them_and_not_over_each_other() -> (
+    None
+):
+    plan = make_plan(0, 3, zones=0)
+    axis = _direction(np.array([[60.0, 10.0]]))[0]
+    zones = tuple(
+        KeepOut(name=f"zone number {k}", direction=axis, half_angle=np.deg2rad(6 + k)) for k in range(5)
+    )
+    figure = Figure(figsize=sky.SPHERE_SIZE, layout="constrained")
+    axes = jp.plot.sphere(replace(plan, scenario=replace(plan.scenario, keep_out=zones)), figure)
+    assert_apart(figure, axes.texts, 5)
 
 
 def test_zones_of_a_group_look_and_are_called_other_than_those_that_must_hold() -> None:

@@ -14,6 +14,7 @@ import jaxplan as jp
 from jaxplan.model.status import Status
 from jaxplan.plotting import schedule
 from jaxplan.plotting.day import DayPlan, as_plan, instants
+from jaxplan.plotting.sky import FOLLOWED
 from jaxplan.plotting.style import device_style, motion
 from jaxplan.plotting.timeline import timeline_size
 
@@ -141,6 +142,71 @@ def test_what_is_followed_for_a_short_while_has_a_dot_of_its_largest_error():
     (dots,) = [line for line in axes.lines if line.get_marker() == "o"]
     np.testing.assert_allclose(dots.get_xdata(), [121.5])
     np.testing.assert_allclose(dots.get_ydata(), [np.rad2deg(ERROR)], rtol=1e-5)
+
+
+def test_what_is_too_narrow_for_a_curve_is_a_level_of_its_largest_error():
+    plan = day()
+    image, *others = plan.activities
+    short = replace(plan, activities=(replace(image, end=160.0), *others))
+    short = replace(
+        short,
+        segments=tuple(replace(one, end=160.0) if one.kind == "track" else one for one in plan.segments),
+    )
+    axes = jp.plot.timeline(short)[1]
+    colour = device_style(1)["color"]
+    own = [
+        line for line in axes.lines if line.get_color() == colour and np.any(np.isfinite(line.get_ydata()))
+    ]
+    (level,) = own
+    np.testing.assert_allclose(level.get_xdata()[:2], [100, 160])
+    np.testing.assert_allclose(level.get_ydata()[:2], np.rad2deg(ERROR), rtol=1e-5)
+    low, high = axes.get_ylim()
+    assert low < np.rad2deg(ERROR) < np.rad2deg(TOLERANCE) < high
+    for line in axes.lines:  # nothing that goes up or down while no time passes
+        times, values = (np.asarray(own, float) for own in line.get_data())
+        steps = np.abs(np.diff(values)) > 0
+        assert not np.any(steps & (np.diff(times) < 1e-9))
+
+
+def test_the_legend_says_what_bars_gaps_and_ticks_are_and_slews_have_no_edges_among_curves(grid):
+    told = [text.get_text() for text in grid[0].get_legend().get_texts()]
+    assert "activity with targets,\na line where it is short" in told
+    assert {"device that follows one", "slew", "gap: the device is free"} <= set(told)
+    ticked = [text.get_text() for axes in grid[1:] for text in axes.get_legend().get_texts()]
+    assert "limit, its ticks on\nthe side beyond it" in ticked
+    assert "limit" not in ticked
+    for number, axes in enumerate(grid):
+        (shade,) = [bars for bars in axes.collections if bars.get_zorder() == schedule._SLEW["zorder"]]
+        assert bool(len(shade.get_edgecolor())) == (number == 0)
+
+
+def test_rates_are_thin_in_slews_and_all_there(plan, grid):
+    times = motion(plan).times
+    (axes,) = [one for one in grid if one.get_ylabel().startswith("platform rate")]
+    lines = _lines(axes, len(times))
+    slewing = np.zeros(len(times), dtype=bool)
+    for start, end in schedule.slews(plan):
+        slewing |= (times >= start) & (times <= end)
+    assert 0.1 < np.mean(slewing) < 0.9
+    for bold, thin in zip(lines[:3], lines[3:], strict=True):
+        assert thin.get_linewidth() < bold.get_linewidth() / 2
+        np.testing.assert_array_equal(np.isfinite(thin.get_ydata()), slewing)
+        assert np.all(np.isfinite(bold.get_ydata())[~slewing])
+        rate = np.fmax(bold.get_ydata(), thin.get_ydata())
+        np.testing.assert_allclose(rate, np.rad2deg(RATE) if bold is lines[2] else 0, atol=1e-9)
+
+
+def test_on_the_sphere_it_is_bold_where_a_device_follows_its_target(plan):
+    axes = jp.plot.sphere(plan)
+    own = as_plan(plan)
+    assert own.followed[0] == (1, 120.0, 400.0)
+    bold = [line for line in axes.lines if line.get_linewidth() == FOLLOWED["linewidth"]]
+    assert len(bold) == len(own.followed) == 1
+    drawn = bold[0].get_xydata()
+    drawn = drawn[np.isfinite(drawn[:, 0])]
+    np.testing.assert_allclose(drawn[[0, -1], 0], [60, 200 - 360], atol=1.0)
+    told = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert "while it follows a target" in told
 
 
 @pytest.mark.parametrize(

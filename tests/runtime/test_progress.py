@@ -99,6 +99,20 @@ def test_a_bar_counts_and_is_wiped_out_in_the_end(terminal):
     assert terminal.getvalue().split("\r")[-2].strip() == ""
 
 
+def test_lines_are_printed_above_a_bar_and_without_one(terminal, monkeypatch):
+    with redirect_stderr(terminal), progress_bar("drawing", "figures", total=3) as bar:
+        bar.step("sphere")
+        assert terminal.wait().startswith("drawing: sphere:")
+        bar.say("wrote sphere.png")
+        bar.update()
+        terminal.wait()
+    assert re.search(r"\rwrote sphere\.png\n", terminal.getvalue())
+    quiet = io.StringIO()
+    with redirect_stderr(quiet), progress_bar("drawing", "figures", total=3) as bar:
+        bar.say("wrote sphere.png")
+    assert quiet.getvalue() == "wrote sphere.png\n"
+
+
 def test_nothing_is_shown_of_what_is_quick_or_not_to_be_seen(terminal, monkeypatch):
     with redirect_stderr(terminal), progress_bar("planning", shown=False) as bar:
         bar.step("search")
