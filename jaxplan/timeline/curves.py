@@ -8,7 +8,8 @@ motion has two continuous derivatives there, and four elsewhere.
 **Bent ends.** Slews are fitted between attitudes, joints and rates. What they lack in acceleration ``a`` at
 an end is added on the outermost piece, of length ``h``: ``a h^2 u^3 (1 - u)^2 / 2``, with ``u`` from 0 at the
 inner end of the piece to 1 at the outer one. Its value and rate are zero at both, its acceleration is zero
-at the inner and ``a`` at the outer one, and it moves nothing by more than ``0.0173 a h^2``.
+at the inner and ``a`` at the outer one. It moves nothing by more than ``0.0173 a h^2``, and changes no rate
+by more than ``0.0678 a h``: on a piece that is cut shorter by less, with more jerk but no more acceleration.
 """
 
 from collections.abc import Sequence
@@ -137,14 +138,19 @@ def _in_chart(
     return rate, bend
 
 
-def bent(trajectory: Trajectory, ends: Sequence[tuple[np.ndarray, np.ndarray]]) -> Trajectory:
+def bent(
+    trajectory: Trajectory, ends: Sequence[tuple[np.ndarray, np.ndarray]], share: float = 1.0
+) -> Trajectory:
     """The trajectory with given accelerations at its start and goal.
 
     Args:
         trajectory: a slew, of polynomials of degree 5.
         ends: for start and goal the angular acceleration (3,) rad/s^2, body axes, and accelerations of joints
             (J,) rad/s^2.
+        share: of the outermost pieces, on which they are added.
     """
+    if share < 1:
+        trajectory = _cut(trajectory, share)
     curve = np.array(trajectory.coefficients)
     joints = np.array(trajectory.joint_coefficients)
     for number, wanted in enumerate(ends):
@@ -163,6 +169,40 @@ def bent(trajectory: Trajectory, ends: Sequence[tuple[np.ndarray, np.ndarray]]) 
         )
         joints[own] += _bump(number, float(span))[:, None] * (wanted[1] - now.joint_accelerations)
     return replace(trajectory, coefficients=curve, joint_coefficients=joints, smoothness=2)
+
+
+def _cut(trajectory: Trajectory, share: float) -> Trajectory:
+    """The same motion with its first and last pieces cut in two, the outer ones a share of them."""
+    breaks, coefficients, kept = _cut_spline(trajectory.breaks, trajectory.coefficients, share)
+    joint_breaks, joints, _ = _cut_spline(trajectory.joint_breaks, trajectory.joint_coefficients, share)
+    return replace(
+        trajectory,
+        breaks=breaks,
+        coefficients=coefficients,
+        chart_attitude=trajectory.chart_attitude[kept],
+        chart_start=trajectory.chart_start[kept],
+        chart_rate=trajectory.chart_rate[kept],
+        joint_breaks=joint_breaks,
+        joint_coefficients=joints,
+    )
+
+
+def _cut_spline(
+    breaks: np.ndarray, coefficients: np.ndarray, share: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cut the first and the last piece of a spline in two.
+
+    Returns:
+        Breaks, Legendre coefficients (p, 6, k), and for each piece the number of the one that it is of.
+    """
+    spans = np.diff(breaks)
+    edges = np.unique([*breaks, breaks[0] + share * spans[0], breaks[-1] - share * spans[-1]])
+    kept = np.searchsorted(breaks, (edges[1:] + edges[:-1]) / 2) - 1
+    places = np.polynomial.legendre.leggauss(DEGREE + 1)[0]
+    inside = edges[:-1, None] + np.diff(edges)[:, None] * (places + 1) / 2 - breaks[kept, None]
+    own = np.polynomial.legendre.legvander(2 * inside / spans[kept, None] - 1, DEGREE)
+    values = np.einsum("pql,pld->pqd", own, coefficients[kept])
+    return edges, np.linalg.solve(np.polynomial.legendre.legvander(places, DEGREE), values), kept
 
 
 def _bump(end: int, span: float) -> np.ndarray:

@@ -8,7 +8,7 @@ in a fixed multiple of the bound. The state in which it ends depends on when tha
 has a goal of its own.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -112,7 +112,7 @@ class Departure:
         fitted = fit(scenario, path, _goal(self.state, goal, duration))
         if fitted.status is Status.OK and fitted.trajectory is not None:
             slew = self._proved(goal, fitted.trajectory)
-            if slew.trajectory is None and craft is None and (over := _beyond(slew.proof)) > 1:
+            if slew.trajectory is None and craft is None and (over := _beyond(slew.proof, _EASED)) > 1:
                 eased = self._along(way, goal, duration, _eased(self.craft, 1 + _MORE * (over - 1)))
                 slew = slew if eased.trajectory is None else eased
             return slew
@@ -121,10 +121,16 @@ class Departure:
         return Slew(status=fitted.status, message=text, duration=duration, needed=needed, blocked=blocked)
 
     def _proved(self, goal: State, fitted: Trajectory) -> Slew:
-        """A slew that was fitted, with the accelerations of both ends, and its certificate."""
+        """A slew that was fitted, with the accelerations of both ends, and its certificate.
+
+        Where they let a rate be beyond its limit they are reached in less time.
+        """
         ends = (self.state.acceleration, self.state.bends), (goal.acceleration, goal.bends)
-        made = curves.bent(fitted, ends)
-        proof = proving.certify_part(self.scene, self.time, made, self.craft)
+        for share in _SHARES:
+            made = curves.bent(fitted, ends, share)
+            proof = proving.certify_part(self.scene, self.time, made, self.craft)
+            if proof.certified or not _beyond(proof, _RATES) > 1:
+                break
         if not proof.certified:
             text = f"{'; '.join(faults_later(proof, self.time))}: {_OTHERWISE}"
             blocked = proof.min_margin is None or not proof.min_margin >= 0
@@ -313,6 +319,8 @@ class Departure:
 _LATER = "let it begin later, what comes before end sooner, or raise that limit"
 _OTHERWISE = "let it begin at another time or after something else, or try a larger search.clearance_deg"
 
+_RATES = ("angular_velocity", "angular_velocity_norm", "joint_rates")
+_SHARES = (1.0, 0.25, 0.05)  # of a fit's outermost pieces, on which accelerations at the ends are reached
 _EASED = ("angular_acceleration", "angular_acceleration_norm", "joint_accelerations")
 _MORE = 1.5  # times what was beyond, by which limits are made less
 _MOST_EASED = 1.1  # share of a limit beyond which it is not made again
@@ -320,11 +328,11 @@ _PERHAPS_TOO_SHORT = (Status.LIMITS_TOO_TIGHT, Status.UNCERTIFIED)
 _BOUND = ("attitude", "joints", "velocity", "rates")
 
 
-def _beyond(proof: Certificate | None) -> float:
-    """The largest share of a limit of accelerations that a proof found, if that is all that fails; else 0."""
+def _beyond(proof: Certificate | None, names: Sequence[str]) -> float:
+    """The largest share of some limits that a proof found, if no other fails and it is not much; else 0."""
     if proof is None or not proof.peaks or (proof.min_margin is not None and not proof.min_margin >= 0):
         return 0.0
-    others = [peak for name, peak in proof.peaks.items() if name not in _EASED]
+    others = [peak for name, peak in proof.peaks.items() if name not in names]
     most = max(proof.peaks.values())
     return most if all(peak <= 1 + LIMIT_ALLOWANCE for peak in others) and most <= _MOST_EASED else 0.0
 

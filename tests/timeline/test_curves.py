@@ -190,6 +190,26 @@ def test_bent_ends_have_the_accelerations_that_are_asked_for_and_leave_the_rest(
         np.testing.assert_allclose(at.joint_rates, before.joint_rates, rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("made", [slew, one_piece], ids=["pieces", "one piece"])
+def test_ends_that_are_bent_on_shorter_pieces_change_rates_less(made):
+    given, share = made(), 0.25
+    ends = (np.array([0.01, -0.02, 0.03]), np.array([0.02, -0.01])), (np.full(3, -0.02), np.full(2, 0.01))
+    whole, brief = curves.bent(given, ends), curves.bent(given, ends, share)
+    time = np.linspace(0.0, given.duration, 20_001)
+    was, far, near = (one.sample(time) for one in (given, whole, brief))
+    spans = np.diff(given.joint_breaks)[[0, -1]]
+    inner = (time > share * spans[0]) & (time < given.duration - share * spans[1])
+    for name in ("attitude", "angular_velocity", "angular_acceleration", "joints", "joint_rates"):
+        np.testing.assert_allclose(getattr(near, name)[inner], getattr(was, name)[inner], rtol=0, atol=1e-11)
+    changes = [np.max(np.abs(one.joint_rates - was.joint_rates)) for one in (far, near)]
+    assert 0 < changes[1] <= 1.001 * share * changes[0]
+    most = max(0.0678 * np.max(np.abs(end[1])) * span for end, span in zip(ends, spans, strict=True))
+    assert changes[1] <= share * most
+    for (spin, joint), at in zip(ends, (0, -1), strict=True):
+        np.testing.assert_allclose(near.angular_acceleration[at], spin, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(near.joint_accelerations[at], joint, rtol=0, atol=1e-11)
+
+
 def test_bent_ends_move_nothing_on_the_inner_pieces():
     given = slew()
     found = curves.bent(given, [(np.full(3, 0.01), np.full(2, 0.01)), (np.full(3, -0.02), np.zeros(2))])
