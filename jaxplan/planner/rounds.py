@@ -21,9 +21,10 @@ from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import GoalQuery, SearchQuery, find_goals
 from jaxplan.runtime.ahead import Ahead, ahead
 from jaxplan.runtime.batching import Seconds
+from jaxplan.runtime.garbage import seldom_collected
 from jaxplan.runtime.jit import clear_if_full, working_time
 from jaxplan.search import search_batch
-from jaxplan.trajectory import FitQuery, fit_batch
+from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 Query = TypeVar("Query")
 
@@ -32,6 +33,7 @@ def plan_in_rounds(
     scenarios: Sequence[Scenario],
     clocks: Sequence[Clock],
     settled: Callable[[int], object] = lambda count: None,
+    made: list[tuple[FitQuery, Fit]] | None = None,
 ) -> list[Plan]:
     """Plan scenarios together.
 
@@ -39,6 +41,7 @@ def plan_in_rounds(
         scenarios: the problems.
         clocks: one a scenario.
         settled: called after each round with the number of plans that it has settled.
+        made: takes all fits that are made, each with what was asked; None where nobody needs them.
 
     Returns:
         The plans in the same order, failed ones with their status and message.
@@ -47,14 +50,14 @@ def plan_in_rounds(
     open_ = [one for one in every if one.advance()]
     settled(len(every) - len(open_))
     tasks = usual_tasks([one.scenario for one in open_])
-    with ahead(tasks) as work:
+    with seldom_collected(), ahead(tasks) as work:
         new = work if tasks and len(open_) == 1 else None
         while open_:
             clear_if_full()
             under_way = [one.attempts for one in open_]
             _find_goals(under_way, new)
             _search_paths(under_way)
-            _fit_trajectories(under_way)
+            _fit_trajectories(under_way, made)
             _prove_certificates(under_way)
             left = [one for one in open_ if one.advance()]
             settled(len(open_) - len(left))
@@ -90,12 +93,14 @@ def _search_paths(open_: Sequence[Attempts]) -> None:
         attempts.accept_path(result)
 
 
-def _fit_trajectories(open_: Sequence[Attempts]) -> None:
-    """Run step 3 for all attempts that need it, together."""
+def _fit_trajectories(open_: Sequence[Attempts], made: list[tuple[FitQuery, Fit]] | None) -> None:
+    """Run step 3 for all attempts that need it, together; fits are put into `made`, if there is one."""
     waiting = _in_need(open_, FitQuery)
     with _shared_step("trajectory", [attempts.clock for attempts, _ in waiting]) as seconds:
         found = fit_batch([query for _, query in waiting], seconds)
-    for (attempts, _), fitted in zip(waiting, found, strict=True):
+    for (attempts, query), fitted in zip(waiting, found, strict=True):
+        if made is not None:
+            made.append((query, fitted))
         attempts.accept_fit(fitted)
 
 

@@ -43,7 +43,7 @@ _FLANK_STEP = 1e-4  # of the pace's flank, to either side, for differences by it
 Masks = dict[str, np.ndarray]  # by block of constraints, one number or bool for every row
 Rows = dict[str, Index]  # indices of some rows of one curve by block, in the order of `ActiveSet`
 
-_inputs = quick_jit(gather_inputs)
+_inputs = quick_jit(gather_inputs, level=0)  # as quick as with more: calls of many small arrays
 
 
 @shown()

@@ -6,7 +6,7 @@ import types
 
 import pytest
 
-from jaxplan.runtime.garbage import uncollected
+from jaxplan.runtime.garbage import seldom_collected, uncollected
 from jaxplan.runtime.late import late
 
 
@@ -41,3 +41,17 @@ def test_late_names_are_imported_without_a_look_for_garbage(monkeypatch):
     assert late("package_of_late_names", {"name": "home:name"})("name") == "home:name"
     assert seen == [False]
     assert gc.isenabled()
+
+
+@pytest.mark.parametrize(("threshold", "within"), [(700, 100_000), (200_000, 200_000), (0, 0)])
+def test_garbage_is_looked_for_seldom_within_blocks_and_as_before_after_them(threshold, within):
+    before = gc.get_threshold()
+    gc.set_threshold(threshold, 10, 10)
+    try:
+        with seldom_collected():
+            with pytest.raises(ArithmeticError), seldom_collected():
+                raise ArithmeticError
+            assert gc.get_threshold() == (within, 10, 10)
+        assert gc.get_threshold() == (threshold, 10, 10)
+    finally:
+        gc.set_threshold(*before)
