@@ -39,7 +39,9 @@ from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import clear_if_full
 from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name, fit_batch
+from jaxplan.trajectory.active_set import FitRecord, nearer_optima
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
+from jaxplan.trajectory.sqp import SQPSolution
 
 _NEEDS_TIME = (
     "has targets or zones that move: derivatives and tuning then know given durations only: set "
@@ -123,10 +125,13 @@ def hold_each(
             for plan, path, goal, _ in (ways[number] for number in missing)
         ]
         fits |= zip(missing, fit_batch(wanted), strict=True)
-    for (plan, path, goal, followed), fitted in zip(ways, fits.values(), strict=True):
+        origins = {n: fit.origin for n, fit in fits.items() if fit and isinstance(fit.origin, FitRecord)}
+        nearer = dict(zip(origins, nearer_optima(list(origins.values())), strict=True))
+    for number, (plan, path, goal, followed) in enumerate(ways):
+        fitted = fits[number]
         assert fitted is not None
         with one_thread():
-            held = _held(plan, path, goal, followed, fitted, nodes)
+            held = _held(plan, path, goal, followed, fitted, nodes, nearer.get(number))
         yield held
 
 
@@ -178,8 +183,18 @@ def own_arrays(scenario: Scenario) -> Scenario:
     return copied
 
 
-def _held(plan: Plan, path: Path, goal: Goal, followed: Followed, fitted: Fit, nodes: int) -> Held:
+def _held(
+    plan: Plan,
+    path: Path,
+    goal: Goal,
+    followed: Followed,
+    fitted: Fit,
+    nodes: int,
+    nearer: SQPSolution | None = None,
+) -> Held:
     """What derivatives hold fixed of an OK plan, from its path, goal and fit, padded to `nodes` nodes.
+
+    What is `nearer` the optimum than the fit is looked for now if it is None.
 
     Raises:
         ValueError: if the plan does not move, or its goal is no optimum whose derivative is known.
@@ -199,7 +214,7 @@ def _held(plan: Plan, path: Path, goal: Goal, followed: Followed, fitted: Fit, n
         joints=joints,
         last=np.array(len(path.attitudes) - 1),
         leads=leads_of(attitudes, joints, len(path.attitudes)),
-        fit=origin.hold(nodes),
+        fit=origin.hold(nodes) if nearer is None else origin.hold(nodes, nearer),
         turns=tuple(mask.turns for mask in masks(plan.scenario.spacecraft)),
         criterion=followed.criterion,
         trajectory=replace(curve, node_times=padded(curve.node_times, nodes)),

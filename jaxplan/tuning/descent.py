@@ -23,6 +23,7 @@ from jaxplan.derivatives import Held, expect_known_time, follow_and_hold, hold_e
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.planner.runs import as_filed, plan_with_fits
+from jaxplan.runtime.ahead import ahead
 from jaxplan.runtime.arguments import expect, several
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
@@ -284,7 +285,8 @@ class _Descent:
         self._often = steps * len(given) > _OFTEN
         clear_if_full()  # not while kernels are compiled
         rehearsal = self._first_held if len(given) >= _MANY else None
-        self._slope = mean_slope(pairs, aim, tuned, often=self._often, rehearsal=rehearsal)
+        with ahead([self._first_valued] if rehearsal else []):
+            self._slope = mean_slope(pairs, aim, tuned, often=self._often, rehearsal=rehearsal)
         self._fits.clear()  # they take room, and what is held has all that is needed
         seen = self._look(self._state)
         if seen is None:
@@ -297,6 +299,11 @@ class _Descent:
         """What is held of the first plan, found for it alone, with its scenario."""
         plan = self._state.plans[0]
         return next(hold_each([plan], nodes=self._nodes, known=self._fits[:1] or None)), plan.scenario
+
+    def _first_valued(self) -> None:
+        """Compute the objective of the first plan, which compiles its kernel beside that of the slope."""
+        with jax.enable_x64(True):  # a thread has its own setting
+            self._mean(self._state.plans[:1])
 
     def go(self, steps: int) -> None:
         """Make so many steps, unless the objective ceases to be finite or Ctrl-C interrupts."""
