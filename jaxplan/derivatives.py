@@ -39,7 +39,9 @@ from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import clear_if_full
 from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name, fit_batch
+from jaxplan.trajectory.active_set import FitRecord, nearer_optima
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
+from jaxplan.trajectory.sqp import SQPSolution
 
 _NEEDS_TIME = (
     "has targets or zones that move: derivatives and tuning then know given durations only: set "
@@ -103,17 +105,33 @@ def hold(plan: Plan, *, nodes: int = FEWEST_NODES) -> Held:
     return next(hold_each([plan], nodes=nodes))
 
 
-def hold_each(plans: Sequence[Plan], *, nodes: int) -> Iterator[Held]:
-    """Yield what is held of each plan, as of `hold`, with all their fits made together."""
+def hold_each(
+    plans: Sequence[Plan], *, nodes: int, known: Sequence[Fit | None] | None = None
+) -> Iterator[Held]:
+    """Yield what is held of each plan, as of `hold`, with all their fits made together.
+
+    Args:
+        plans: to be held.
+        nodes: as of `hold`.
+        known: fits of the plans, as of `plan_with_fits`; what is None is fitted.
+    """
     clear_if_full()
     with one_thread():
         ways = [_followable(plan) for plan in plans]
-        fits = fit_batch(
-            [wanted_fit(plan.scenario, path, goal, plan.trajectory) for plan, path, goal, _ in ways]
-        )
-    for (plan, path, goal, followed), fitted in zip(ways, fits, strict=True):
+        fits: dict[int, Fit | None] = dict(enumerate(known or [None] * len(ways)))
+        missing = [number for number, fit in fits.items() if fit is None]
+        wanted = [
+            wanted_fit(plan.scenario, path, goal, plan.trajectory)
+            for plan, path, goal, _ in (ways[number] for number in missing)
+        ]
+        fits |= zip(missing, fit_batch(wanted), strict=True)
+        origins = {n: fit.origin for n, fit in fits.items() if fit and isinstance(fit.origin, FitRecord)}
+        nearer = dict(zip(origins, nearer_optima(list(origins.values())), strict=True))
+    for number, (plan, path, goal, followed) in enumerate(ways):
+        fitted = fits[number]
+        assert fitted is not None
         with one_thread():
-            held = _held(plan, path, goal, followed, fitted, nodes)
+            held = _held(plan, path, goal, followed, fitted, nodes, nearer.get(number))
         yield held
 
 
@@ -165,8 +183,18 @@ def own_arrays(scenario: Scenario) -> Scenario:
     return copied
 
 
-def _held(plan: Plan, path: Path, goal: Goal, followed: Followed, fitted: Fit, nodes: int) -> Held:
+def _held(
+    plan: Plan,
+    path: Path,
+    goal: Goal,
+    followed: Followed,
+    fitted: Fit,
+    nodes: int,
+    nearer: SQPSolution | None = None,
+) -> Held:
     """What derivatives hold fixed of an OK plan, from its path, goal and fit, padded to `nodes` nodes.
+
+    What is `nearer` the optimum than the fit is looked for now if it is None.
 
     Raises:
         ValueError: if the plan does not move, or its goal is no optimum whose derivative is known.
@@ -186,7 +214,7 @@ def _held(plan: Plan, path: Path, goal: Goal, followed: Followed, fitted: Fit, n
         joints=joints,
         last=np.array(len(path.attitudes) - 1),
         leads=leads_of(attitudes, joints, len(path.attitudes)),
-        fit=origin.hold(nodes),
+        fit=origin.hold(nodes) if nearer is None else origin.hold(nodes, nearer),
         turns=tuple(mask.turns for mask in masks(plan.scenario.spacecraft)),
         criterion=followed.criterion,
         trajectory=replace(curve, node_times=padded(curve.node_times, nodes)),
@@ -209,12 +237,17 @@ def replan(held: Held, scenario: Scenario) -> Trajectory:
         The trajectory. Nothing is checked: whether it is safe is for a plan of the scenario to say.
     """
     expect("held", held, Held, "jp.hold makes one of a plan")
-    scenario = of_arrays(expect("scenario", scenario, Scenario, "plan.scenario is the plan's own"))
+    return replan_to(None, held, expect("scenario", scenario, Scenario, "plan.scenario is the plan's own"))
+
+
+def replan_to(end: "End | None", held: Held, scenario: Scenario) -> Trajectory:
+    """`replan` to an end that is known, which then has no derivative; None for that of `end_of`."""
+    scenario = of_arrays(scenario)
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("replan needs numbers of 64 bits: call it within jax.enable_x64(True)")
     expect_known_time(scenario)
     rows = scenario.rows(held.turns)
-    return motion_to(end_of(held, scenario, rows), held, scenario, rows)
+    return motion_to(end_of(held, scenario, rows) if end is None else end, held, scenario, rows)
 
 
 class End(NamedTuple):
@@ -250,6 +283,16 @@ def end_of(held: Held, scenario: Scenario, rows: Constraints) -> End:
         return _end(goal.attitude, goal.joints, _rates(scenario, asked))
     goal = goal_in_time(place, **pursuit(scenario, asked, time), moves=held.moves)
     return _end(goal.attitude, goal.joints, (goal.angular_velocity, goal.joint_rates))
+
+
+def held_end(held: Held, scenario: Scenario) -> End | None:
+    """The held goal as the end of a scenario that differs from the plan's in what no goal depends on.
+
+    None where targets or zones move, since their goal depends on the duration.
+    """
+    if moves(scenario):
+        return None
+    return _end(held.goal.attitude, held.goal.joints, _rates(scenario, scenario.asked))
 
 
 def _end(attitude: ArrayLike, joints: ArrayLike, rates: tuple[ArrayLike, ArrayLike]) -> End:

@@ -6,7 +6,6 @@ these are imported when a command runs, so that ``--help`` answers at once.
 """
 
 import argparse
-import gc
 import math
 import os
 import sys
@@ -16,6 +15,7 @@ from typing import Any
 
 from jaxplan.cli.common import BAD_INPUT, DONE, complain
 from jaxplan.cli.parser import Parser
+from jaxplan.runtime.garbage import seldom_collected
 from jaxplan.version import __version__
 
 DESCRIPTION = "Plan certified attitude manoeuvres of spacecraft with several pointing devices."
@@ -39,7 +39,6 @@ _HOMES = {
     "table4": "studies",
     "timeline": "timelines",
 }  # the other commands are in `plans`
-_NEW_OBJECTS = 100_000  # new objects between garbage collections; with Python's 700 these take a tenth
 _PLAN = "a plan.json, as jaxplan plan -o DIR writes it"
 _ANY_PLAN = f"{_PLAN}, or a plan.npz of jaxplan timeline"
 _SCENARIO = "a scenario file, or case-1 to case-4 of the paper"
@@ -54,10 +53,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = _parser()
     options = parser.parse_args(arguments)
-    before = gc.get_threshold()
-    gc.set_threshold(_NEW_OBJECTS, *before[1:])
     try:
-        code = _run(parser, options)
+        with seldom_collected():
+            code = _run(parser, options)
         sys.stdout.flush()  # here it can still be said that there was no room
         _tell_of_refusals()
         return code
@@ -72,8 +70,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return complain(f"{place}{error.strerror or error}", BAD_INPUT)
     except ValueError as error:  # ScenarioError and PlanFileError are such
         return complain(str(error), BAD_INPUT)
-    finally:
-        gc.set_threshold(*before)
 
 
 def _tell_of_refusals() -> None:

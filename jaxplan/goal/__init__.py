@@ -14,6 +14,7 @@ beside what the attitude does not decide on. `sensitivity` has the goals'
 derivatives. Attitudes are body to inertial, angles in radians, joints as of `jaxplan.model.spacecraft`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import jax
@@ -97,6 +98,7 @@ def decompose(
     max_slew: float = np.pi,
     max_goals: int = 3,
     seed: int = 0,
+    told: Callable[[Goal], object] | None = None,
 ) -> Decomposition:
     """Solve problem (7), corrected, for its global minimum and the next-best local ones.
 
@@ -118,6 +120,7 @@ def decompose(
             Where something is left open there may be more, to choose from.
         seed: of the random rotation of the set of starting attitudes; the same seed gives the same goals to
             the last bit.
+        told: called with the goal of least rotation before goals of the least time are looked for.
 
     Returns:
         The goals, stationary to 1e-10 and within all of these constraints, or why there are none.
@@ -142,6 +145,8 @@ def decompose(
         nearest = _goal(problem, solutions[0] if len(solutions) else best)
         soonest = targets.criterion == LEAST_TIME and len(solutions) > 0
         if soonest:
+            if told is not None:
+                told(nearest)
             solutions = least_time.soonest(problem, caps, solutions, most, max_slew, seed)
     goals = [goal for goal in (_goal(problem, one) for one in solutions) if goal.slew_angle <= max_slew]
     if caps.open and goals and _breaks(problem, goals[0]):

@@ -18,7 +18,8 @@ from jaxplan.planner.moving import swept
 from jaxplan.planner.steps import find_goals, soonest_task
 from jaxplan.runtime.ahead import Task
 from jaxplan.search import Scene, make_scene
-from jaxplan.search.ahead import further_tasks, smoothing_tasks
+from jaxplan.search.ahead import band_task, smoothing_tasks
+from jaxplan.search.ahead import further_tasks as further_search
 from jaxplan.search.ahead import usual_tasks as usual_search
 from jaxplan.trajectory import kernel_tasks
 
@@ -53,12 +54,24 @@ def _usual(scenario: Scenario, many: bool) -> list[Task]:
     """Tasks for the plan of a scenario, with `many` as of `every_task`.
 
     What finds goals of least time takes the longest, so it comes first. Of the search the straight motion is
-    needed first; what comes after it takes long, too, and is not needed where that motion is clear.
+    needed first; what comes after it takes long, too, and is not needed where that motion is clear. For one
+    scenario it waits for the goal of least rotation, see `further_tasks`.
     """
     soonest = soonest_task(scenario, _end(scenario))
     fits = kernel_tasks(scenario.usable, scenario.trajectory)
     search = usual_search_of(scenario, many)
-    return [*([soonest] if soonest else []), *search[:1], *fits, *search[1:]]
+    later = [] if soonest and not many and not moves(scenario) else search[1:]
+    return [*([soonest] if soonest else []), *search[:1], *fits, *later]
+
+
+def further_tasks(scenario: Scenario, nearest: Goal) -> list[Task]:
+    """Tasks for the plan of a scenario that follow from its goal of least rotation.
+
+    The motion to the goal of least time, which is found later, is clear mostly where the one to this is.
+    """
+    if scenario.search.method != "mha":
+        return []
+    return [band_task(make_scene(scenario, nearest, swept(scenario, nearest)), scenario.search)]
 
 
 def every_task(scenario: Scenario, *, many: bool) -> list[Task]:
@@ -76,7 +89,7 @@ def every_task(scenario: Scenario, *, many: bool) -> list[Task]:
         tasks += kernel_tasks(timed.usable, timed.trajectory)
     tasks += usual_search_of(scenario, many)
     if scenario.search.method in ("mha", "rrt_connect"):
-        tasks += further_tasks(_scene(scenario), scenario.search, many=many)
+        tasks += further_search(_scene(scenario), scenario.search, many=many)
     return tasks
 
 

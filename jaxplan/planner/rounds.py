@@ -10,19 +10,21 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Scenario
-from jaxplan.planner.ahead import usual_tasks
+from jaxplan.planner.ahead import further_tasks, usual_tasks
 from jaxplan.planner.attempts import Attempts
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.in_time import InTime
 from jaxplan.planner.proving import ProofQuery, prove_batch
 from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import GoalQuery, SearchQuery, find_goals
-from jaxplan.runtime.ahead import ahead
+from jaxplan.runtime.ahead import Ahead, ahead
 from jaxplan.runtime.batching import Seconds
+from jaxplan.runtime.garbage import seldom_collected
 from jaxplan.runtime.jit import clear_if_full, working_time
 from jaxplan.search import search_batch
-from jaxplan.trajectory import FitQuery, fit_batch
+from jaxplan.trajectory import Fit, FitQuery, fit_batch
 
 Query = TypeVar("Query")
 
@@ -31,6 +33,7 @@ def plan_in_rounds(
     scenarios: Sequence[Scenario],
     clocks: Sequence[Clock],
     settled: Callable[[int], object] = lambda count: None,
+    made: list[tuple[FitQuery, Fit]] | None = None,
 ) -> list[Plan]:
     """Plan scenarios together.
 
@@ -38,6 +41,7 @@ def plan_in_rounds(
         scenarios: the problems.
         clocks: one a scenario.
         settled: called after each round with the number of plans that it has settled.
+        made: takes all fits that are made, each with what was asked; None where nobody needs them.
 
     Returns:
         The plans in the same order, failed ones with their status and message.
@@ -45,13 +49,15 @@ def plan_in_rounds(
     every = [InTime(*one) for one in zip(scenarios, clocks, strict=True)]
     open_ = [one for one in every if one.advance()]
     settled(len(every) - len(open_))
-    with ahead(usual_tasks([one.scenario for one in open_])):
+    tasks = usual_tasks([one.scenario for one in open_])
+    with seldom_collected(), ahead(tasks) as work:
+        new = work if tasks and len(open_) == 1 else None
         while open_:
             clear_if_full()
             under_way = [one.attempts for one in open_]
-            _find_goals(under_way)
+            _find_goals(under_way, new)
             _search_paths(under_way)
-            _fit_trajectories(under_way)
+            _fit_trajectories(under_way, made)
             _prove_certificates(under_way)
             left = [one for one in open_ if one.advance()]
             settled(len(open_) - len(left))
@@ -59,11 +65,21 @@ def plan_in_rounds(
     return [one.result() for one in every]
 
 
-def _find_goals(open_: Sequence[Attempts]) -> None:
-    """Run step 1 for all attempts that need it, one by one."""
+def _find_goals(open_: Sequence[Attempts], work: Ahead | None) -> None:
+    """Run step 1 for all attempts that need it, one by one.
+
+    Args:
+        open_: the attempts.
+        work: where kernels are compiled that the first goals call for; None for nowhere.
+    """
     for attempts, query in _in_need(open_, GoalQuery):
+
+        def told(nearest: Goal, scenario: Scenario = query.scenario) -> None:
+            if work is not None:
+                work.add(further_tasks(scenario, nearest))
+
         with attempts.clock.step("decompose"):
-            found = find_goals(query.scenario, query.time)
+            found = find_goals(query.scenario, query.time, told)
         attempts.accept_goals(found)
 
 
@@ -77,12 +93,14 @@ def _search_paths(open_: Sequence[Attempts]) -> None:
         attempts.accept_path(result)
 
 
-def _fit_trajectories(open_: Sequence[Attempts]) -> None:
-    """Run step 3 for all attempts that need it, together."""
+def _fit_trajectories(open_: Sequence[Attempts], made: list[tuple[FitQuery, Fit]] | None) -> None:
+    """Run step 3 for all attempts that need it, together; fits are put into `made`, if there is one."""
     waiting = _in_need(open_, FitQuery)
     with _shared_step("trajectory", [attempts.clock for attempts, _ in waiting]) as seconds:
         found = fit_batch([query for _, query in waiting], seconds)
-    for (attempts, _), fitted in zip(waiting, found, strict=True):
+    for (attempts, query), fitted in zip(waiting, found, strict=True):
+        if made is not None:
+            made.append((query, fitted))
         attempts.accept_fit(fitted)
 
 

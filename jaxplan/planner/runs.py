@@ -17,6 +17,7 @@ from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import WorkerPool, Workers, WorkersDiedError, one_thread, who_works
 from jaxplan.schema import ScenarioError
 from jaxplan.schema.reading import take_in
+from jaxplan.trajectory import Fit, FitQuery
 
 TOGETHER = 256
 """Scenarios that are planned at once, so that progress is seen and memory stays small."""
@@ -108,6 +109,25 @@ def plan_batch(
     return _here(scenarios, progress)
 
 
+def plan_with_fits(
+    scenarios: Sequence[Scenario], *, progress: bool = True
+) -> tuple[list[Plan], list[Fit | None]]:
+    """`plan_batch` in this process, and the fit of step 3 of each plan in a given duration.
+
+    None stands for a fit that another motion than the plan's came of, or another duration.
+    """
+    filed = [as_filed(f"scenarios[{number}]", scenario) for number, scenario in enumerate(scenarios)]
+    made: list[tuple[FitQuery, Fit]] = []
+    plans = _here(filed, progress, made)
+    by_motion = {id(fit.trajectory): (query, fit) for query, fit in made}
+    fits: list[Fit | None] = []
+    for plan in plans:
+        query, fit = by_motion.get(id(plan.trajectory), (None, None))
+        own = query is not None and query.path is plan.path and query.settings is plan.scenario.trajectory
+        fits.append(fit if own and plan.ok and plan.scenario.trajectory.timed else None)
+    return plans, fits
+
+
 def as_filed(name: str, given: object) -> Scenario:
     """A scenario that was made in Python, as a file would hold it.
 
@@ -129,13 +149,15 @@ def as_filed(name: str, given: object) -> Scenario:
         raise ScenarioError(error.faults, name) from error
 
 
-def _here(scenarios: Sequence[Scenario], progress: bool) -> list[Plan]:
-    """Plan scenarios that `as_filed` returned, in this process."""
+def _here(
+    scenarios: Sequence[Scenario], progress: bool, made: list[tuple[FitQuery, Fit]] | None = None
+) -> list[Plan]:
+    """Plan scenarios that `as_filed` returned, in this process; `made` is as of `plan_in_rounds`."""
     plans: list[Plan] = []
     with one_thread(), progress_bar("planning", "plans", total=len(scenarios), shown=progress) as bar:
         for first in range(0, len(scenarios), TOGETHER):
             part = scenarios[first : first + TOGETHER]
-            plans += plan_in_rounds(part, [Clock(one.search.time_limit) for one in part], bar.update)
+            plans += plan_in_rounds(part, [Clock(one.search.time_limit) for one in part], bar.update, made)
     return plans
 
 

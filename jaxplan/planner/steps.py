@@ -4,7 +4,7 @@ Step 1 returns the goal that is given, or those that are found; where something 
 the end of the manoeuvre. Step 3 returns the trajectory along a path. A certificate settles the plan.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -57,12 +57,15 @@ class SearchQuery:
     settings: SearchSettings
 
 
-def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...] | Plan:
+def find_goals(
+    scenario: Scenario, time: float | None = None, told: Callable[[Goal], object] | None = None
+) -> tuple[Goal, ...] | Plan:
     """Find the goals to try, the best one first, or a failed plan that says why there is none.
 
     Args:
         scenario: the problem.
         time: s, when the manoeuvre ends; it matters only where something moves, and must be given there.
+        told: as of `decompose`; not called where something moves.
     """
     end, wanted = 0.0 if time is None else time, scenario.search.max_goals
     asked, start = scenario.asked, scenario.start.attitude
@@ -83,6 +86,7 @@ def find_goals(scenario: Scenario, time: float | None = None) -> tuple[Goal, ...
             max_slew=most,
             max_goals=wanted,
             seed=scenario.search.seed,
+            told=None if moves(scenario) else told,
         )
         if not found.goals:
             message = messages.unreachable(scenario, rows, found, most, end) + messages.when(scenario, end)

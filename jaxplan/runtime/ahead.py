@@ -9,6 +9,7 @@ traced, so that a process need not wait for it at its end.
 
 import os
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -38,8 +39,49 @@ def cores() -> int:
         return os.cpu_count() or 1
 
 
+class Ahead:
+    """Tasks that run in threads of their own, as many at once as there are cores; see `ahead`."""
+
+    def __init__(self) -> None:
+        self._left: deque[Task] = deque()
+        self._lock, self._over, self._running = threading.Lock(), threading.Event(), 0
+
+    def add(self, tasks: Sequence[Task]) -> None:
+        """Run further tasks after those there are; on a single core they are dropped, as after the end."""
+        with self._lock:
+            if cores() == 1 or self._over.is_set():
+                return
+            self._left.extend(tasks)
+            new = min(len(self._left), cores() - self._running)
+            self._running += new
+        for _ in range(new):
+            threading.Thread(target=self._work).start()
+
+    def end(self) -> None:
+        """Drop the tasks that are not begun, and let the others end early."""
+        self._over.set()
+
+    def _work(self) -> None:
+        """Run one task after the other, until none is left, one fails, or it is over."""
+        _own.over = self._over
+        try:
+            while (task := self._next()) is not None:
+                task()
+        except Exception:
+            with self._lock:
+                self._running -= 1
+
+    def _next(self) -> Task | None:
+        """The next task of a thread; None, and the thread counts no more, where there is none."""
+        with self._lock:
+            if self._left and not self._over.is_set():
+                return self._left.popleft()
+            self._running -= 1
+            return None
+
+
 @contextmanager
-def ahead(tasks: Sequence[Task]) -> Iterator[None]:
+def ahead(tasks: Sequence[Task]) -> Iterator[Ahead]:
     """Run tasks in threads of their own while a block runs; those not begun at its end are dropped.
 
     There are as many threads as cores, though the block's own is at work, too: of those that trace only one
@@ -48,29 +90,16 @@ def ahead(tasks: Sequence[Task]) -> Iterator[None]:
     Args:
         tasks: in the order in which they will be needed. One that fails ends its thread in silence: whoever
             needs what it would have made meets the same fault, and tells of it.
+
+    Yields:
+        What takes further tasks.
     """
-    threads = min(len(tasks), cores())
-    if threads < 1 or cores() == 1:
-        yield
-        return
-    left, over = iter(tasks), threading.Event()
-
-    def work() -> None:
-        _own.over = over
-        for task in left:  # each takes the next one, which Python's lock makes safe
-            if over.is_set():
-                return
-            try:
-                task()
-            except Exception:
-                return
-
-    for _ in range(threads):
-        threading.Thread(target=work).start()
+    found = Ahead()
+    found.add(tasks)
     try:
-        yield
+        yield found
     finally:
-        over.set()
+        found.end()
 
 
 def side_by_side(tasks: Sequence[Task], done: Callable[[], object]) -> None:

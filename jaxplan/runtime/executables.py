@@ -5,8 +5,9 @@ lowered again, which takes longer than reading what was compiled. So executables
 follow from: the function, the kinds of its arguments, all sources of this package, and the versions and flags
 of Python, numpy and JAX. They lie in the folder of compiled code (`jaxplan.runtime.cache`), those of other
 sources in parts of their own. Most changes of sources leave most programs as they are: each has another name
-in the folder of programs, by which other sources find it once they have lowered it, too. Whatever cannot be
-kept or read is compiled as ever.
+in the folder of programs, by which other sources find it once they have lowered it, too. Beside each stands
+whether it calls LAPACK, which takes a tenth of a second to get ready. Whatever cannot be kept or read is
+compiled as ever.
 """
 
 import hashlib
@@ -35,6 +36,8 @@ _PATIENCE = 30.0  # s; then a kernel is compiled though another process, perhaps
 _LOOK = 0.02  # s, between two looks whether it is done
 _PARTS = 3  # folders of other sources or versions that are left, the newest ones
 
+_FORM = 2  # of the content of files, so that none of another form is read
+_CALL = "custom_call"  # in the text of programs that call functions of a library
 _PROGRAMS = "programs"  # folder of further names of executables, by what JAX has lowered
 
 _refused = 0
@@ -66,9 +69,11 @@ def _read(place: Path) -> Callable[..., Any] | None:
     """Read the executable in a file; None, and the file deleted, if it is damaged or of another processor."""
     from jax.experimental.serialize_executable import deserialize_and_load
 
-    _prepare_lapack()
     try:
-        found: Callable[..., Any] = deserialize_and_load(*pickle.loads(place.read_bytes()))
+        content, calls_library = pickle.loads(place.read_bytes())
+        if calls_library:
+            _prepare_lapack()
+        found: Callable[..., Any] = deserialize_and_load(*content)
     except Exception:
         _forget(place)
         return None
@@ -77,8 +82,13 @@ def _read(place: Path) -> Callable[..., Any] | None:
 
 @cache
 def _prepare_lapack() -> None:
-    """Register LAPACK's functions with XLA, which JAX does only when it lowers a kernel that calls them."""
-    jax.jit(jax.lax.linalg.cholesky).lower(np.eye(1))
+    """Hand LAPACK's functions to XLA, which JAX does only when it lowers a kernel that calls them."""
+    try:
+        from jaxlib.lapack import prepare_lapack_call
+
+        prepare_lapack_call("potrf_ffi", np.float64)  # all of them, in half the time
+    except Exception:  # as where another version of JAX has another place for it
+        jax.jit(jax.lax.linalg.cholesky).lower(np.eye(1))
 
 
 class _Hits(threading.local):
@@ -112,7 +122,8 @@ def compile_and_keep(lowered: Any, name: str | None, kinds: str | None) -> Any:
     place = _place(name, kinds)
     if place is None:
         return lowered.compile()
-    text = f"{_versions()}\n{kinds}\n{lowered.out_tree}\n{lowered.as_text()}"
+    code = lowered.as_text()
+    text = f"{_FORM}\n{_versions()}\n{kinds}\n{lowered.out_tree}\n{code}"
     program = place.parent.parent / _PROGRAMS / _short(text)
     if program.is_file():
         found = _read(program)
@@ -125,7 +136,7 @@ def compile_and_keep(lowered: Any, name: str | None, kinds: str | None) -> Any:
     with written_once():
         compiled = lowered.compile()
     if _hits.count == hits:
-        _save(place, compiled)
+        _save(place, compiled, calls_library=_CALL in code)
         with suppress(OSError):  # where files have one name only, it is for these sources alone
             program.parent.mkdir(mode=0o700, exist_ok=True)
             os.link(place, program)
@@ -165,12 +176,18 @@ def _forget(file: str | Path) -> None:
         os.unlink(file)
 
 
-def _save(place: Path, compiled: Any) -> None:
-    """Write an executable to the file `place`, whole or not at all; nothing is raised where that fails."""
+def _save(place: Path, compiled: Any, *, calls_library: bool) -> None:
+    """Write an executable to the file `place`, whole or not at all; nothing is raised where that fails.
+
+    Args:
+        place: of the file.
+        compiled: the executable.
+        calls_library: whether it calls functions of a library, such as LAPACK's, which must be ready then.
+    """
     from jax.experimental.serialize_executable import serialize
 
     with suppress(Exception):  # it only saves time
-        content = pickle.dumps(serialize(compiled))
+        content = pickle.dumps((serialize(compiled), calls_library))
         _make_room(place.parent)
         with tempfile.NamedTemporaryFile(dir=place.parent, delete=False) as new:  # for this user alone
             new.write(content)

@@ -15,13 +15,11 @@ of its own for loops, takes two to three times as long to compile kernels such a
 them is no quicker. `quick_jit` asks for the older one where the installed XLA still has it, and is `jax.jit`
 otherwise. To compile a kernel in one part instead of many (``xla_cpu_parallel_codegen_split_count``) would
 save a sixth, and must not be done: with jaxlib 0.10.2 some slopes at rest come out as NaN. While JAX traces
-and lowers a kernel, Python looks for no cyclic garbage, for which it would go through all of the growing
-trace again and again: a tenth of the processor's time of a first plan or gradient.
+and lowers a kernel, Python looks for no cyclic garbage (`jaxplan.runtime.garbage`).
 
 What has been compiled is kept between processes (`jaxplan.runtime.executables`).
 """
 
-import gc
 import inspect
 import threading
 import time
@@ -37,6 +35,7 @@ from jax.typing import ArrayLike
 
 from jaxplan.runtime import executables
 from jaxplan.runtime.ahead import still_wanted
+from jaxplan.runtime.garbage import uncollected
 
 _EVENTS = (
     "/jax/core/compile/jaxpr_trace_duration",
@@ -211,29 +210,6 @@ def _clock_stopped(turn: threading.RLock) -> Iterator[None]:
             _stopped.seconds = stopped + time.monotonic() - began
 
 
-_tracing = 0  # blocks of `_uncollected` that have begun and not ended, in all threads
-_collects = False  # whether Python looked for garbage before the first of them
-_count_lock = threading.Lock()
-
-
-@contextmanager
-def _uncollected() -> Iterator[None]:
-    """Let Python look for no cyclic garbage while a block, or one like it in another thread, runs."""
-    global _tracing, _collects
-    with _count_lock:
-        if not _tracing:
-            _collects = gc.isenabled()
-            gc.disable()
-        _tracing += 1
-    try:
-        yield
-    finally:
-        with _count_lock:
-            _tracing -= 1
-            if not _tracing and _collects:
-                gc.enable()
-
-
 class NoLongerWantedError(Exception):
     """Ends a thread that works ahead, before it compiles what nobody waits for."""
 
@@ -268,7 +244,7 @@ def _compiled(
             kept = executables.load(name, text)
             if kept is None:
                 quick = flags if _known() else None  # which JAX takes at the outermost level alone
-                with _uncollected():
+                with uncollected():
                     lowered = jax.jit(function, **options, compiler_options=quick).lower(*args, **kwargs)
                 if not still_wanted():
                     raise NoLongerWantedError

@@ -5,6 +5,8 @@ from collections.abc import Callable, Mapping
 from pkgutil import resolve_name
 from typing import Any
 
+from jaxplan.runtime.garbage import uncollected
+
 
 def late(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
     """Make the ``__getattr__`` of a package.
@@ -21,7 +23,8 @@ def late(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
     def load(name: str) -> Any:
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = resolve_name(homes[name])
+        with uncollected():
+            value = resolve_name(homes[name])
         setattr(sys.modules[package], name, value)
         return value
 

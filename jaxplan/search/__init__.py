@@ -16,6 +16,7 @@ import numpy as np
 from jaxplan.model.scenario import SEARCH_METHODS, SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.runtime.batching import Seconds, grouped, parts
+from jaxplan.runtime.garbage import uncollected
 from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
 from jaxplan.search.calls import POOL, Scenes, SearchRun, picked
 from jaxplan.search.joint_barriers import JointBarrier, find_joint_barrier, narrowest, short_of
@@ -37,7 +38,10 @@ _METHODS: dict[str, Method | str] = {
 def _method(name: str) -> Method:
     """The search function of a method's name, imported if it has not been yet."""
     known = _METHODS[name]
-    found: Method = resolve_name(known) if isinstance(known, str) else known
+    if not isinstance(known, str):
+        return known
+    with uncollected():
+        found: Method = resolve_name(known)
     return found
 
 

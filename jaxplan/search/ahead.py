@@ -15,7 +15,14 @@ from jaxplan.search.calls import Call, Scenes
 from jaxplan.search.expansion import EDGE_INTERVALS, ONWARD_INTERVALS, Moves, expansion_call
 from jaxplan.search.fields import no_fields
 from jaxplan.search.mha import propose
-from jaxplan.search.paths import STRAIGHT_INTERVALS, edge_table, make_path, shortcuts, straight_call
+from jaxplan.search.paths import (
+    STRAIGHT_INTERVALS,
+    edge_table,
+    make_path,
+    shortcuts,
+    straight_call,
+    straight_paths,
+)
 from jaxplan.search.scene import Scene
 from jaxplan.search.smoothing import EDGES, padded, straight_bands
 from jaxplan.search.trees import MANY, Space
@@ -34,6 +41,17 @@ def usual_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list[T
     if any(np.any(rows.bound) for rows in scene.tables):  # else the straight motion is clear
         tasks.append(partial(straight_bands, scenes, [settings] * len(scenes.scenes)))
     return tasks
+
+
+def band_task(scene: Scene, settings: SearchSettings) -> Task:
+    """A task that calls the straight motion of a scene and, where that is not clear, the elastic band."""
+
+    def search() -> None:
+        scenes = Scenes([scene])
+        if straight_paths(scenes, [settings])[0] is None:
+            straight_bands(scenes, [settings])
+
+    return search
 
 
 def smoothing_tasks(scene: Scene, *, many: bool) -> list[Task]:

@@ -5,6 +5,7 @@ from pkgutil import resolve_name
 from typing import Any
 
 from jaxplan.runtime.batching import Seconds, grouped
+from jaxplan.runtime.garbage import uncollected
 from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate, total_momentum
 from jaxplan.trajectory.fit import NEAR_THE_BOUND, Fit, FitQuery
@@ -25,7 +26,10 @@ REFITS: dict[str, Any] = {
 def by_name(methods: dict[str, Any], name: str) -> Any:
     """The function of a name in `METHODS` or `REFITS`; those given as "module:function" are imported now."""
     known = methods[name]
-    return resolve_name(known) if isinstance(known, str) else known
+    if not isinstance(known, str):
+        return known
+    with uncollected():
+        return resolve_name(known)
 
 
 __all__ = [

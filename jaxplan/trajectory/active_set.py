@@ -10,7 +10,7 @@ A *row* is an inequality of the fit: of a joint, a node in its tube, a load of t
 (`constraints`). What the optimum's derivatives keep fixed, above all the rows that bind, is an `ActiveSet`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import jax
@@ -43,7 +43,7 @@ _FLANK_STEP = 1e-4  # of the pace's flank, to either side, for differences by it
 Masks = dict[str, np.ndarray]  # by block of constraints, one number or bool for every row
 Rows = dict[str, Index]  # indices of some rows of one curve by block, in the order of `ActiveSet`
 
-_inputs = quick_jit(gather_inputs)
+_inputs = quick_jit(gather_inputs, level=0)  # as quick as with more: calls of many small arrays
 
 
 @shown()
@@ -61,25 +61,20 @@ class FitRecord:
     attempt: Attempt
     stretched: bool
 
-    def hold(self, nodes: int = FEWEST_NODES) -> ActiveSet:
+    def hold(self, nodes: int = FEWEST_NODES, nearer: sqp.SQPSolution | None = None) -> ActiveSet:
         """Find the optimum near the fit, with the rows that bind and all else that derivatives hold fixed.
 
         Args:
             nodes: the smallest number that the path's nodes are padded to.
+            nearer: what `nearer_optima` found; None to look for it now.
 
         Raises:
             ValueError: if it is not an optimum in a given time, without limits, or of a shortest motion from
                 rest to rest, or if no optimum is found near it.
         """
         self._expect_an_optimum()
-        discrete, solution = self.attempt.discrete, self.attempt.solution
-        first = sqp.InitialGuess(
-            discrete=discrete,
-            coefficients=solution.coefficients,
-            duration=solution.duration,
-            ftol=_FTOL,
-        )
-        (solution,) = sqp.improve([first])
+        discrete, first = self.attempt.discrete, self.guess
+        solution = nearer_optima([self])[0] if nearer is None else nearer
         first = replace(first, coefficients=solution.coefficients, duration=solution.duration)
         state = sqp.SQPState.of([first])  # of one
         stack, at, share = state.stack, state.at, float(state.share[0])
@@ -114,6 +109,14 @@ class FitRecord:
         raise ValueError(
             "which limits, zones and nodes bind cannot be told, as where one of them is about to: change "
             "trajectory.duration_s a little"
+        )
+
+    @property
+    def guess(self) -> sqp.InitialGuess:
+        """The fit as where to look for a curve that is nearer the optimum, from which the rest is found."""
+        discrete, solution = self.attempt.discrete, self.attempt.solution
+        return sqp.InitialGuess(
+            discrete=discrete, coefficients=solution.coefficients, duration=solution.duration, ftol=_FTOL
         )
 
     def _expect_an_optimum(self) -> None:
@@ -283,6 +286,11 @@ class FitRecord:
             stretched=self.stretched and not discrete.free_time,
             free_time=discrete.free_time,
         )
+
+
+def nearer_optima(records: Sequence[FitRecord]) -> list[sqp.SQPSolution]:
+    """Improve fits together, so far that each shows which rows bind."""
+    return sqp.improve([record.guess for record in records])
 
 
 def _of_curves(space: CurveSpace) -> dict[str, np.ndarray]:

@@ -14,6 +14,7 @@ is differentiated, ``z`` is as above, ``c`` are spline coefficients (n, A), and 
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -33,7 +34,7 @@ from jaxplan.trajectory.sqp import ENERGY_WEIGHT
 _REGULARISATION = 1e-13  # of the matrix, where rows that bind depend on each other
 
 
-@quick_jit
+@partial(quick_jit, level=1)
 def linearised(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, Traced]:
     """The conditions ``F`` and their derivative at ``z``, see `residual` and `matrix`."""
     z = jnp.asarray(z)

@@ -19,19 +19,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxplan.derivatives import Held, expect_known_time, follow_and_hold, hold, hold_each
+from jaxplan.derivatives import Held, expect_known_time, follow_and_hold, hold_each
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
-from jaxplan.planner.runs import as_filed
+from jaxplan.planner.runs import as_filed, plan_with_fits
+from jaxplan.runtime.ahead import ahead
 from jaxplan.runtime.arguments import expect, several
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
+from jaxplan.runtime.garbage import seldom_collected
 from jaxplan.runtime.jit import clear_if_full, quick_jit
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import scenario_to_dict
 from jaxplan.schema.numbers import with_numbers
 from jaxplan.study.result import Printed, counted
-from jaxplan.trajectory import Trajectory
+from jaxplan.trajectory import Fit, Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.tuning.objectives import (
     Objective,
@@ -225,7 +227,7 @@ def tune(
         for one in tuned:  # all begin with the first one's numbers, so only that they exist matters
             number_of(scenario, one.place.name)
     optimizer = optax.with_extra_args_support(optax.adam(0.1) if optimizer is None else optimizer)
-    with jax.enable_x64(True):
+    with jax.enable_x64(True), seldom_collected():
         free = jnp.array([one.free() for one in tuned])
         memory = optimizer.init(free)
         asked = {
@@ -272,16 +274,20 @@ class _Descent:
         self._optimizer, self._progress = optimizer, progress
         self._messages: list[str] = []
         self._moved = np.zeros(len(tuned), dtype=bool)
-        first = state.first or self._plans_to_begin_with(state.free)
+        first, self._fits = state.first, list[Fit | None]()
+        if not first:
+            first, self._fits = self._plans_to_begin_with(state.free)
         self._state = replace(state, first=first, plans=state.plans or first)
         longest = max(len(plan.path.attitudes) for plan in self._state.plans if plan.path is not None)
         self._nodes = padded_count(longest, FEWEST_NODES)  # of all plans, so that kernels compile once
-        held = hold_each(self._state.plans, nodes=self._nodes)
+        held = hold_each(self._state.plans, nodes=self._nodes, known=self._fits or None)
         pairs = zip(held, (plan.scenario for plan in self._state.plans), strict=True)
         self._often = steps * len(given) > _OFTEN
         clear_if_full()  # not while kernels are compiled
         rehearsal = self._first_held if len(given) >= _MANY else None
-        self._slope = mean_slope(pairs, aim, tuned, often=self._often, rehearsal=rehearsal)
+        with ahead([self._first_valued] if rehearsal else []):
+            self._slope = mean_slope(pairs, aim, tuned, often=self._often, rehearsal=rehearsal)
+        self._fits.clear()  # they take room, and what is held has all that is needed
         seen = self._look(self._state)
         if seen is None:
             raise ValueError("the objective, or its gradient, is not finite at the numbers to begin with")
@@ -292,7 +298,12 @@ class _Descent:
     def _first_held(self) -> tuple[Held, Scenario]:
         """What is held of the first plan, found for it alone, with its scenario."""
         plan = self._state.plans[0]
-        return hold(plan, nodes=self._nodes), plan.scenario
+        return next(hold_each([plan], nodes=self._nodes, known=self._fits[:1] or None)), plan.scenario
+
+    def _first_valued(self) -> None:
+        """Compute the objective of the first plan, which compiles its kernel beside that of the slope."""
+        with jax.enable_x64(True):  # a thread has its own setting
+            self._mean(self._state.plans[:1])
 
     def go(self, steps: int) -> None:
         """Make so many steps, unless the objective ceases to be finite or Ctrl-C interrupts."""
@@ -399,15 +410,15 @@ class _Descent:
         self._row, self._gradient = self._look(state) or (self._row, self._gradient)
         self._state = replace(state, plans=tuple(plans), checkpoints=(*state.checkpoints, self._stop))
 
-    def _plans_to_begin_with(self, free: jax.Array) -> tuple[Plan, ...]:
-        """Plan the scenarios for free parameters; raise a ValueError where one has no plan."""
-        plans = tuple(plan_batch(self._at(free), progress=self._progress))
+    def _plans_to_begin_with(self, free: jax.Array) -> tuple[tuple[Plan, ...], list[Fit | None]]:
+        """Plan the scenarios for free parameters, with fits; raise a ValueError where one has no plan."""
+        plans, fits = plan_with_fits(self._at(free), progress=self._progress)
         for plan in plans:
             if not plan.ok:
                 raise ValueError(
                     f"{plan.scenario.name} has no plan to begin with: {plan.status.name}, {plan.message}"
                 )
-        return plans
+        return tuple(plans), fits
 
     def _best(self, start: Stop, end: Stop) -> tuple[_Planned, bool]:
         """Find the best point with certified plans, and whether planning failed at the end.
@@ -441,7 +452,7 @@ class _Descent:
         return float(np.mean(values))
 
 
-@partial(quick_jit, static_argnums=2)
+@partial(quick_jit, level=1, static_argnums=2)
 def _valued(trajectory: Trajectory, scenario: Scenario, aim: Objective) -> jax.Array:
     """The objective of a trajectory and its scenario."""
     return aim(trajectory, scenario)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxplan.derivatives import Held, replan
+from jaxplan.derivatives import Held, held_end, replan_to
 from jaxplan.model.scenario import Scenario
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.runtime.workers import one_thread
@@ -217,11 +217,14 @@ def _value_and_slope(
     free: jax.Array, held: Held, scenario: Scenario, aim: Objective, tuned: tuple[Parameter, ...]
 ) -> tuple[jax.Array, jax.Array]:
     """The objective of a plan at free parameters, and its gradient in them; arguments as of `mean_slope`."""
+    # That of weights and durations is known, and half of the kernel is what follows it.
+    known = all(one.place.path[0] == "trajectory" for one in tuned)
+    end = held_end(held, scenario) if known else None
 
     def value(free: jax.Array) -> jax.Array:
         numbers = {one.place: one.value(z) for one, z in zip(tuned, free, strict=True)}
         changed = with_numbers(scenario, numbers)
-        return aim(replan(held, changed), changed)
+        return aim(replan_to(end, held, changed), changed)
 
     return jax.value_and_grad(value)(free)
 

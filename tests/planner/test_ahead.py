@@ -12,9 +12,11 @@ from builders import make_scenario
 import jaxplan as jp
 from jaxplan import gradients, warming
 from jaxplan.planner import ahead as planner_ahead
+from jaxplan.planner.steps import find_goals
 from jaxplan.runtime import jit
 from jaxplan.runtime.ahead import ahead, cores, side_by_side
 from jaxplan.runtime.jit import kernel_count
+from jaxplan.search import ahead as search_ahead
 
 KINDS = ("keep_out", "keep_in", "hard_keep_out", "hard_keep_in", "held_links")
 DURATIONS = ("stretched", "minimum", 60.0)
@@ -126,6 +128,35 @@ def test_of_many_scenarios_of_a_kind_some_are_hard(monkeypatch):
     assert tasks[1] > tasks[0] > 0
 
 
+def test_the_band_of_a_goal_of_least_time_waits_until_the_motion_to_the_nearest_goal_is_not_clear(
+    monkeypatch,
+):
+    scenario = jp.paper_case(2)
+    soonest = timed(replace(scenario, goal=replace(scenario.goal, criterion="least_time")), "minimum")
+    counts, banded = [], []
+    for one, many in ((soonest, False), (soonest, True)):
+        monkeypatch.setattr(planner_ahead, "_begun", set())
+        counts.append(len(planner_ahead._usual(one, many)))
+    assert counts[1] == counts[0] + 1
+    monkeypatch.setattr(search_ahead, "straight_bands", lambda *_: banded.append(1))
+    goal = find_goals(scenario)[0]
+    for one, wanted in ((scenario, 1), (replace(scenario, keep_out=(), keep_in=()), 0)):
+        banded.clear()
+        for task in planner_ahead.further_tasks(one, goal):
+            task()
+        assert len(banded) == wanted
+
+
+def test_goals_of_least_time_tell_the_nearest_goal_first():
+    scenario = jp.paper_case(2)
+    told = []
+    nearest = find_goals(scenario, told=told.append)[0]
+    assert not told
+    find_goals(replace(scenario, goal=replace(scenario.goal, criterion="least_time")), told=told.append)
+    (first,) = told
+    np.testing.assert_allclose(first.attitude, nearest.attitude, atol=1e-9)
+
+
 @pytest.mark.parametrize("method", ["paper", "global"])
 def test_tasks_of_a_gradient_compile_the_kernels_that_it_calls(compilations, method):
     scenario = jp.paper_case(1)
@@ -176,6 +207,17 @@ def test_a_kernel_that_nobody_waits_for_any_more_is_traced_and_not_compiled(comp
     assert "jit(slow_to_trace)" not in compilations
     assert slow_to_trace(1.0) == 2  # for whoever asks for it after all
     assert "jit(slow_to_trace)" in compilations
+
+
+@pytest.mark.skipif(cores() < 2, reason="on one core nothing is done beside something else")
+def test_tasks_may_come_later_as_long_as_the_block_runs():
+    done = threading.Event()
+    with ahead([]) as work:
+        work.add([done.set])
+        assert done.wait(10)
+    late = threading.Event()
+    work.add([late.set])
+    assert not late.wait(0.1)
 
 
 def test_a_task_that_fails_beside_a_block_is_silent_and_side_by_side_it_is_told():

@@ -116,7 +116,7 @@ def test_parts_of_older_sources_are_cleared_away(tmp_path, monkeypatch):
     lowered = jax.jit(jnp.sin).lower(1.0)
     for number in range(6):
         monkeypatch.setattr(executables, "_origin", lambda number=number: f"source-{number}")
-        executables._save(executables._place("jaxplan.sine", "float"), lowered.compile())
+        executables._save(executables._place("jaxplan.sine", "float"), lowered.compile(), calls_library=False)
     left = sorted(path.name for path in tmp_path.iterdir())
     assert left == [f"kernels-source-{number}" for number in range(5 - executables._PARTS, 6)]
 
@@ -160,3 +160,36 @@ def test_processes_with_several_devices_take_no_executable_of_one(tmp_path):
     (_, refused, _, *second), _ = fresh_python(several, tmp_path)
     assert refused == 0
     np.testing.assert_allclose(second, first, rtol=1e-6)
+
+
+LIBRARY = """
+import json
+import jax, jax.numpy as jnp, numpy as np
+from jaxplan.runtime import cache, executables
+cache.keep_by_default()
+functions = {"sine": jnp.sin, "factor": jnp.linalg.cholesky}
+found = []
+for name, function in functions.items():
+    kernel = executables.load(f"jaxplan.{name}", "float")
+    known = kernel is not None
+    if not known:
+        lowered = jax.jit(function).lower(4 * np.eye(2))
+        kernel = executables.compile_and_keep(lowered, f"jaxplan.{name}", "float")
+    prepared = executables._prepare_lapack.cache_info().currsize
+    found.append([known, prepared, float(kernel(4 * np.eye(2, dtype=np.float32))[0, 0])])
+print(json.dumps(found))
+"""
+
+
+def test_lapack_is_made_ready_for_executables_that_call_it_alone(tmp_path):
+    fresh_python(LIBRARY, tmp_path)
+    (sine, factor), _ = fresh_python(LIBRARY, tmp_path)
+    assert sine == [True, 0, pytest.approx(np.sin(4.0))]
+    assert factor == [True, 1, 2.0]
+
+
+def test_lapack_is_made_ready_by_jax_where_its_own_way_is_not_known(tmp_path):
+    fresh_python(LIBRARY, tmp_path)
+    hidden = 'import sys, jax; sys.modules["jaxlib.lapack"] = None'
+    (_, factor), _ = fresh_python(hidden + LIBRARY, tmp_path)
+    assert factor == [True, 1, 2.0]

@@ -13,6 +13,8 @@ from quick import quick_jit
 
 import jaxplan as jp
 from jaxplan.cases import paper_case
+from jaxplan.derivatives import hold_each
+from jaxplan.planner.runs import plan_with_fits
 from jaxplan.runtime.jit import kernel_count
 from jaxplan.schema import scenario_to_dict
 from jaxplan.schema.numbers import find_number, with_numbers
@@ -415,3 +417,32 @@ def test_a_rehearsal_compiles_the_kernel_and_changes_no_slope(fails):
     value, slope = mean_slope(pairs(), aim, tuned, often=False, rehearsal=find)(free)
     assert (value, kernel_count()) == (expected[0], count)
     np.testing.assert_array_equal(slope, expected[1])
+
+
+def test_slopes_in_numbers_that_no_goal_depends_on_leave_the_goal_as_it_is():
+    """With a limit of rates beside it the goal is followed, and the first slope is the same."""
+    plan = jp.plan(SMALL, progress=False)
+    aim, held = make_objective("effort"), jp.hold(plan)
+    found = []
+    for names in (["trajectory.duration_s"], ["trajectory.duration_s", "spacecraft.rate_limit_deg_s"]):
+        tuned = parameters(SMALL, names)
+        free = jnp.array([one.free() for one in tuned])
+        value, slope = mean_slope([(held, plan.scenario)], aim, tuned, often=False)(free)
+        found.append((value, slope[0]))
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-8)
+    assert found[0][1] != 0
+
+
+def test_fits_of_plans_are_held_as_fits_made_anew_are():
+    given = replace(SMALL, trajectory=replace(SMALL.trajectory, method="global"))
+    shortest = replace(given, trajectory=replace(given.trajectory, duration="minimum"))
+    plans, fits = plan_with_fits([given, SMALL, shortest], progress=False)
+    assert all(plan.ok for plan in plans)
+    assert fits[2] is None  # it is fitted anew near itself
+    for plan, fit in zip(plans[:2], fits[:2], strict=True):
+        assert fit.trajectory is plan.trajectory
+        (held,) = hold_each([plan], nodes=32, known=[fit])
+        (anew,) = hold_each([plan], nodes=32)
+        one, other = map(jax.tree.leaves, (held, anew))
+        for left, right in zip(one, other, strict=True):
+            np.testing.assert_allclose(left, right, rtol=1e-6, atol=1e-9)
