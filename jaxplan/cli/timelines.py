@@ -60,7 +60,9 @@ def timeline(options: argparse.Namespace) -> int:
         kept = formats if plan.ok else ()
         name_earlier(folder / PLAN, [_motion(folder, name) for name in FORMATS if name not in kept])
         if formats and not plan.ok:
-            return complain(f"{options.timeline}: is not exported, since it is not certified", code)
+            return complain(
+                f"{options.timeline}: is not exported, since it ended as {plan.status.name}", code
+            )
     return code
 
 

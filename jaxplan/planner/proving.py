@@ -16,7 +16,7 @@ from jaxplan import so3
 from jaxplan.certificate import Certificate, Claim, EndState, ProvedMargin, certify_batch, prove_margins
 from jaxplan.model.goals import GivenState
 from jaxplan.model.path import Goal
-from jaxplan.model.scenario import Scenario, known_until, moves
+from jaxplan.model.scenario import Scenario, moves
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import hidden_targets
 from jaxplan.runtime.arguments import expect
@@ -230,7 +230,7 @@ def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator
     if goal.angular_velocity is None or goal.joint_rates is None:
         yield "the goal has no rates, though targets move"
         return
-    if not 0 <= goal.time <= known_until(scenario)[0]:
+    if not all(path.covers(goal.time) for path in asked.paths) or not goal.time >= 0:
         yield f"the targets are not known at {goal.time:.6g} s, the time of the goal"
         return
     yield from hidden_targets(scenario, goal.time)

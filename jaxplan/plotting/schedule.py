@@ -90,7 +90,9 @@ class Following:
 def followings(plan: TimelinePlan) -> list[Following]:
     """All that devices follow on a day, in order; those of planned activities alone."""
     asked = {activity.name: activity.targets for activity in plan.timeline.activities}
-    begins = {segment.name: segment.start for segment in plan.segments if segment.kind != "slew"}
+    begins = {
+        segment.name: segment.start for segment in plan.segments if segment.kind not in ("slew", "idle")
+    }
     craft = plan.timeline.scene.spacecraft
     found = []
     for planned in plan.activities:
@@ -197,7 +199,8 @@ def _bars(plan: TimelinePlan, end: float) -> Iterator[_Bar]:
     rows, before = device_rows(plan), 0.0
     for one in plan.activities:
         if one.start is None or one.end is None:
-            start, last = _allowed(asked[one.name], before, end)
+            wanted = asked.get(one.name, Activity(name=one.name, idle=True, latest=end))  # the rest after all
+            start, last = _allowed(wanted, before, end)
             yield _Bar(row=1, start=start, end=last, name=one.name, look=_FAILED)
             before = max(before, last)
             continue

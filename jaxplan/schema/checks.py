@@ -200,7 +200,11 @@ def _check_stages(craft: Any, place: Place) -> None:
     devices = (*craft.terminals, *craft.drives)
     if any(device is WRONG or any(own is WRONG for own in vars(device).values()) for device in devices):
         return  # it is told what is wrong, and how they are mounted may not be known
-    left = np.linalg.eigvalsh(craft.fixed_inertia)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        fixed = craft.fixed_inertia
+    if not np.all(np.isfinite(fixed)):
+        return  # as of a drive that looks along its axis, which is told
+    left = np.linalg.eigvalsh(fixed)
     rounding = _LEFT * np.linalg.norm(craft.whole_inertia, 2)
     names = ", ".join(there.path for there, _ in given)
     whole = "is of the whole spacecraft with joints at zero, so"

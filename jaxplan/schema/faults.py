@@ -204,8 +204,9 @@ class Place:
 
 def closest(name: str, known: Sequence[str]) -> str | None:
     """The known name that an unknown one resembles, None where it resembles none."""
+    alike = [one for one in known if one.casefold() == name.casefold()]
     close = difflib.get_close_matches(name, known, n=1) if len(name) <= _LONGEST_NAME else []
-    return close[0] if close else None
+    return next(iter([*alike, *close]), None)
 
 
 def plural(noun: str) -> str:

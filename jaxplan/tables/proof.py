@@ -199,7 +199,7 @@ def certify_table(
     if lacking is not None:
         raise ValueError(lacking)
     begin = _begin(table, scene)
-    _expect_known(table, scene, begin)
+    table = _known_part(table, scene, begin)
     found = certify_rows(table, how, scene, begin, forgives, other=other)
     goal_off = found.goal_off if scene is scenario else None
     return replace(found, goal_off=goal_off, left_out=(*found.left_out, *foreign))
@@ -293,18 +293,25 @@ def _begin(table: AttitudeTable, scenario: Scenario) -> float:
     return begin
 
 
-def _expect_known(table: AttitudeTable, scenario: Scenario, begin: float) -> None:
-    """Raise a ValueError if a zone is not known to the end of a table that begins at a time, s."""
-    end = begin + float(table.times[-1] - table.times[0])
+def _known_part(table: AttitudeTable, scenario: Scenario, begin: float) -> AttitudeTable:
+    """A table that begins at a time, s; its end not after that of what is known, as far as times are rounded.
+
+    Raises:
+        ValueError: if a zone is not known to its end.
+    """
+    span = float(table.times[-1] - table.times[0])
     for zone in scenario.zones:
         path = zone.path if zone.moves else None
         known = min(zone.lasts, np.inf if path is None else float(path.times[-1]))
-        if not end <= known:
+        if not begin + span <= known + _CLOCK:
             raise ValueError(
-                f"{table.name}: ends {end:.6g} s after the scene's start, and zone {zone.name} "
-                f"{'moves and ' * zone.moves}is known until {known:g} s: give samples for longer, or of "
+                f"{table.name}: ends {begin + span:.10g} s after the scene's start, and zone {zone.name} "
+                f"{'moves and ' * zone.moves}is known until {known:.10g} s: give samples for longer, or of "
                 "[sky] a longer for_duration_s"
             )
+        span = min(span, known - begin)
+    times = np.minimum(table.times, table.times[0] + span)
+    return table if times[-1] == table.times[-1] or not times[-1] > times[-2] else replace(table, times=times)
 
 
 def _goal_off(scenario: Scenario, table: AttitudeTable, time: float) -> float | None:

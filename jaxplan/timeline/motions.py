@@ -345,7 +345,7 @@ class Doing:
         """Raise `Refused` if a target is hidden at some time of the activity, seconds both."""
         for name, path in zip(targets.names(self.scene.spacecraft), targets.paths, strict=True):
             for span in path.hidden:
-                if span.at(begin) or begin < span.start < end:
+                if span.start <= begin < span.end - _SAME or begin < span.start < end:
                     raise Refused(
                         Status.INVALID_GOAL,
                         f"{span.target}, the target of {name}, is hidden by {span.by} from "

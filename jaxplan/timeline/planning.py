@@ -8,11 +8,13 @@ comes after it by its `after`. Planning ends there; if asked the rest is planned
 """
 
 import time as clock
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import fields, replace
 
 import numpy as np
 
 from jaxplan.certificate import Certificate, faults_later
+from jaxplan.model.sameness import same
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.model.timeline import CALM, REST, Activity, Segment, Timeline, in_order
@@ -129,6 +131,7 @@ class _Day:
         before = kept.activities[:first]
         if [one.name for one in before] != names[:first]:
             raise ValueError(f"after: the activities before {name} are not those of the timeline")
+        self._expect_the_same(kept, names[:first])
         for segment in kept.segments:
             if segment.name not in names[:first]:
                 break
@@ -139,6 +142,27 @@ class _Day:
         self.activities += before
         self.choices += [one for one in kept.choices if one.activity.name in names[:first]]
         return ordered[first:]
+
+    def _expect_the_same(self, kept: TimelinePlan, names: Sequence[str]) -> None:
+        """Raise a ValueError where activities of these names, or the start, are others in a kept plan."""
+        were, are = (
+            {one.name: one for one in timeline.activities} for timeline in (kept.timeline, self.timeline)
+        )
+        for own in names:
+            changed = [
+                part.name
+                for part in fields(Activity)
+                if not same(getattr(were.get(own), part.name, None), getattr(are[own], part.name))
+            ]
+            if changed:
+                raise ValueError(
+                    f"after: activity {own} differs from the one that was planned in "
+                    f"{', '.join(changed)}: plan anew from it on, by from_activity, or leave it as it was"
+                )
+        if not same(kept.timeline.scene.start, self.scene.start):
+            raise ValueError(
+                "after: the start differs from the one that was planned: plan the whole timeline"
+            )
 
     def do(self, activity: Activity) -> bool:
         """Plan an activity from the state so far on; returns whether it could be."""

@@ -144,6 +144,8 @@ def sensitivities(plan: Plan | TimelinePlan, measure: str | None = None) -> Sens
     measure = "effort" if measure is None else measure
     aim: Objective = make_objective(measure)
     sign = -1.0 if measure == _MARGIN else 1.0
+    if plan.trajectory is not None:
+        jax.eval_shape(aim, plan.trajectory, plan.scenario)  # what the measure refuses is told at once
     function = differentiable(plan)
     with progress_bar("derivatives"), jax.enable_x64(True):
         scenario = own_arrays(plan.scenario)
@@ -183,6 +185,11 @@ def _table(
         )
         for place in places
     ]
+    if found and not any(np.isfinite(one.slope) for one in found):
+        raise ValueError(
+            f"the slopes of {measure} are no numbers: the plan has no derivatives that are known. One along "
+            "other nodes may have some: try a larger trajectory.node_tube_deg, or another search.seed"
+        )
     least = _ROUNDING * max((abs(one.slope) for one in found if np.isfinite(one.slope)), default=0.0)
     some = [one for one in found if not abs(one.slope) <= least]  # a slope that is no number is told, too
     return Sensitivities(

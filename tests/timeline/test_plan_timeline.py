@@ -297,6 +297,43 @@ def test_the_shortest_slew_to_an_instant_comes_after_a_rest():
     assert done.slew == end - left <= 1.5 * own.bound(day.choices[0].goal)
 
 
+def test_a_day_is_planned_again_from_an_activity_on():
+    day = planned("links")
+    longer = replace(day.timeline.activities[2], duration=35.0)
+    changed = replace(day.timeline, activities=(*day.timeline.activities[:2], longer))
+    again = jp.plan_timeline(changed, after=day, from_activity="links again", progress=False)
+    assert again.certify().certified
+    kept = [one for one in day.segments if one.name != "links again" and one.end <= 150.0 + 1e-9]
+    assert list(again.segments[: len(kept)]) == kept
+    time = np.linspace(0.0, 150.0, 301)
+    np.testing.assert_array_equal(attitudes_of(again.trajectory, time), attitudes_of(day.trajectory, time))
+    assert again.activities[2].end - again.activities[2].start == pytest.approx(35.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"duration": 40.0}, "activity links differs from the one that was planned in duration"),
+        ({"track": pointing(LINKS | OTHERS)}, "activity links differs .* in track"),
+    ],
+)
+def test_what_is_kept_must_be_what_is_still_asked_for(changes, said):
+    day = planned("links")
+    first, *others = day.timeline.activities
+    changed = replace(day.timeline, activities=(replace(first, **changes), *others))
+    with pytest.raises(ValueError, match=said):
+        jp.plan_timeline(changed, after=day, from_activity="links again", progress=False)
+
+
+def test_a_day_planned_again_must_begin_as_it_did():
+    day = planned("links")
+    scene = day.timeline.scene
+    start = replace(scene.start, joints=scene.start.joints + 0.01)
+    changed = replace(day.timeline, scene=replace(scene, start=start))
+    with pytest.raises(ValueError, match="the start differs"):
+        jp.plan_timeline(changed, after=day, from_activity="links again", progress=False)
+
+
 def test_an_attitude_is_held_at_rest():
     plan = planned("images")
     done = next(one for one in plan.activities if one.name == "aside")
