@@ -86,6 +86,7 @@ class FitProblem:
         settings: of step 3.
         horizon: s; at a place ``s`` axes that move are taken where they are at the time ``s * horizon``.
         near: a motion near which the shortest one is looked for, on its breaks; None for breaks of its own.
+        at_most: s; a shortest motion that takes longer is of no use.
     """
 
     attitudes: np.ndarray
@@ -98,6 +99,7 @@ class FitProblem:
     settings: TrajectorySettings
     horizon: float = 0.0
     near: Trajectory | None = None
+    at_most: float = np.inf
 
     @property
     def at_speed(self) -> bool:
@@ -326,6 +328,11 @@ class DiscreteProblem:
         return self.timing == "shortest"
 
     @property
+    def hastens(self) -> bool:
+        """Whether the shortest motion from rest to rest is asked for, and not what another duration needs."""
+        return self.free_time and self.problem.settings.duration == MINIMUM and not self.problem.at_speed
+
+    @property
     def kind(self) -> tuple[Any, ...]:
         """Sizes and choices that the problems of one stack must share."""
         problem = self.problem
@@ -344,6 +351,7 @@ class DiscreteProblem:
             len(problem.cones.carried),
             problem.at_speed,
             self.timing,
+            self.hastens,
         )
 
     def nearest(self, duration: float) -> np.ndarray:
