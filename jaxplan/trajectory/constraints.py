@@ -172,7 +172,8 @@ class LoadBlock:
             part, scale = self.lesser
             shares = shares + self.at.loads[:, :, part] * scale[:, None]
         stack = self.at.stack
-        return 1 - stack.with_peaks(SIGNS[:, None] * shares[:, :, None], stack.members[0].hastens)
+        between = stack.members[0].hastens and self.lesser is None  # as of `Stack.needed_durations`
+        return 1 - stack.with_peaks(SIGNS[:, None] * shares[:, :, None], between)
 
     @cached_property
     def _falls(self) -> np.ndarray | None:
