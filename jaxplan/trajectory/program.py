@@ -51,7 +51,8 @@ class QuadraticProgram:
         leeway: the same for each unit of the relative change of the duration, where that is more.
         few_rounds: (count, share) of rounds of a program that shortens the duration by more than this share;
             None for as many as others may take.
-        roughly: whether programs are solved roughly, from the multipliers before.
+        roughly: (G,) whether programs, which begin with the multipliers before, are solved roughly; None if they
+            begin anew.
     """
 
     free: np.ndarray
@@ -65,7 +66,7 @@ class QuadraticProgram:
     overlooked: np.ndarray
     leeway: float = 0.0
     few_rounds: tuple[int, float] | None = None
-    roughly: bool = False
+    roughly: np.ndarray | None = None
 
 
 class QPSolution(NamedTuple):
@@ -340,8 +341,10 @@ def _dual(
         matrix += np.outer(time, time) / quadratic.duration_hessian[curve]
         linear -= time / quadratic.duration_hessian[curve]
     dual = BoxQP(matrix, linear, limit)
-    if quadratic.roughly:
-        dual = dual._replace(guess=guess[kept], tolerance=ROUGHLY)
+    if quadratic.roughly is not None:
+        dual = dual._replace(guess=guess[kept])
+        if quadratic.roughly[curve]:
+            dual = dual._replace(tolerance=ROUGHLY)
     return dual, kept, axes, along, time
 
 

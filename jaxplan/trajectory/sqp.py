@@ -256,7 +256,7 @@ class SQPState:
             overlooked=self.overlooked,
             leeway=_LEEWAY if self._hastens else 0.0,
             few_rounds=_FEW_ROUNDS if self._hastens else None,
-            roughly=self._hastens,
+            roughly=self.pull == 0 if self._hastens else None,
         )
 
     @property
