@@ -51,8 +51,8 @@ class QuadraticProgram:
         leeway: the same for each unit of the relative change of the duration, where that is more.
         few_rounds: (count, share) of rounds of a program that shortens the duration by more than this share;
             None for as many as others may take.
-        roughly: (G,) whether programs, which begin with the multipliers before, are solved roughly; None if they
-            begin anew.
+        roughly: (G,) whether programs, which begin with the multipliers before, are solved roughly; None
+            where they begin anew.
     """
 
     free: np.ndarray
