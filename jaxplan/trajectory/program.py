@@ -350,7 +350,7 @@ def _dual(
 
 def _times(parts: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """Products of many matrices (r, P, n) with one, in one call: numpy would make one for each."""
-    return (parts.reshape(-1, parts.shape[2]) @ matrix).reshape(*parts.shape[:2], -1)
+    return (parts.reshape(-1, parts.shape[2]) @ matrix).reshape(*parts.shape[:2], matrix.shape[1])
 
 
 def _gram(axes: np.ndarray, along: np.ndarray, inverse: np.ndarray) -> np.ndarray:
