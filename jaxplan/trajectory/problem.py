@@ -302,6 +302,7 @@ class DiscreteProblem:
             are alike; M is 0 where there is no tube.
         tube_values: (M, A) rad, these nodes, padded likewise.
         tube_radius: (A,) rad, for each axis; for the platform's three, of a cube within the ball.
+        freed: whether the duration is given and only free until the limits are kept.
     """
 
     problem: FitProblem
@@ -316,6 +317,7 @@ class DiscreteProblem:
     tube_rows: np.ndarray
     tube_values: np.ndarray
     tube_radius: np.ndarray
+    freed: bool = False
 
     @property
     def limited(self) -> bool:
@@ -329,8 +331,8 @@ class DiscreteProblem:
 
     @property
     def hastens(self) -> bool:
-        """Whether the shortest motion from rest to rest is asked for, and not what another duration needs."""
-        return self.free_time and self.problem.settings.duration == MINIMUM and not self.problem.at_speed
+        """Whether the shortest motion from rest to rest is looked for, and not only one that is slower."""
+        return self.free_time and not self.freed and not self.problem.at_speed
 
     @property
     def kind(self) -> tuple[Any, ...]:
