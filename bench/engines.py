@@ -48,7 +48,7 @@ def collect(count: int) -> list[Problem]:
     found: list[Problem] = []
 
     def spy(programs):
-        for matrix, linear, penalty in programs:
+        for matrix, linear, penalty, *_ in programs:
             if len(linear):
                 scale = 1 / np.sqrt(np.diag(matrix))
                 found.append((matrix * scale[:, None] * scale, linear * scale, penalty / scale))

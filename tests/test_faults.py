@@ -42,8 +42,8 @@ def test_garbage_of_the_box_solver_is_no_plan_that_breaks_anything(monkeypatch, 
     asked = []
 
     def garbage(programs):
-        asked.extend(len(linear) for _, linear, _ in programs)
-        return [box_qp.BoxQPSolution(BOX_ANSWERS[name](*own), residual=0.0) for own in programs]
+        asked.extend(len(own.linear) for own in programs)
+        return [box_qp.BoxQPSolution(BOX_ANSWERS[name](*own[:3]), residual=0.0) for own in programs]
 
     monkeypatch.setattr(program, "solve_box_qps", garbage)
     with np.errstate(all="ignore"):

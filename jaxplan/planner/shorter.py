@@ -294,11 +294,19 @@ class Shorter:
         query = wanted_fit(self._scenario, path, goal)
         optimal = query.settings.optimal and not self._rough
         self.need = replace(
-            query, settings=replace(query.settings, first_guesses=first_guesses, optimal=optimal)
+            query,
+            settings=replace(query.settings, first_guesses=first_guesses, optimal=optimal),
+            at_most=self._at_most,
         )
+
+    @property
+    def _at_most(self) -> float:
+        """Duration that a motion has to be below for its plan to be taken, s."""
+        shortest = self.plan.trajectory
+        return math.inf if shortest is None else SHORTER * shortest.duration
 
     def _is_shorter(self, fitted: Fit) -> bool:
         """Whether a fit succeeded and takes less than `SHORTER` of the shortest plan's duration."""
-        if fitted.status is not Status.OK or fitted.trajectory is None or self.plan.trajectory is None:
+        if fitted.status is not Status.OK or fitted.trajectory is None:
             return False
-        return fitted.trajectory.duration < SHORTER * self.plan.trajectory.duration
+        return fitted.trajectory.duration < self._at_most

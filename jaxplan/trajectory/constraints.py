@@ -166,12 +166,14 @@ class LoadBlock:
 
     @cached_property
     def slack(self) -> np.ndarray:
-        """(G, S, 2, c) shares of the limit, for a load and its negative."""
+        """(G, S, 2, c) shares of the limit, for a load and its negative; see `Stack.with_peaks`."""
         shares = self.at.loads[:, :, self.own] * self.scale[:, None]
         if self.lesser is not None:
             part, scale = self.lesser
             shares = shares + self.at.loads[:, :, part] * scale[:, None]
-        return 1 - SIGNS[:, None] * shares[:, :, None]
+        stack = self.at.stack
+        between = stack.members[0].hastens and self.lesser is None  # as of `Stack.needed_durations`
+        return 1 - stack.with_peaks(SIGNS[:, None] * shares[:, :, None], between)
 
     @cached_property
     def _falls(self) -> np.ndarray | None:

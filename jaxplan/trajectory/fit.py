@@ -77,6 +77,7 @@ class Fit:
     "end_joint_rates deg/s",
     "horizon s",
     "near",
+    "at_most s",
 )
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitQuery:
@@ -97,6 +98,8 @@ class FitQuery:
             where they are after the same share of the horizon.
         near: a motion near which the shortest one is looked for, on its breaks, if these lie where it
             switches; None to look for the best.
+        at_most: s, where only a shorter motion is of use: the search for the shortest one ends where it comes
+            to nothing shorter than that.
     """
 
     path: Path
@@ -110,6 +113,7 @@ class FitQuery:
     end_joint_rates: np.ndarray | None = None
     horizon: float = 0.0
     near: Trajectory | None = None
+    at_most: float = np.inf
 
 
 def checked(query: FitQuery) -> tuple[Path, np.ndarray]:

@@ -208,7 +208,7 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     ]
     if not hasty:
         return solutions
-    freed = [replace(first[number].discrete, timing="shortest") for number in hasty]
+    freed = [replace(first[number].discrete, timing="shortest", freed=True) for number in hasty]
     slower = sqp.improve(
         [
             replace(own, discrete=discrete, target_duration=own.duration, max_violation=np.inf)

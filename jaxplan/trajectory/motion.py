@@ -22,6 +22,8 @@ from jaxplan.model.scores import margins_of_scores, scores
 from jaxplan.trajectory.kernels import Kernel, load_slopes_at, motion_at, padded_call
 from jaxplan.trajectory.problem import DiscreteProblem
 
+_BETWEEN = 0.02  # of a limit: the most that a load is taken to be above its values at the nearest places
+_FLAT = 1e-12  # of a limit, the least bend of a parabola at its peak
 _BROKEN = 1e-6  # the largest violation of a constraint that still counts as none
 
 LIMIT, ZONE, TUBE = range(3)  # kinds of constraints
@@ -211,9 +213,12 @@ class Stack:
 
         Loads with a lesser part are left to `rooted_durations`.
         """
-        problem = self.members[0].problem
+        problem, between = self.members[0].problem, self.members[0].hastens
         shares = [
-            (np.abs(at.loads[:, :, own]) / self.limits[:, None, own], limit.quantity.power)
+            (
+                self.with_peaks(np.abs(at.loads[:, :, own]) / self.limits[:, None, own], between),
+                limit.quantity.power,
+            )
             for own, limit in zip(problem.components, problem.limits, strict=True)
             if limit.quantity.lesser is None
         ]
@@ -223,6 +228,26 @@ class Stack:
             shares.append((own, power))
         factors = [time_factor(np.max(own, axis=(1, 2)), power) for own, power in shares]
         return np.asarray(np.max(factors, axis=0))
+
+    def with_peaks(self, shares: np.ndarray, between: bool) -> np.ndarray:
+        """Shares (G, S, ...) of limits, at local maxima those that a parabola through the neighbours reaches.
+
+        Args:
+            shares: at the places.
+            between: whether to look between the places; else the shares are returned as they are.
+        """
+        if not between:
+            return shares
+        gaps = np.diff(self.places, axis=1).reshape(len(shares), -1, *[1] * (shares.ndim - 2))
+        slopes = np.diff(shares, axis=1) / gaps
+        before, after = slopes[:, :-1], slopes[:, 1:]
+        wide = gaps[:, :-1] + gaps[:, 1:]
+        slope = (after * gaps[:, :-1] + before * gaps[:, 1:]) / wide
+        bend = np.maximum((before - after) / wide, _FLAT)
+        peak = (before >= 0) & (after <= 0)
+        found = shares.copy()
+        found[:, 1:-1] += np.where(peak, np.minimum(slope**2 / (4 * bend), _BETWEEN), 0.0)
+        return found
 
     def _rooted(self, at: "Iterates") -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
         """Yield, for each load with a term of lower order in 1/T, its two terms as shares of the limit.

@@ -86,6 +86,7 @@ class FitProblem:
         settings: of step 3.
         horizon: s; at a place ``s`` axes that move are taken where they are at the time ``s * horizon``.
         near: a motion near which the shortest one is looked for, on its breaks; None for breaks of its own.
+        at_most: s; a shortest motion that takes longer is of no use.
     """
 
     attitudes: np.ndarray
@@ -98,6 +99,7 @@ class FitProblem:
     settings: TrajectorySettings
     horizon: float = 0.0
     near: Trajectory | None = None
+    at_most: float = np.inf
 
     @property
     def at_speed(self) -> bool:
@@ -300,6 +302,7 @@ class DiscreteProblem:
             are alike; M is 0 where there is no tube.
         tube_values: (M, A) rad, these nodes, padded likewise.
         tube_radius: (A,) rad, for each axis; for the platform's three, of a cube within the ball.
+        freed: whether the duration is given and only free until the limits are kept.
     """
 
     problem: FitProblem
@@ -314,6 +317,7 @@ class DiscreteProblem:
     tube_rows: np.ndarray
     tube_values: np.ndarray
     tube_radius: np.ndarray
+    freed: bool = False
 
     @property
     def limited(self) -> bool:
@@ -324,6 +328,11 @@ class DiscreteProblem:
     def free_time(self) -> bool:
         """Whether the duration is an unknown of the fit."""
         return self.timing == "shortest"
+
+    @property
+    def hastens(self) -> bool:
+        """Whether the shortest motion from rest to rest is looked for, and not only one that is slower."""
+        return self.free_time and not self.freed and not self.problem.at_speed
 
     @property
     def kind(self) -> tuple[Any, ...]:
@@ -344,6 +353,7 @@ class DiscreteProblem:
             len(problem.cones.carried),
             problem.at_speed,
             self.timing,
+            self.hastens,
         )
 
     def nearest(self, duration: float) -> np.ndarray:

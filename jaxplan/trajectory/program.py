@@ -6,7 +6,8 @@ over the free changes ``dc`` of all axes, subject to elastic rows (inequalities 
 penalty). ``H`` is the same for every axis, so its inverse is that of one small matrix, and the dual has one
 unknown a row (`qp`). Few rows are near their bounds: a program begins with those, and is solved again with
 the rows added that its solution breaks (at first, of rows that are exact, only the worst ones), and without
-those to which it leaves much slack. Letters of sizes are those of `motion`; P counts products.
+those to which it leaves much slack. What is only a step towards something else may be solved roughly, from
+the multipliers of the program before. Letters of sizes are those of `motion`; P counts products.
 
 Where each row is one product of a row of the axes and one of the basis (`constraints`), the dual's matrix
 ``G H^-1 G^T`` is that of the rows of the basis times, number by number, that of the rows of the axes.
@@ -20,7 +21,7 @@ import numpy as np
 
 from jaxplan.trajectory.constraints import ConstraintBlock, Index, lowest, numbers
 from jaxplan.trajectory.motion import taken
-from jaxplan.trajectory.qp import BoxQP, solve_box_qps
+from jaxplan.trajectory.qp import ROUGHLY, BoxQP, solve_box_qps
 
 _ROUNDS = 6  # how often a program is solved, each time with the rows that were missed before
 _WORST_ONLY = 2  # rounds after which all broken rows are added, not only the worst ones
@@ -47,6 +48,11 @@ class QuadraticProgram:
         blocks: all rows of the constraints at the curves.
         penalty: (G, 3) for each unit by which a row is broken, by kind.
         overlooked: (G,) share of a row's tolerance; a row that a step breaks by more is added.
+        leeway: the same for each unit of the relative change of the duration, where that is more.
+        few_rounds: (count, share) of rounds of a program that shortens the duration by more than this share;
+            None for as many as others may take.
+        roughly: (G,) whether programs, which begin with the multipliers before, are solved roughly; None
+            where they begin anew.
     """
 
     free: np.ndarray
@@ -58,6 +64,9 @@ class QuadraticProgram:
     blocks: list[ConstraintBlock]
     penalty: np.ndarray
     overlooked: np.ndarray
+    leeway: float = 0.0
+    few_rounds: tuple[int, float] | None = None
+    roughly: np.ndarray | None = None
 
 
 class QPSolution(NamedTuple):
@@ -119,9 +128,11 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
             mask[~block.may_bind] = False
     for round_ in range(_ROUNDS):
         rows = active_rows(blocks, chosen, which)
-        changes, stretches, y = _solve_duals(quadratic, inverse, alone, rows)
+        before = found if round_ else multipliers
+        changes, stretches, y = _solve_duals(quadratic, inverse, alone, rows, _guessed(rows, blocks, before))
         coefficients[which], stretch[which] = changes, stretches
         curves = taken(quadratic.rows, which) @ changes[:, None]
+        overlooked = np.maximum(quadratic.overlooked[which], quadratic.leeway * np.abs(stretches))
         added, end = np.zeros(len(which), dtype=bool), 0
         for block, mask, index in zip(blocks, chosen, rows.of_block, strict=True):
             begin, end = end, end + len(index[0])
@@ -135,12 +146,14 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
             slack = taken(block.slack, own) - change
             if block.power:
                 slack += block.relief(own, stretches[looked])
-            beyond = (-block.tolerance * quadratic.overlooked[own]).reshape(-1, *[1] * (slack.ndim - 1))
+            beyond = (-block.tolerance * overlooked[looked]).reshape(-1, *[1] * (slack.ndim - 1))
             broken = block.chosen(slack < beyond, slack, own) & ~mask[own]
             if block.linear and round_ < _WORST_ONLY:
                 broken &= lowest(np.where(broken, slack, np.inf))
             mask[own] = (mask[own] & (slack < _KEPT * block.tolerance)) | broken
             added[looked] |= np.any(broken.reshape(len(own), -1), axis=1)
+        if quadratic.few_rounds is not None and round_ + 1 >= quadratic.few_rounds[0]:
+            added &= stretches >= -quadratic.few_rounds[1]
         which = which[added]
         if not len(which):
             break
@@ -175,6 +188,15 @@ def decrease_bound(quadratic: QuadraticProgram, multipliers: Multipliers, which:
     by_slope = np.sum((left * (inverse @ left)).reshape(len(which), -1), axis=1) / 2
     by_slack = y * rows.slack
     return np.asarray(by_slope + [np.sum(by_slack[part]) for part in rows.of_curve])
+
+
+def _guessed(rows: "ActiveRows", blocks: Sequence[ConstraintBlock], multipliers: Multipliers) -> np.ndarray:
+    """Multipliers (R,) of rows among those of earlier programs; zero of blocks that were not in these."""
+    of_block = [
+        multipliers[block.name][index] if block.name in multipliers else np.zeros(len(index[0]))
+        for block, index in zip(blocks, rows.of_block, strict=True)
+    ]
+    return np.concatenate([np.zeros(0), *of_block])
 
 
 def _drop_small(multipliers: Multipliers, count: int) -> None:
@@ -246,7 +268,11 @@ def _gradient(y: np.ndarray, axes: np.ndarray, basis: np.ndarray) -> np.ndarray:
 
 
 def _solve_duals(
-    quadratic: QuadraticProgram, inverse: np.ndarray, alone: np.ndarray, rows: ActiveRows
+    quadratic: QuadraticProgram,
+    inverse: np.ndarray,
+    alone: np.ndarray,
+    rows: ActiveRows,
+    guess: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The best steps under some rows.
 
@@ -255,11 +281,12 @@ def _solve_duals(
         inverse: (G, k, k) inverses of the Hessians in the free coefficients.
         alone: (G, k, A) the steps without any rows, in the free coefficients.
         rows: of some of the curves.
+        guess: (R,) multipliers near the answer.
 
     Returns:
         Changes of the coefficients (g, n, A), relative changes of the durations (g,), and multipliers (R,).
     """
-    duals = [_dual(quadratic, inverse, alone, rows, own) for own in range(len(rows.which))]
+    duals = [_dual(quadratic, inverse, alone, rows, guess, own) for own in range(len(rows.which))]
     answers = solve_box_qps([dual[0] for dual in duals])
     multipliers = np.zeros(len(rows.slack))
     changes = np.empty((len(duals), *quadratic.gradient.shape[1:]))
@@ -277,7 +304,12 @@ def _solve_duals(
 
 
 def _dual(
-    quadratic: QuadraticProgram, inverse: np.ndarray, alone: np.ndarray, rows: ActiveRows, own: int
+    quadratic: QuadraticProgram,
+    inverse: np.ndarray,
+    alone: np.ndarray,
+    rows: ActiveRows,
+    guess: np.ndarray,
+    own: int,
 ) -> tuple[BoxQP, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The dual of one curve's program, that of index `own` in `rows`; other arguments as of `_solve_duals`.
 
@@ -292,7 +324,7 @@ def _dual(
     axes, basis = rows.axes[kept], rows.basis[kept]
     if axes.shape[1] > 1 and not np.any(axes[:, 1:]):
         axes, basis = axes[:, :1], basis[:, :1]
-    along = basis @ quadratic.free[curve]
+    along = _times(basis, quadratic.free[curve])
     steep = np.max(np.abs(axes), axis=2) * np.max(np.abs(along), axis=2)
     stays = np.flatnonzero(np.any(steep > _NO_SLOPE, axis=1))
     if len(stays) > _MOST_ROWS:  # those with the least slack
@@ -301,17 +333,52 @@ def _dual(
     if len(stays) < len(kept):
         kept, axes, basis, along = kept[stays], axes[stays], basis[stays], along[stays]
     slack, time, limit = rows.slack[kept], rows.time[kept], quadratic.penalty[curve][rows.kind[kept]]
-    if axes.shape[1] == 1:
-        matrix = (along[:, 0] @ inverse[curve] @ along[:, 0].T) * (axes[:, 0] @ axes[:, 0].T)
-    else:  # of a row with four products it would take sixteen times as many numbers
-        slopes = np.swapaxes(axes, 1, 2) @ along
-        matrix = np.tensordot(slopes @ inverse[curve], slopes, axes=((1, 2), (1, 2)))
-    linear = np.sum((along @ alone[curve]) * axes, axis=(1, 2)) - slack
+    matrix = _gram(axes, along, inverse[curve])
+    linear = np.sum(_times(along, alone[curve]) * axes, axis=(1, 2)) - slack
     if quadratic.duration_hessian is not None:
-        time = time + np.sum((basis @ quadratic.by_time[curve]) * axes, axis=(1, 2))
+        if np.any(quadratic.by_time[curve]):
+            time = time + np.sum(_times(basis, quadratic.by_time[curve]) * axes, axis=(1, 2))
         matrix += np.outer(time, time) / quadratic.duration_hessian[curve]
         linear -= time / quadratic.duration_hessian[curve]
-    return BoxQP(matrix, linear, limit), kept, axes, along, time
+    dual = BoxQP(matrix, linear, limit)
+    if quadratic.roughly is not None:
+        dual = dual._replace(guess=guess[kept])
+        if quadratic.roughly[curve]:
+            dual = dual._replace(tolerance=ROUGHLY)
+    return dual, kept, axes, along, time
+
+
+def _times(parts: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Products of many matrices (r, P, n) with one, in one call: numpy would make one for each."""
+    return (parts.reshape(-1, parts.shape[2]) @ matrix).reshape(*parts.shape[:2], matrix.shape[1])
+
+
+def _gram(axes: np.ndarray, along: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """The matrix (r, r) ``G H^-1 G^T`` of rows.
+
+    Rows of a single product make up a block that is cheap. The others are mostly of the platform alone, so
+    only the axes that they touch are looked at.
+
+    Args:
+        axes: (r, P, A) of the rows.
+        along: (r, P, k) of the rows, in the free coefficients.
+        inverse: (k, k) inverse of the Hessian of one axis.
+    """
+    more = np.any(axes[:, 1:], axis=(1, 2)) if axes.shape[1] > 1 else np.zeros(len(axes), dtype=bool)
+    several, single = np.flatnonzero(more), np.flatnonzero(~more)
+    matrix = np.empty((len(axes), len(axes)))
+    first, value = along[single, 0], axes[single, 0]
+    weighed = first @ inverse
+    matrix[np.ix_(single, single)] = (weighed @ first.T) * (value @ value.T)
+    if len(several):
+        touched = np.flatnonzero(np.any(axes[several], axis=(0, 1)))
+        own = np.swapaxes(axes[several][:, :, touched], 1, 2) @ along[several]  # (r', a, k)
+        flat = own.reshape(len(several), -1)
+        matrix[np.ix_(several, several)] = _times(own, inverse).reshape(flat.shape) @ flat.T
+        beside = (value[:, touched, None] * weighed[:, None]).reshape(len(single), flat.shape[1])
+        both = flat @ beside.T
+        matrix[np.ix_(several, single)], matrix[np.ix_(single, several)] = both, both.T
+    return matrix
 
 
 def _inverses_of_forms(matrices: np.ndarray) -> np.ndarray:

@@ -24,10 +24,13 @@ from jaxplan.runtime.batching import parts
 
 _MOST_ITERATIONS = 60  # after which the answer is taken if it is usable
 _TOLERANCE = 1e-9  # of the scaled residual, relative to the size of the linear term
+ROUGHLY = 1e-6  # the same of an answer that is a step towards something else
 _USABLE = 1e-4  # the largest residual of an answer, where rounding or the number of iterations ends it
 _INTERIOR = 0.995  # share of the way to the boundary that a step may take
 _INSIDE = 0.5  # of the size of the linear term: how far inside the box the iteration begins
 _REGULARISATION = 1e-14  # added to the diagonal, which is of order one
+# The same where multipliers are guessed, of these and of the bounds' multipliers. Those that bind are large.
+_INSIDE_GUESS = (10.0, 0.3)
 TOGETHER = 16  # programs; their matrices are then still in the processor's cache
 
 _TINY = 1e-12  # least size of d
@@ -45,11 +48,15 @@ class BoxQP(NamedTuple):
         matrix: (R, R) ``M``, with a positive diagonal.
         linear: (R,) ``d``.
         penalty: (R,) positive and finite.
+        guess: (R,) ``y`` near the answer, from which it begins; None for none.
+        tolerance: of the residual, see `BoxQPSolution`.
     """
 
     matrix: np.ndarray
     linear: np.ndarray
     penalty: np.ndarray
+    guess: np.ndarray | None = None
+    tolerance: float = _TOLERANCE
 
 
 class BoxQPSolution(NamedTuple):
@@ -68,13 +75,14 @@ def solve_box_qps(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
     """Solve many quadratic programs in boxes; the solutions are in the same order."""
     solutions: dict[int, BoxQPSolution] = {}
     scaled, scales = {}, {}
-    for number, (matrix, linear, penalty) in enumerate(programs):
+    for number, (matrix, linear, penalty, guess, tolerance) in enumerate(programs):
         if not len(linear):
             solutions[number] = BoxQPSolution(np.zeros(0), residual=0.0)
             continue
         scale = 1 / np.sqrt(matrix.diagonal())
-        own = BoxQP(matrix * scale[:, None] * scale, linear * scale, penalty / scale)
-        if all(np.isfinite(part).all() for part in own):
+        near = None if guess is None else guess / scale
+        own = BoxQP(matrix * scale[:, None] * scale, linear * scale, penalty / scale, near, tolerance)
+        if all(np.isfinite(part).all() for part in own[:3]):
             scaled[number], scales[number] = own, scale
         else:
             solutions[number] = BoxQPSolution(np.full_like(linear, np.nan), residual=np.nan)
@@ -113,6 +121,7 @@ class _BoxQPStack:
         d: (N,) linear terms.
         top: (N,) upper bounds, the penalties.
         size: (P,) root mean square of each program's ``d``.
+        tolerance: (P,) of the residuals.
     """
 
     matrices: list[np.ndarray]
@@ -122,11 +131,12 @@ class _BoxQPStack:
     d: np.ndarray
     top: np.ndarray
     size: np.ndarray
+    tolerance: np.ndarray
 
     @classmethod
     def of(cls, programs: Sequence[BoxQP]) -> "_BoxQPStack":
         """The stack of some programs."""
-        matrices, d, top = zip(*programs, strict=True)
+        matrices, d, top, _, tolerance = zip(*programs, strict=True)
         count = np.array([len(own) for own in d])
         last = np.cumsum(count)
         first = last - count
@@ -139,6 +149,7 @@ class _BoxQPStack:
             d=d,
             top=np.concatenate(top),
             size=np.maximum(np.sqrt(np.add.reduceat(d * d, first) / count), _TINY),
+            tolerance=np.array(tolerance),
         )
 
     def at(self, values: np.ndarray) -> "_Iterate":
@@ -170,10 +181,10 @@ def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
     """Solve programs in their scaled form, each as nearly as rounding and `_MOST_ITERATIONS` allow."""
     stack, number = _BoxQPStack.of(programs), np.arange(len(programs))
     solutions: dict[int, BoxQPSolution] = {}
-    iterate, residual = stack.at(_first(stack)), np.full(len(programs), np.inf)
+    iterate, residual = stack.at(_first(stack, programs)), np.full(len(programs), np.inf)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         for iterations in range(_MOST_ITERATIONS + 1):
-            done = (residual <= _TOLERANCE) | (iterations == _MOST_ITERATIONS)
+            done = (residual <= stack.tolerance) | (iterations == _MOST_ITERATIONS)
             ahead, left = iterate, np.full(len(number), np.nan)
             if not done.all():
                 ahead, left = _iterate(stack, iterate)
@@ -192,11 +203,23 @@ def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
     return [solutions[own] for own in range(len(programs))]
 
 
-def _first(stack: _BoxQPStack) -> np.ndarray:
+def _first(stack: _BoxQPStack, programs: Sequence[BoxQP]) -> np.ndarray:
     """Values (4, N) of the first iterate.
 
     The products of each bound's room and multiplier are alike, however wide the box is.
     """
+    first = _unguessed(stack)
+    for own, rows, size in zip(programs, stack.parts, stack.size, strict=True):
+        if own.guess is not None:
+            inside, room = (share * size for share in _INSIDE_GUESS)
+            y = np.minimum(own.guess + inside, own.penalty - np.minimum(own.penalty / 2, inside))
+            lower = np.maximum(own.matrix @ own.guess - own.linear, 0) + room
+            first[:, rows] = y, own.penalty - y, lower, inside * room / (own.penalty - y)
+    return first
+
+
+def _unguessed(stack: _BoxQPStack) -> np.ndarray:
+    """`_first` without guesses."""
     inside, d, top = stack.spread(_INSIDE * stack.size), stack.d, stack.top
     y = np.minimum(np.maximum(d, 0) + inside, top / 2)
     return np.stack([y, top - y, np.maximum(-d, 0) + inside, inside**2 / (top - y)])

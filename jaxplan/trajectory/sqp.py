@@ -6,6 +6,10 @@ subject to limits, zones and tubes (`constraint_blocks`), each elastic with an e
 program has a solution. Steps that do not lower the merit (objective and penalties at the true curve) are
 rejected, and repeated with more damping. Alike problems are worked on together, each until it is done;
 letters of sizes are those of `motion`.
+
+Where the shortest motion from rest to rest is asked for (`hastens` of its `DiscreteProblem`), a part of a
+step is tried before it is repeated, programs are solved as precisely as a step deserves, and what a program
+gains, and how much of that its step missed, tell when to end.
 """
 
 from collections.abc import Sequence
@@ -18,7 +22,7 @@ from jaxplan.runtime.batching import in_groups
 from jaxplan.trajectory.constraints import ConstraintBlock, constraint_blocks
 from jaxplan.trajectory.motion import LIMIT, TUBE, ZONE, Iterates, Stack, members_of, mixed
 from jaxplan.trajectory.problem import DiscreteProblem
-from jaxplan.trajectory.program import Multipliers, QuadraticProgram, decrease_bound, solve
+from jaxplan.trajectory.program import Multipliers, QPSolution, QuadraticProgram, decrease_bound, solve
 from jaxplan.trajectory.splines import weighted
 
 TOGETHER = 16  # problems of a stack; with more, memory is what takes the time
@@ -40,6 +44,20 @@ _FIRST_DAMPING = 1e-2  # of the energy's form: the damping after the first faile
 _NO_DAMPING = 1e-6  # of the energy's form: smaller damping is dropped
 _MOST_FAILED = 2  # failed steps in a row, once penalties have grown: nothing better is near
 _HOPELESS = 0.5  # of a limit, broken in a given duration by a curve with rates at its ends: likewise at once
+
+# Of the shortest motions that are asked for, whose durations tell how near the end is.
+_LEEWAY = 1.0  # share of a row's tolerance, for each unit of the change of the duration: overlooked
+_FEW_ROUNDS = (3, 0.1)  # rounds of programs that change the duration by more than this share
+_FIRST_PROXIMITY = 0.1  # the damping to begin with: of motions that are as quick the nearest is taken
+_LEAST_PROXIMITY = 0.01  # the least damping
+_PROXIMITY = 0.3  # the least damping after a step that failed as a whole
+_UNDAMPED = 0.1  # damping by less hardly changes what a program gains
+_POOR = 0.25  # of what a program gains; a step that gains less is followed by damping as one that failed
+_SHORTER = 0.4  # share of a step that is tried where all of it does not lower the merit
+_NEAR_END = 0.03  # of the duration: where a program gains less, what it missed is about what is left to gain
+_LITTLE = 5.0  # times what settles a search: a gain by less, if it fails, ends it
+_PROMISE = 1.5  # of what a program gains: no search comes to more
+_CLIPPED = 0.6  # of the most that a program can gain: where it gains more, more may follow
 
 # Penalties by kind of constraint, larger than any multiplier of a problem that has a solution.
 _PENALTIES = {LIMIT: 1e3, ZONE: 1e3, TUBE: 1e2}
@@ -126,6 +144,7 @@ class SQPState:
         penalty_updates: how often penalties grew.
         falling: whether the last step made the duration much shorter.
         multipliers: of the last program.
+        promise: durations that the searches come to at best by the last programs, s; 0 if these do not tell.
     """
 
     at: Iterates
@@ -146,6 +165,7 @@ class SQPState:
     penalty_updates: np.ndarray
     falling: np.ndarray
     multipliers: Multipliers
+    promise: np.ndarray
     _blocks: tuple[Iterates, list[ConstraintBlock]] | None = field(default=None, init=False, repr=False)
 
     @classmethod
@@ -160,6 +180,7 @@ class SQPState:
         table = _PENALTIES_OF_FREE_TIME if free_time else _PENALTIES
         weight = ENERGY_WEIGHT if free_time else 1.0
         alone = np.array([begin.by_time_to is not None for begin in begins])
+        hastens = stack.members[0].hastens
         state = cls(
             at=at,
             number=np.arange(count),
@@ -174,11 +195,12 @@ class SQPState:
             penalty=np.tile([table[kind] for kind in (LIMIT, ZONE, TUBE)], (count, 1)),
             spent=np.ones(count),
             value=np.zeros(count),
-            damping=np.zeros(count),
+            damping=np.full(count, _FIRST_PROXIMITY if hastens else 0.0),
             failed=np.zeros(count, dtype=int),
             penalty_updates=np.zeros(count, dtype=int),
-            falling=np.zeros(count, dtype=bool),
+            falling=np.full(count, hastens),
             multipliers={},
+            promise=np.zeros(count),
         )
         state.share = state.energy(at)
         state.spent = state.energy(at)
@@ -194,6 +216,11 @@ class SQPState:
     def _free_time(self) -> bool:
         """Whether the durations are unknowns, which is the same of all members."""
         return self.stack.members[0].free_time
+
+    @property
+    def _hastens(self) -> bool:
+        """See `DiscreteProblem`; it is the same of all members."""
+        return self.stack.members[0].hastens
 
     def _form(self, duration: np.ndarray) -> np.ndarray:
         """Matrices (G, n, n) of the energy of one axis over the first curve's energy, in durations (G,) s."""
@@ -222,12 +249,20 @@ class SQPState:
             by_time=at.duration[:, None, None] * stack.by_time,
             hessian=form + damping[:, None, None] * stack.energies[:, 0],
             gradient=self.pull[:, None, None] * (energy @ _without_offset(at)),
-            duration_hessian=self.duration_hessian if self._free_time else None,
+            duration_hessian=self._own_duration_hessian if self._free_time else None,
             rows=stack.rows,
             blocks=self._blocks_at(at),
             penalty=self.penalty,
             overlooked=self.overlooked,
+            leeway=_LEEWAY if self._hastens else 0.0,
+            few_rounds=_FEW_ROUNDS if self._hastens else None,
+            roughly=self.pull == 0 if self._hastens else None,
         )
+
+    @property
+    def _own_duration_hessian(self) -> np.ndarray:
+        """(G,) those of the next programs, bold where the last step made the duration much shorter."""
+        return np.where(self._hastens & self.falling, _BOLD_HESSIAN, self.duration_hessian)
 
     def _blocks_at(self, at: Iterates) -> list[ConstraintBlock]:
         """The constraints at curves, kept so that a step and `_stop` after it share them."""
@@ -244,20 +279,32 @@ class SQPState:
         )
         energy = self.energy(ahead)
         value = self.merit(ahead, energy)
+        whole, damped = value < self.value, self.damping
+        missed = ahead.duration / self.at.duration - 1 - proposal.stretch
+        if self._hastens:
+            clipped = proposal.stretch * self._own_duration_hessian <= -_CLIPPED
+            self.promise = np.where(clipped, 0.0, self.at.duration * (1 + _PROMISE * proposal.stretch))
+            whole &= -missed >= (_POOR - 1) * -proposal.stretch
+            if not np.all(value < self.value):
+                ahead, energy, value = self._shortened(proposal, ahead, energy, value)
         close = np.abs(self.value - value) <= self.settled * self.value
         little = self.at.is_sound & (self.spent - energy <= self.ftol * self.value)
         better = value < self.value
+        close &= whole | ~better
         self.falling = better & (ahead.duration <= (1 - _FALLING) * self.at.duration)
         self.at = mixed(self.at, ahead, better)
         self.spent = np.where(better, energy, self.spent)
         self.value = np.where(better, value, self.value)
-        calmer = np.where(self.damping > _NO_DAMPING, self.damping / _DAMPING, 0.0)
-        wilder = np.maximum(_DAMPING * self.damping, _FIRST_DAMPING)
-        self.damping = np.where(better, np.where(self.failed > 0, self.damping, calmer), wilder)
+        self.damping = self._next_damping(whole, better)
         self.failed = np.where(better, 0, self.failed + 1)
         dearest = self.penalty_updates == _PENALTY_UPDATES
         done = better & (self.at.duration <= self.target_duration)
-        done |= close & (self.at.is_sound | dearest | self._kept_roughly)
+        if self._hastens:
+            near = whole & (missed <= self.settled) & (proposal.stretch >= -_NEAR_END)
+            near |= -proposal.stretch <= np.where(better, self.settled, _LITTLE * self.settled)
+            done |= near & ((damped <= _UNDAMPED) | (self.failed > 1)) & self.kept
+            done |= self.promise >= [own.problem.at_most for own in self.stack.members]
+        done |= close & (self.kept | dearest)
         if not self._free_time:
             done |= little & self.at.is_sound  # before the step and after it
             hopeless = self.stack.members[0].problem.at_speed & (self.at.violations[:, LIMIT] > _HOPELESS)
@@ -266,13 +313,33 @@ class SQPState:
         self._increase_penalty(close & ~done)
         return done
 
+    def _shortened(
+        self, proposal: QPSolution, ahead: Iterates, energy: np.ndarray, value: np.ndarray
+    ) -> tuple[Iterates, np.ndarray, np.ndarray]:
+        """Curves ahead, energies and merits: of a share of the step where that alone lowers the merit."""
+        shorter = self.stack.iterates(
+            self.at.coefficients + _SHORTER * proposal.coefficients,
+            self.at.duration * (1 + _SHORTER * proposal.stretch),
+        )
+        spent = self.energy(shorter)
+        worth = self.merit(shorter, spent)
+        taken = ~(value < self.value) & (worth < self.value)
+        return mixed(ahead, shorter, taken), np.where(taken, spent, energy), np.where(taken, worth, value)
+
+    def _next_damping(self, whole: np.ndarray, better: np.ndarray) -> np.ndarray:
+        """Damping (G,) of the next steps, after steps that were `better` in `whole` or in part."""
+        least, first = (_LEAST_PROXIMITY, _PROXIMITY) if self._hastens else (0.0, _FIRST_DAMPING)
+        calmer = np.where(self.damping > _NO_DAMPING, self.damping / _DAMPING, 0.0)
+        calmer = np.where(self.failed > 0, self.damping, np.maximum(calmer, least))
+        return np.where(whole & better, calmer, np.maximum(_DAMPING * self.damping, first))
+
     @property
-    def _kept_roughly(self) -> np.ndarray:
-        """(G,) whether only the duration is looked for, and constraints are broken by next to nothing.
+    def kept(self) -> np.ndarray:
+        """(G,) whether constraints are kept, or nearly so where only the duration is looked for.
 
         Such a curve is the beginning of another search, which mends that.
         """
-        return (self.pull == 0) & np.all(self.at.violations <= _ROUGHLY_BROKEN, axis=1)
+        return self.at.is_sound | (self.pull == 0) & np.all(self.at.violations <= _ROUGHLY_BROKEN, axis=1)
 
     def _stop(self, done: np.ndarray, asked: np.ndarray) -> None:
         """Set `done`, in place, where `asked` is true and the next program promises too small a decrease."""
@@ -289,7 +356,7 @@ class SQPState:
         self.penalty_updates[which] += 1
         self.penalty[which] *= _PENALTY_GROWTH
         self.value = np.where(which, self.merit(self.at, self.spent), self.value)
-        self.damping[which] = 0.0
+        self.damping[which] = _LEAST_PROXIMITY if self._hastens else 0.0
 
 
 def _without_offset(at: Iterates) -> np.ndarray:
@@ -313,12 +380,17 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     """`improve` for first curves of problems of one kind."""
     state = SQPState.of(begins)
     solutions: dict[int, SQPSolution] = {}
+    best: dict[int, float] = {}  # s, shortest curves of each problem
     done = ~(state.at.violations[:, LIMIT] <= np.array([begin.max_violation for begin in begins]))
     for steps in range(_MOST_STEPS + 1):
         if steps > 0:
             done = state.step()
             if steps >= _ENOUGH_STEPS:
                 done |= ~state.falling | (steps == _MOST_STEPS)
+            owner = [id(own) for own in state.stack.members]
+            for member in np.flatnonzero(done & state.kept).tolist():
+                best[owner[member]] = min(best.get(owner[member], np.inf), float(state.at.duration[member]))
+            done |= state.promise >= [best.get(own, np.inf) for own in owner]
         for member in np.flatnonzero(done).tolist():
             solutions[int(state.number[member])] = solution_at(state.at, member, steps)
         if np.all(done):

@@ -123,6 +123,7 @@ def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
         settings=query.settings,
         horizon=query.horizon,
         near=query.near,
+        at_most=query.at_most,
     )
     return full_at_goal(problem) or (problem, own)
 
@@ -316,6 +317,7 @@ class Strategy:
             if (own := best[n]) is not None
             and not one.at_speed
             and not (own.sound and own.needed <= _DETOUR * one.bound)
+            and own.needed < one.at_most
         }
         best |= quicker(self._along(slow, "stretched", lambda one: one.width), best)
         begins = {
