@@ -102,7 +102,8 @@ def numbers(scene):
     zones = (scene.keep_out, scene.keep_in, scene.joint_bounds)
     masks = [terminal.mask for terminal in scene.spacecraft.terminals]
     rows += [np.ravel(leaf)[:9] for leaf in jax.tree.leaves((zones, masks))]
-    return [round(float(number), 9) for row in rows for number in row]
+    every = [float(number) for row in rows for number in row]
+    return [round(number, 9) for number in every if np.isfinite(number)]  # most zones last for good
 
 
 def straight(scene, goal):
