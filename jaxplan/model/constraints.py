@@ -229,7 +229,7 @@ def joint_values(rows: Constraints, gimbals: Gimbals, joints: ArrayLike) -> AnyA
     """Left sides ``f . (yaw, pitch)`` of the rows of joints, for every terminal.
 
     Args:
-        rows: the constraints; of rows that are not of joints the result means nothing.
+        rows: the constraints; of rows that are not of joints the result is zero.
         gimbals: of the spacecraft.
         joints: (..., 2n + d) rad.
 
@@ -237,6 +237,8 @@ def joint_values(rows: Constraints, gimbals: Gimbals, joints: ArrayLike) -> AnyA
         (..., S, Z) rad; zero of sights that are no terminal's boresight.
     """
     xp, q, normal = arrays(joints, rows.axis)
+    # An axis that moves is NaN, and stays so in derivatives of what is not chosen.
+    normal = xp.where((rows.frame == JOINTS)[:, None], normal, 0)
     yaw, pitch = gimbals.parts(q)
     value = yaw[..., None] * normal[:, 0] + pitch[..., None] * normal[:, 1]
     rest = xp.zeros((*value.shape[:-2], rows.bound.shape[1] - gimbals.count, value.shape[-1]), value.dtype)

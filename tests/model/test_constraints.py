@@ -205,3 +205,23 @@ def test_edges_with_numbers_that_are_none_are_out_of_bounds():
         numbers = np.array([0.1, 0.2, 0.3])
         numbers[place] = np.nan
         assert edge_bound(*numbers) == np.inf
+
+
+def test_slopes_of_bounds_of_joints_know_nothing_of_axes_that_move():
+    gimbals = gimbals_about_z([0.0, 2.0])
+    rows, _ = every_kind(gimbals)
+    still = np.asarray(rows.axis)
+    moving = replace(
+        rows, axis=np.where((rows.frame == INERTIAL)[:, None], np.nan, still)
+    )  # of these is a path
+
+    def total(joints, own):
+        values = joint_values(own, gimbals, joints)
+        return jnp.sum(jnp.where(own.frame == JOINTS, values, 1.0))
+
+    joints = jnp.asarray(RNG.uniform(-1, 1, 4))
+    value, slopes = jax.value_and_grad(total)(joints, moving)
+    expected = jax.value_and_grad(total)(joints, rows)
+    np.testing.assert_allclose(value, expected[0])
+    np.testing.assert_allclose(slopes, expected[1])
+    assert np.any(slopes != 0)
