@@ -38,7 +38,7 @@ types: $(READY) ## type hints
 units: $(READY) ## tests and notebooks; one file stays on one worker, which compiles its kernels once
 	$(BIN)/pytest --numprocesses $(WORKERS) --dist loadfile --durations 10
 
-quick: $(READY) ## the tests that are not slow, in two minutes once kernels are compiled; all packages have some
+quick: $(READY) ## the tests that are not slow, in eight minutes on two cores; all packages have some
 	$(BIN)/pytest --numprocesses $(WORKERS) --dist loadfile -m 'not slow'
 
 docs: $(READY) ## the manual as pages in build/docs
