@@ -295,6 +295,8 @@ def _draw_plan(
             nodes = frame.seen(nodes, passed) if len(passed) == len(nodes) else nodes[:0]
         for device, points in enumerate(np.moveaxis(nodes, 1, 0)):
             look = {"color": device_style(device)["color"], "zorder": 3.2, **_NODE}
+            if isinstance(projection, FlatMap):  # a pole has any azimuth
+                points = points[np.abs(points[:, 2]) < np.cos(_AT_POLE)]
             _draw_points(axes, projection, points, look)
         entries.append((Line2D([], [], color=GREY, **_NODE), "node of the path"))
     if at is not None:

@@ -8,7 +8,7 @@ import jax
 import matplotlib as mpl
 import numpy as np
 import pytest
-from builders import make_observer, make_plan, make_scenario
+from builders import make_observer, make_plan, make_scenario, spacecraft_of
 from drawn import assert_apart, filled
 from matplotlib import pyplot
 from matplotlib.figure import Figure
@@ -163,6 +163,18 @@ def test_a_line_over_a_pole_goes_up_to_it_and_down_again_without_a_stroke() -> N
         across = np.abs(np.arcsin(np.clip(_direction(middles) @ turn.apply([0, 0, 1]), -1, 1)))
         assert_each(np.rad2deg(across), "<", 1.5)
         assert np.sum(angle(_direction(first), _direction(second))) > 2 * np.pi - 0.2
+
+
+def test_nothing_is_marked_at_azimuth_zero_of_a_pole_where_a_path_begins() -> None:
+    plan = make_plan(craft=spacecraft_of([0.0], {"eye": np.array([0.0, 0.0, -1.0])}))
+    attitudes = plan.path.attitudes[0].T @ plan.path.attitudes
+    attitudes[0] = np.eye(3)
+    axes = jp.plot.sphere(replace(plan, path=replace(plan.path, attitudes=attitudes)))
+    marked = np.concatenate(
+        [np.column_stack(line.get_data()) for line in axes.lines if len(line.get_xdata())]
+    )
+    assert len(marked) > 10
+    assert not np.any((np.abs(marked[:, 0]) < 1e-6) & (np.abs(marked[:, 1]) > 89.99))
 
 
 def test_what_rests_at_a_pole_is_drawn_as_it_is() -> None:
