@@ -114,7 +114,7 @@ class FitRecord:
     @property
     def guess(self) -> sqp.InitialGuess:
         """The fit as where to look for a curve that is nearer the optimum, from which the rest is found."""
-        discrete, solution = self.attempt.discrete, self.attempt.solution
+        discrete, solution = replace(self.attempt.discrete, to_the_end=True), self.attempt.solution
         return sqp.InitialGuess(
             discrete=discrete, coefficients=solution.coefficients, duration=solution.duration, ftol=_FTOL
         )

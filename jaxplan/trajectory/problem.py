@@ -303,6 +303,7 @@ class DiscreteProblem:
         tube_values: (M, A) rad, these nodes, padded likewise.
         tube_radius: (A,) rad, for each axis; for the platform's three, of a cube within the ball.
         freed: whether the duration is given and only free until the limits are kept.
+        to_the_end: whether a search goes on to the optimum, however little is to be gained.
     """
 
     problem: FitProblem
@@ -318,6 +319,7 @@ class DiscreteProblem:
     tube_values: np.ndarray
     tube_radius: np.ndarray
     freed: bool = False
+    to_the_end: bool = False
 
     @property
     def limited(self) -> bool:
@@ -332,7 +334,7 @@ class DiscreteProblem:
     @property
     def hastens(self) -> bool:
         """Whether the shortest motion from rest to rest is looked for, and not only one that is slower."""
-        return self.free_time and not self.freed and not self.problem.at_speed
+        return self.free_time and not self.freed and not self.to_the_end and not self.problem.at_speed
 
     @property
     def kind(self) -> tuple[Any, ...]:

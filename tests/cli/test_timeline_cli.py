@@ -141,7 +141,7 @@ def test_what_cannot_be_done_has_its_own_exit_code_and_may_be_passed_over(folder
     words = ["timeline", tmp_path / "late.toml", "--go-on", "--export", "csv", "-o", tmp_path]
     code, out, err = run(capsys, *words)
     assert code == 1
-    assert "is not exported, since it is not certified" in err
+    assert "is not exported, since it ended as OUT_OF_WINDOW" in err
     found = jp.load_timeline_plan(tmp_path / "plan.npz")
     assert [one.status.name for one in found.activities] == ["OK", "OUT_OF_WINDOW", "OK"]
     assert found.not_done == ("star",)
