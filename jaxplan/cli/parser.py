@@ -24,7 +24,7 @@ class Parser(argparse.ArgumentParser):
         return known, left
 
     def _meant(self, word: str) -> str:
-        """What an unknown word may have been meant for, as the end of a message; empty if nothing."""
+        """Advice on an unknown word, to end a message: an option like it, or how to name a file."""
         options = self._option_string_actions
         if word.startswith("-"):
             close = difflib.get_close_matches(word.partition("=")[0], list(options), n=1)

@@ -37,7 +37,7 @@ def land() -> tuple[np.ndarray, ...]:
 
 
 def _closed(line: np.ndarray) -> bool:
-    """Whether a line (k, 2) ends where it begins."""
+    """Whether a coast (k, 2) is closed, as all are but that of Antarctica."""
     return bool(np.allclose(line[0], line[-1]))
 
 

@@ -4,7 +4,7 @@ The figures of a plan draw a `DayPlan`, made by `as_plan`, as they do any other.
 day lie slews of seconds, so its instants are shared out by segments: half of them evenly, half by duration.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from jaxplan.model.goals import GivenState
 from jaxplan.model.path import Goal
 from jaxplan.model.timeline import Segment
 from jaxplan.planner import Plan
+from jaxplan.plotting.followings import followings
 from jaxplan.runtime.display import shown
 from jaxplan.timeline.record import TimelinePlan
 
@@ -69,18 +70,8 @@ def as_plan(plan: Plan | TimelinePlan) -> Plan:
         trajectory=trajectory,
         certificate=plan.certificate,
         instants=np.zeros(1) if trajectory is None else _within(instants(plan.segments), trajectory.duration),
-        followed=tuple(_followed(plan)),
+        followed=tuple((one.device, one.start, one.end) for one in followings(plan)),
     )
-
-
-def _followed(plan: TimelinePlan) -> Iterator[tuple[int, float, float]]:
-    """Yield when each device follows a target: its number, start and end, s."""
-    asked = {activity.name: activity.targets for activity in plan.timeline.activities}
-    for one in plan.activities:
-        targets = asked.get(one.name)
-        if one.start is not None and one.end is not None and targets is not None:
-            for device in targets.numbers(plan.timeline.scene.spacecraft):
-                yield device, one.start, one.end
 
 
 def _within(times: np.ndarray, end: float) -> np.ndarray:

@@ -16,10 +16,10 @@ from matplotlib.lines import Line2D
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.plotting import margin_panels
+from jaxplan.plotting.followings import followings
 from jaxplan.plotting.margin_panels import margins_over_time
 from jaxplan.plotting.schedule import (
     draw_rows,
-    followings,
     row_count,
     row_height,
     shade_slews,

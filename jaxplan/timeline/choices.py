@@ -57,7 +57,7 @@ class SlewTime:
 
     @property
     def at_an_instant(self) -> bool:
-        """Whether it ends at the very instant before which there is no goal."""
+        """Whether the slew ends just when its targets come out of hiding, or its window opens."""
         return self.kind == SEEN and self.factor == 1.0 and self.offset == 0.0
 
     def longer(self, factor: float, more: float) -> "SlewTime":

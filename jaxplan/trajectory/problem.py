@@ -333,7 +333,7 @@ class DiscreteProblem:
 
     @property
     def hastens(self) -> bool:
-        """Whether the shortest motion from rest to rest is looked for, and not only one that is slower."""
+        """Whether a search for a shortest motion from rest to rest may end once little is to be gained."""
         return self.free_time and not self.freed and not self.to_the_end and not self.problem.at_speed
 
     @property

@@ -219,7 +219,7 @@ class SQPState:
 
     @property
     def _hastens(self) -> bool:
-        """See `DiscreteProblem`; it is the same of all members."""
+        """Whether the shortest motions from rest to rest are looked for, the same of all members."""
         return self.stack.members[0].hastens
 
     def _form(self, duration: np.ndarray) -> np.ndarray:
