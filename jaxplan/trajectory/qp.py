@@ -10,7 +10,7 @@ Programs have tens or hundreds of rows, no two the same number: LAPACK takes eac
 for many programs at once, their rows one after the other.
 
 **Within half-spaces** (`least_change`), where it must be told exactly which rows bind, by nonnegative least
-squares.
+squares; `flattest_way` tells whether what it leads to is a minimum.
 """
 
 from collections.abc import Sequence
@@ -38,6 +38,8 @@ _TINY = 1e-12  # least size of d
 # Weights of the squares of binding rows, over the size of the Hessian; tried in turn until it is positive.
 _SQUARES = tuple(10.0**power for power in range(-2, 7))
 _DEPENDENT = 1e-9  # of the largest singular value of rows; what they fix by less is not taken as fixed
+_TRIALS = 8  # of which rows bind
+_BROKEN = 1e-10  # of a row's unit: what rounding may break
 _FLATTEST = 1e-6  # of the largest eigenvalue of a Hessian that is not positive: the least that others become
 
 
@@ -304,9 +306,9 @@ def least_change(
     from scipy.linalg import solve_triangular
     from scipy.optimize import nnls
 
-    factor, gradient = _convex_factor(hessian, gradient, slopes[binding], excess[binding])
+    factor, pull = _convex_factor(hessian, gradient, slopes[binding], excess[binding])
     normals = solve_triangular(factor, slopes.T, lower=True)
-    down = solve_triangular(factor, gradient, lower=True)
+    down = solve_triangular(factor, pull, lower=True)
     depth = excess - normals.T @ down
     size = max(1.0, float(np.linalg.norm(down)))
     pushes = np.zeros(len(excess))
@@ -315,7 +317,65 @@ def least_change(
             found, _ = nnls(np.vstack([-normals, depth / size]), np.eye(len(down) + 1)[-1])
             left = 1 - depth / size @ found  # zero where no change meets all rows
             pushes = size * found / left if left > np.finfo(float).eps else pushes
+    exact = _exact_change(hessian, gradient, slopes, excess, pushes > 0)
+    if exact is not None:
+        return exact
     return solve_triangular(factor, -normals @ pushes - down, lower=True, trans=1), pushes
+
+
+def _exact_change(
+    hessian: np.ndarray, gradient: np.ndarray, slopes: np.ndarray, excess: np.ndarray, binding: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """What `least_change` returns, of the form as it is, from a guess of the rows that bind.
+
+    Where the form curves upwards along all that the binding rows leave free, its own minimum there is found,
+    however it curves elsewhere. Rows that this breaks bind in the next trial, rows that it pulls do not.
+
+    Returns:
+        None where the form curves downwards, or no trial is of the rows that it began with.
+    """
+    from scipy.linalg import cho_factor, cho_solve, qr, solve_triangular
+
+    for _ in range(_TRIALS):
+        rows, size = slopes[binding], int(np.sum(binding))
+        both, corner = qr(rows.T)
+        fixed, free, corner = both[:, :size], both[:, size:], corner[:size]
+        pivots = np.abs(np.diag(corner))
+        if size > len(hessian) or np.any(pivots <= _DEPENDENT * np.max(np.abs(corner), initial=0.0)):
+            return None
+        change = fixed @ solve_triangular(corner, -excess[binding], trans=1)
+        try:
+            curved = cho_factor(free.T @ hessian @ free)
+        except np.linalg.LinAlgError:
+            return None
+        change = change - free @ cho_solve(curved, free.T @ (gradient + hessian @ change))
+        pushes = np.zeros(len(excess))
+        pushes[binding] = solve_triangular(corner, -fixed.T @ (gradient + hessian @ change))
+        wanted = (pushes > 0) | ~binding & (slopes @ change + excess > _BROKEN)
+        if np.array_equal(wanted, binding):
+            return change, pushes
+        binding = wanted
+    return None
+
+
+def flattest_way(hessian: np.ndarray, slopes: np.ndarray) -> tuple[float, np.ndarray]:
+    """The way that changes no row along which a quadratic form curves least.
+
+    Args:
+        hessian: (n, n) of the form.
+        slopes: (r, n) of the rows.
+
+    Returns:
+        The curvature over the form's mean one, negative at a saddle, and the way, a unit vector (n,); where
+        rows fix all, infinity and zeros.
+    """
+    from scipy.linalg import eigh, null_space
+
+    ways = null_space(slopes, rcond=_DEPENDENT) if len(slopes) else np.eye(len(hessian))
+    if not ways.size:
+        return np.inf, np.zeros(len(hessian))
+    size, way = eigh(ways.T @ hessian @ ways, subset_by_index=(0, 0))
+    return float(size[0]) * len(hessian) / np.trace(hessian), ways @ way[:, 0]
 
 
 def _convex_factor(
@@ -325,17 +385,23 @@ def _convex_factor(
 
     Arguments as of `least_change`, slopes and excess being those of the rows assumed to bind.
     """
+    with suppress(np.linalg.LinAlgError):
+        return np.linalg.cholesky(hessian), gradient
+    left, sizes, right = np.linalg.svd(slopes)
+    kept = int(np.sum(sizes > _DEPENDENT * np.max(sizes, initial=0.0)))
+    fixed, free = right[:kept].T, right[kept:].T
+    # Where it curves downwards along what the rows leave free, no choice of weights helps.
+    bends, ways = np.linalg.eigh(free.T @ hessian @ free)
+    upwards = np.abs(bends).clip(_DEPENDENT * np.max(np.abs(bends), initial=0.0))
+    hessian = hessian + (free @ ways * np.where(bends > 0, 0, upwards - bends)) @ (free @ ways).T
     squares = slopes.T @ slopes
     unit = np.trace(hessian) / (np.trace(squares) or 1.0)
-    for weight in unit * np.array([0.0, *_SQUARES]):
+    for weight in unit * np.array(_SQUARES):
         with suppress(np.linalg.LinAlgError):
             return np.linalg.cholesky(hessian + weight * squares), gradient + weight * slopes.T @ excess
     # Where many rows nearly follow from others their squares hardly weigh along some directions. What weighs
     # alike along all that they fix changes as little.
-    left, sizes, right = np.linalg.svd(slopes, full_matrices=False)
-    kept = sizes > _DEPENDENT * np.max(sizes, initial=0.0)
-    fixed = right[kept].T
-    pull = fixed @ (left[:, kept].T @ excess / sizes[kept])
+    pull = fixed @ (left[:, :kept].T @ excess / sizes[:kept])
     unit = np.trace(hessian) / len(hessian)
     for weight in unit * np.array(_SQUARES):
         with suppress(np.linalg.LinAlgError):
