@@ -7,7 +7,8 @@ that yaws, with a radius of gyration of 0.15 m about the yaw axis, and on it a t
 
 Of each plan that is made without these inertias the largest torque of the platform's body axes without and
 with them, the certificate's largest share of a wheel's torque and momentum with them, and how much longer a
-plan takes that knows of them. Then how many plans break a wheel's limit, and warm CPU times of plans.
+plan takes that knows of them. Then how many plans break a wheel's limit, and warm CPU times of plans, also of
+a body without wheels whose limits about its axes are what the pyramid gives along these.
 
     python bench/stages.py [-n 20] [--heavier 1 10] [--repeats 3]
 """
@@ -33,6 +34,14 @@ TORQUE, MOMENTUM = 0.2, 8.0  # N m, N m s
 DURATIONS = ("minimum", "stretched")
 ALLOWED = 1e-6  # share of a limit by which the certificate lets a plan pass it
 TOGETHER = 16  # plans of a batch
+
+
+def in_a_box(scenario: jp.Scenario, duration: str) -> jp.Scenario:
+    """The scene with limits about the body's axes instead of wheels: what the pyramid gives along each."""
+    scenario = scene(scenario, duration, 0.0)
+    along = np.sum(np.abs(PYRAMID), axis=0)  # of the unit wheels
+    box = {"torque_limit": TORQUE * along, "wheel_momentum_limit": MOMENTUM * along}
+    return replace(scenario, spacecraft=replace(scenario.spacecraft, wheels=(), **box))
 
 
 def scene(scenario: jp.Scenario, duration: str, factor: float) -> jp.Scenario:
@@ -104,24 +113,26 @@ def seconds(call: Callable[[], object], repeats: int) -> float:
 
 
 def clock(repeats: int) -> None:
-    """Print warm CPU times of plans with wheels, without and with the inertias, alone and in a batch."""
-    print(f"{'CPU, ms a plan':28}{'without':>12}{'with':>12}{'ratio':>10}")
+    """Print warm CPU times of plans in a box, with wheels, and with the inertias, alone and in a batch."""
+    print(
+        f"{'CPU, ms a plan':20}{'box':>10}{'wheels':>10}{'inertias':>10}{'over box':>10}{'over wheels':>13}"
+    )
+    cases = [jp.paper_case(number) for number in range(1, 5)]
+    many = [jp.random_scenario(seed) for seed in range(TOGETHER)]
     for duration in DURATIONS:
-        groups: list[tuple[str, int, list[list[jp.Scenario]]]] = []
-        cases = [jp.paper_case(number) for number in range(1, 5)]
-        groups.append(("alone", 4, [[scene(each, duration, f) for each in cases] for f in (0.0, 1.0)]))
-        many = [jp.random_scenario(seed) for seed in range(TOGETHER)]
-        groups.append(("batch", TOGETHER, [[scene(each, duration, f) for each in many] for f in (0.0, 1.0)]))
-        for name, count, both in groups:
+        for name, group in (("alone", cases), ("batch", many)):
+            variants = [[in_a_box(each, duration) for each in group]]
+            variants += [[scene(each, duration, factor) for each in group] for factor in (0.0, 1.0)]
             if name == "alone":
                 calls = [
                     lambda own=own: [jp.plan(each, throw=False, progress=False) for each in own]
-                    for own in both
+                    for own in variants
                 ]
             else:
-                calls = [lambda own=own: jp.plan_batch(own, progress=False) for own in both]
-            times = [1e3 * seconds(call, repeats) / count for call in calls]
-            print(f"{duration + ', ' + name:28}{times[0]:12.1f}{times[1]:12.1f}{times[1] / times[0]:10.2f}")
+                calls = [lambda own=own: jp.plan_batch(own, progress=False) for own in variants]
+            box, wheels, inertias = (1e3 * seconds(call, repeats) / len(group) for call in calls)
+            line = f"{duration + ', ' + name:20}{box:10.1f}{wheels:10.1f}{inertias:10.1f}"
+            print(f"{line}{inertias / box:10.2f}{inertias / wheels:13.2f}")
 
 
 def main() -> None:
