@@ -29,7 +29,7 @@ from jaxplan.trajectory.ladder import Attempt, finished
 from jaxplan.trajectory.motion import Iterates, Stack
 from jaxplan.trajectory.optimality import curve_of, flat, linearised
 from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh
-from jaxplan.trajectory.qp import flattest_way, least_change
+from jaxplan.trajectory.qp import downward_way, least_change
 from jaxplan.trajectory.schedule import FEWEST_NODES, TrapezoidalProfile, node_fractions, padded
 from jaxplan.trajectory.splines import Basis, CurveSpace
 
@@ -38,7 +38,6 @@ _FTOL = 1e-9  # of the energy: so much nearer the optimum than a plan's fit, it 
 _STEPS = 60  # at most, of this module, from where that ends to the optimum
 _SETTLED = 1e-8  # rad; a step that changes less is the last
 _REACH = 0.05  # rad; a step changes no unknown by more, as where many rows bind one overshoots
-_SADDLE = 1e-10  # of the mean curvature: where some is less than minus this, no minimum has been found
 _ASIDE = 1e-5  # rad; a step off a saddle, from where steps lead to a minimum near it
 _BROKEN = 1e-8  # of a limit, or rad; a row that is broken by more is near
 _FLANK_STEP = 1e-4  # of the pace's flank, to either side, for differences by it
@@ -174,8 +173,8 @@ class FitRecord:
                 change, pushes = least_change(hessian, gradient, slopes, left[rows], z[rows] > 0)
                 change = change * min(1.0, _REACH / np.max(np.abs(change), initial=_REACH))
                 if np.all(np.abs(change) <= _SETTLED):
-                    curvature, way = flattest_way(hessian, slopes[pushes > 0])
-                    change += _ASIDE * way if curvature < -_SADDLE else 0.0
+                    way = downward_way(hessian, slopes[pushes > 0])
+                    change = change if way is None else change + _ASIDE * way
             z[unknowns] += change
             coefficients, duration = (np.asarray(part) for part in curve_of(held, inputs, z))
         return coefficients, float(duration), pushes, float(np.max(np.abs(change)))

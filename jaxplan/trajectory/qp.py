@@ -10,7 +10,7 @@ Programs have tens or hundreds of rows, no two the same number: LAPACK takes eac
 for many programs at once, their rows one after the other.
 
 **Within half-spaces** (`least_change`), where it must be told exactly which rows bind, by nonnegative least
-squares; `flattest_way` tells whether what it leads to is a minimum.
+squares; `downward_way` leads off what is no minimum.
 """
 
 from collections.abc import Sequence
@@ -38,6 +38,7 @@ _TINY = 1e-12  # least size of d
 # Weights of the squares of binding rows, over the size of the Hessian; tried in turn until it is positive.
 _SQUARES = tuple(10.0**power for power in range(-2, 7))
 _DEPENDENT = 1e-9  # of the largest singular value of rows; what they fix by less is not taken as fixed
+_LEVEL = 1e-10  # of the mean curvature of a Hessian: by less nothing curves downwards
 _TRIALS = 8  # of which rows bind
 _BROKEN = 1e-10  # of a row's unit: what rounding may break
 _FLATTEST = 1e-6  # of the largest eigenvalue of a Hessian that is not positive: the least that others become
@@ -317,10 +318,9 @@ def least_change(
             found, _ = nnls(np.vstack([-normals, depth / size]), np.eye(len(down) + 1)[-1])
             left = 1 - depth / size @ found  # zero where no change meets all rows
             pushes = size * found / left if left > np.finfo(float).eps else pushes
-    exact = _exact_change(hessian, gradient, slopes, excess, pushes > 0)
-    if exact is not None:
-        return exact
-    return solve_triangular(factor, -normals @ pushes - down, lower=True, trans=1), pushes
+    change = solve_triangular(factor, -normals @ pushes - down, lower=True, trans=1)
+    exact = None if _is_convex(hessian) else _exact_change(hessian, gradient, slopes, excess, pushes > 0)
+    return exact or (change, pushes)
 
 
 def _exact_change(
@@ -358,24 +358,34 @@ def _exact_change(
     return None
 
 
-def flattest_way(hessian: np.ndarray, slopes: np.ndarray) -> tuple[float, np.ndarray]:
-    """The way that changes no row along which a quadratic form curves least.
+def downward_way(hessian: np.ndarray, slopes: np.ndarray) -> np.ndarray | None:
+    """The way off a saddle: that changes no row, and along which a quadratic form curves downwards most.
 
     Args:
         hessian: (n, n) of the form.
         slopes: (r, n) of the rows.
 
     Returns:
-        The curvature over the form's mean one, negative at a saddle, and the way, a unit vector (n,); where
-        rows fix all, infinity and zeros.
+        A unit vector (n,); None where the form curves upwards along all that the rows leave free.
     """
     from scipy.linalg import eigh, null_space
 
+    if _is_convex(hessian):
+        return None
     ways = null_space(slopes, rcond=_DEPENDENT) if len(slopes) else np.eye(len(hessian))
     if not ways.size:
-        return np.inf, np.zeros(len(hessian))
-    size, way = eigh(ways.T @ hessian @ ways, subset_by_index=(0, 0))
-    return float(size[0]) * len(hessian) / np.trace(hessian), ways @ way[:, 0]
+        return None
+    (bend,), way = eigh(ways.T @ hessian @ ways, subset_by_index=(0, 0))
+    return ways @ way[:, 0] if bend < -_LEVEL * np.trace(hessian) / len(hessian) else None
+
+
+def _is_convex(hessian: np.ndarray) -> bool:
+    """Tell whether a Hessian is positive definite."""
+    try:
+        np.linalg.cholesky(hessian)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def _convex_factor(

@@ -13,7 +13,7 @@ import jaxplan as jp
 from jaxplan.planner.steps import fit
 from jaxplan.trajectory.active_set import FitRecord
 from jaxplan.trajectory.outcome import NOT_OPTIMAL
-from jaxplan.trajectory.qp import flattest_way, least_change
+from jaxplan.trajectory.qp import downward_way, least_change
 
 
 def asking(scenario, **settings):
@@ -148,13 +148,14 @@ def test_a_form_that_curves_downwards_where_rows_leave_it_is_followed_to_the_nex
     assert np.all(pushes > 0)
 
 
-def test_the_flattest_way_tells_a_saddle_from_a_minimum():
-    hessian = np.diag([-3.0, 2.0, 4.0, 5.0])
-    curvature, way = flattest_way(hessian, np.zeros((0, 4)))
-    np.testing.assert_allclose([curvature, *np.abs(way)], [-3 / 2, 1, 0, 0, 0], atol=1e-12)
-    curvature, way = flattest_way(hessian, np.array([[1.0, 0, 0, 0], [2.0, 0, 0, 0]]))  # rows that depend
-    np.testing.assert_allclose([curvature, *np.abs(way)], [2 / 2, 0, 1, 0, 0], atol=1e-12)
-    assert flattest_way(hessian, np.eye(4))[0] == np.inf
+def test_the_way_off_a_saddle_is_along_what_the_rows_leave_free():
+    hessian = np.diag([-3.0, -2.0, 4.0, 5.0])
+    np.testing.assert_allclose(np.abs(downward_way(hessian, np.zeros((0, 4)))), [1, 0, 0, 0], atol=1e-12)
+    rows = np.array([[1.0, 0, 0, 0], [2.0, 0, 0, 0]])  # which depend on each other
+    np.testing.assert_allclose(np.abs(downward_way(hessian, rows)), [0, 1, 0, 0], atol=1e-12)
+    assert downward_way(hessian, np.eye(4)[:2]) is None
+    assert downward_way(hessian, np.eye(4)) is None
+    assert downward_way(-hessian + 10 * np.eye(4), np.zeros((0, 4))) is None
 
 
 @pytest.mark.slow
