@@ -29,7 +29,7 @@ from jaxplan.planner import Plan
 from jaxplan.plotting.coast import coasts, land
 from jaxplan.plotting.frames import Orbital, orbit_of
 from jaxplan.plotting.projections import cut, over_poles
-from jaxplan.plotting.sky import BETWEEN, FOLLOWED, TRACK, followed, followed_entry
+from jaxplan.plotting.sky import BETWEEN, FOLLOWED, TRACK, crowded, followed, followed_entry
 from jaxplan.plotting.style import (
     HALO,
     SMALL,
@@ -123,7 +123,7 @@ def ground_track(
     meets = _on_map(surface_point(there[:, None], looks))
     entries: Entries = [(Line2D([], [], **_WAY), "below the spacecraft")]
     axes.plot(*cut(over_poles(below)).T, **_WAY)
-    missing, n, spans = [], len(craft.terminals), followed(plan)
+    missing, n, spans, left_out = [], len(craft.terminals), followed(plan), crowded(plan)
     for device, name in enumerate(craft.device_names):
         if n <= device < n + len(craft.drives):
             continue
@@ -132,7 +132,8 @@ def ground_track(
         if share == 0:
             missing.append(name)
             continue
-        axes.plot(*cut(over_poles(track)).T, **look)
+        if device not in left_out:
+            axes.plot(*cut(over_poles(track)).T, **look)
         for _, start, end in (span for span in spans if span[0] == device):
             bold = track[(moves.times >= start) & (moves.times <= end)]
             axes.plot(*cut(over_poles(bold)).T, color=look["color"], **FOLLOWED)
