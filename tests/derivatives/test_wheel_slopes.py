@@ -88,7 +88,7 @@ def test_the_shortest_duration_follows_a_wheel_as_plans_made_anew():
 @pytest.mark.slow
 @pytest.mark.parametrize("allocation", ["pseudo_inverse", "minimax"])
 def test_wheels_that_are_all_full_at_once_have_the_slope_of_all_together(allocation):
-    """A turn about the axis of a pyramid takes a time as one over the root of the torque of all its wheels."""
+    """A turn about the axis of a pyramid takes as long as one over the root of the torque of its wheels."""
     tilt, around = np.sqrt(2 / 3), np.deg2rad([0.0, 90.0, 180.0, 270.0])
     axes = np.stack([tilt * np.cos(around), tilt * np.sin(around), np.full(4, np.sqrt(1 / 3))], axis=1)
     wheels = tuple(
@@ -103,7 +103,7 @@ def test_wheels_that_are_all_full_at_once_have_the_slope_of_all_together(allocat
         allocation=allocation,
     )
     ends = [at_rest(np.array([0.0, 0.0, turn]), np.zeros(0)) for turn in (0.0, 1.2)]
-    settings = jp.TrajectorySettings(duration="minimum")
+    settings = jp.TrajectorySettings(duration="minimum", first_guesses=0)
     scenario = jp.Scenario(name="pyramid", spacecraft=craft, start=ends[0], goal=ends[1], trajectory=settings)
     plan = jp.plan(scenario, progress=False)
     found = jp.sensitivities(plan, "duration")
