@@ -69,6 +69,8 @@ def _for_margins(certificate: Certificate, scenario: Scenario, duration: float) 
             yield f"change goal.targets, which lie in zone {zone}"
     elif where == "start":
         yield f"move the state of [start] by {_above(lack)} deg away from zone {zone}"
+    if any(one.name == zone and one.moves for one in scenario.zones):
+        steps.append("try another trajectory.duration_s, as the zone is elsewhere then")
     yield from (*on_the_way, *steps)
 
 

@@ -51,6 +51,14 @@ def test_a_margin_lost_on_the_way_asks_for_clearance_of_the_path_and_not_of_the_
     assert "goal." not in f"{first} {second}"
 
 
+def test_a_zone_that_moves_may_be_elsewhere_at_another_time():
+    scenario = jp.paper_case(2)
+    way = jp.DirectionPath.through([0.0, 100.0], [[1.0, 0.0, 0.0], [0.98, np.sqrt(1 - 0.98**2), 0.0]])
+    moving = replace(scenario, keep_out=(jp.KeepOut(name="sun", direction=way, half_angle=0.1),))
+    assert "another trajectory.duration_s" in advice(lost(LASTS / 2), moving)[-1]
+    assert not any("duration" in one for one in advice(lost(LASTS / 2), scenario))
+
+
 def test_ends_that_are_given_states_have_no_clearance_and_are_to_move():
     given = jp.paper_case(2)
     given = replace(given, goal=given.start)
