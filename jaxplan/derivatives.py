@@ -19,11 +19,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.goal.followed import Followed, followed_by
+from jaxplan.goal.followed import Followed, followed_by, least_time_doubt
 from jaxplan.goal.free import MadeWay
 from jaxplan.goal.sensitivity import differentiable_goal, goal_in_time
 from jaxplan.model.constraints import Constraints
-from jaxplan.model.goals import GivenState
+from jaxplan.model.goals import LEAST_TIME, GivenState, Targets
 from jaxplan.model.leads import Leads, leads_of
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario, moves
@@ -145,17 +145,34 @@ def _followable(plan: Plan) -> tuple[Plan, Path, Goal, Followed]:
     scenario, goal = plan.scenario, plan.goal
     if not plan.ok or plan.path is None or goal is None:
         raise ValueError(f"the plan of {scenario.name} ended as {plan.status.name}: only an OK one is held")
-    reasons, free_time = [], not scenario.trajectory.timed
-    ends = (*_rates(scenario, scenario.start), *end_rates(scenario, goal))
-    if _needs_time(scenario):
-        reasons.append(f"its scene {_NEEDS_TIME}")
-    elif free_time and any(np.any(rate) for rate in ends):
-        reasons.append(
-            "it is a shortest motion with rates at its ends: set trajectory.duration_s to a number"
-        )
+    reasons = _told_by(scenario, end_rates(scenario, goal))
     followed = followed_by(scenario, goal)
     _refuse(scenario.name, [*reasons, *followed.doubts])
     return replace(plan, scenario=own_arrays(scenario)), plan.path, goal, followed
+
+
+def _told_by(scenario: Scenario, end: Sequence[Any]) -> list[str]:
+    """Why plans of a scenario, with these rates at the goal, have no derivatives, as far as it tells."""
+    if _needs_time(scenario):
+        return [f"its scene {_NEEDS_TIME}"]
+    ends = (*_rates(scenario, scenario.start), *end)
+    if not scenario.trajectory.timed and any(np.any(rate) for rate in ends):
+        return ["it is a shortest motion with rates at its ends: set trajectory.duration_s to a number"]
+    return []
+
+
+def expect_followable(scenario: Scenario) -> None:
+    """Raise a ValueError for a scenario whose plans have no derivatives, whichever they are.
+
+    What is known only of a plan, `hold` tells.
+    """
+    asked = scenario.asked
+    targets = asked if isinstance(asked, Targets) else None
+    end = () if targets is not None and targets.moves else _rates(scenario, asked)
+    reasons = _told_by(scenario, end)
+    if targets is not None and targets.criterion == LEAST_TIME and (targets.moves or targets.prefer):
+        reasons.append(least_time_doubt(targets))
+    _refuse(scenario.name, reasons)
 
 
 def _refuse(name: str, reasons: Sequence[str]) -> None:

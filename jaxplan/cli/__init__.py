@@ -16,6 +16,7 @@ from typing import Any
 from jaxplan.cli.common import BAD_INPUT, DONE, complain
 from jaxplan.cli.parser import Parser
 from jaxplan.runtime.garbage import seldom_collected
+from jaxplan.runtime.progress import seldom_lines
 from jaxplan.version import __version__
 
 DESCRIPTION = "Plan certified attitude manoeuvres of spacecraft with several pointing devices."
@@ -54,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     try:
-        with seldom_collected():
+        with seldom_collected(), seldom_lines():
             code = _run(parser, options)
         sys.stdout.flush()  # here it can still be said that there was no room
         _tell_of_refusals()

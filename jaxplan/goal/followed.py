@@ -14,7 +14,7 @@ from jaxplan.goal.free import MadeWay, settled
 from jaxplan.goal.pairs import cleared
 from jaxplan.goal.problem import GoalProblem, Wished, leaves_open
 from jaxplan.goal.sensitivity import differentiable_goal
-from jaxplan.model.goals import LEAST_ROTATION, LEAST_TIME, GivenState
+from jaxplan.model.goals import LEAST_ROTATION, LEAST_TIME, GivenState, Targets
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Scenario, moves
 from jaxplan.runtime.jit import quick_jit
@@ -72,8 +72,7 @@ def followed_by(scenario: Scenario, goal: Goal) -> Followed:
             doubts.append(_BY_A_WISH)
         return Followed(doubts=tuple(doubts))  # a given duration takes another goal
     if soonest and (asked.moves or targets.prefer or made):
-        why = "targets that move" if asked.moves else "wishes, or with devices that make way"
-        doubts.append(f'its goal is one of least time with {why}: set goal.criterion = "least_rotation"')
+        doubts.append(least_time_doubt(asked))
     if doubts:
         return Followed(doubts=tuple(doubts))
     if not soonest and not targets.prefer and not leaves_open(problem):
@@ -87,3 +86,9 @@ def followed_by(scenario: Scenario, goal: Goal) -> Followed:
     if soonest:
         doubts = ['its goal is no smooth optimum of the time: set goal.criterion = "least_rotation"']
     return Followed(doubts=tuple(doubts or [_BY_A_WISH if targets.prefer else _AT_A_BOUND]))
+
+
+def least_time_doubt(asked: Targets) -> str:
+    """Why a goal of least time with targets that move, wishes or devices that make way is not followed."""
+    why = "targets that move" if asked.moves else "wishes, or with devices that make way"
+    return f'its goal is one of least time with {why}: set goal.criterion = "least_rotation"'

@@ -85,8 +85,8 @@ _ADVICE = {
         "with narrow joint ranges, keep start and goal farther inside."
     ),
     Status.UNCERTIFIED: (
-        "The message says what could not be proved. A larger search.clearance_deg, smaller search steps, or "
-        "for a goal on the edge of a zone some goal.clearance_deg help with margins, a longer "
-        "trajectory.duration_s with limits."
+        "The message says what could not be proved, and what to set, the most promising first: "
+        "goal.clearance_deg where a margin is lost at the goal, search.clearance_deg where it is on the way, "
+        "a longer trajectory.duration_s for limits."
     ),
 }

@@ -5,13 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Certificate
 from jaxplan.goal import Decomposition
 from jaxplan.goal.reasons import apart, off
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.goals import LEAST_TIME, GivenState, Targets
 from jaxplan.model.limits import longest
-from jaxplan.model.scenario import Scenario, known_until, moves, seen_from
+from jaxplan.model.scenario import Scenario, known_until, moves, seen_from, target_paths
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.record import Plan
@@ -20,10 +19,13 @@ from jaxplan.search import Barrier, JointBarrier, Scene, SearchResult, most_obst
 from jaxplan.trajectory.fit import needed_words, too_tight
 from jaxplan.trajectory.peaks import peaks
 
+FOR_LONGER = "let it be known for longer, by more samples or a longer sky.for_duration_s"
+"""What to do about something that moves and is known for too short a time."""
+
 
 def when(scenario: Scenario, time: float) -> str:
     """Text on the time of a goal, s, to end a sentence; empty where nothing moves."""
-    return f" (after {time:.6g} s, where targets and zones are then)" if moves(scenario) else ""
+    return f" (with targets and zones where they are after {time:.6g} s)" if moves(scenario) else ""
 
 
 def hidden(scenario: Scenario, unseen: Sequence[str], time: float) -> str:
@@ -31,11 +33,13 @@ def hidden(scenario: Scenario, unseen: Sequence[str], time: float) -> str:
 
     `unseen` has a phrase for each hidden target.
     """
+    several = sum(bool(path.hidden) for _, path in target_paths(scenario)) > 1
     seen, (known, _) = seen_from(scenario, time), known_until(scenario)
-    advice = "change goal.targets, or give samples for longer, of [sky] a longer for_duration_s"
+    advice = f"change goal.targets, or {FOR_LONGER}"
     if seen <= known:
-        advice = f'set trajectory.duration_s = {rounded_up(seen)}, when all are seen, or "minimum"'
-    return f"{'; '.join(unseen)}{when(scenario, time)}: {advice}"
+        all_seen = ", when all targets are seen" * several
+        advice = f'set trajectory.duration_s = {rounded_up(seen)}{all_seen}, or "minimum" to have it found'
+    return f"{'; '.join(unseen)}: {advice}"
 
 
 def _or_errors(scenario: Scenario) -> str:
@@ -195,26 +199,3 @@ def too_short(refused: Plan, enough: float) -> str:
     if refused.status is Status.LIMITS_TOO_TIGHT and refused.trajectory is not None:
         return too_tight(duration, peaks(refused.trajectory, scenario.usable), needed, "")
     return f"{refused.message}; {needed}"
-
-
-def uncertified(certificate: Certificate) -> str:
-    """Text why a trajectory is not proved safe, and what to change."""
-    beyond = {name for name, peak in certificate.peaks.items() if not peak <= 1 + LIMIT_ALLOWANCE}
-    advice = []
-    if beyond & {"yaw", "pitch"}:
-        advice.append(
-            "keep start and goal farther inside the joint limits, lower their joint rates, "
-            "or try smaller search steps"
-        )
-    if beyond - {"yaw", "pitch"}:
-        advice.append("set a longer trajectory.duration_s")
-    if certificate.min_margin is not None and not certificate.min_margin >= -MARGIN_ALLOWANCE:
-        advice.append(
-            "try a larger search.clearance_deg, smaller search steps, or for a goal on the edge of a zone "
-            "some goal.clearance_deg"
-        )
-    return (
-        "; ".join(certificate.faults)
-        + ": "
-        + ("; ".join(advice) or "try another search.seed or trajectory.method")
-    )

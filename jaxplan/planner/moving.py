@@ -28,6 +28,7 @@ from jaxplan.model.limits import longest
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import MINIMUM, Scenario, known_until, moves, seen_from
 from jaxplan.model.status import Status
+from jaxplan.planner import messages
 from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import GoalQuery, find_goals, wanted_fit
 from jaxplan.trajectory import Fit, FitQuery
@@ -316,7 +317,4 @@ def _ending(path: Path, goal: Goal) -> Path:
 
 def _unknown(what: str, known: float, needed: float) -> str:
     """Text that `what` moves is known until `known` s only, and the motion takes `needed` s."""
-    return (
-        f"{what} is known until {known:g} s, and the motion takes {needed:.4g} s: "
-        "give samples for longer, of [sky] a longer for_duration_s"
-    )
+    return f"{what} is known until {known:g} s, and the motion takes {needed:.4g} s: {messages.FOR_LONGER}"

@@ -56,7 +56,7 @@ def prove_batch(queries: Sequence[ProofQuery]) -> list[Certificate]:
     for query, certificate in zip(queries, certify_batch([_claim(query) for query in queries]), strict=True):
         off = (
             *_goal_faults(query.scenario, query.goal),
-            *_lasting_faults(query.scenario, query.trajectory.duration),
+            *lasting_faults(query.scenario, query.trajectory.duration),
             *_arrival_faults(query.scenario, query.goal, query.trajectory.duration),
         )
         certified, faults = certificate.certified and not off, (*certificate.faults, *off)
@@ -201,7 +201,7 @@ def _allowed(scenario: Scenario, name: str) -> float:
     return TOLERANCE if of_terminal else TOLERANCE + float(scenario.goal.tolerance)  # type: ignore[union-attr]
 
 
-def _lasting_faults(scenario: Scenario, duration: float) -> Iterator[str]:
+def lasting_faults(scenario: Scenario, duration: float) -> Iterator[str]:
     """Yield a sentence for zones that last for less than a motion of a duration, s."""
     brief: dict[float, list[str]] = {}
     for zone in scenario.zones:
@@ -211,7 +211,7 @@ def _lasting_faults(scenario: Scenario, duration: float) -> Iterator[str]:
         several = len(names) > 1
         yield (
             f"zone{'s' * several} {', '.join(names)} {'are' if several else 'is'} known for {lasts:g} s, and "
-            f"the motion takes {duration:.4g} s: give a longer lasts_s, or [sky] a longer for_duration_s"
+            f"the motion takes {duration:.4g} s: raise lasts_s, or sky.for_duration_s"
         )
 
 

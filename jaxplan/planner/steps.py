@@ -20,7 +20,7 @@ from jaxplan.model.limits import longest
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario, SearchSettings, moves
 from jaxplan.model.status import Status
-from jaxplan.planner import messages
+from jaxplan.planner import messages, remedies
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches, hidden_targets
 from jaxplan.runtime.ahead import Task
@@ -295,5 +295,9 @@ def judged(so_far: Plan, certificate: Certificate) -> Plan:
     """A plan with a certificate on its trajectory; an OK one that is not certified becomes UNCERTIFIED."""
     so_far = replace(so_far, certificate=certificate)
     if so_far.status in (Status.OK, Status.UNCERTIFIED) and not certificate.certified:
-        return replace(so_far, status=Status.UNCERTIFIED, message=messages.uncertified(certificate))
+        motion = so_far.trajectory
+        message = remedies.uncertified(
+            certificate, so_far.scenario, 0.0 if motion is None else motion.duration
+        )
+        return replace(so_far, status=Status.UNCERTIFIED, message=message)
     return so_far

@@ -176,11 +176,12 @@ def hidden_targets(scenario: Scenario, time: float) -> tuple[str, ...]:
         there = [span for span in path.hidden if span.at(time)]
         if there:
             seen = after_hidden(path.hidden, time)
-            again = f"seen from {rounded_up(seen)} s on"
+            again = f"it is seen from {rounded_up(seen)} s on"
             if seen > known:
-                again = f"not seen again in all the {known:g} s that are known"
+                again = f"it is not seen again in all the {known:g} s that are known"
             by = " and ".join(dict.fromkeys(span.by for span in there))
-            found.append(f"{there[0].target}, the target of {device}, is hidden by {by}, and {again}")
+            what = f"{there[0].target}, the target of {device}, is hidden by {by}"
+            found.append(f"{what} when the motion ends, at {time:.6g} s; {again}")
     return tuple(found)
 
 

@@ -20,10 +20,12 @@ from jaxplan.plotting.style import (
     GREY,
     SMALL,
     TEXT,
+    WIDTH,
     Canvas,
     Entries,
     Look,
     expect_mapping,
+    legend_at_foot,
     legend_beside,
     name_lines,
     panels,
@@ -51,12 +53,12 @@ _DOT: Look = {"marker": "o", "linestyle": "none", "markeredgewidth": 0.8}
 _LARGE, _SMALL_DOT, _FEW = 4.2, 1.6, 10  # points: size of a dot up to `_FEW` scenes, and the least size
 _APART = 0.17  # lines: half the distance of the marks of paths found and paths clear
 _BAND = 0.62  # lines: height over which dots are spread
-_WIDTH, _LEAST = 12.5, 2.7  # inches: width of the page, and its least height, so that the legend has room
-_ROW, _HEAD, _FOOT = 0.25, 0.45, 0.5  # inches that a planner, the title of a kind and the last axes take
+_ROW, _HEAD, _FOOT = 0.25, 0.45, 1.5  # inches: a planner, the title of a kind, the last labels and the legend
+_LEGEND = 4  # columns of the legend
 _COLUMNS = {  # attributes of a row that have a panel, with the label of its axis
     "seconds": "search time (s)",
-    "steps": "path length (steps)",
-    "nodes": "path length (interior nodes)",
+    "steps": "path length\n(steps)",
+    "nodes": "path length\n(interior nodes)",
 }
 _LEAST_SPAN = 4.0  # steps or nodes that an axis shows at least
 _MARKERS = ("o", "s", "D", "^", "v", "P", "X")  # of the methods whose durations are compared
@@ -78,7 +80,7 @@ def table4(rows: Iterable[Row], ax: Canvas = None, *, legend: bool = True) -> li
         rows: what `jaxplan.study.table4.compare` returns, with `printed_rows` of the same module where they
             are to be seen beside. Kinds and planners stand in the order in which they come first.
         ax: four axes a kind, from left to right; a figure to put them in, or None for a new one.
-        legend: whether to explain the marks beside the panels.
+        legend: whether to explain the marks at the foot of the figure.
 
     Returns:
         The axes, four a kind.
@@ -110,7 +112,7 @@ def table4(rows: Iterable[Row], ax: Canvas = None, *, legend: bool = True) -> li
     for place in range(across):
         _align(every[place::across])
     if legend:
-        legend_beside(every[across - 1], _entries([row for of_kind in kinds for row in of_kind]))
+        legend_at_foot(every[0], _entries([row for of_kind in kinds for row in of_kind]), _LEGEND)
     return every
 
 
@@ -148,7 +150,7 @@ def _by_kind(rows: Iterable[Row]) -> list[list[Row]]:
 
 def _size(kinds: Sequence[Sequence[Row]]) -> tuple[float, float]:
     """Width and height of the page, inches."""
-    return _WIDTH, max(_FOOT + sum(_HEAD + _ROW * len(of_kind) for of_kind in kinds), _LEAST)
+    return WIDTH, _FOOT + sum(_HEAD + _ROW * len(of_kind) for of_kind in kinds)
 
 
 def _title(rows: Sequence[Row]) -> str:
@@ -198,10 +200,10 @@ def _spreads(axes: Axes, rows: Sequence[Row], column: str) -> None:
         else:
             _values(axes, line, row, values, row.solved if times else None)
     if times:
-        axes.xaxis.set_major_locator(LogLocator(numticks=6))
+        axes.xaxis.set_major_locator(LogLocator(numticks=4))
         plain_numbers(axes.xaxis)
     elif column == "nodes":
-        axes.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=4, integer=True))
     axes.set_xlabel(_COLUMNS[column], fontsize=TEXT)
 
 

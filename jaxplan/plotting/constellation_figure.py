@@ -1,5 +1,7 @@
 """A constellation on the globe, satellites coloured by manoeuvre times, and a histogram of these."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
@@ -26,6 +28,7 @@ from jaxplan.plotting.style import (
 )
 from jaxplan.runtime.arguments import expect_any
 
+_TOLD, _TALL = 0.4, 0.15  # shares of the width and height of the histogram that a text in it takes
 _SIZE = (WIDTH, 4.5)  # inches
 _EARTH: Look = {"facecolor": "#EAF1F6", "edgecolor": "0.6", "linewidth": 0.8}
 _SUN = "#E69F00"
@@ -189,18 +192,29 @@ def _draw_histogram(
         look: Look = {"align": "edge", "color": colours, "edgecolor": "white", "linewidth": 0.4}
         axes.bar(edges[:-1], _shares(times, edges), width=np.diff(edges), **look)
         entries.append((Patch(color=colormaps[_COLOURS](0.45)), _described(result, times)))
+        shares = [_shares(times, edges)]
+        if minimum is not None and len(shortest):
+            shares.append(_shares(shortest, edges))
+            axes.stairs(shares[-1], edges, **_LINE)
+            entries.append((Line2D([], [], **_LINE), _described(minimum, shortest)))
         longer = int(np.sum(times > end))
         if longer:
-            text = f"{longer} longer,\nup to {np.max(times):.0f} s"
-            axes.text(0.99, 0.25, text, transform=axes.transAxes, ha="right", fontsize=SMALL, color=GREY)
-        if minimum is not None and len(shortest):
-            axes.stairs(_shares(shortest, edges), edges, **_LINE)
-            entries.append((Line2D([], [], **_LINE), _described(minimum, shortest)))
+            _tell_longer(axes, f"{longer} longer,\nup to {np.max(times):.0f} s", shares)
     axes.set_xlabel("manoeuvre time (s)", fontsize=TEXT)
     axes.set_ylabel("satellites (%)", fontsize=TEXT)
     count, total = int(np.sum(result.certified)), len(result.certified)
     axes.set_title(f"{count} of {total}\nplanned and certified", fontsize=TEXT + 1, loc="left")
     return entries
+
+
+def _tell_longer(axes: Axes, text: str, shares: Sequence[np.ndarray]) -> None:
+    """Write a text to the right, above what is drawn there: shares (b,) in percent of each histogram."""
+    below = [own[-round(_TOLD * len(own)) :] for own in shares]
+    low, high = axes.get_ylim()
+    foot = max(float(np.max(own)) for own in below) + 0.03 * high
+    axes.set_ylim(low, max(high, foot / (1 - _TALL)))
+    look: Look = {"ha": "right", "va": "bottom", "fontsize": SMALL, "color": GREY}
+    axes.text(0.99, foot, text, transform=axes.get_yaxis_transform(), **look)
 
 
 def _shares(times: np.ndarray, edges: np.ndarray) -> np.ndarray:

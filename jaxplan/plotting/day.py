@@ -2,6 +2,7 @@
 
 The figures of a plan draw a `DayPlan`, made by `as_plan`, as they do any other. Between the many hours of a
 day lie slews of seconds, so its instants are shared out by segments: half of them evenly, half by duration.
+Slews have some more, so that their ways are no polygons.
 """
 
 from collections.abc import Sequence
@@ -20,6 +21,7 @@ from jaxplan.timeline.record import TimelinePlan
 
 _INSTANTS = 3072  # of a day, about, as long as it has not more segments than a quarter of this
 _FEWEST = 4  # instants of a segment
+_OF_SLEWS, _MOST_OF_SLEW = 3072, 24  # instants of all slews that they have at least, and of one of them
 
 
 @shown("status", "message", heading="Plan of {0.scenario.name}")
@@ -84,7 +86,9 @@ def instants(segments: Sequence[Segment]) -> np.ndarray:
     spans = np.array([segment.end - segment.start for segment in segments])
     whole = max(float(np.sum(spans)), np.finfo(float).tiny)
     each = _INSTANTS / 2 / len(spans) + _INSTANTS / 2 * spans / whole
-    counts = np.maximum(_FEWEST, each.astype(int))
+    slews = np.array([segment.kind == "slew" for segment in segments])
+    of_slew = min(_OF_SLEWS // max(int(np.sum(slews)), 1), _MOST_OF_SLEW)
+    counts = np.maximum(np.where(slews, max(of_slew, _FEWEST), _FEWEST), each.astype(int))
     inner = [
         np.linspace(segment.start, segment.end, count, endpoint=False)
         for segment, count in zip(segments, counts, strict=True)

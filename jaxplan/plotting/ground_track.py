@@ -3,7 +3,7 @@
 Places are geodetic, on the ellipsoid of WGS 84, whose axes turn with the Earth as `jaxplan.sky.frames` says.
 A boresight meets the ellipsoid at its first crossing; while it looks past the Earth its track has a gap, and
 the legend says for which share of the time it meets. Nothing hides the ground: clouds, night and terrain do
-not count. The map is plain (longitude against latitude) with a grid and coarse coasts, of the whole Earth or,
+not count. The map is plain (longitude against latitude) with a grid and coasts, of the whole Earth or,
 where all is near together, of the region.
 
 A target whose lines of sight meet in one point of the turning Earth, near its surface, is a place on the
@@ -26,10 +26,10 @@ from jaxplan.geometry.vectors import pointing
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.goals import GivenState
 from jaxplan.planner import Plan
-from jaxplan.plotting.coast import coasts, land
+from jaxplan.plotting.coast import FILE, FINE, coasts, land, within
 from jaxplan.plotting.frames import Orbital, orbit_of
 from jaxplan.plotting.projections import cut, over_poles
-from jaxplan.plotting.sky import BETWEEN, FOLLOWED, TRACK, followed, followed_entry
+from jaxplan.plotting.sky import BETWEEN, FOLLOWED, TRACK, crowded, followed, followed_entry
 from jaxplan.plotting.style import (
     HALO,
     SMALL,
@@ -61,6 +61,7 @@ _LAND: Look = {"facecolor": "#EFE6D3", "edgecolor": "none", "zorder": 0.3}
 _COAST: Look = {"color": "0.55", "linewidth": 0.6, "zorder": 0.5}
 _NIGHT: Look = {"facecolor": "black", "alpha": 0.13}
 _REGION = np.array([120.0, 80.0])  # deg of longitude and latitude within which not all of the Earth is drawn
+_NEAR = 80.0  # deg of longitude below which the finer coasts are drawn
 _LEAST, _PAD = 8.0, 0.12  # of a region: deg that it has at least, and share of it that is added to each side
 _SAMPLES = 65  # lines of sight by which a place on the ground is found
 _OFF = 1.0  # km by which these may miss it
@@ -114,8 +115,6 @@ def ground_track(
     (axes,) = panels(ax, 1, GROUND_SIZE)
     tidy(axes)
     axes.spines[["top", "right"]].set_visible(True)
-    axes.add_collection(PolyCollection(land(), **_LAND), autolim=False)
-    axes.add_collection(LineCollection(coasts(), **_COAST), autolim=False)
     to_earth = gcrs_to_earth(orbit.epoch, moves.times)
     there = _places(orbit, moves.times, to_earth)
     below = _on_map(there)
@@ -123,7 +122,7 @@ def ground_track(
     meets = _on_map(surface_point(there[:, None], looks))
     entries: Entries = [(Line2D([], [], **_WAY), "below the spacecraft")]
     axes.plot(*cut(over_poles(below)).T, **_WAY)
-    missing, n, spans = [], len(craft.terminals), followed(plan)
+    missing, n, spans, left_out = [], len(craft.terminals), followed(plan), crowded(plan)
     for device, name in enumerate(craft.device_names):
         if n <= device < n + len(craft.drives):
             continue
@@ -132,7 +131,8 @@ def ground_track(
         if share == 0:
             missing.append(name)
             continue
-        axes.plot(*cut(over_poles(track)).T, **look)
+        if device not in left_out:
+            axes.plot(*cut(over_poles(track)).T, **look)
         for _, start, end in (span for span in spans if span[0] == device):
             bold = track[(moves.times >= start) & (moves.times <= end)]
             axes.plot(*cut(over_poles(bold)).T, color=look["color"], **FOLLOWED)
@@ -153,6 +153,7 @@ def ground_track(
         entries.append((Line2D([], [], **_SITE), "target on the ground"))
     drawn = [below, *np.moveaxis(meets, 1, 0), *(site.place[None] for site in sites)]
     _limit(axes, np.concatenate([points[np.isfinite(points[:, 0])] for points in drawn]))
+    _draw_land(axes)
     _name(axes, sites, np.concatenate(drawn))
     middle = float(moves.times[-1]) / 2
     if _draw_night(axes, orbit, middle):
@@ -256,6 +257,14 @@ def _limit(axes: Axes, points: np.ndarray) -> None:
     axes.set_aspect(1 / narrow, adjustable="box", anchor="NW")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 2, 3, 5, 10]))
+
+
+def _draw_land(axes: Axes) -> None:
+    """Draw land and coasts within the limits of the axes, more finely where these are near together."""
+    low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
+    file = FINE if high[0] - low[0] < _NEAR else FILE
+    axes.add_collection(PolyCollection(within(land(file), low, high), **_LAND), autolim=False)
+    axes.add_collection(LineCollection(within(coasts(file), low, high), **_COAST), autolim=False)
 
 
 def _name(axes: Axes, sites: Sequence[_Site], drawn: np.ndarray) -> None:

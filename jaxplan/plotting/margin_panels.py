@@ -251,7 +251,10 @@ def _name_zones(
     for device, line in sorted(smallest.items(), key=lambda item: item[1].values[item[1].lowest]):
         lowest = float(times[line.lowest]), float(line.values[line.lowest])
         corner, extent = on_page(*lowest), SMALL * np.array([0.62 * len(line.zone) + 0.5, 1.2])
-        places = [corner + offset for offset in _OFFSETS * (extent / 2 + 2)]
+        beside = extent / 2 + 2
+        if any(np.all(np.abs(spot - corner) < 1) for spot, _ in labels.taken[: len(marks)]):
+            beside = beside + (_PROVED["markersize"] + 2.0) / 2  # of the mark that stands there
+        places = [corner + offset for offset in _OFFSETS * beside]
         spot = labels.place(
             [p for p in places if np.all(np.abs(p - size / 2) <= (size - extent) / 2)], extent
         )
@@ -277,7 +280,8 @@ def margins_over_time(scenario: Scenario, moves: Motion) -> list[Margin]:
     """Margins over time of devices and vectors to constraints that bind them, equations (11) and (12).
 
     A group counts as the best of its entries: at every instant the one whose worst member has most margin.
-    So the smallest of all margins at an instant is that of the scene.
+    So the smallest of all margins at an instant is that of the scene. A mask that repeats every turn of a yaw
+    counts once, where it is nearest.
 
     Args:
         scenario: whose zones are meant; one that moves is taken where it is at each instant.
@@ -285,8 +289,12 @@ def margins_over_time(scenario: Scenario, moves: Motion) -> list[Margin]:
     """
     margins = ZoneMargins(scenario)
     table = margins.at(moves.times, moves.values.attitude, moves.values.joints)
+    found: dict[tuple[int, str], np.ndarray] = {}
+    for pair, values in zip(margins.pairs, table.T, strict=True):
+        own = pair.device, pair.zone
+        found[own] = np.fmin(found[own], values) if own in found else values
     return [
-        Margin(device=pair.device, zone=pair.zone, values=values)
-        for pair, values in zip(margins.pairs, table.T, strict=True)
+        Margin(device=device, zone=zone, values=values)
+        for (device, zone), values in found.items()
         if not np.all(np.isnan(values))  # of an entry that is never the best
     ]

@@ -12,13 +12,14 @@ bars are named, and those in a row that follow the same target are named togethe
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 
 from jaxplan.model.timeline import Activity
 from jaxplan.plotting.followings import followings
@@ -35,6 +36,7 @@ _ENOUGH = 0.75  # of the names that have room where they are turned: so many mak
 _LOOSE = 1.12  # by which rows are higher than their names need, as the layout takes some of them
 _TALLEST = 80.0  # points of a name for which rows are made higher
 _NEAR = 0.02  # of the day: bars of one target that are not farther apart are named together
+_BARE = 0.25  # of a name upon several bars: what may be between these
 _NARROW = 0.006  # of the day: shorter bars have no white edge
 _PALE = 0.35  # opacity of bars before a window opens
 _NOT_PLANNED = "not planned"
@@ -217,7 +219,11 @@ def write_names(axes: Axes, plan: TimelinePlan, end: float, size: tuple[float, f
     left_out = False
     for own in _rows_of_bars(plan, end):
         upright, turned = (list(_placed(own, width, height, end, turned)) for turned in (False, True))
-        places = upright if len(upright) >= _ENOUGH * len(turned) else turned
+        places = turned
+        if len(upright) >= _ENOUGH * len(turned):  # in whose narrow bars names may yet stand
+            named = [one.bar for one in upright]
+            within = [one for one in turned if one.side == "center" and one.alone]
+            places = [*upright, *(one for one in within if not any(one.bar is bar for bar in named))]
         for place in places:
             _write(axes, place)
         left_out |= len(places) < sum(bool(bar.name) for bar in own)
@@ -247,12 +253,16 @@ def _together(bars: Sequence[_Bar], near: float) -> Iterator[_Bar]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Place:
-    """Where a bar's name stands: at a time, s, which is its left end, middle or right end (`side`)."""
+    """Where a bar's name stands: at a time, s, which is its left end, middle or right end (`side`).
+
+    `alone` says whether it stands all within its bar, and upon no neighbour.
+    """
 
     bar: _Bar
     time: float
     side: str
     turned: bool
+    alone: bool
 
 
 def _placed(bars: Sequence[_Bar], width: float, height: float, end: float, turned: bool) -> Iterator[_Place]:
@@ -287,7 +297,8 @@ def _placed(bars: Sequence[_Bar], width: float, height: float, end: float, turne
         taken = bar.end
         if place is not None:
             written = middle + needed / width / 2
-            yield _Place(bar=bar, time=place[0], side=place[1], turned=turned)
+            alone = needed <= (bar.end - bar.start) * width
+            yield _Place(bar=bar, time=place[0], side=place[1], turned=turned, alone=alone)
             if place[1] == "left":
                 taken += needed / width
 
@@ -296,7 +307,8 @@ def _amid(bars: Sequence[_Bar], middle: float, length: float, written: float) ->
     """Whether a name of a length, s, fits upon a bar and its neighbours, if they look the same."""
     first, last = middle - length / 2, middle + length / 2
     same = all(bar.look == bars[0].look for bar in bars)
-    return same and first >= max(written, bars[0].start) and last <= bars[-1].end
+    bare = sum(max(0.0, min(b.start, last) - max(a.end, first)) for a, b in pairwise(bars))
+    return same and bare <= _BARE * length and first >= max(written, bars[0].start) and last <= bars[-1].end
 
 
 def _write(axes: Axes, place: _Place) -> None:
@@ -304,6 +316,9 @@ def _write(axes: Axes, place: _Place) -> None:
     bar = place.bar
     red, green, blue = to_rgb(bar.look["facecolor"])
     dark = place.side == "center" and bar.look is not _FAILED and 0.3 * red + 0.59 * green + 0.11 * blue < 0.6
+    halo = HALO["path_effects"] if place.side != "center" else None
+    if halo is None and not place.alone:  # over what is between its bar and the next
+        halo = [withStroke(linewidth=2.5, foreground=bar.look["facecolor"])]
     text = axes.text(
         place.time,
         bar.row,
@@ -315,7 +330,7 @@ def _write(axes: Axes, place: _Place) -> None:
         color=KEEP_OUT if bar.look is _FAILED else "white" if dark else "black",
         clip_on=True,
         zorder=4,
-        path_effects=HALO["path_effects"] if place.side != "center" else None,
+        path_effects=halo,
     )
     plain(text)
 

@@ -86,6 +86,7 @@ _FAINT: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}  # edge of a mov
 _FIELD: Look = {"linewidth": 1.0, "zorder": 3.1}  # outline of a field of view
 TRACK: Look = {"linewidth": 1.8, "zorder": 3}  # of a boresight
 BETWEEN: Look = {"linewidth": 0.9, "alpha": 0.75, "zorder": 2.8}  # the same on a day, beside what follows
+MOST_BETWEEN = 24  # times that a device follows targets, beyond which the ways between hide what is bold
 FOLLOWED: Look = {"linewidth": 2.6, "solid_capstyle": "round", "zorder": 3}
 _AT_POLE = np.deg2rad(0.5)  # rad within which the end of a track is at a pole of the flat map
 _ZONE_TRACK: Look = {"linewidth": 1.1, "zorder": 1.7}
@@ -109,7 +110,8 @@ def sphere(
     boresight. Targets that devices have by their names are marked, and what devices without
     a target would rather point at as wishes. A plan that failed is drawn as far as it came: the path instead
     of the trajectory, start and goal without a path, and the targets where no goal was found. A timeline's
-    plan is drawn from its start to its end.
+    plan is drawn from its start to its end; of devices that follow many targets one after the other the ways
+    between these are left out.
 
     Args:
         plan: of any status, or that of a timeline.
@@ -247,9 +249,11 @@ def _draw_plan(
     entries = device_entries(craft.device_names)
     tracks, tubes = boresight_tracks(plan, frame), Entries()
     if tracks is not None:
+        left_out = crowded(plan)
         for device, track in enumerate(np.moveaxis(tracks, 1, 0)):
             look = {**(BETWEEN if followed(plan) else TRACK), **device_style(device)}
-            draw_line(axes, projection, track, look)
+            if device not in left_out:
+                draw_line(axes, projection, track, look)
         entries += _draw_followed(axes, projection, plan, tracks)
         tubes = draw_tubes(axes, projection, scenario, tracks)
     if plan.path is not None and craft.device_names:
@@ -290,9 +294,22 @@ def _draw_followed(axes: Axes, projection: Projection, plan: Plan, tracks: np.nd
 
 
 def followed_entry(plan: Plan) -> Entries:
-    """The legend entry of what is bold while a device follows a target; none but for a day."""
+    """The legend entries of what is bold while a device follows a target, and left out, of a day."""
     bold: Look = {**FOLLOWED, "color": GREY}
-    return [(Line2D([], [], **bold), "while it follows a target")] if followed(plan) else []
+    entries: Entries = [(Line2D([], [], **bold), "while it follows a target")] if followed(plan) else []
+    if left_out := crowded(plan):
+        names = plan.scenario.spacecraft.device_names
+        whose = (
+            "" if len(left_out) == len(names) else f"of {', '.join(names[device] for device in left_out)} "
+        )
+        entries.append((Line2D([], [], linestyle="none"), f"ways {whose}between targets\nare left out"))
+    return entries
+
+
+def crowded(plan: Plan) -> list[int]:
+    """Numbers of devices that follow targets so often that their ways between these are not drawn."""
+    devices = [device for device, *_ in followed(plan)]
+    return [device for device in sorted(set(devices)) if devices.count(device) > MOST_BETWEEN]
 
 
 def _draw_fields(axes: Axes, plan: Plan, projection: Projection, frame: Inertial) -> Entries:
@@ -338,13 +355,14 @@ def draw_zones(
     """
     for zone in zones:
         draw_zone(axes, projection, zone)
-    for there, track in zone_tracks(plan, frame):
+    ways = zone_tracks(plan, frame)
+    for there, track in ways:
         look = zone_outline(there)
         if last:
             draw_line(axes, projection, circle(there.axis_at(), there.half_angle), look | _FAINT)
         draw_line(axes, projection, track, {"color": look["color"], **_ZONE_TRACK})
     tracks, craft = boresight_tracks(plan, frame), plan.scenario.spacecraft
-    drawn = [NOTHING] if tracks is None else [tracks.reshape(-1, 3)]
+    drawn = [NOTHING if tracks is None else tracks.reshape(-1, 3), *(track for _, track in ways)]
     ends = [NOTHING, *(mark.directions for mark in end_marks(plan, frame))]
     name_zones(axes, projection, zones, craft.device_names, *map(np.concatenate, (drawn, ends)))
     outcome = "" if plan.ok else f": {plan.status.name}"

@@ -204,8 +204,13 @@ def legend_below(axes: Axes, entries: Sequence[Entry]) -> None:
     _legend(axes, entries, {"loc": "upper left", "bbox_to_anchor": (-0.1, _BELOW)})
 
 
-def _legend(axes: Axes, entries: Sequence[Entry], place: Look) -> None:
-    """Give axes a legend at a place, if there is anything to tell."""
+def legend_at_foot(axes: Axes, entries: Sequence[Entry], columns: int) -> None:
+    """Put a legend of so many columns at the foot of the axes' figure, where it is that of many panels."""
+    _legend(axes.figure, entries, {"loc": "outside lower center", "ncols": columns})
+
+
+def _legend(axes: Axes | Figure | SubFigure, entries: Sequence[Entry], place: Look) -> None:
+    """Give axes, or a figure, a legend at a place, if there is anything to tell."""
     if not entries:
         return
     labels = ["\n".join(map(_broken, label.split("\n"))) for _, label in entries]

@@ -114,12 +114,12 @@ def timeline(plan: TimelinePlan, ax: Canvas = None, *, legend: bool = True) -> l
             axes.set_ylabel(axes.get_ylabel().replace(" (", "\n("))
         if legend:
             legend_beside(axes, [(handle, _TICKED if text == "limit" else text) for handle, text in entries])
-    write_names(grid[0], plan, _end(plan), _extent(grid[0], heights[0] / size[1] if new else None))
     _title(grid[0], plan)
     if moves is not None:
         time_axis(grid, moves)
         grid[0].grid(False, axis="y")
         grid[0].tick_params(axis="y", length=0)
+    write_names(grid[0], plan, _end(plan), _extent(grid[0], heights[0] / size[1] if new else None))
     return grid
 
 
@@ -159,9 +159,19 @@ def _panels(plan: TimelinePlan, moves: Motion | None) -> list[_Panel]:
 
 
 def _extent(axes: Axes, share: float | None) -> tuple[float, float]:
-    """Width and height, points, of a panel as it is, or will be with a share of its figure's height."""
+    """Width and height, points, of a panel as it is, or will be with a share of its figure's height.
+
+    Where the panel is one of a figure that is laid out when it is drawn, it is laid out for this.
+    """
     figure = axes.get_figure(root=False)
     assert figure is not None
+    if (
+        share is not None
+        and isinstance(figure, Figure)
+        and (engine := figure.get_layout_engine()) is not None
+    ):
+        engine.execute(figure)
+        share = None
     box = axes.get_window_extent() if share is None else figure.bbox.shrunk(_SHARE, share * _LAID_OUT)
     return box.width * 72 / figure.dpi, box.height * 72 / figure.dpi
 

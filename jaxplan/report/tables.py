@@ -8,6 +8,7 @@ Texts have degrees and seconds. Directions are azimuth and elevation, as on the 
 targets in the inertial frame, of instruments in body axes.
 """
 
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from jaxplan.geometry.vectors import azimuth_elevation, separation
 from jaxplan.model.directions import as_path
 from jaxplan.model.duration_bound import excess
 from jaxplan.model.goals import GivenState, Targets
-from jaxplan.model.limits import limits, timed_limits
+from jaxplan.model.limits import Limit, limits, timed_limits
 from jaxplan.model.scenario import Scenario, paths
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.stages import matrix_of
@@ -32,6 +33,7 @@ _AIM = ("Azimuth|deg", "Elevation|deg")
 _AIM_AT = ("azimuth|deg", "elevation|deg")
 
 
+_INERTIA = "kg m\N{SUPERSCRIPT TWO}"
 _TERMINAL_STAGES = {"yaw": "yaw_inertia", "pitch": "pitch_inertia"}
 
 
@@ -79,16 +81,19 @@ def spacecraft_tables(craft: Spacecraft) -> Markup:
         for device in devices
         for part, name in names.items()
     ]
-    rows = [
-        [name, *(f"{moment:.6g}" for moment in np.diagonal(matrix_of(inertia)))]
-        for name, inertia in stages
-        if inertia is not None
-    ]
-    if rows:
-        unit = "kg m\N{SUPERSCRIPT TWO}"
-        titles = ["What turns", *(f"About {axis}|{unit}" for axis in ("boresight", "left", "axis"))]
+    turned = [(name, matrix_of(inertia)) for name, inertia in stages if inertia is not None]
+    if turned:
+        skew = any(np.any(_products(matrix)) for _, matrix in turned)
+        rows = [
+            [name, *(f"{x:.6g}" for x in (*np.diagonal(matrix), *(_products(matrix) if skew else ())))]
+            for name, matrix in turned
+        ]
+        axes = ("boresight", "left", "axis")
+        titles = ["What turns", *(f"About {axis}|{_INERTIA}" for axis in axes)]
+        titles += [f"{a}, {b}|{_INERTIA}" for a, b in combinations(axes, 2)] if skew else []
+        what = "moments and products" if skew else "moments"
         parts.append(
-            table(titles, rows, "Gimbals that push back, moments about the devices' axes at zero angles")
+            table(titles, rows, f"Gimbals that push back, {what} about the devices' axes at zero angles")
         )
     if craft.instruments:
         rows = [[one.name, *_direction(one.boresight)] for one in craft.instruments]
@@ -110,8 +115,16 @@ def _platform(craft: Spacecraft) -> list[tuple[str, str]]:
         if not (limit.quantity.of_joints or limit.quantity.of_wheels)
     ]
     if (inertia := craft.whole_inertia) is not None:
-        rows.append(("Moments of inertia", f"{_list(np.diagonal(inertia), 4)} kg m\N{SUPERSCRIPT TWO}"))
+        rows.append(("Moments of inertia", f"{_list(np.diagonal(inertia), 4)} {_INERTIA}"))
+        if np.any(_products(inertia)):
+            label = "Products of inertia xy, xz, yz, as in the matrix"
+            rows.append((label, f"{_list(_products(inertia), 4)} {_INERTIA}"))
     return rows
+
+
+def _products(inertia: np.ndarray) -> np.ndarray:
+    """The entries (3,) beside the diagonal of an inertia (3, 3): of x and y, of x and z, of y and z."""
+    return np.asarray(inertia)[np.triu_indices(3, 1)]
 
 
 def _span(values: Any) -> str:
@@ -194,7 +207,8 @@ def motion_table(plan: Plan) -> Markup:
         *(f"Azimuth after {last:.2f} s|deg", "Elevation then|deg", "Turns at most at|deg/s"),
     ]
     rows = []
-    for name, path in moving:
+    for what, path in moving:
+        name = f"{what}, {path.target}" if path.target else what
         ends = *_direction(path.at(0.0)), *_direction(path.at(last))
         rows.append([name, *ends, degrees(path.largest_rate(0.0, last), 4)])
     return table(titles, rows, "Zones and targets that move, inertial")
@@ -232,11 +246,11 @@ def ends_tables(plan: Plan) -> Markup:
     asked = scenario.goal
     if not isinstance(asked, GivenState) and len(asked.directions):
         then = asked.at(0.0 if goal is None else goal.time)
-        targets = [
-            [name, *_direction(direction)]
-            for name, direction in zip(asked.names(scenario.spacecraft), then.directions, strict=True)
-        ]
-        parts.append(table(["Device", *_AIM], targets, "Targets asked for, inertial"))
+        called = [as_path(direction).target or NONE for direction in asked.directions]
+        each = zip(asked.names(scenario.spacecraft), called, then.directions, strict=True)
+        targets = [[name, target, *_direction(direction)] for name, target, direction in each]
+        when = f", after {number(goal.time)} s" if goal is not None and asked.moves else ""
+        parts.append(table(["Device", "Target", *_AIM], targets, f"Targets asked for, inertial{when}"))
     if not isinstance(asked, GivenState) and asked.prefer:
         parts.append(_wishes_table(plan, asked))
     if not isinstance(asked, GivenState) and asked.hold:
@@ -252,8 +266,8 @@ def _wishes_table(plan: Plan, asked: Targets) -> Markup:
         if goal is not None:
             looks = craft.boresights(goal.attitude, goal.joints)[craft.device_names.index(wish.device)]
             apart = degrees(float(separation(looks, direction)), 4)
-        rows.append([wish.device, *_direction(direction), apart])
-    titles = ["Device", *_AIM, "Off it at the goal|deg"]
+        rows.append([wish.device, as_path(wish.direction).target or NONE, *_direction(direction), apart])
+    titles = ["Device", "Target", *_AIM, "Off it at the goal|deg"]
     return table(titles, rows, "What devices without a target prefer, the first before the second; inertial")
 
 
@@ -327,10 +341,13 @@ def peaks_table(certificate: Certificate, craft: Spacecraft) -> Markup:
     """Table of the proved peaks beside their limits."""
     titles = ["Quantity", "Largest, at most|", "Limit|", "Unit", "Share|%", "", "At|s"]
     rows = []
+    ranges = {limit.quantity.name: limit for limit in limits(craft) if limit.quantity.power == 0}
     for name, peak in certificate.peaks.items():
         label, unit, bounds = _limited(name, craft)
         largest, limit = NONE, NONE
-        if len(bounds):
+        if name in ranges:
+            label, limit = f"{label}, of the way to an end of their range", _range(ranges[name])
+        elif len(bounds):
             ends = [number(float(end), 3) for end in (np.min(bounds), np.max(bounds))]
             if np.ptp(bounds) <= 1e-12 * np.max(bounds):
                 largest, limit = number(peak * float(bounds[0]), 3), number(float(bounds[0]), 3)
@@ -339,6 +356,13 @@ def peaks_table(certificate: Certificate, craft: Spacecraft) -> Markup:
         time = number(certificate.peak_times.get(name))
         rows.append([label, largest, limit, unit, share(peak), _bar(peak), time])
     return table(titles, rows, "Peaks over all time, as proved")
+
+
+def _range(limit: Limit) -> str:
+    """Text of the range of a kind of joint angle, deg; a dash where joints have ranges of their own."""
+    middle = 0.0 if limit.centre is None else limit.centre
+    ends = np.unique(np.round(np.rad2deg([middle - limit.bound, middle + limit.bound]), 9), axis=1)
+    return " to ".join(number(float(end), 3) for end in ends[:, 0]) if ends.shape[1] == 1 else NONE
 
 
 def _limited(name: str, craft: Spacecraft) -> tuple[str, str, np.ndarray]:

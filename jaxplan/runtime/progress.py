@@ -1,41 +1,79 @@
 """Progress bars on stderr, or in a notebook, of what takes longer than a second.
 
 A bar ticks by itself, so that it shows and counts seconds while nothing gets done, and it says when that is
-because JAX compiles.
+because JAX compiles. Where stderr is neither, and a command asked for it (`seldom_lines`), what a bar would
+show is a plain line now and then.
 """
 
 import os
 import sys
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any
 
 _SIZE = {"ncols": 80, "nrows": 24}  # characters and lines, of a terminal that tells no size
 _TICK = 1.0  # s, until a bar shows, and between two looks at whether something compiles
+_SELDOM = 30.0  # s, between two plain lines at least
 # JAX tells only of ends; the end of lowering is the beginning of compiling.
 _BEGINS = "/jax/core/compile/jaxpr_to_mlir_module_duration"
 _ENDS = "/jax/core/compile/backend_compile_duration"
 
 _open: set["Bar"] = set()
 _listening = False
+_lines: "_Lines | None" = None  # where plain lines stand in for bars
+
+
+class _Lines:
+    """Plain lines on stderr, no more often than every `_SELDOM` s, and none twice."""
+
+    def __init__(self) -> None:
+        self._began = self._last = time.monotonic()
+        self._told = ""
+
+    def tell(self, text: str) -> None:
+        """Print a text with the time since the beginning, if it is due and another one than before."""
+        now = time.monotonic()
+        if now - self._last < _SELDOM or text == self._told:
+            return
+        self._last, self._told = now, text
+        minutes, seconds = divmod(round(now - self._began), 60)
+        with suppress(OSError, ValueError):  # whoever read it has gone
+            print(f"{text} [{minutes:02d}:{seconds:02d}]", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def seldom_lines() -> Iterator[None]:
+    """Have bars tell by a plain line now and then, in a block, where stderr is no terminal or notebook."""
+    global _lines
+    before, _lines = _lines, _Lines()
+    try:
+        yield
+    finally:
+        _lines = before
 
 
 class Bar:
     """A bar that is open; `progress_bar` makes it."""
 
-    def __init__(self, what: str, tqdm: Any) -> None:
+    def __init__(
+        self, what: str, tqdm: Any, unit: str = "", total: int | None = None, initial: int = 0
+    ) -> None:
         self._what, self._step, self._tqdm = what, "", tqdm
+        self._unit, self._total, self._count, self._note = unit, total, initial, ""
         self._compiling = self._compiled = False
         self._closed = threading.Event()
 
     @property
     def done(self) -> int:
         """The count so far."""
-        return int(self._tqdm.n)
+        return self._count
 
     def update(self, count: int = 1) -> None:
         """Add to the count of what is done."""
+        self._count += count
         self._tqdm.update(count)
 
     def step(self, name: str) -> None:
@@ -45,6 +83,7 @@ class Bar:
 
     def note(self, text: str) -> None:
         """Show a text after the bar, with its next refresh."""
+        self._note = text
         self._tqdm.set_postfix_str(text, refresh=False)
 
     def say(self, text: str) -> None:
@@ -64,15 +103,26 @@ class Bar:
             self._tqdm.refresh()
             self._tqdm.delay = 0  # it shows, so it must be wiped out in the end
 
+    def tell_until_closed(self, lines: _Lines) -> None:
+        """Print what the bar would show, as plain lines, until `close`; to be run in a thread of its own."""
+        while not self._closed.wait(_TICK):
+            of = "" if self._total is None else f" of {self._total}"
+            counted = [f"{self._count}{of} {self._unit}"] if self._unit else []
+            lines.tell(", ".join([self._words(), *counted, *[self._note] * bool(self._note)]))
+            self._compiled = self._compiling
+
     def close(self) -> None:
         """End the ticking."""
         self._closed.set()
 
     def _describe(self) -> None:
-        """Set the words before the bar: what is done, the step, and whether something compiles."""
+        """Set the words before the bar."""
+        self._tqdm.set_description_str(self._words(), refresh=False)
+
+    def _words(self) -> str:
+        """What is done, the step, and whether something compiles."""
         parts = [self._step] * bool(self._step) + ["compiling"] * (self._compiling or self._compiled)
-        text = ": ".join([self._what, ", ".join(parts)] if parts else [self._what])
-        self._tqdm.set_description_str(text, refresh=False)
+        return ": ".join([self._what, ", ".join(parts)] if parts else [self._what])
 
 
 @contextmanager
@@ -86,7 +136,8 @@ def progress_bar(
         unit: name of what is counted, in the plural, such as "steps"; empty to show the time alone.
         total: the count at the end, None if it is not known.
         initial: the count at the beginning.
-        shown: False never to show it; it is not shown either where stderr is neither terminal nor notebook.
+        shown: False never to show it; where stderr is neither terminal nor notebook it is not shown either,
+            unless as plain lines, see `seldom_lines`.
     """
     from tqdm.auto import tqdm
 
@@ -103,13 +154,15 @@ def progress_bar(
         disable=not shown or None,  # None: where stderr is no terminal
         **more,
     ) as shape:
-        bar = Bar(what, shape)
-        if shape.disable:
+        bar = Bar(what, shape, unit, total, initial)
+        lines = _lines if shown else None
+        if shape.disable and lines is None:
             yield bar
             return
         _listen_to_jax()
         _open.add(bar)
-        ticking = threading.Thread(target=bar.tick_until_closed, daemon=True)
+        told = partial(bar.tell_until_closed, lines) if shape.disable and lines else bar.tick_until_closed
+        ticking = threading.Thread(target=told, daemon=True)
         ticking.start()
         try:
             yield bar

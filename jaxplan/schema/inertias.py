@@ -13,14 +13,20 @@ from jaxplan.schema.kinds import Kind, Number
 NO_BODY = "no principal moment above the sum of the other two, as no body has"
 """What inertias are refused for that no distribution of mass has."""
 
+_PAIRS = ((0, 1), (0, 2), (1, 2))  # products of inertia, each of which stands twice
+
 
 def _inertia(array: np.ndarray, value: Any, place: Place) -> Any:
     """Check that a matrix, or the moments about its axes, are an inertia that a body can have; a `Rule`."""
     matrix = array if array.ndim == 2 else np.diag(array)
     scaled = matrix / (np.max(np.abs(matrix)) or 1)  # so that the thresholds below are relative
     small, middle, large = np.linalg.eigvalsh((scaled + scaled.T) / 2)
-    if np.max(np.abs(scaled - scaled.T)) > 1e-9:
-        complaint = "must be symmetric"
+    unlike = [pair for pair in _PAIRS if abs(scaled[pair] - scaled.T[pair]) > 1e-9]
+    if unlike:
+        told = (
+            f"[{i}][{j}] = {matrix[i, j]:.12g} is not [{j}][{i}] = {matrix[j, i]:.12g}" for i, j in unlike
+        )
+        complaint = f"must be symmetric, but {', '.join(told)}"
     elif small <= 1e-12:  # rounding may leave a singular one slightly positive
         complaint = "must be positive definite"
     elif np.max(matrix) < 1e-12:

@@ -198,10 +198,9 @@ def resolve_all(
     Returns:
         The scenario, and for each of the aims its targets.
     """
-    zones = {kind: placed(getattr(scenario, kind), root[kind]) for kind in ("keep_out", "keep_in")}
-    looked_up = [(place[axis.key], axis) for rows in zones.values() for place, _, axis in _followed(rows)]
+    zones = _zones(scenario, root)
     named = [list(_names(aim)) for aim in aims]
-    looked_up += [one for each in named for one in each]
+    looked_up = looked_up_names(scenario, aims, root)
     if view is None:
         for place, axis in looked_up:
             vector = "must be a unit vector of 3 numbers; a name " * (axis.key == "direction")
@@ -217,6 +216,21 @@ def resolve_all(
             scenario = replace(scenario, **changed)
     aimed = [_aimed(aim, seen) if own else aim.targets for aim, own in zip(aims, named, strict=True)]
     return scenario, aimed
+
+
+def looked_up_names(scenario: Scenario, aims: Sequence[Aim], root: Place) -> list[tuple[Place, Followed]]:
+    """The names of ``[sky]`` in zones, targets and wishes, each after its place; see `resolve_all`."""
+    of_zones = [
+        (place[axis.key], axis)
+        for rows in _zones(scenario, root).values()
+        for place, _, axis in _followed(rows)
+    ]
+    return [*of_zones, *(one for aim in aims for one in _names(aim))]
+
+
+def _zones(scenario: Scenario, root: Place) -> dict[str, list[tuple[Place, Any]]]:
+    """The zones that may be about names, with their places, by kind."""
+    return {kind: placed(getattr(scenario, kind), root[kind]) for kind in ("keep_out", "keep_in")}
 
 
 def _names(aim: Aim) -> Iterator[tuple[Place, Followed]]:

@@ -10,14 +10,16 @@ import re
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
+from datetime import date, time
 from functools import cached_property
+from numbers import Real
 from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from jaxplan.model.keys import Key, unit_of
 from jaxplan.runtime.arguments import a_or_an
 from jaxplan.schema.faults import WRONG, Place, nearest
-from jaxplan.schema.kinds import ANY, Choice, Integer, Interval, Kind, Number, Text, YesNo
+from jaxplan.schema.kinds import ANY, Choice, Epoch, Integer, Interval, Kind, Number, Text, YesNo
 
 _SECOND = "stands in the place of {}, only one of them can be given"
 _CHECKED = "_schema_checked"  # attribute that is set on objects whose numbers and texts were found good
@@ -107,7 +109,8 @@ class Table(Kind):
             if entry.says in given:
                 here.fault(_SECOND.format(given[entry.says]))
             given[entry.says] = entry.key
-            parts[entry.attribute] = entry.kind.read(value[entry.key], here)
+            clock = self._of_the_other_clock(entry, value[entry.key], here)
+            parts[entry.attribute] = clock or entry.kind.read(value[entry.key], here)
         for entry in self.fields:
             if entry.says not in given:
                 if entry.required and not entry.kind.may_miss(place.reading):
@@ -115,6 +118,23 @@ class Table(Kind):
                 elif (usual := entry.kind.absent(place.reading)) is not None:
                     parts[entry.attribute] = usual
         return self.model(**parts) if self.make is None else self.make(parts, place)
+
+    def _of_the_other_clock(self, entry: Field, value: object, here: Place) -> Any:
+        """Note seconds where UTC is wanted, and UTC where seconds are, with the key that takes what is given.
+
+        Returns:
+            `WRONG` after that; None where the value may be right, or no key would take it.
+        """
+        utc = isinstance(entry.kind, Epoch)
+        if not (
+            isinstance(value, Real) and not isinstance(value, bool) if utc else isinstance(value, date | time)
+        ):
+            return None
+        for other in self.fields:
+            if other.says == entry.says and isinstance(other.kind, Number if utc else Epoch):
+                what = "seconds" if utc else "a time in UTC"
+                return here.fault(f"must be {entry.kind.wanted}; {other.key} takes {what}", value)
+        return None
 
     def _refuse_unknown(self, value: Mapping[str, object], place: Place) -> None:
         """Note keys that the table does not have."""

@@ -39,6 +39,7 @@ _WIDTH = 118  # most characters of a line with its comment
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 
 _HEADER = re.compile(r"(#?)\[+([\w.]+)\]+")
+_DATED = re.compile(r"[^=]*=\s*\d{4}-\d{1,2}-\d")  # a line whose value is meant as a date
 _LINE = re.compile(r"#?(\w+) = .*")
 
 
@@ -57,7 +58,10 @@ def parse(text: str, largest: int = LARGEST_FILE) -> dict[str, Any]:
         message = str(error)
     found = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", message, re.DOTALL)
     if found:
-        raise ScenarioError([f"line {found[2]}, column {found[3]}: not TOML, {_uncapitalised(found[1])}"])
+        dated = _DATED.match(text.split("\n")[int(found[2]) - 1])
+        advice = "; a date-time is written as 2026-01-01T00:00:00, with its seconds" if dated else ""
+        told = f"line {found[2]}, column {found[3]}: not TOML, {_uncapitalised(found[1])}{advice}"
+        raise ScenarioError([told])
     reason = message.removesuffix(" (at end of document)")
     raise ScenarioError([f"{_position(text, len(text))}: not TOML, {_uncapitalised(reason)}"])
 

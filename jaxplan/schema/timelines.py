@@ -44,7 +44,7 @@ from jaxplan.schema.layout import SCENARIO, split_scenario
 from jaxplan.schema.local_frame import in_inertial
 from jaxplan.schema.reading import PythonReading, count_terminals, read_file, with_epoch, with_start
 from jaxplan.schema.robust import check_robust
-from jaxplan.schema.sky import Aim, Followed, Lasting, View, resolve_all
+from jaxplan.schema.sky import Aim, Followed, Lasting, View, looked_up_names, resolve_all
 from jaxplan.schema.tables import Field, Rows, Table
 
 KIND = "timeline"
@@ -235,13 +235,13 @@ def _put_together(parts: _Parts, root: Place) -> Any:
     scene, heading, ends = parts.scene, parts.heading, root["timeline"]["until_s"]
     check_parts(scene, root)
     scene = with_epoch(scene, parts.view, root)
-    until: Any = None if heading is WRONG else heading.until
+    until: Any = WRONG if heading is WRONG else heading.until
     if isinstance(until, np.datetime64):
         ends = root["timeline"]["until_utc"]
         until = seconds_after(scene.epoch, until, ends)
     rows = placed(parts.activities, root["activity"])
     activities = [timed(one, place, scene.epoch) for place, one in rows]
-    scene, activities = _seen(parts, scene, activities, until, root)
+    scene, activities, until = _seen(parts, scene, activities, until, root)
     check_robust(scene, root)
     scene = with_start(scene, root)
     check_zones(scene, root)
@@ -261,8 +261,12 @@ def _put_together(parts: _Parts, root: Place) -> Any:
 
 def _seen(
     parts: _Parts, scene: Scenario, activities: list[Activity], until: Any, root: Place
-) -> tuple[Scenario, list[Activity]]:
-    """Scene and activities with directions in the place of names, of the file and of ``[sky]``."""
+) -> tuple[Scenario, list[Activity], Any]:
+    """Scene and activities with directions in the place of names, of the file and of ``[sky]``.
+
+    Returns:
+        Both, and `until`, which is `WRONG` where it was noted that it is missing.
+    """
     given = _given(parts, root)
     aims = [Aim(scene.start, root["start"])]
     kinds = ["point" if one.point is not None else "track" for one in activities]
@@ -271,14 +275,19 @@ def _seen(
         aims.append(Aim(with_paths(getattr(one, kind), given), place, kind))
     lasting = Lasting(until if isinstance(until, float) else None, "timeline.until_s")
     view = parts.view
-    if until is WRONG and isinstance(view, View) and view.for_duration is None:
-        return scene, activities  # how long names are followed cannot be told
+    if isinstance(view, View) and view.for_duration is None:
+        if until is None and looked_up_names(scene, aims, root):
+            until = root["timeline"]["until_s"].fault(
+                "missing (or until_utc), must be a number of seconds, for which names of [sky] are followed"
+            )
+        if until is WRONG:
+            return scene, activities, WRONG  # how long names are followed cannot be told
     scene, found = resolve_all(scene, aims, view, lasting, root)
     start, *targets = found
     start = in_inertial(start, view, 0.0, root["start"])
     scene = replace(scene, start=start)
     changed: list[dict[str, Any]] = [{kind: own} for kind, own in zip(kinds, targets, strict=True)]
-    return scene, [replace(one, **own) for one, own in zip(activities, changed, strict=True)]
+    return scene, [replace(one, **own) for one, own in zip(activities, changed, strict=True)], until
 
 
 def _given(parts: _Parts, root: Place) -> dict[str, Any]:

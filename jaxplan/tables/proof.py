@@ -306,8 +306,8 @@ def _known_part(table: AttitudeTable, scenario: Scenario, begin: float) -> Attit
         if not begin + span <= known + _CLOCK:
             raise ValueError(
                 f"{table.name}: ends {begin + span:.10g} s after the scene's start, and zone {zone.name} "
-                f"{'moves and ' * zone.moves}is known until {known:.10g} s: give samples for longer, or of "
-                "[sky] a longer for_duration_s"
+                f"{'moves and ' * zone.moves}is known until {known:.10g} s: let it be known for "
+                "longer, by more samples or a longer sky.for_duration_s"
             )
         span = min(span, known - begin)
     times = np.minimum(table.times, table.times[0] + span)

@@ -66,9 +66,11 @@ def _kept_limits(attempt: Attempt, *, stretch: bool) -> Fit:
     above = "" if share is None else f", {100 * share:.1f} % above the strict bound"
     message, note = f"{curve.duration:.2f} s{above}; {nearest} is nearest to its limit", ""
     if attempt.radius > problem.radius:
-        wide = f"passed within {np.rad2deg(attempt.radius):g} deg"
-        how = wide if np.isfinite(attempt.radius) else "only a first guess"
-        note = f"nodes are {how}: within trajectory.node_tube_deg no motion was found, or a slow one"
+        how = "the path is only a first guess of the motion"
+        if np.isfinite(attempt.radius):
+            how = f"the motion is up to {np.rad2deg(attempt.radius):g} deg off the nodes of its path"
+        tube = f"trajectory.node_tube_deg = {np.rad2deg(problem.radius):g}"
+        note = f"{how}, since within {tube} of the nodes none was found, or a slow one"
         message = f"{message}; {note}"
     origin = FitRecord(problem=problem, attempt=attempt, stretched=stretch)
     return Fit(trajectory=curve, status=Status.OK, message=message, note=note, origin=origin)

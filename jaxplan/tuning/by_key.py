@@ -124,7 +124,8 @@ def sensitivities(plan: Plan | TimelinePlan, measure: str | None = None) -> Sens
 
     Returns:
         The slopes in the units of files. Where a choice of the plan is about to change a slope is that of the
-        side that is held.
+        side that is held. Where more wheels are full at an instant than the torque has dimensions, slopes by
+        single wheels are one split of several, and only what is changed of all of them together is certain.
 
     Raises:
         TypeError: if it is no plan, or no name.

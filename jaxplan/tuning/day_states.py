@@ -36,6 +36,8 @@ from jaxplan.timeline.followed_track import Track, ends_of, track_of
 from jaxplan.timeline.motions import Motion, with_room
 from jaxplan.timeline.tracking import State
 
+TARGETS_MOVE = "its targets move: set trajectory.optimal = true, or give it an attitude"
+"""Why a track of targets that move, or while zones do, has no derivatives where its energy is not least."""
 _OPTIMAL = 1e-6  # rad, rad/s, by which a state may be off the optimum whose derivative is taken
 
 
@@ -218,7 +220,7 @@ def following(choice: Choice, targets: Targets, motions: Sequence[Motion]) -> Fo
     """
     scene = choice.departure.scene
     if not scene.trajectory.optimal:
-        raise ValueError("its targets move: set trajectory.optimal = true, or give it an attitude")
+        raise ValueError(TARGETS_MOVE)
     if any(motion.tracked is None or motion.aim is None for motion in motions):
         raise ValueError("it is no optimum near the state before; give it an attitude")
     tracks = {id(motion): track_of(motion, scene.usable, scene.constraints, targets) for motion in motions}

@@ -17,7 +17,7 @@ The states themselves are in `jaxplan.tuning.day_states`. What else a timeline m
 yet, and is refused with all activities and reasons together.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -31,7 +31,7 @@ from jaxplan.gradients import differentiable
 from jaxplan.model.duration_bound import moving_bound, rest_bounds
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.timeline import Activity
+from jaxplan.model.timeline import Activity, Timeline, in_order
 from jaxplan.timeline import TimelinePlan, plan_timeline
 from jaxplan.timeline.choices import BOUND, FIXED, NEEDED, SEEN, Choice, SlewTime
 from jaxplan.timeline.motions import Motion
@@ -39,11 +39,22 @@ from jaxplan.timeline.slews import FIRST, LEAST, Departure
 from jaxplan.timeline.stored import holding, total_in
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import measures
-from jaxplan.tuning.day_states import Ends, Held, Reached, Rested, When, following, off_by, pointed
+from jaxplan.tuning.day_states import (
+    TARGETS_MOVE,
+    Ends,
+    Held,
+    Reached,
+    Rested,
+    When,
+    following,
+    off_by,
+    pointed,
+)
 
 _SAME = 1e-6  # s, by which times of a plan that was read, and of one made anew, may differ
 _STAYS = 1e-9  # rad, by which a state that is held may change
 _NEAR = 0.01  # of the time of a shortest motion, by which the optimum near it may differ
+_WISH = "a device has a wish; give it an attitude"
 TOTAL_TIME = "total_time"
 """What can be asked of a day: s, from its start to the end of the last activity, no rest after it."""
 
@@ -223,33 +234,39 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
 
     Raises:
         ValueError: if it is not OK, one that is planned anew is another one, or some activities have no
-            derivatives; the message names all of these, each with its reason.
+            derivatives; the message names these, each with its reason: all that the timeline alone tells,
+            before anything is computed, or else all whose states cannot be followed, before shortest motions
+            are, which take long.
     """
-    plan = _with_choices(plan)
+    if not plan.ok or plan.trajectory is None:
+        raise ValueError(
+            f"the plan of {plan.timeline.name} ended as {plan.status.name}: only an OK one is followed"
+        )
     timeline = plan.timeline
+    _refuse(timeline, _told_by(timeline))
+    plan = _with_choices(plan)
     rows = {one.name: row for row, one in enumerate(timeline.activities)}
     choices = tuple(one for one in plan.choices if one.activity.name in rows)
     reasons = {one.activity.name: _refused(one, plan) for one in choices}
-    start = timeline.scene.start
-    if np.any(start.angular_velocity) or np.any(start.joint_rates):
-        reasons[choices[0].activity.name] = (
-            "the start has rates, as one in the local frame has: give it a start at rest"
-        )
     states: list[Reached] = []
-    slopes: dict[int, _Slope] = {}
+    needed: list[tuple[Choice, SlewTime]] = []
     for one in choices:
         name = one.activity.name
         if reasons[name]:
             continue
         try:
             states.append(_reached(one))
-            for time in _needed(one, states[-1].in_time):
-                slopes[id(time)] = _slope(one.departure, time)
+            needed += [(one, time) for time in _needed(one, states[-1].in_time)]
         except ValueError as error:
             reasons[name] = str(error)
-    if any(reasons.values()):
-        told = "; ".join(f"activity {name}: {reason}" for name, reason in reasons.items() if reason)
-        raise ValueError(f"the total time of {timeline.name} has no derivatives that are known: {told}")
+    _refuse(timeline, reasons)
+    slopes: dict[int, _Slope] = {}
+    for one, time in needed:
+        try:
+            slopes[id(time)] = _slope(one.departure, time)
+        except ValueError as error:
+            reasons[one.activity.name] = str(error)
+    _refuse(timeline, reasons)
     return HeldDay(
         numbers=Numbers(
             scene=own_arrays(timeline.scene), activities=timeline.activities, until=timeline.until
@@ -261,12 +278,35 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
     )
 
 
+def _refuse(timeline: Timeline, reasons: Mapping[str, str]) -> None:
+    """Raise a ValueError with the reasons why activities, by name, have no derivatives, if there are any."""
+    told = "; ".join(f"activity {name}: {reason}" for name, reason in reasons.items() if reason)
+    if told:
+        raise ValueError(f"the total time of {timeline.name} has no derivatives that are known: {told}")
+
+
+def _told_by(timeline: Timeline) -> dict[str, str]:
+    """Why activities, by name, have no derivatives, as far as the timeline alone tells."""
+    scene, reasons = timeline.scene, dict[str, str]()
+    still = not moves(scene)
+    for one in in_order(timeline.activities):
+        targets = one.targets
+        if targets is not None and targets.prefer:
+            reasons[one.name] = _WISH
+        elif targets is not None and one.track is not None and not scene.trajectory.optimal:
+            reasons[one.name] = "" if still and not targets.moves else TARGETS_MOVE
+        if one.name not in reasons:
+            reasons[one.name] = ""
+    start = scene.start
+    if np.any(start.angular_velocity) or np.any(start.joint_rates):
+        first = next(iter(reasons))
+        other = f"; {reasons[first]}" if reasons[first] else ""
+        reasons[first] = f"the start has rates, as one in the local frame has: give it a start at rest{other}"
+    return reasons
+
+
 def _with_choices(plan: TimelinePlan) -> TimelinePlan:
     """The plan with how its activities came to begin; planned anew where it does not know."""
-    if not plan.ok or plan.trajectory is None:
-        raise ValueError(
-            f"the plan of {plan.timeline.name} ended as {plan.status.name}: only an OK one is followed"
-        )
     if len(plan.choices) >= len(plan.activities):
         return plan
     again = plan_timeline(plan.timeline, throw=False, progress=False)
@@ -281,9 +321,7 @@ def _with_choices(plan: TimelinePlan) -> TimelinePlan:
 
 def _refused(choice: Choice, plan: TimelinePlan) -> str:
     """Why how an activity begins has no derivative that is known; empty if it has."""
-    activity, targets = choice.activity, choice.activity.targets
-    if targets is not None and targets.prefer:
-        return "a device has a wish; give it an attitude"
+    activity = choice.activity
     if activity.kind == "point" or _follows(choice):
         return ""
     end = next(one.end for one in plan.activities if one.name == activity.name)

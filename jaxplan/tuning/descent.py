@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxplan.derivatives import Held, expect_known_time, follow_and_hold, hold_each
+from jaxplan.derivatives import Held, expect_followable, expect_known_time, follow_and_hold, hold_each
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan, plan_batch
 from jaxplan.planner.runs import as_filed, plan_with_fits
@@ -221,6 +221,7 @@ def tune(
     given = tuple(as_filed(f"scenarios[{number}]", scenario) for number, scenario in enumerate(given))
     for scenario in given:
         expect_known_time(scenario)
+        expect_followable(scenario)
     aim = make_objective(objective)
     tuned = parameters(given[0], over)
     for scenario in given[1:]:

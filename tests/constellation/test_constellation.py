@@ -17,6 +17,7 @@ from jaxplan.goal import decompose
 from jaxplan.goal.multistart import nearest_attitudes
 from jaxplan.model.goals import Targets
 from jaxplan.model.tabulation import tabulate
+from jaxplan.plotting import constellation_figure
 from jaxplan.sky import orbits
 
 R, MU = 6378.137, 398600.4418
@@ -285,3 +286,15 @@ def test_the_figure_shows_every_satellite_in_front_and_the_shares_of_all(planned
     assert "36 of 36" in histogram.get_title(loc="left")
     with pytest.raises(ValueError, match="2 panels"):
         jp.plot.constellation(planned, globe)
+
+
+@pytest.mark.parametrize("highest", [7.0, 40.0])
+def test_what_is_told_of_longer_times_stands_above_the_bars_below_it(highest):
+    axes = Figure(layout="constrained").subplots()
+    shares = np.concatenate([np.full(20, 44.0), np.full(10, highest)])
+    axes.bar(np.arange(30), shares, width=1.0, align="edge")
+    constellation_figure._tell_longer(axes, "2 longer,\nup to 113 s", [shares[:20] / 9, shares])
+    axes.figure.draw_without_rendering()
+    (text,) = (one.get_window_extent() for one in axes.texts)
+    assert not any(text.overlaps(bar.get_window_extent()) for bar in axes.patches)
+    assert text.y1 <= axes.get_window_extent().y1

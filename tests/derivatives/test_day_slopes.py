@@ -11,8 +11,10 @@ from reference import direction, unit
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
+from jaxplan.model.timeline import in_order
 from jaxplan.schema.numbers import numbers_of_timeline, with_numbers
 from jaxplan.timeline.choices import BOUND, NEEDED
+from jaxplan.tuning import days
 
 STEP = 1e-5  # rad, s and the like, and relative, by which a number is changed to either side
 AGREE = 1e-4  # relative, of a slope and a difference of timelines planned anew
@@ -341,6 +343,38 @@ def test_all_activities_without_derivatives_are_named_with_their_reasons():
     assert "activity ship: its targets move: set trajectory.optimal = true, or give it an attitude" in told
     assert "activity glance: a device has a wish; give it an attitude" in told
     assert "activity look" not in told
+
+
+def test_what_a_timeline_tells_by_itself_is_refused_before_anything_is_planned(monkeypatch):
+    plan = planned("joints and platform")
+    monkeypatch.setattr(days, "plan_timeline", never)
+    monkeypatch.setattr(days, "_reached", never)
+    timeline, wish = plan.timeline, jp.Wish(device="terminal-1", direction=np.array([1.0, 0.0, 0.0]))
+    still = jp.Targets.of({"camera-1": np.array([0.0, 0.6, 0.8])}, prefer=(wish,))
+    more = (*timeline.activities, jp.Activity(name="glance", point=still))
+    spinning = replace(timeline.scene.start, angular_velocity=np.array([0.0, 0.0, 1e-3]))
+    for changed, words in (
+        (replace(timeline, activities=more), "activity glance: a device has a wish"),
+        (
+            replace(timeline, scene=replace(timeline.scene, start=spinning)),
+            f"activity {in_order(timeline.activities)[0].name}: the start has rates",
+        ),
+    ):
+        for own in (plan, replace(plan, choices=())):  # as it is planned, and read from a file
+            with pytest.raises(ValueError, match=words):
+                jp.sensitivities(replace(own, timeline=changed))
+
+
+def test_no_shortest_motion_is_looked_for_where_an_activity_is_refused_anyway(monkeypatch):
+    plan = planned("far")
+    monkeypatch.setattr(days, "_slope", never)
+    monkeypatch.setattr(days, "_refused", lambda choice, _: "it is odd" * (choice is plan.choices[-1]))
+    with pytest.raises(ValueError, match="it is odd"):
+        jp.sensitivities(plan)
+
+
+def never(*_, **__):
+    raise AssertionError("this takes long, and is not needed")
 
 
 def test_a_plan_that_failed_is_refused():

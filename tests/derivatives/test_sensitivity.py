@@ -205,7 +205,7 @@ def assert_replanned(plan):
 
 def test_plans_whose_tube_was_widened_are_replanned_as_they_are():
     plan = widened_tube()
-    assert "within 1.2 deg" in plan.message
+    assert "up to 1.2 deg off" in plan.message
     assert_replanned(plan)
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
+from builders import at_rest
 from quick import quick_jit
 from wheels import scarce, with_wheels
 
@@ -82,3 +83,29 @@ def test_the_shortest_duration_follows_a_wheel_as_plans_made_anew():
     told = float(slopes.spacecraft.wheels[number].torque)
     assert told == pytest.approx((found[0] - found[1]) / (2 * step), rel=2e-2)
     assert told < 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("allocation", ["pseudo_inverse", "minimax"])
+def test_wheels_that_are_all_full_at_once_have_the_slope_of_all_together(allocation):
+    """A turn about the axis of a pyramid takes as long as one over the root of the torque of its wheels."""
+    tilt, around = np.sqrt(2 / 3), np.deg2rad([0.0, 90.0, 180.0, 270.0])
+    axes = np.stack([tilt * np.cos(around), tilt * np.sin(around), np.full(4, np.sqrt(1 / 3))], axis=1)
+    wheels = tuple(
+        jp.Wheel(name=f"wheel-{k}", axis=axis, torque=0.1, momentum=50.0) for k, axis in enumerate(axes)
+    )
+    craft = jp.Spacecraft(
+        instruments=(jp.Instrument(name="camera", boresight=np.array([1.0, 0.0, 0.0])),),
+        rate_limit=np.deg2rad(20.0),
+        acceleration_limit=np.deg2rad(20.0),
+        inertia=np.diag([10.0, 10.0, 10.0]),
+        wheels=wheels,
+        allocation=allocation,
+    )
+    ends = [at_rest(np.array([0.0, 0.0, turn]), np.zeros(0)) for turn in (0.0, 1.2)]
+    settings = jp.TrajectorySettings(duration="minimum", first_guesses=0)
+    scenario = jp.Scenario(name="pyramid", spacecraft=craft, start=ends[0], goal=ends[1], trajectory=settings)
+    plan = jp.plan(scenario, progress=False)
+    found = jp.sensitivities(plan, "duration")
+    together = sum(0.1 * found[f"spacecraft.wheel[{k}].torque_nm"] for k in range(4))
+    assert together == pytest.approx(-plan.trajectory.duration / 2, rel=1e-3)

@@ -44,9 +44,9 @@ def test_a_target_that_is_hidden_in_the_end_is_refused_with_when_it_is_seen():
     assert plan.status is Status.INVALID_GOAL
     assert plan.goal is None
     assert plan.message == (
-        "lisbon, the target of terminal-1, is hidden by its horizon, and seen from 75 s on "
-        "(after 40 s, where targets and zones are then): set trajectory.duration_s = 75, when all are seen, "
-        'or "minimum"'
+        "lisbon, the target of terminal-1, is hidden by its horizon when the motion ends, at 40 s; "
+        "it is seen from 75 s on: set trajectory.duration_s = 75, "
+        'or "minimum" to have it found'
     )
     with pytest.raises(jp.PlanningError, match="lisbon, the target of terminal-1"):
         jp.plan(scenario_of(40.0, EARLY))
@@ -56,8 +56,10 @@ def test_the_time_that_is_named_is_one_at_which_all_are_seen():
     spans = [("lisbon", "its horizon", 0.0, 50.0014), ("lisbon", "the Moon", 40.0, 70.123456)]
     scenario = scenario_of(45.0, *spans, second=[("ahead", "the Earth", 65.0, 90.5001)])
     found = find_goals(scenario, 45.0)
-    assert "hidden by its horizon and the Moon, and seen from 70.13 s on" in found.message
-    assert "set trajectory.duration_s = 90.51," in found.message
+    assert "hidden by its horizon and the Moon when the motion ends, at 45 s; it is seen from 70.13 s on" in (
+        found.message
+    )
+    assert "set trajectory.duration_s = 90.51, when all targets are seen," in found.message
     assert not isinstance(find_goals(scenario, 90.51), jp.Plan)
     assert find_goals(scenario, 80.0).message.startswith(
         "ahead, the target of terminal-2, is hidden by the Earth"
@@ -99,9 +101,12 @@ def test_two_targets_wait_for_each_other_and_may_never_be_seen_together():
     assert jp.plan(scenario_of("minimum", EARLY, second=[later])).trajectory.duration == 110.0
     plan = jp.plan(scenario_of("minimum", EARLY, second=[LATE]), throw=False)
     assert plan.status is Status.INVALID_GOAL
-    assert "change goal.targets, or give samples for longer, of [sky] a longer for_duration_s" in plan.message
+    assert (
+        "change goal.targets, or let it be known for longer, by more samples or a longer sky.for_duration_s"
+        in (plan.message)
+    )
     never = jp.plan(scenario_of(KNOWN, LATE), throw=False)
-    assert "hidden by the Earth, and not seen again in all the 200 s that are known" in never.message
+    assert "hidden by the Earth when the motion ends, at 200 s; it is not seen again in" in never.message
 
 
 def test_a_plan_without_a_goal_for_what_is_hidden_is_written_and_read_back(tmp_path):
@@ -119,8 +124,10 @@ def test_the_certificate_knows_a_target_that_is_hidden_in_the_end():
     plan = jp.plan(scenario_of(80.0, EARLY))
     dark = replace(plan, scenario=scenario_of(80.0, LATE))
     (fault,) = jp.certify(dark).faults
-    assert fault.startswith("ahead, the target of terminal-1, is hidden by the Earth, and not seen again")
-    assert fault.endswith("in all the 200 s that are known")
+    assert fault.startswith(
+        "ahead, the target of terminal-1, is hidden by the Earth when the motion ends, at 80 s;"
+    )
+    assert fault.endswith("it is not seen again in all the 200 s that are known")
     assert jp.certify(plan).certified
 
 

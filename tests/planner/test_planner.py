@@ -13,11 +13,10 @@ from trust import flights, golden
 import jaxplan as jp
 from jaxplan import so3
 from jaxplan.cases import SKY_KINDS
-from jaxplan.certificate import Certificate
 from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.scenario import STRETCHED, Scenario
 from jaxplan.model.zones import KeepIn, KeepOut
-from jaxplan.planner import messages, rounds
+from jaxplan.planner import rounds
 from jaxplan.planner.attempts import LADDER, Attempts, SearchQuery
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.proving import certify
@@ -335,22 +334,6 @@ def test_limits_at_the_ends_of_their_ranges_are_planned():
     quick = replace(craft, rate_limit=np.deg2rad(1e6), acceleration_limit=np.deg2rad(1e9))
     for name, odd in (("slow", slow), ("weak", weak), ("quick", quick)):
         assert jp.plan(replace(scenario, spacecraft=odd)).ok, name
-
-
-def test_advice_on_what_is_not_proved_follows_from_what_fails():
-    fault = Certificate(
-        certified=False, faults=("terminal-1 yaw is beyond",), peaks={"yaw": 1.01}, min_margin=0.1
-    )
-    assert "joint limits" in messages.uncertified(fault)
-    assert "clearance" not in messages.uncertified(fault)
-    fast = replace(fault, peaks={"yaw": 0.9, "angular_velocity": 1.2})
-    assert "duration_s" in messages.uncertified(fast)
-    assert "joint limits" not in messages.uncertified(fast)
-    assert "stretched" not in messages.uncertified(fast)  # which not every scenario may ask for
-    near = replace(fault, peaks={"yaw": 1.0}, min_margin=-0.01)
-    assert "clearance_deg" in messages.uncertified(near)
-    assert "duration_s" not in messages.uncertified(near)
-    assert messages.uncertified(Certificate(certified=False, faults=("odd",))).startswith("odd: ")
 
 
 def test_targets_that_cannot_be_reached_together_say_by_how_much():

@@ -12,6 +12,7 @@ from scipy.stats import binomtest
 import jaxplan as jp
 from jaxplan.cases import SKY_KINDS
 from jaxplan.plotting import comparison_figure
+from jaxplan.plotting.style import WIDTH
 from jaxplan.search import PLANNERS
 from jaxplan.study.table4 import Row, printed_rows
 
@@ -108,12 +109,21 @@ def test_any_kinds_and_planners_fit_on_the_page(kinds, planners):
     figure = comparison_figure([*rows, *printed_rows(names)])
     figure.draw_without_rendering()
     assert len(figure.axes) == 4 * kinds
-    legend = figure.axes[3].get_legend().get_window_extent()
+    assert figure.get_figwidth() == WIDTH
+    (legend,) = (one.get_window_extent() for one in figure.legends)
     assert not any(legend.overlaps(axes.get_window_extent()) for axes in figure.axes)
+    labels = [axes.xaxis.get_label() for axes in figure.axes[-4:]]
+    assert not any(legend.overlaps(label.get_window_extent()) for label in labels)
+    assert not any(
+        one.get_window_extent().overlaps(other.get_window_extent()) for one, other in pairwise(labels)
+    )
+    assert legend.x0 >= -1
     assert legend.x1 <= figure.bbox.x1 + 1
     assert legend.y0 >= figure.bbox.y0 - 1
     for axes in figure.axes:
         assert axes.get_tightbbox().x0 >= -1
+        ticks = [label.get_window_extent() for label in axes.get_xticklabels() if label.get_text()]
+        assert axes not in figure.axes[-4:] or not any(one.overlaps(other) for one, other in pairwise(ticks))
         names_beside = [label.get_window_extent() for label in axes.get_yticklabels() if label.get_visible()]
         assert not any(one.overlaps(other) for one, other in pairwise(names_beside))
     lowest = figure.axes[-4:]
@@ -145,7 +155,7 @@ def test_an_empty_line_says_why(row, words):
 
 def test_the_legend_explains_what_is_drawn_and_nothing_else():
     def words(*rows):
-        return " ".join(text.get_text() for text in jp.plot.table4(rows)[3].get_legend().get_texts())
+        return " ".join(text.get_text() for text in jp.plot.table4(rows)[3].figure.legends[0].get_texts())
 
     every = words(make_row(), *printed_rows(["keep_out"]))
     for word in ("found", "clear\nalong whole edges", "Wilson", "without", "mean", "printed"):
@@ -153,7 +163,7 @@ def test_the_legend_explains_what_is_drawn_and_nothing_else():
     assert "printed" not in words(make_row())
     assert "without" not in words(make_row(found=12, clear=12))
     assert "along whole edges" not in words(*printed_rows(["keep_out"]))
-    assert jp.plot.table4([make_row()], legend=False)[3].get_legend() is None
+    assert jp.plot.table4([make_row()], legend=False)[3].figure.legends == []
 
 
 def test_it_is_drawn_where_it_is_told_to_be():

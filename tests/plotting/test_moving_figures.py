@@ -69,6 +69,15 @@ def test_the_map_has_moving_zones_at_first_and_at_last_with_the_way_between(plan
     assert any("way of a zone's axis" in text for text in texts)
 
 
+def test_no_name_of_a_zone_lies_on_the_way_of_its_axis(plan):
+    axes = jp.plot.sphere(plan)
+    axes.figure.draw_without_rendering()
+    names = {text.get_text().split("\n")[0]: text.get_window_extent() for text in axes.texts}
+    for zone, way in zone_tracks(plan):
+        places = axes.transData.transform(projections.unfold(way))
+        assert not any(names[zone.name].contains(*place) for place in places), zone.name
+
+
 def test_a_fixed_scene_has_nothing_of_it():
     plan = jp.plan(jp.paper_case(4))
     assert zone_tracks(plan) == []

@@ -19,7 +19,7 @@ from reference import assert_each
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.plotting.coast import coasts, land
+from jaxplan.plotting.coast import FILE, FINE, coasts, land, within
 from jaxplan.plotting.ground_track import _SITE, _WAY
 from jaxplan.plotting.sky import SPHERE_SIZE
 from jaxplan.plotting.style import device_style, motion
@@ -291,7 +291,8 @@ def test_it_is_night_where_the_sun_is_below_the_horizon(plan):
     np.testing.assert_array_equal(dark[sure], height[sure] < 0)
 
 
-def test_the_map_has_coasts_and_land_where_they_are_known_to_be():
+@pytest.mark.parametrize("file", [FILE, FINE])
+def test_the_map_has_coasts_and_land_where_they_are_known_to_be(file):
     inside = {"Moscow": (37.6, 55.8), "Brasilia": (-47.9, -15.8), "Alice Springs": (133.9, -23.7)}
     inside |= {"the south pole": (0, -89.0), "Wrangel's other side": (-178, 67.0), "Reykholt": (-19, 64.7)}
     water = {
@@ -302,16 +303,26 @@ def test_the_map_has_coasts_and_land_where_they_are_known_to_be():
     }
     for places, expected in ((inside, 1), (water, 0)):
         for name, place in places.items():
-            assert sum(Path(ring).contains_point(place) for ring in land()) == expected, name
-    for ring in land():
+            assert sum(Path(ring).contains_point(place) for ring in land(file)) == expected, name
+    for ring in land(file):
         np.testing.assert_allclose(ring[0], ring[-1], atol=1e-9)
         assert_each(np.abs(ring[:, 1]), "<=", 90.0 + 1e-9)
-    for line in coasts():  # none runs along the edge of the map, or across it
+    for line in coasts(file):  # none runs along the edge of the map, or across it
         steps = np.abs(np.diff(line, axis=0))
         assert_each(steps[:, 0], "<", 30)
         assert np.max(line[:, 1]) > -89
-    nice = np.concatenate(coasts()) - [7.26, 43.70]
+    nice = np.concatenate(coasts(file)) - [7.26, 43.70]
     assert np.min(np.hypot(*nice.T)) < 2.0
+
+
+def test_a_map_of_a_region_has_the_finer_coasts_and_none_that_are_elsewhere():
+    low, high = np.array([-30.0, 20.0]), np.array([10.0, 45.0])
+    near = within(coasts(FINE), low, high)
+    assert 0 < len(near) < len(coasts(FINE)) / 5
+    assert all(np.any(np.all((line >= low) & (line <= high), axis=1)) or len(line) > 50 for line in near)
+    canaries = Path(next(ring for ring in land(FINE) if Path(ring).contains_point((-15.6, 28.0))))
+    assert canaries.get_extents().width < 1.0
+    assert not any(Path(ring).contains_point((-15.6, 28.0)) for ring in land(FILE))
 
 
 def test_lines_meet_the_ellipsoid_first_on_its_near_side():

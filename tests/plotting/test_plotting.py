@@ -27,6 +27,7 @@ from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
 from jaxplan.plotting import margin_panels, projections, sky, style, write_png, zones
 from jaxplan.plotting.projections import FlatMap
+from jaxplan.trajectory.zone_margins import ZoneMargins
 
 OVER_TIME = (jp.plot.angles, jp.plot.rates, jp.plot.accelerations, jp.plot.margins, jp.plot.overview)
 
@@ -292,6 +293,24 @@ def test_a_group_counts_as_its_best_zone() -> None:
             expected = [np.nan, inside["west", "terminal-3"]]
         values = [found["terminal-1"][instant], found["terminal-3"][instant]]
         np.testing.assert_allclose(values, expected, atol=1e-9)
+
+
+def test_a_mask_that_repeats_every_turn_counts_once_where_it_is_nearest() -> None:
+    scenario = _mixed_scenario()
+    craft = scenario.spacecraft
+    corners = np.deg2rad([[150.0, -10.0], [170.0, -10.0], [170.0, 5.0]])
+    wide = replace(craft.terminals[0], yaw_limit=None, yaw_range=np.deg2rad([-270.0, 270.0]), mask=(corners,))
+    scenario = replace(scenario, spacecraft=replace(craft, terminals=(wide, *craft.terminals[1:])))
+    moves = _mixed_moves(scenario)
+    found = margin_panels.margins_over_time(scenario, moves)
+    pairs = [(margin.device, margin.zone) for margin in found]
+    assert len(set(pairs)) == len(pairs)
+    (mask,) = [margin.values for margin in found if margin.zone.startswith("mask")]
+    margins = ZoneMargins(scenario)
+    table = margins.at(moves.times, moves.values.attitude, moves.values.joints)
+    copies = [column for pair, column in zip(margins.pairs, table.T, strict=True) if "mask" in pair.zone]
+    assert len(copies) > 1
+    np.testing.assert_array_equal(mask, np.min(copies, axis=0))
 
 
 def test_the_smallest_margin_is_that_of_the_scene() -> None:

@@ -14,7 +14,7 @@ import jaxplan as jp
 from jaxplan.model.status import Status
 from jaxplan.plotting import schedule
 from jaxplan.plotting.day import DayPlan, as_plan, instants
-from jaxplan.plotting.sky import FOLLOWED
+from jaxplan.plotting.sky import BETWEEN, FOLLOWED
 from jaxplan.plotting.style import device_style, motion
 from jaxplan.plotting.timeline import timeline_size
 
@@ -279,6 +279,56 @@ def test_where_a_crowd_has_no_room_some_names_stand_upon_their_neighbours_that_l
     assert np.all(np.diff(middles) >= schedule._TURNED)
     mixed = [replace(bar, look={"facecolor": str(number)}) for number, bar in enumerate(bars)]
     assert not list(schedule._placed(mixed, 1.0, 50.0, 30.0, turned=True))
+
+
+def test_no_name_stands_upon_bars_with_slews_between_where_it_would_not_be_read():
+    look = {"facecolor": "0.35"}
+    bars = [schedule._Bar(row=0, start=9.0 * k, end=9.0 * k + 1, name="image", look=look) for k in range(10)]
+    near = [replace(bar, end=bar.start + 8.5) for bar in bars]
+    sides = [[place.side for place in schedule._placed(own, 0.5, 50.0, 90.0, True)] for own in (bars, near)]
+    assert "center" not in sides[0]
+    assert "center" in sides[1]
+
+
+def test_in_an_upright_row_the_name_of_a_narrow_bar_is_turned(monkeypatch):
+    spans = ((0, 30, "star"), (31, 60, "other"), (61, 71, "park"), (71, 100, "rest"))
+    look = {"facecolor": "0.35"}
+    bars = [schedule._Bar(row=0, start=a, end=b, name=name, look=look) for a, b, name in spans]
+    monkeypatch.setattr(schedule, "_rows_of_bars", lambda *_: [bars])
+    axes = Figure().subplots()
+    axes.set(xlim=(0, 100), ylim=(-0.5, 0.5))
+    schedule.write_names(axes, None, 100.0, (100.0, 60.0))
+    turned = {text.get_text(): text.get_rotation() == 90 for text in axes.texts}
+    assert turned == {"star": False, "other": False, "park": True, "rest": False}
+
+
+def test_slews_are_drawn_at_many_instants_however_many_there_are():
+    for count, fewest in ((1, 24), (96, 24), (4000, 4)):
+        segments = [
+            jp.Segment(name="", kind=kind, start=900.0 * k + a, end=900.0 * k + b)
+            for k in range(count)
+            for kind, a, b in (("slew", 0, 10), ("track", 10, 900))
+        ]
+        times = instants(segments)
+        for segment in segments[::2]:
+            inside = np.searchsorted(times, segment.end, "right") - np.searchsorted(times, segment.start)
+            assert inside > fewest, count
+
+
+def test_ways_between_very_many_targets_are_left_out_and_the_legend_says_so(plan, monkeypatch):
+    def drawn():
+        axes = jp.plot.sphere(plan)
+        words = " ".join(text.get_text() for text in axes.get_legend().get_texts())
+        return [line.get_linewidth() for line in axes.lines], "left out" in words
+
+    widths, told = drawn()
+    assert widths.count(BETWEEN["linewidth"]) > 0
+    assert not told
+    monkeypatch.setattr("jaxplan.plotting.sky.MOST_BETWEEN", 0)
+    fewer, told = drawn()
+    assert told
+    assert fewer.count(FOLLOWED["linewidth"]) == widths.count(FOLLOWED["linewidth"]) == 1
+    assert fewer.count(BETWEEN["linewidth"]) < widths.count(BETWEEN["linewidth"])
 
 
 def test_a_row_names_its_target_though_it_is_never_hidden(plan):

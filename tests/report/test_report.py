@@ -18,11 +18,12 @@ from wheels import wheels
 
 import jaxplan as jp
 from jaxplan.cli import main
+from jaxplan.model.directions import DirectionPath
 from jaxplan.model.limits import limits
 from jaxplan.model.path import Path as Way
 from jaxplan.model.status import STEPS, Status
 from jaxplan.model.zones import KeepIn, KeepOut
-from jaxplan.report.tables import highest_peak
+from jaxplan.report.tables import ends_tables, highest_peak, motion_table, peaks_table, spacecraft_tables
 from jaxplan.schema import parse_scenario
 from jaxplan.search import SearchResult
 
@@ -368,3 +369,41 @@ def test_a_joint_at_an_end_of_its_range_is_not_the_highest_load():
     (last,) = (own.quantity.label.lower() for own in limits(craft) if own.quantity.name == loads[-1])
     assert label == last
     assert percent.startswith("75")
+
+
+def test_products_of_inertia_stand_beside_the_moments_and_only_where_there_are_any():
+    craft = make_plan().scenario.spacecraft
+    skew = np.array([[20.0, 1.5, 0.0], [1.5, 30.0, -2.25], [0.0, -2.25, 40.0]])
+    page, plain = (
+        str(spacecraft_tables(replace(craft, inertia=inertia))) for inertia in (skew, np.diag(np.diag(skew)))
+    )
+    for text in ("Products of inertia xy, xz, yz", "1.5000,", "\N{MINUS SIGN}2.2500"):
+        assert text in page
+        assert text not in plain
+
+
+def test_peaks_of_angles_are_told_as_the_way_to_an_end_of_the_range_that_the_joint_has():
+    plan = flown_plan()
+    craft = plan.scenario.spacecraft
+    ranged = tuple(replace(one, pitch_range=np.deg2rad([-20.0, 88.0])) for one in craft.terminals)
+    certificate = replace(jp.certify(plan), peaks={"pitch": 0.5, "angular_velocity": 0.25})
+    text = str(peaks_table(certificate, replace(craft, terminals=ranged)))
+    assert "Pitch angles, of the way to an end of their range" in text
+    assert "\N{MINUS SIGN}20.000 to 88.000" in text
+    assert "27.000" not in text  # half of half the range, which is no angle of the joint
+    own = (replace(ranged[0], pitch_range=np.deg2rad([0.0, 10.0])), *ranged[1:])
+    assert " to 88.000" not in str(peaks_table(certificate, replace(craft, terminals=own)))
+
+
+def test_targets_and_what_moves_have_their_names():
+    plan = make_plan()
+    craft, goal = plan.scenario.spacecraft, plan.goal
+    looks = craft.boresights(goal.attitude, goal.joints)
+    times = np.linspace(0.0, 100.0, 5)
+    path = replace(DirectionPath.through(times, np.repeat(looks[:1], 5, axis=0)), called="kiruna")
+    names = craft.device_names
+    asked = jp.Targets.of({names[0]: path, names[1]: looks[1]}, angular_velocity=np.zeros(3))
+    asked = replace(asked, joint_rates=np.zeros(len(goal.joints)))
+    plan = replace(plan, scenario=replace(plan.scenario, goal=asked))
+    assert "kiruna" in str(ends_tables(plan))
+    assert f"the target of {names[0]}, kiruna" in str(motion_table(plan))

@@ -5,6 +5,7 @@ import os
 import re
 import select
 import threading
+import time
 from contextlib import redirect_stderr
 
 import jax
@@ -12,7 +13,7 @@ import pytest
 
 import jaxplan as jp
 from jaxplan.runtime import progress
-from jaxplan.runtime.progress import progress_bar
+from jaxplan.runtime.progress import progress_bar, seldom_lines
 
 LOWERED, COMPILED = (
     "/jax/core/compile/jaxpr_to_mlir_module_duration",
@@ -138,3 +139,53 @@ def test_a_plan_says_at_which_step_it_is(monkeypatch):
     jp.plan(jp.paper_case(4))
     assert steps[0] == "decompose"
     assert steps[-1] == "certificate"
+
+
+def told_by(monkeypatch, seldom: float, steps: list[str], *, shown: bool = True) -> list[str]:
+    """The plain lines, without times, of a bar whose steps last until they are told and some ticks more."""
+    monkeypatch.setattr(progress, "_TICK", 0.01)
+    monkeypatch.setattr(progress, "_SELDOM", seldom)
+    monkeypatch.setattr(progress.Bar, "compiles", lambda self, begins: None)  # what others do meanwhile
+    pipe = io.StringIO()
+    with (
+        redirect_stderr(pipe),
+        seldom_lines(),
+        progress_bar("planning", "activities", total=9, initial=3, shown=shown) as bar,
+    ):
+        for step in steps:
+            bar.step(step)
+            for _ in range(100 if seldom < 1 and shown else 1):
+                if f"{step}, " in pipe.getvalue():
+                    break
+                time.sleep(0.05)
+            time.sleep(0.2)
+    return [re.sub(r" \[\d\d:\d\d\]$", "", line) for line in pipe.getvalue().splitlines()]
+
+
+def test_a_pipe_is_told_by_a_line_what_has_changed_and_nothing_twice(monkeypatch):
+    assert told_by(monkeypatch, 0.02, ["search", "fit"]) == [
+        "planning: search, 3 of 9 activities",
+        "planning: fit, 3 of 9 activities",
+    ]
+
+
+def test_a_pipe_is_told_seldom_and_only_where_it_is_asked_for(monkeypatch):
+    assert told_by(monkeypatch, 60.0, ["search"]) == []
+    assert told_by(monkeypatch, 0.02, ["search"], shown=False) == []
+    pipe = io.StringIO()
+    with redirect_stderr(pipe), progress_bar("planning") as bar:
+        bar.step("search")
+        time.sleep(0.1)
+    assert pipe.getvalue() == ""
+
+
+def test_bars_after_each_other_share_the_time_between_lines(monkeypatch):
+    monkeypatch.setattr(progress, "_TICK", 0.01)
+    monkeypatch.setattr(progress, "_SELDOM", 0.3)
+    pipe, began = io.StringIO(), time.monotonic()
+    with redirect_stderr(pipe), seldom_lines():
+        for number in range(20):
+            with progress_bar(f"drawing {number}"):
+                time.sleep(0.05)
+    lines = pipe.getvalue().splitlines()
+    assert 1 <= len(lines) <= (time.monotonic() - began) / 0.3

@@ -235,7 +235,14 @@ def test_keys_that_contradict_each_other_are_named(changes, line):
 @pytest.mark.parametrize(
     ("inertia", "complaint"),
     [
-        ([[1, 0, 0], [0.1, 1, 0], [0, 0, 1]], "must be symmetric"),
+        (
+            [[1, 0, 0], [0.1, 1, 0], [0, 0, 1]],
+            "must be symmetric, but [0][1] = 0 is not [1][0] = 0.1",
+        ),
+        (
+            [[2, 0.1, 0.2], [0.1, 2, 0.3], [0.25, 0, 2]],
+            "must be symmetric, but [0][2] = 0.2 is not [2][0] = 0.25, [1][2] = 0.3 is not [2][1] = 0",
+        ),
         ([[0, 0, 0], [0, 0, 0], [0, 0, 0]], "must be positive definite"),
         (np.diag([1e-13] * 3).tolist(), "must have its largest moment in [1e-12, 1e12]"),
         ([[1, 2, 0], [2, 1, 0], [0, 0, 1]], "must be positive definite"),

@@ -42,6 +42,13 @@ def test_text_that_is_no_toml_is_answered_with_line_and_column(text, line):
     assert found.startswith(line)  # what is wrong with the syntax is in the words of the standard library
 
 
+@pytest.mark.parametrize("value", ["2026-03-20T12:00", "2026-03-20 12:00 UTC", "2026-3-20", "2026-02-30"])
+def test_a_date_that_toml_does_not_know_is_answered_with_one_that_it_does(value):
+    (found,) = faults_of_text(f"x = 1\nepoch_utc = {value}")
+    assert found.startswith("line 2, column ")
+    assert found.endswith("; a date-time is written as 2026-01-01T00:00:00, with its seconds")
+
+
 def test_brackets_and_dots_in_strings_and_comments_do_not_count():
     odd = "[[[[{{{{" * 9 + "." * 99
     text = TEXT.replace('"every key"', f"'''\\\n{odd}'''").replace("# Every", f"# {odd}")

@@ -267,7 +267,13 @@ def test_all_faults_are_told_at_once():
             "[sky]\nfor_duration_s = 100",
             "sky.for_duration_s = 100.0: must be at least timeline.until_s",
         ),
-        ("until_utc = 2026-06-20T10:00:00", "", "sky.for_duration_s: missing, must be a number of seconds"),
+        ("until_utc = 2026-06-20T10:00:00", "", "timeline.until_s: missing (or until_utc), must be a number"),
+        (
+            "until_utc = 2026-06-20T10:00:00",
+            "until_s = 2026-06-20T10:00:00",
+            "timeline.until_s = 2026-06-20 10:00:00: must be a number in [0, 86400]; until_utc takes a time",
+        ),
+        ("until_utc = 2026-06-20T10:00:00", "until_utc = 1800", "from 1972 to 2099; until_s takes seconds"),
     ],
 )
 def test_a_fault_names_key_value_and_what_it_must_be(old, new, fault):

@@ -16,8 +16,9 @@ from jaxplan.cases import paper_case
 from jaxplan.derivatives import hold_each
 from jaxplan.planner.runs import plan_with_fits
 from jaxplan.runtime.jit import kernel_count
-from jaxplan.schema import scenario_to_dict
+from jaxplan.schema import scenario_to_dict, with_settings
 from jaxplan.schema.numbers import find_number, with_numbers
+from jaxplan.tuning import descent
 from jaxplan.tuning.objectives import OBJECTIVES, make_objective, mean_slope, objective_label
 from jaxplan.tuning.parameters import parameters
 
@@ -446,3 +447,26 @@ def test_fits_of_plans_are_held_as_fits_made_anew_are():
         one, other = map(jax.tree.leaves, (held, anew))
         for left, right in zip(one, other, strict=True):
             np.testing.assert_allclose(left, right, rtol=1e-6, atol=1e-9)
+
+
+def test_what_a_scenario_tells_by_itself_is_refused_before_it_is_planned(monkeypatch):
+    def never(*_, **__):
+        raise AssertionError("this takes long, and is not needed")
+
+    monkeypatch.setattr(descent._Descent, "_plans_to_begin_with", never)
+    scenario = with_settings(
+        jp.paper_case(1), {"trajectory.duration_s": "minimum", "trajectory.method": "global"}
+    )
+    craft, rates = scenario.spacecraft, {"angular_velocity": np.array([0.0, 0.0, 1e-3])}
+    spinning = replace(scenario, start=replace(scenario.start, **rates))
+    wish = jp.Wish(device=craft.device_names[-1], direction=np.array([1.0, 0.0, 0.0]))
+    first = {craft.device_names[0]: np.array([1.0, 0.0, 0.0])}
+    wished = replace(scenario, goal=jp.Targets.of(first, prefer=(wish,)))
+    over = ["trajectory.jerk_weight"]
+    for odd, words in (
+        (spinning, "has no derivatives: it is a shortest motion with rates at its ends"),
+        (wished, "has no derivatives: its goal is one of least time with wishes"),
+        (replace(wished, start=spinning.start), "for 2 reasons"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            jp.tune(odd, "effort", over=over)

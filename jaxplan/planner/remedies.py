@@ -1,0 +1,117 @@
+"""What to change where a motion is not proved: keys with values, those first that help in the case at hand.
+
+A zone that is broken where the motion ends needs a goal farther away from it, one that is broken on the way a
+path with more clearance, which tapers to zero at both ends. A load that is too large needs more time, as its
+power of time tells. A joint that leaves its range needs ends farther inside, or nodes closer to each other.
+"""
+
+from collections.abc import Iterator
+from itertools import chain
+
+import numpy as np
+
+from jaxplan.certificate import LIMIT_ALLOWANCE, MARGIN_ALLOWANCE, Certificate
+from jaxplan.model.goals import GivenState
+from jaxplan.model.limits import QUANTITIES, Quantity, limits
+from jaxplan.model.scenario import Scenario
+from jaxplan.planner.proving import lasting_faults
+
+_ENDS = 0.1  # share of the duration, from either end, within which clearance of the path is lost to its taper
+_MORE = 2.0  # what lacks is asked for so many times, since the next motion is another one
+_TIME = 1.01  # likewise for the time in which loads would just fit
+_BY_NAME = {quantity.name: quantity for quantity in QUANTITIES}
+
+
+def uncertified(certificate: Certificate, scenario: Scenario, duration: float) -> str:
+    """Text why a trajectory is not proved safe, and what to change, most promising first.
+
+    Args:
+        certificate: of the trajectory, not certified.
+        scenario: what was asked for.
+        duration: of the trajectory, s.
+    """
+    told = "; ".join(certificate.faults)
+    if certificate.faults and set(certificate.faults) <= set(lasting_faults(scenario, duration)):
+        return told  # which have said what to change
+    beyond = {name: peak for name, peak in certificate.peaks.items() if not peak <= 1 + LIMIT_ALLOWANCE}
+    angles = {name: peak for name, peak in beyond.items() if _BY_NAME[name].power == 0}
+    loads = {_BY_NAME[name]: peak for name, peak in beyond.items() if name not in angles}
+    advice = list(
+        chain(
+            _for_margins(certificate, scenario, duration),
+            _for_angles(angles, certificate, scenario, duration),
+            _for_loads(loads, duration),
+        )
+    )
+    other = f"try another search.seed, such as {scenario.search.seed + 1}, or trajectory.method"
+    return f"{told}: {'; or '.join(advice) or other}"
+
+
+def _for_margins(certificate: Certificate, scenario: Scenario, duration: float) -> Iterator[str]:
+    """Yield what gives back the room that the smallest margin lacks; nothing where it lacks none."""
+    margin = certificate.min_margin
+    if margin is None or margin >= -MARGIN_ALLOWANCE:
+        return
+    lack, settings = -_MORE * float(np.rad2deg(margin)), scenario.search
+    where, zone = _where(certificate.worst_time, duration), certificate.worst_zone
+    if not np.isfinite(lack):  # of no number nothing follows
+        yield "set a larger search.clearance_deg"
+        return
+    clearance = float(np.rad2deg(settings.clearance)) + lack
+    on_the_way = [f"set search.clearance_deg = {_above(clearance)}"] * (clearance < 90)
+    steps = [f"search.attitude_step_rad = {settings.attitude_step / 2:.3g}, for nodes closer to each other"]
+    if where == "goal":
+        if isinstance(scenario.goal, GivenState):
+            yield f"move the state of [goal] by {_above(lack)} deg away from zone {zone}"
+        elif (wider := np.rad2deg(scenario.goal.clearance) + lack) <= 45:
+            yield f"set goal.clearance_deg = {_above(wider)}, as the margin is lost next to the goal"
+        else:
+            yield f"change goal.targets, which lie in zone {zone}"
+    elif where == "start":
+        yield f"move the state of [start] by {_above(lack)} deg away from zone {zone}"
+    if any(one.name == zone and one.moves for one in scenario.zones):
+        steps.append("try another trajectory.duration_s, as the zone is elsewhere then")
+    yield from (*on_the_way, *steps)
+
+
+def _for_angles(
+    beyond: dict[str, float], certificate: Certificate, scenario: Scenario, duration: float
+) -> Iterator[str]:
+    """Yield what brings joints back into their ranges, for each kind of angle with its share of the range."""
+    bounds = {limit.quantity.name: limit.bound for limit in limits(scenario.usable)}
+    for name, peak in beyond.items():
+        where = _where(certificate.peak_times.get(name), duration)
+        lack = _MORE * (peak - 1) * float(np.rad2deg(np.max(bounds.get(name, 0.0), initial=0.0)))
+        steps = f"set search.joint_step_rad = {scenario.search.joint_step / 2:.3g}"
+        if where == "way":
+            yield f"{steps}, as a {name} leaves its joint limits on the way"
+            continue
+        by = f" {_above(lack)} deg" * bool(np.isfinite(lack) and lack > 0)
+        yield f"keep the {name} at the {where}{by} farther inside its joint limits, or lower its rate there"
+        yield steps
+
+
+def _for_loads(beyond: dict[Quantity, float], duration: float) -> Iterator[str]:
+    """Yield the duration in which rates and loads would fit, by what share of its limit each has."""
+    if not beyond:
+        return
+    longer = duration * max(peak ** (1 / quantity.power) for quantity, peak in beyond.items()) * _TIME
+    if not np.isfinite(longer) or any(quantity.lesser for quantity in beyond):
+        yield f"set a longer trajectory.duration_s than {duration:.4g}"  # part of it falls more slowly
+        return
+    yield f"set trajectory.duration_s = {_above(longer)}"
+
+
+def _where(time: float | None, duration: float) -> str:
+    """Whether a time, s, is next to the "start", next to the "goal", or on the "way"."""
+    if time is None or not duration > 0:
+        return "way"
+    return "start" if time < _ENDS * duration else "goal" if time > (1 - _ENDS) * duration else "way"
+
+
+def _above(value: float) -> str:
+    """Text of a positive number, rounded up to two digits that tell, and three of one above a hundred."""
+    if not np.isfinite(value) or value <= 0:
+        return f"{value:g}"
+    unit = 10.0 ** (np.floor(np.log10(value)) - (1 if value < 100 else 2))
+    return f"{np.ceil(value / unit - 1e-9) * unit:.10g}"
