@@ -157,11 +157,6 @@ class _BoxQPStack:
             tolerance=np.array(tolerance),
         )
 
-    @property
-    def alone(self) -> bool:
-        """Whether there is a single program, for which numbers stand for arrays (P,) and save time."""
-        return len(self.parts) == 1
-
     def at(self, values: np.ndarray) -> "_Iterate":
         """The iterate of values (4, N), and its residuals."""
         gradient = values[3] - values[2]
@@ -172,27 +167,21 @@ class _BoxQPStack:
 
     def gap(self, values: np.ndarray) -> np.ndarray:
         """(P,) mean product of the room to a bound and that bound's multiplier; `values` as of `_Iterate`."""
-        if self.alone:
-            return np.vdot(values[:2], values[2:]) / (2 * self.count[0])
         products = values[:2] * values[2:]
         return np.add.reduceat(products[0] + products[1], self.first) / (2 * self.count)
 
     def residual(self, iterate: "_Iterate") -> np.ndarray:
         """(P,) how far an iterate is from the optimality conditions, over the size of the linear terms."""
-        gradient, size = iterate.gradient, self.size
-        if self.alone:
-            slope, size = np.sqrt(np.dot(gradient, gradient) / self.count[0]), size[0]
-            return max(slope / size, iterate.gap / size**2)
-        squares = np.add.reduceat(gradient * gradient, self.first)
-        return np.maximum(np.sqrt(squares / self.count) / size, iterate.gap / size**2)
+        squares = np.add.reduceat(iterate.gradient * iterate.gradient, self.first)
+        return np.maximum(np.sqrt(squares / self.count) / self.size, iterate.gap / self.size**2)
 
     def least(self, values: np.ndarray) -> np.ndarray:
         """(P,) the least of the values (4, N) of each program; NaN where one is."""
-        return values.min() if self.alone else np.minimum.reduceat(values, self.first, axis=1).min(axis=0)
+        return np.asarray(np.minimum.reduceat(values, self.first, axis=1).min(axis=0))
 
     def spread(self, own: np.ndarray) -> np.ndarray:
-        """Values (P,) of the programs repeated for each of their rows (N,); a number for a single one."""
-        return own if self.alone else np.repeat(own, self.count)
+        """Values (P,) of the programs repeated for each of their rows: (N,), or (1,) for a single program."""
+        return own if len(own) == 1 else np.repeat(own, self.count)
 
 
 def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
@@ -213,11 +202,10 @@ def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
                     solutions[int(number[own])] = BoxQPSolution(y, float(residual[own]))
                 if over.all():
                     break
-                rows = np.repeat(~over, stack.count)
+                rows = stack.spread(~over)
+                ahead = _Iterate(ahead.values[:, rows], ahead.gradient[rows], ahead.gap[~over])
                 left, number = left[~over], number[~over]
                 stack = _BoxQPStack.of([programs[own] for own in number.tolist()])
-                values = np.ascontiguousarray(ahead.values[:, rows])
-                ahead = _Iterate(values, ahead.gradient[rows], stack.gap(values))
             iterate, residual = ahead, left
     return [solutions[own] for own in range(len(programs))]
 
@@ -240,7 +228,7 @@ def _first(stack: _BoxQPStack, programs: Sequence[BoxQP]) -> np.ndarray:
 
 def _unguessed(stack: _BoxQPStack) -> np.ndarray:
     """`_first` without guesses."""
-    inside, d, top = np.repeat(_INSIDE * stack.size, stack.count), stack.d, stack.top
+    inside, d, top = stack.spread(_INSIDE * stack.size), stack.d, stack.top
     y = np.minimum(np.maximum(d, 0) + inside, top / 2)
     return np.stack([y, top - y, np.maximum(-d, 0) + inside, inside**2 / (top - y)])
 
@@ -296,7 +284,7 @@ def _iterate(stack: _BoxQPStack, iterate: _Iterate) -> tuple[_Iterate, np.ndarra
     reached = beyond(direction(wanted), _INTERIOR)
     np.subtract(stack.top, reached[0], out=reached[1])
     ahead = stack.at(reached)
-    return ahead, np.where(stack.least(reached) > 0, stack.residual(ahead), [np.nan])
+    return ahead, np.where(stack.least(reached) > 0, stack.residual(ahead), np.nan)
 
 
 def least_change(
