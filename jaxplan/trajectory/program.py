@@ -353,7 +353,9 @@ def _dual(
         stays = np.sort(stays[order[:_MOST_ROWS]])
     if len(stays) < len(kept):
         kept, axes, basis, along = kept[stays], axes[stays], basis[stays], along[stays]
-    order, count = order_by_place(axes, along)
+    count = 0
+    if quadratic.roughly is not None:  # optima that slopes are of ask for the smallest multipliers, too
+        order, count = order_by_place(axes, along)
     if count:
         kept, axes, basis, along = kept[order], axes[order], basis[order], along[order]
     slack, time, limit = rows.slack[kept], rows.time[kept], quadratic.penalty[curve][rows.kind[kept]]
