@@ -21,15 +21,7 @@ import numpy as np
 
 from jaxplan.geometry.vectors import cross, dot
 from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT
-from jaxplan.trajectory.motion import (
-    LIMIT,
-    TUBE,
-    ZONE,
-    Iterates,
-    load_slopes,
-    stacked,
-    taken,
-)
+from jaxplan.trajectory.motion import LIMIT, TUBE, ZONE, Iterates, load_slopes, stacked, taken
 
 _NEAR_SHARE = 0.15  # of a limit or tube; rows with less slack are in a program from the start
 _NEAR_ANGLE = float(np.deg2rad(1.0))  # rad; the same for angles
@@ -270,18 +262,33 @@ class MarginBlock:
         """By how much relative changes (g,) of the durations of some curves (g,) add to their slack: zero."""
         return np.zeros((len(which), 1, 1, 1))
 
+    @cached_property
+    def _known(self) -> tuple[np.ndarray, np.ndarray]:
+        """Which rows' slopes are known, (G, S, D, Z) bool, and these, (G, S, D, Z, A)."""
+        shape = self.slack.shape
+        return np.zeros(shape, dtype=bool), np.empty((*shape, self.at.curves.shape[3]))
+
+    def _local(self, index: Index) -> np.ndarray:
+        """Derivatives (R, A) of some margins in ``b`` and the joints, each computed once for all rounds."""
+        known, slopes = self._known
+        new = ~known[index]
+        if np.any(new):
+            part = tuple(own[new] for own in index)
+            slopes[part], known[part] = margin_slopes(self.at, *part), True
+        return np.asarray(slopes[index])
+
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
         """By how much a step lessens slacks, zero where they surely stay large; see `LinearBlock.change`."""
         slack, moved = taken(self.slack, which), curves[:, 0]
         own, *rest = numbers(slack < self.tolerance + margin_reach(self.at, which, moved))
-        local = margin_slopes(self.at, which[own], *rest)
+        local = self._local((which[own], *rest))
         change = np.zeros_like(slack)
         change[(own, *rest)] = -np.einsum("ra,ra->r", local, moved[own, rest[0]])
         return change
 
     def slopes(self, index: Index) -> Slopes:
         """Derivatives of the rows of these indices in the coefficients, see `Slopes`."""
-        local = -margin_slopes(self.at, *index)
+        local = -self._local(index)
         return local[:, None], self.at.stack.rows[index[0], 0, index[1]][:, None]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:

@@ -9,8 +9,7 @@ the rows added that its solution breaks (at first, of rows that are exact, only 
 those to which it leaves much slack. What is only a step towards something else may be solved roughly, from
 the multipliers of the program before. Letters of sizes are those of `motion`; P counts products.
 
-Where each row is one product of a row of the axes and one of the basis (`constraints`), the dual's matrix
-``G H^-1 G^T`` is that of the rows of the basis times, number by number, that of the rows of the axes.
+The matrix of the dual, ``G H^-1 G^T`` of the rows ``G``, is that of `gram`.
 """
 
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxplan.trajectory.constraints import ConstraintBlock, Index, lowest, numbers
+from jaxplan.trajectory.gram import DenseGram, gram_of, order_by_place, times
 from jaxplan.trajectory.motion import taken
 from jaxplan.trajectory.qp import ROUGHLY, BoxQP, solve_box_qps
 
@@ -107,6 +107,20 @@ class ActiveRows(NamedTuple):
     basis: np.ndarray
 
 
+class _Forms(NamedTuple):
+    """Programs at a stack of G curves in the free coefficients, without rows.
+
+    Attributes:
+        hessian: (G, k, k) of one axis.
+        inverse: (G, k, k) of it.
+        alone: (G, k, A) the steps without any rows.
+    """
+
+    hessian: np.ndarray
+    inverse: np.ndarray
+    alone: np.ndarray
+
+
 def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
     """Solve the programs at a stack of curves.
 
@@ -117,8 +131,9 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
     count, blocks = len(quadratic.gradient), quadratic.blocks
     which = np.arange(count)
     free_t = np.swapaxes(quadratic.free, 1, 2)
-    inverse = _inverses_of_forms(free_t @ quadratic.hessian @ quadratic.free)
-    alone = -inverse @ (free_t @ quadratic.gradient)  # (G, k, A), the steps without rows
+    hessian = free_t @ quadratic.hessian @ quadratic.free
+    inverse = _inverses_of_forms(hessian)
+    forms = _Forms(hessian, inverse, -inverse @ (free_t @ quadratic.gradient))
     coefficients, stretch = np.empty_like(quadratic.gradient), np.zeros(count)
     found = {block.name: np.zeros(block.slack.shape) for block in blocks}
     chosen = [block.chosen(block.slack < block.tolerance, block.slack, which) for block in blocks]
@@ -129,7 +144,7 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
     for round_ in range(_ROUNDS):
         rows = active_rows(blocks, chosen, which)
         before = found if round_ else multipliers
-        changes, stretches, y = _solve_duals(quadratic, inverse, alone, rows, _guessed(rows, blocks, before))
+        changes, stretches, y = _solve_duals(quadratic, forms, rows, _guessed(rows, blocks, before))
         coefficients[which], stretch[which] = changes, stretches
         curves = taken(quadratic.rows, which) @ changes[:, None]
         overlooked = np.maximum(quadratic.overlooked[which], quadratic.leeway * np.abs(stretches))
@@ -247,9 +262,12 @@ def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
     """Concatenate arrays (r, P, w), those with fewer products P padded with zeros."""
     parts = [part for part in parts if len(part)]
     most = max((part.shape[1] for part in parts), default=1)
-    missing = [((0, 0), (0, most - part.shape[1]), (0, 0)) for part in parts]
-    padded = [np.pad(part, add) if add[1][1] else part for part, add in zip(parts, missing, strict=True)]
-    return np.concatenate([np.zeros((0, most, parts[0].shape[2] if parts else 0)), *padded])
+    found = np.zeros((sum(map(len, parts)), most, parts[0].shape[2] if parts else 0))
+    end = 0
+    for part in parts:
+        begin, end = end, end + len(part)
+        found[begin:end, : part.shape[1]] = part
+    return found
 
 
 def transposed_product(rows: ActiveRows, multipliers: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -269,8 +287,7 @@ def _gradient(y: np.ndarray, axes: np.ndarray, basis: np.ndarray) -> np.ndarray:
 
 def _solve_duals(
     quadratic: QuadraticProgram,
-    inverse: np.ndarray,
-    alone: np.ndarray,
+    forms: _Forms,
     rows: ActiveRows,
     guess: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -278,15 +295,14 @@ def _solve_duals(
 
     Args:
         quadratic: the programs of a stack.
-        inverse: (G, k, k) inverses of the Hessians in the free coefficients.
-        alone: (G, k, A) the steps without any rows, in the free coefficients.
+        forms: of these programs.
         rows: of some of the curves.
         guess: (R,) multipliers near the answer.
 
     Returns:
         Changes of the coefficients (g, n, A), relative changes of the durations (g,), and multipliers (R,).
     """
-    duals = [_dual(quadratic, inverse, alone, rows, guess, own) for own in range(len(rows.which))]
+    duals = [_dual(quadratic, forms, rows, guess, own) for own in range(len(rows.which))]
     answers = solve_box_qps([dual[0] for dual in duals])
     multipliers = np.zeros(len(rows.slack))
     changes = np.empty((len(duals), *quadratic.gradient.shape[1:]))
@@ -295,7 +311,9 @@ def _solve_duals(
         zip(rows.which.tolist(), duals, answers, strict=True)
     ):
         y = multipliers[kept] = answer.multipliers
-        changes[own] = quadratic.free[curve] @ (alone[curve] - inverse[curve] @ _gradient(y, axes, along))
+        changes[own] = quadratic.free[curve] @ (
+            forms.alone[curve] - forms.inverse[curve] @ _gradient(y, axes, along)
+        )
         if quadratic.duration_hessian is not None:
             stretch = float(-(1 + time @ y) / quadratic.duration_hessian[curve])
             stretches[own] = max(stretch, _SHORTEST_STEP)
@@ -305,8 +323,7 @@ def _solve_duals(
 
 def _dual(
     quadratic: QuadraticProgram,
-    inverse: np.ndarray,
-    alone: np.ndarray,
+    forms: _Forms,
     rows: ActiveRows,
     guess: np.ndarray,
     own: int,
@@ -319,66 +336,45 @@ def _dual(
     """
     curve, kept = int(rows.which[own]), rows.of_curve[own]
     if not len(kept):
-        none = np.zeros((0, 0)), np.zeros((0, 1, alone.shape[2])), np.zeros((0, 1, alone.shape[1]))
-        return BoxQP(none[0], rows.slack[kept], rows.slack[kept]), kept, *none[1:], rows.time[kept]
+        none = (
+            np.zeros((0, 0)),
+            np.zeros((0, 1, forms.alone.shape[2])),
+            np.zeros((0, 1, forms.alone.shape[1])),
+        )
+        return BoxQP(DenseGram(none[0]), rows.slack[kept], rows.slack[kept]), kept, *none[1:], rows.time[kept]
     axes, basis = rows.axes[kept], rows.basis[kept]
     if axes.shape[1] > 1 and not np.any(axes[:, 1:]):
         axes, basis = axes[:, :1], basis[:, :1]
-    along = _times(basis, quadratic.free[curve])
-    steep = np.max(np.abs(axes), axis=2) * np.max(np.abs(along), axis=2)
-    stays = np.flatnonzero(np.any(steep > _NO_SLOPE, axis=1))
+    along = times(basis, quadratic.free[curve])
+    steep = np.einsum("rpa,rpa->rp", axes, axes) * np.einsum("rpk,rpk->rp", along, along)
+    stays = np.flatnonzero(np.any(steep > _NO_SLOPE**2, axis=1))
     if len(stays) > _MOST_ROWS:  # those with the least slack
         order = np.argsort(rows.slack[kept[stays]], kind="stable")
         stays = np.sort(stays[order[:_MOST_ROWS]])
     if len(stays) < len(kept):
         kept, axes, basis, along = kept[stays], axes[stays], basis[stays], along[stays]
+    count = 0
+    if quadratic.roughly is not None:  # optima that slopes are of ask for the smallest multipliers, too
+        order, count = order_by_place(axes, along)
+    if count:
+        kept, axes, basis, along = kept[order], axes[order], basis[order], along[order]
     slack, time, limit = rows.slack[kept], rows.time[kept], quadratic.penalty[curve][rows.kind[kept]]
-    matrix = _gram(axes, along, inverse[curve])
-    linear = np.sum(_times(along, alone[curve]) * axes, axis=(1, 2)) - slack
+    linear = np.sum(times(along, forms.alone[curve]) * axes, axis=(1, 2)) - slack
+    bend = 1.0
     if quadratic.duration_hessian is not None:
         if np.any(quadratic.by_time[curve]):
-            time = time + np.sum(_times(basis, quadratic.by_time[curve]) * axes, axis=(1, 2))
-        matrix += np.outer(time, time) / quadratic.duration_hessian[curve]
-        linear -= time / quadratic.duration_hessian[curve]
+            time = time + np.sum(times(basis, quadratic.by_time[curve]) * axes, axis=(1, 2))
+        bend = float(quadratic.duration_hessian[curve])
+        linear -= time / bend
+    else:
+        time = np.zeros_like(time)
+    matrix = gram_of(axes, along, time, forms.hessian[curve], forms.inverse[curve], bend, count)
     dual = BoxQP(matrix, linear, limit)
     if quadratic.roughly is not None:
         dual = dual._replace(guess=guess[kept])
         if quadratic.roughly[curve]:
             dual = dual._replace(tolerance=ROUGHLY)
     return dual, kept, axes, along, time
-
-
-def _times(parts: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Products of many matrices (r, P, n) with one, in one call: numpy would make one for each."""
-    return (parts.reshape(-1, parts.shape[2]) @ matrix).reshape(*parts.shape[:2], matrix.shape[1])
-
-
-def _gram(axes: np.ndarray, along: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """The matrix (r, r) ``G H^-1 G^T`` of rows.
-
-    Rows of a single product make up a block that is cheap. The others are mostly of the platform alone, so
-    only the axes that they touch are looked at.
-
-    Args:
-        axes: (r, P, A) of the rows.
-        along: (r, P, k) of the rows, in the free coefficients.
-        inverse: (k, k) inverse of the Hessian of one axis.
-    """
-    more = np.any(axes[:, 1:], axis=(1, 2)) if axes.shape[1] > 1 else np.zeros(len(axes), dtype=bool)
-    several, single = np.flatnonzero(more), np.flatnonzero(~more)
-    matrix = np.empty((len(axes), len(axes)))
-    first, value = along[single, 0], axes[single, 0]
-    weighed = first @ inverse
-    matrix[np.ix_(single, single)] = (weighed @ first.T) * (value @ value.T)
-    if len(several):
-        touched = np.flatnonzero(np.any(axes[several], axis=(0, 1)))
-        own = np.swapaxes(axes[several][:, :, touched], 1, 2) @ along[several]  # (r', a, k)
-        flat = own.reshape(len(several), -1)
-        matrix[np.ix_(several, several)] = _times(own, inverse).reshape(flat.shape) @ flat.T
-        beside = (value[:, touched, None] * weighed[:, None]).reshape(len(single), flat.shape[1])
-        both = flat @ beside.T
-        matrix[np.ix_(several, single)], matrix[np.ix_(single, several)] = both, both.T
-    return matrix
 
 
 def _inverses_of_forms(matrices: np.ndarray) -> np.ndarray:

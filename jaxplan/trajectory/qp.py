@@ -1,11 +1,11 @@
-"""Two solvers of small dense quadratic programs: in a box, and within half-spaces.
+"""Two solvers of small quadratic programs: in a box, and within half-spaces.
 
 **In a box** (`solve_box_qps`), the form of the dual of a program with elastic rows:
 
     minimise  y^T M y / 2 - d^T y    subject to    0 <= y <= penalty
 
-``M`` is symmetric and positive semidefinite. Mehrotra's predictor-corrector method with a dense Cholesky
-factorisation; the matrix it factors is ``M`` plus a positive diagonal, so rows may depend on each other.
+``M`` is symmetric and positive semidefinite. Mehrotra's predictor-corrector method with a Cholesky
+factorisation (`gram`); what is factored is ``M`` plus a positive diagonal, so rows may depend on each other.
 Programs have tens or hundreds of rows, no two the same number: LAPACK takes each as it is. All else is done
 for many programs at once, their rows one after the other.
 
@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxplan.runtime.batching import parts
+from jaxplan.trajectory.gram import DenseGram, Gram
 
 _MOST_ITERATIONS = 60  # after which the answer is taken if it is usable
 _TOLERANCE = 1e-9  # of the scaled residual, relative to the size of the linear term
@@ -48,14 +49,14 @@ class BoxQP(NamedTuple):
     """A quadratic program in a box.
 
     Attributes:
-        matrix: (R, R) ``M``, with a positive diagonal.
+        matrix: (R, R) ``M``, with a positive diagonal, as an array or as what solves systems with it.
         linear: (R,) ``d``.
         penalty: (R,) positive and finite.
         guess: (R,) ``y`` near the answer, from which it begins; None for none.
         tolerance: of the residual, see `BoxQPSolution`.
     """
 
-    matrix: np.ndarray
+    matrix: np.ndarray | Gram
     linear: np.ndarray
     penalty: np.ndarray
     guess: np.ndarray | None = None
@@ -82,10 +83,12 @@ def solve_box_qps(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
         if not len(linear):
             solutions[number] = BoxQPSolution(np.zeros(0), residual=0.0)
             continue
-        scale = 1 / np.sqrt(matrix.diagonal())
+        gram = DenseGram(matrix) if isinstance(matrix, np.ndarray) else matrix
+        scale = 1 / np.sqrt(gram.diagonal())
+        gram = gram.scaled(scale)
         near = None if guess is None else guess / scale
-        own = BoxQP(matrix * scale[:, None] * scale, linear * scale, penalty / scale, near, tolerance)
-        if all(np.isfinite(part).all() for part in own[:3]):
+        own = BoxQP(gram, linear * scale, penalty / scale, near, tolerance)
+        if gram.is_finite() and np.isfinite(own.linear).all() and np.isfinite(own.penalty).all():
             scaled[number], scales[number] = own, scale
         else:
             solutions[number] = BoxQPSolution(np.full_like(linear, np.nan), residual=np.nan)
@@ -127,7 +130,7 @@ class _BoxQPStack:
         tolerance: (P,) of the residuals.
     """
 
-    matrices: list[np.ndarray]
+    matrices: list[Gram]
     parts: list[slice]
     first: np.ndarray
     count: np.ndarray
@@ -157,12 +160,10 @@ class _BoxQPStack:
 
     def at(self, values: np.ndarray) -> "_Iterate":
         """The iterate of values (4, N), and its residuals."""
-        gradient = np.empty_like(self.d)
-        for m, rows in zip(self.matrices, self.parts, strict=True):
-            np.dot(m, values[0, rows], out=gradient[rows])
+        gradient = values[3] - values[2]
         gradient -= self.d
-        gradient -= values[2]
-        gradient += values[3]
+        for m, rows in zip(self.matrices, self.parts, strict=True):
+            gradient[rows] += m.times(values[0, rows])
         return _Iterate(values, gradient, self.gap(values))
 
     def gap(self, values: np.ndarray) -> np.ndarray:
@@ -174,6 +175,10 @@ class _BoxQPStack:
         """(P,) how far an iterate is from the optimality conditions, over the size of the linear terms."""
         squares = np.add.reduceat(iterate.gradient * iterate.gradient, self.first)
         return np.maximum(np.sqrt(squares / self.count) / self.size, iterate.gap / self.size**2)
+
+    def least(self, values: np.ndarray) -> np.ndarray:
+        """(P,) the least of the values (4, N) of each program; NaN where one is."""
+        return np.asarray(np.minimum.reduceat(values, self.first, axis=1).min(axis=0))
 
     def spread(self, own: np.ndarray) -> np.ndarray:
         """Values (P,) of the programs repeated for each of their rows: (N,), or (1,) for a single program."""
@@ -212,11 +217,12 @@ def _first(stack: _BoxQPStack, programs: Sequence[BoxQP]) -> np.ndarray:
     The products of each bound's room and multiplier are alike, however wide the box is.
     """
     first = _unguessed(stack)
-    for own, rows, size in zip(programs, stack.parts, stack.size, strict=True):
+    of_each = zip(programs, stack.matrices, stack.parts, stack.size, strict=True)
+    for own, matrix, rows, size in of_each:
         if own.guess is not None:
             inside, room = (share * size for share in _INSIDE_GUESS)
             y = np.minimum(own.guess + inside, own.penalty - np.minimum(own.penalty / 2, inside))
-            lower = np.maximum(own.matrix @ own.guess - own.linear, 0) + room
+            lower = np.maximum(matrix.times(own.guess) - own.linear, 0) + room
             first[:, rows] = y, own.penalty - y, lower, inside * room / (own.penalty - y)
     return first
 
@@ -238,18 +244,12 @@ def _iterate(stack: _BoxQPStack, iterate: _Iterate) -> tuple[_Iterate, np.ndarra
     Returns:
         The next iterate, and (P,) its residuals, NaN where a program has broken down.
     """
-    from scipy.linalg.lapack import dpotrf, dpotrs
-
     values, gradient, gap = iterate
-    room, multipliers, first = values[:2], values[2:], stack.first
+    room, multipliers = values[:2], values[2:]
     ratio = multipliers / room
-    diagonal = ratio[0] + ratio[1] + _REGULARISATION
-    factors, broken = [], np.zeros(len(first), bool)
-    for own, (m, rows) in enumerate(zip(stack.matrices, stack.parts, strict=True)):
-        bent = m.copy()
-        bent.reshape(-1)[:: len(m) + 1] += diagonal[rows]
-        factor, broken[own] = dpotrf(bent.T, lower=True, overwrite_a=True, clean=False)
-        factors.append(factor)
+    diagonal = ratio[0] + ratio[1]
+    diagonal += _REGULARISATION
+    solvers = [m.factored(diagonal[rows]) for m, rows in zip(stack.matrices, stack.parts, strict=True)]
 
     def direction(wanted: np.ndarray) -> np.ndarray:
         """Newton's direction (4, N) for the changes wanted of the products room * multiplier.
@@ -257,29 +257,35 @@ def _iterate(stack: _BoxQPStack, iterate: _Iterate) -> tuple[_Iterate, np.ndarra
         These are divided by the room, (2, N).
         """
         step = np.empty_like(values)
-        right = wanted[0] - wanted[1] - gradient
-        for factor, rows in zip(factors, stack.parts, strict=True):
-            step[0, rows], _ = dpotrs(factor, right[rows], lower=True)
+        right = wanted[0] - wanted[1]
+        right -= gradient
+        for solve, rows in zip(solvers, stack.parts, strict=True):
+            step[0, rows] = np.nan if solve is None else solve(right[rows])
         np.negative(step[0], out=step[1])
-        step[2:] = wanted - ratio * step[:2]
+        np.multiply(ratio, step[:2], out=step[2:])
+        np.subtract(wanted, step[2:], out=step[2:])
         return step
 
-    def length(step: np.ndarray, share: float) -> np.ndarray:
-        """Factor (N,) on a step (4, N): `share` of the way to where a value meets zero, at most 1.
+    def beyond(step: np.ndarray, share: float) -> np.ndarray:
+        """Values (4, N) after `share` of the way along a step to where one meets zero, at most all of it.
 
         It is the same for all rows of a program.
         """
-        steepest = -np.minimum.reduceat((step / values).min(axis=0), first)
-        return stack.spread(share / np.maximum(steepest, share))
+        steepest = stack.least(step / values)
+        ahead = stack.spread(share / np.maximum(-steepest, share)) * step
+        ahead += values
+        return ahead
 
     step = direction(-multipliers)
-    reached = values + length(step, 1.0) * step
-    target = stack.spread(gap * (stack.gap(reached) / gap) ** 3)
-    step = direction((target - step[:2] * step[2:]) / room - multipliers)
-    reached = values + length(step, _INTERIOR) * step
-    reached[1] = stack.top - reached[0]
-    ahead, inside = stack.at(reached), np.logical_and.reduceat((reached > 0).all(axis=0), first)
-    return ahead, np.where(inside & ~broken, stack.residual(ahead), np.nan)
+    target = stack.spread(gap * (stack.gap(beyond(step, 1.0)) / gap) ** 3)
+    wanted = step[:2] * step[2:]
+    np.subtract(target, wanted, out=wanted)
+    wanted /= room
+    wanted -= multipliers
+    reached = beyond(direction(wanted), _INTERIOR)
+    np.subtract(stack.top, reached[0], out=reached[1])
+    ahead = stack.at(reached)
+    return ahead, np.where(stack.least(reached) > 0, stack.residual(ahead), np.nan)
 
 
 def least_change(

@@ -13,7 +13,7 @@ import jaxplan as jp
 from jaxplan.model.tabulation import tabulate
 from jaxplan.planner.steps import wanted_fit
 from jaxplan.trajectory import fit_batch, ladder, sqp
-from jaxplan.trajectory.program import _gram, _times
+from jaxplan.trajectory.gram import gram, times
 from jaxplan.trajectory.qp import ROUGHLY, BoxQP, solve_box_qps
 
 
@@ -69,9 +69,9 @@ def test_the_matrix_of_rows_is_that_of_their_slopes(single):
     inverse = root @ root.T
     slopes = np.einsum("rpa,rpk->rak", axes, along)
     expected = np.einsum("rak,kl,sal->rs", slopes, inverse, slopes)
-    np.testing.assert_allclose(_gram(axes, along, inverse), expected, rtol=1e-12, atol=1e-12)
-    assert _gram(axes[:0], along[:0], inverse).shape == (0, 0)
-    assert _times(along[:0], inverse).shape == (0, 4, 5)
+    np.testing.assert_allclose(gram(axes, along, inverse), expected, rtol=1e-12, atol=1e-12)
+    assert gram(axes[:0], along[:0], inverse).shape == (0, 0)
+    assert times(along[:0], inverse).shape == (0, 4, 5)
 
 
 def test_the_peak_of_a_parabola_between_places_is_met_exactly():
