@@ -15,11 +15,12 @@ one of a quadratic program, in which what cannot be kept may be broken at a pric
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxplan import so3
+from jaxplan.geometry.vectors import array_module
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.limits import longest
 from jaxplan.timeline.pursuit import Pursuit
@@ -39,6 +40,7 @@ _SHARE = 0.9  # of limits of rate that nodes may use
 _PRICE = 1e3  # of a radian by which a node breaks something, beside the energy
 _CHEAP = 1.0  # of one by which it has less room
 _WISH = 0.1  # 1/s, weight of the square of the angle to what a device prefers, per rate weight
+_LEAST_RATE = 1e-3  # rate weight, likewise, where that is less
 _ROUNDS = 12  # in which rows of a quadratic program are added
 _KEPT = 1e-9  # rad, by which a row may be broken and count as kept
 _AT = 3e-9  # rad, within which a node keeps just some room
@@ -280,7 +282,7 @@ class LeastMotion:
             rate / step,
             acceleration / step**3,
             rate / self.wanted.slew_time,
-            _WISH * max(rate, 1e-3) * step,
+            float(wish_weight(rate, step)),
         )
         return tuple(np.sqrt(each).tolist())
 
@@ -415,6 +417,16 @@ class LeastMotion:
             )
             found[..., place] = (self._left(moved)[:, -own:] - left[:, -own:]) / _DIFFERENCE
         return found
+
+
+def wish_weight(rate: Any, step: Any) -> Any:
+    """Weight of the square of the chord to what a device prefers, for each node, as of the other squares.
+
+    Args:
+        rate: weight of the square of the rate.
+        step: s, between nodes.
+    """
+    return _WISH * array_module(rate).maximum(rate, _LEAST_RATE) * step
 
 
 def _program(

@@ -119,6 +119,7 @@ class Pointed:
 
     Attributes:
         moves: how devices without a target make way there.
+        met: places of the wishes that it meets.
         turns: whole turns of the yaw after which masks are met again.
         roomy: whether it keeps the room that an instant keeps from zones and ends of ranges.
         moving: whether devices follow targets at an instant, at their rates.
@@ -126,6 +127,7 @@ class Pointed:
     """
 
     moves: tuple[MadeWay, ...]
+    met: tuple[int, ...]
     turns: Turns
     roomy: bool
     moving: bool
@@ -165,52 +167,60 @@ class Pointed:
             scene.rows(self.turns).at(begin),
             start_joints=before.joints,
             moves=self.moves,
+            met=self.met,
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Following:
-    """The motion of least energy with which devices follow targets.
+    """The motion of least energy with which devices follow targets, or give way to zones at rest.
 
     Attributes:
-        aim: the optimum of step 1, to whose joints the motion is drawn.
+        aim: the state to whose joints the motion is drawn: the optimum of step 1, or that of rest.
         tracks: the motions of the plan, by their `id`.
+        turns: whole turns of the yaw after which masks are met again.
         in_time: whether it depends on the time at which it begins, as it does.
     """
 
-    aim: Pointed
+    aim: Pointed | Rested
     tracks: dict[int, Track]
+    turns: Turns
     in_time: bool = True
 
     def at(self, scene: Scenario, activity: Activity, before: State, when: When, near: Motion) -> Ends:
         """The states of the optimum at both ends."""
-        targets = activity.targets
-        assert targets is not None
-        assert near.aim is not None
-        settings = scene.trajectory
-        aim = self.aim.goal(scene, targets, before, when.begin, near.aim)
+        targets, settings, track = activity.targets, scene.trajectory, self.tracks[id(near)]
+        if isinstance(self.aim, Pointed):
+            assert targets is not None
+            assert near.aim is not None
+            joints = self.aim.goal(scene, targets, before, when.begin, near.aim).joints
+        else:
+            joints = self.aim.at(scene, activity, before, when, near)[0].joints
+        wishes = () if targets is None else targets.prefer
         return ends_of(
             replace(
-                self.tracks[id(near)],
+                track,
                 craft=scene.usable,
-                paths=targets.paths,
-                attitude=before.attitude,
-                joints=aim.joints,
+                paths=() if targets is None else targets.paths,
+                attitude=None if track.attitude is None else before.attitude,
+                joints=joints,
                 begin=when.begin,
                 end=when.end,
                 weights=jnp.stack(
                     [jnp.asarray(settings.rate_weight), jnp.asarray(settings.acceleration_weight)]
                 ),
+                wishes=tuple(as_path(wish.direction) for wish in wishes),
+                rows=None if track.rows is None else scene.rows(self.turns),
             )
         )
 
 
-def following(choice: Choice, targets: Targets, motions: Sequence[Motion]) -> Following:
-    """How the motion is followed with which devices follow targets.
+def following(choice: Choice, targets: Targets | None, motions: Sequence[Motion]) -> Following:
+    """How the motion is followed with which devices follow targets, or give way to zones without any.
 
     Args:
         choice: how it came to begin.
-        targets: that move.
+        targets: that it follows; None for rest.
         motions: all on which its begin depends.
 
     Raises:
@@ -218,15 +228,20 @@ def following(choice: Choice, targets: Targets, motions: Sequence[Motion]) -> Fo
     """
     scene = choice.departure.scene
     if not scene.trajectory.optimal:
-        raise ValueError("its targets move: set trajectory.optimal = true, or give it an attitude")
-    if any(motion.tracked is None or motion.aim is None for motion in motions):
+        moved = "it gives way to a zone" if targets is None else "its targets, zones or wishes make it move"
+        raise ValueError(f"{moved}: set trajectory.optimal = true, or give it an attitude")
+    if any(motion.tracked is None or (motion.aim is None) != (targets is None) for motion in motions):
         raise ValueError("it is no optimum near the state before; give it an attitude")
     tracks = {id(motion): track_of(motion, scene.usable, scene.constraints, targets) for motion in motions}
-    assert choice.motion.aim is not None
-    found = Following(aim=optimum_at(choice, targets, choice.motion.aim), tracks=tracks)
+    aim: Pointed | Rested = Rested(in_time=True)
+    if targets is not None:
+        assert choice.motion.aim is not None
+        aim = optimum_at(choice, targets, choice.motion.aim)
+    turns = tuple(mask.turns for mask in masks(scene.spacecraft))
+    found = Following(aim=aim, tracks=tracks, turns=turns)
     if (off := off_by(found, choice)) <= _OPTIMAL:
         return found
-    raise ValueError(f"what follows its targets is off an optimum by {off:.1g}")
+    raise ValueError(f"its motion is off an optimum by {off:.1g}: give it an attitude")
 
 
 def pointed(choice: Choice, targets: Targets) -> Pointed:
@@ -273,6 +288,7 @@ def optimum_at(choice: Choice, targets: Targets, state: Any, *, roomy: bool = Fa
         raise ValueError("; ".join(followed.doubts))
     return Pointed(
         moves=followed.moves,
+        met=followed.met,
         turns=tuple(mask.turns for mask in masks(scene.spacecraft)),
         roomy=roomy,
         moving=False,

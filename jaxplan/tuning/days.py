@@ -209,9 +209,13 @@ class _Leg:
 
 
 def _start(scene: Scenario) -> State:
-    """The state at a scene's start, which rests."""
-    joints: Any = jnp.asarray(scene.start.joints)
-    return State.still(so3.exp(jnp.asarray(scene.start.rotation_vector)), joints)
+    """The state at a scene's start, with its rates."""
+    start = scene.start
+    joints: Any = jnp.asarray(start.joints)
+    velocity: Any = jnp.asarray(start.angular_velocity)
+    rates: Any = jnp.asarray(start.joint_rates)
+    still = State.still(so3.exp(jnp.asarray(start.rotation_vector)), joints)
+    return replace(still, velocity=velocity, rates=rates)
 
 
 def hold_day(plan: TimelinePlan) -> HeldDay:
@@ -229,26 +233,19 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
     timeline = plan.timeline
     rows = {one.name: row for row, one in enumerate(timeline.activities)}
     choices = tuple(one for one in plan.choices if one.activity.name in rows)
-    reasons = {one.activity.name: _refused(one, plan) for one in choices}
-    start = timeline.scene.start
-    if np.any(start.angular_velocity) or np.any(start.joint_rates):
-        reasons[choices[0].activity.name] = (
-            "the start has rates, as one in the local frame has: give it a start at rest"
-        )
+    reasons: dict[str, str] = {}
     states: list[Reached] = []
     slopes: dict[int, _Slope] = {}
     for one in choices:
         name = one.activity.name
-        if reasons[name]:
-            continue
         try:
             states.append(_reached(one))
             for time in _needed(one, states[-1].in_time):
                 slopes[id(time)] = _slope(one.departure, time)
         except ValueError as error:
             reasons[name] = str(error)
-    if any(reasons.values()):
-        told = "; ".join(f"activity {name}: {reason}" for name, reason in reasons.items() if reason)
+    if reasons:
+        told = "; ".join(f"activity {name}: {reason}" for name, reason in reasons.items())
         raise ValueError(f"the total time of {timeline.name} has no derivatives that are known: {told}")
     return HeldDay(
         numbers=Numbers(
@@ -279,25 +276,16 @@ def _with_choices(plan: TimelinePlan) -> TimelinePlan:
     return again
 
 
-def _refused(choice: Choice, plan: TimelinePlan) -> str:
-    """Why how an activity begins has no derivative that is known; empty if it has."""
-    activity, targets = choice.activity, choice.activity.targets
-    if targets is not None and targets.prefer:
-        return "a device has a wish; give it an attitude"
-    if activity.kind == "point" or _follows(choice):
-        return ""
-    end = next(one.end for one in plan.activities if one.name == activity.name)
-    assert plan.trajectory is not None
-    assert end is not None
-    then = plan.trajectory.sample(end)
-    moved = so3.distance(then.attitude, choice.goal.attitude), *np.abs(then.joints - choice.goal.joints)
-    return "it gives way to a zone" if max(moved) > _STAYS else ""
-
-
 def _follows(choice: Choice) -> bool:
-    """Whether an activity is a motion with which devices follow targets, or give way to zones."""
-    targets = choice.activity.track
-    return targets is not None and (targets.moves or moves(choice.departure.scene))
+    """Whether an activity is a motion with which devices follow targets and wishes, or give way to zones."""
+    targets, trajectory = choice.activity.track, choice.motion.trajectory
+    if choice.motion.tracked is None or trajectory is None:
+        return False
+    if targets is None or targets.moves or moves(choice.departure.scene):
+        return True
+    last, goal = trajectory.sample(trajectory.duration), choice.goal
+    moved = so3.distance(last.attitude, goal.attitude), *np.abs(last.joints - goal.joints)
+    return max(moved) > _STAYS
 
 
 def _motions(choice: Choice) -> Iterator[Motion]:
@@ -316,7 +304,7 @@ def _reached(choice: Choice) -> Reached:
         ValueError: as of `pointed`, or where it is another one.
     """
     targets, before = choice.activity.targets, choice.before
-    if targets is not None and _follows(choice):
+    if _follows(choice):
         return following(choice, targets, [choice.motion, *_motions(choice)])
     if targets is not None:
         return pointed(choice, targets)
