@@ -4,7 +4,7 @@ Goals are held to be the optimum of step 1 that `jaxplan.goal.sensitivity` diffe
 optimum is checked here.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 
@@ -28,6 +28,15 @@ _AT_A_BOUND = "its goal leans on a bound of joints or a vector that these turn"
 _BY_A_WISH = "its goal leans on what a device prefers: leave the wish out, or give the goal as a state"
 _NEAR = 2e-6  # rad; a wish that is as near is met, as step 1 leaves it less than this to give others room
 _NEAR_WISHES = 1e-5  # rad, as `_OPTIMAL`, where wishes are met no better than that
+
+
+def _short_of(devices: Sequence[str]) -> str:
+    """The doubt about a goal as near as can be to what some devices prefer, which does not reach it."""
+    whose = " and ".join(dict.fromkeys(devices))
+    return (
+        f"its goal is as near as can be to what {whose} would look at, and does not reach it: leave the wish "
+        "out, or give the goal as a state"
+    )
 
 
 @cache
@@ -101,7 +110,9 @@ def followed_by(scenario: Scenario, goal: Goal) -> Followed:
             return Followed(moves=made, met=met, criterion=criterion)
     if soonest:
         doubts = ['its goal is no smooth optimum of the time: set goal.criterion = "least_rotation"']
-    return Followed(doubts=tuple(doubts or [_BY_A_WISH if targets.prefer else _AT_A_BOUND]))
+    short = [one.device for place, one in enumerate(targets.prefer) if place not in met]
+    reason = _short_of(short) if short else _BY_A_WISH if met else _AT_A_BOUND
+    return Followed(doubts=tuple(doubts or [reason]))
 
 
 def with_wishes_met(

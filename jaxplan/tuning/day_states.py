@@ -93,6 +93,23 @@ class Held:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Known:
+    """A state on which nothing depends that is asked for.
+
+    Attributes:
+        goal: that of the plan.
+        in_time: whether it depends on the time at which it begins.
+    """
+
+    goal: State
+    in_time: bool = False
+
+    def at(self, scene: Scenario, activity: Activity, before: State, when: When, near: Motion) -> Ends:
+        """The plan's state."""
+        return self.goal, self.goal
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Rested:
     """Rest.
 
@@ -176,7 +193,7 @@ class Following:
     """The motion of least energy with which devices follow targets, or give way to zones at rest.
 
     Attributes:
-        aim: the state to whose joints the motion is drawn: the optimum of step 1, or that of rest.
+        aim: the state to whose joints the motion is drawn: the optimum of step 1, rest, or the state before.
         tracks: the motions of the plan, by their `id`.
         turns: whole turns of the yaw after which masks are met again.
         in_time: whether it depends on the time at which it begins, as it does.
@@ -235,13 +252,23 @@ def following(choice: Choice, targets: Targets | None, motions: Sequence[Motion]
     tracks = {id(motion): track_of(motion, scene.usable, scene.constraints, targets) for motion in motions}
     aim: Pointed | Rested = Rested(in_time=True)
     if targets is not None:
-        assert choice.motion.aim is not None
-        aim = optimum_at(choice, targets, choice.motion.aim)
+        near = choice.motion.aim
+        assert near is not None
+        still = _joints_stay(choice, targets, near)
+        aim = Rested(in_time=False) if still else optimum_at(choice, targets, near)
     turns = tuple(mask.turns for mask in masks(scene.spacecraft))
     found = Following(aim=aim, tracks=tracks, turns=turns)
     if (off := off_by(found, choice)) <= _OPTIMAL:
         return found
     raise ValueError(f"its motion is off an optimum by {off:.1g}: give it an attitude")
+
+
+def _joints_stay(choice: Choice, targets: Targets, aim: Goal) -> bool:
+    """Whether joints at a goal are those before, whatever its attitude: no device that has any is asked."""
+    craft, joints = choice.departure.scene.usable, choice.before.joints
+    wished = [craft.device_names.index(wish.device) for wish in targets.prefer]
+    fixed = all(number >= craft.gimbals.count for number in (*targets.numbers(craft), *wished))
+    return fixed and bool(np.array_equal(aim.joints, joints))
 
 
 def pointed(choice: Choice, targets: Targets) -> Pointed:
@@ -253,7 +280,7 @@ def pointed(choice: Choice, targets: Targets) -> Pointed:
     goal, scene = choice.goal, choice.departure.scene
     in_time = targets.moves or moves(scene)
     instant = choice.activity.kind == "point"
-    reason = "it turns more than its targets ask for, as by room that it keeps"
+    reason = "it turns more than its targets ask for, as by room that it keeps: give it an attitude"
     for roomy in (True, False) if instant else (False,):
         try:
             own = optimum_at(choice, targets, goal, roomy=roomy)
@@ -285,7 +312,8 @@ def optimum_at(choice: Choice, targets: Targets, state: Any, *, roomy: bool = Fa
         asked = asked if scene.robust is not None else replace(asked, spacecraft=craft)
     followed = followed_by(replace(asked, goal=wanted), place)
     if followed.doubts:
-        raise ValueError("; ".join(followed.doubts))
+        told = "; ".join(followed.doubts)
+        raise ValueError(told.replace("give the goal as a state", "give it an attitude"))
     return Pointed(
         moves=followed.moves,
         met=followed.met,

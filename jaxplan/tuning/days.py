@@ -17,7 +17,7 @@ The states themselves are in `jaxplan.tuning.day_states`. What else a timeline m
 yet, and is refused with all activities and reasons together.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -39,7 +39,7 @@ from jaxplan.timeline.slews import FIRST, LEAST, Departure
 from jaxplan.timeline.stored import holding, total_in
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import measures
-from jaxplan.tuning.day_states import Ends, Held, Reached, Rested, When, following, off_by, pointed
+from jaxplan.tuning.day_states import Ends, Held, Known, Reached, Rested, When, following, off_by, pointed
 
 _SAME = 1e-6  # s, by which times of a plan that was read, and of one made anew, may differ
 _STAYS = 1e-9  # rad, by which a state that is held may change
@@ -155,6 +155,8 @@ class _Leg:
     @property
     def begin(self) -> Any:
         """When the activity begins, s."""
+        if self.choice.time is not None and isinstance(self.reached, Known):
+            return self.choice.begin
         if self.choice.time is not None:
             return self.time + self._seconds(self.choice.time)
         opens = self.choice.activity.earliest or 0.0
@@ -236,14 +238,19 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
     reasons: dict[str, str] = {}
     states: list[Reached] = []
     slopes: dict[int, _Slope] = {}
-    for one in choices:
+    asked: list[tuple[Choice, SlewTime]] = []
+    for one, matters in zip(choices, _matter(choices), strict=True):
         name = one.activity.name
         try:
-            states.append(_reached(one))
-            for time in _needed(one, states[-1].in_time):
-                slopes[id(time)] = _slope(one.departure, time)
+            states.append(_reached(one) if matters else Known(goal=one.goal))
+            asked += [(one, time) for time in (_needed(one, states[-1].in_time) if matters else ())]
         except ValueError as error:
             reasons[name] = str(error)
+    for one, time in [] if reasons else asked:  # takes long, so only where all else is known
+        try:
+            slopes[id(time)] = _slope(one.departure, time)
+        except ValueError as error:
+            reasons[one.activity.name] = str(error)
     if reasons:
         told = "; ".join(f"activity {name}: {reason}" for name, reason in reasons.items())
         raise ValueError(f"the total time of {timeline.name} has no derivatives that are known: {told}")
@@ -256,6 +263,24 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
         states=tuple(states),
         slopes=slopes,
     )
+
+
+def _matter(choices: Sequence[Choice]) -> list[bool]:
+    """Whether the state in which each activity begins matters to when the last one ends.
+
+    It does where the slew to it, or a later one, takes a time that follows from its ends, and that time moves
+    the end of the last activity: one that waits for its window, or ends when that does, cuts this.
+    """
+    found: list[bool] = []
+    end_matters, state_matters = True, False
+    for one in reversed(choices):
+        activity, opens = one.activity, one.activity.earliest or 0.0
+        lasts = activity.duration is not None and one.begin >= opens
+        begin_matters = state_matters or (end_matters and (lasts or activity.kind == "point"))
+        end_matters = begin_matters and one.time is not None
+        state_matters = state_matters or end_matters
+        found.append(state_matters)
+    return found[::-1]
 
 
 def _with_choices(plan: TimelinePlan) -> TimelinePlan:
@@ -327,7 +352,8 @@ def _needed(choice: Choice, in_time: bool) -> Iterator[SlewTime]:
         if time.kind == NEEDED:
             if not choice.departure.at_rest(time.goal):
                 raise ValueError(
-                    "the slew to it takes longer than its bound asks for, and begins or ends with rates"
+                    "the slew to it begins or ends with rates and takes longer than its bound asks for: set "
+                    "trajectory.optimal = true"
                 )
             yield time
         begun = time.kind == FIXED and time is not choice.time
