@@ -9,8 +9,8 @@ with the residuals ``r`` of rates, accelerations, the way there and wishes; join
 zone are among the unknowns. That is solved by Newton's method, with
 second derivatives of all of it, and followed by the implicit function theorem. Number of nodes and whole
 turns of yaws are held, and from which ends of ranges nodes keep just the room that they keep, each with a
-multiplier of its own; likewise from which constraints, each by the pair of row and sight that decides on it.
-What leans on a limit of rate is not followed.
+multiplier of its own; likewise which rates are as large as they may be, and from which constraints nodes keep
+just some room, each by the pair of row and sight that decides on it.
 
 From the nodes follow the states in which the motion begins and ends as its curve has them: with as many
 nodes between, and rates by the nodes around each end (`jaxplan.timeline.curves`). Splines are linear in what
@@ -46,7 +46,7 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.implicit import Equations, implicit_root
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.timeline import curves
-from jaxplan.timeline.least_motion import Leaning, LeastMotion, Nodes, wish_weight
+from jaxplan.timeline.least_motion import Leaning, LeastMotion, Nodes, rate_bounds, wish_weight
 from jaxplan.timeline.motions import SLEW_TIME, Motion
 from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.timeline.tracking import State
@@ -121,7 +121,7 @@ def _ends(track: Track) -> list[Any]:
     """Attitude, joints and both their rates at begin and end of a motion of least energy."""
     count, asked = len(track.attitudes), _asked(track, track.attitudes, _times(track, len(track.attitudes)))
     moved = (3 + len(track.free)) * count
-    guess = jnp.zeros(moved + asked.size + len(track.leaning.node) + len(track.rooms))
+    guess = jnp.zeros(moved + asked.size + _kept_count(track))
     turns, freed = _unknowns(track, implicit_root(_EQUATIONS, track, guess)[:moved])
     attitudes = track.attitudes @ so3.exp(turns)
     for edges in track.edges:
@@ -139,6 +139,11 @@ def _ends(track: Track) -> list[Any]:
         )
         for place, node in enumerate((0, len(times) - 1))
     ]
+
+
+def _kept_count(track: Track) -> int:
+    """The number of ranges, rates and constraints of which nodes keep just as much as they must."""
+    return len(track.leaning.node) + len(track.leaning.rate) + len(track.rooms)
 
 
 def _unknowns(track: Track, moved: Array) -> tuple[Array, Array]:
@@ -239,11 +244,31 @@ def _energy(track: Track, turns: Array, freed: Array, multipliers: Array, pushes
     left, leaning = jnp.concatenate([joints - low, high - joints], axis=1), track.leaning
     price = jnp.sum(jnp.where(leaning.price > 0, leaning.price * left, 0.0))
     kept = left[leaning.node, leaning.row] - leaning.room
+    if len(leaning.rate):
+        kept = jnp.concatenate([kept, _spare(track, turned, change, step)])
     if track.rows is not None:
         price += track.prices @ _margins(track, track.rows, attitudes, joints, track.narrow)
         near = _margins(track, track.rows, attitudes, joints, track.pairs) - track.rooms
         kept = jnp.concatenate([kept, near])
     return energy / 2 - price + pushes @ kept + jnp.sum(multipliers * _asked(track, attitudes, times))
+
+
+def _spare(track: Track, turned: Array, change: Array, step: Array) -> Array:
+    """What is left (r,) rad to the largest changes from node to node that are reached.
+
+    Args:
+        track: with the rates that are as large as they may be.
+        turned: (K, 3) rad, turns from node to node.
+        change: (K, 3 + J) rad, the same and the changes of joints.
+        step: s, between nodes.
+    """
+    interval, rate = jnp.asarray(track.leaning.rate).reshape(-1, 2).T
+    own = turned[interval]
+    square = jnp.sum(own**2, axis=1)
+    whole = jnp.sqrt(jnp.where(square > 0, square, 1.0))  # no derivative of the root at zero
+    each = jnp.concatenate([change[interval, 3:], own, whole[:, None]], axis=1)
+    bounds = step * rate_bounds(track.craft)[rate]
+    return bounds - jnp.abs(each[jnp.arange(len(rate)), rate])
 
 
 def _margins(track: Track, rows: Constraints, attitudes: Array, joints: Array, pairs: np.ndarray) -> Array:
@@ -278,7 +303,7 @@ def _missed(track: Track, attitudes: Array, joints: Array, times: Array) -> Any:
 
 def _gradient(track: Track, z: Array) -> Array:
     """The derivative of `_energy` by turns, free joints and multipliers, in one vector ``z``."""
-    count, leant = len(track.attitudes), len(track.leaning.node) + len(track.rooms)
+    count, leant = len(track.attitudes), _kept_count(track)
     moved = (3 + len(track.free)) * count
 
     def energy(own: Array) -> Array:
@@ -358,15 +383,15 @@ def track_of(motion: Motion, craft: Spacecraft, rows: Constraints, targets: Targ
     """What the motion of least energy of a plan depends on, as numbers; without targets it gives way.
 
     Raises:
-        ValueError: if it leans on a limit of rate.
+        ValueError: if a rate is larger than nodes should use.
     """
     tracked = motion.tracked
     assert tracked is not None
     nodes, wanted, curve = tracked.nodes, tracked.wanted, tracked.trajectory
     pursuit = Pursuit.of(craft, rows, targets)
     leaning, ranges = LeastMotion(pursuit, wanted).leaning(nodes), 2 * nodes.joints.shape[1]
-    if leaning.rates:
-        raise ValueError("while devices follow targets a rate is as large as it may be: raise that limit")
+    if leaning.too_fast:
+        raise ValueError("while devices follow targets a rate is nearly beyond its limit: raise that limit")
     near, narrow = leaning.row >= ranges, np.argwhere(leaning.price[:, ranges:] > 0)
     pairs = _pairs(pursuit, nodes, np.stack([leaning.node, leaning.row - ranges], axis=1)[near])
     leant = bool(np.any(near)) or len(narrow) > 0
@@ -392,7 +417,8 @@ def track_of(motion: Motion, craft: Spacecraft, rows: Constraints, targets: Targ
             row=leaning.row[~near],
             room=leaning.room[~near],
             price=leaning.price[:, :ranges],
-            rates=False,
+            rate=leaning.rate,
+            too_fast=False,
         ),
         rows=rows if leant else None,
         pairs=pairs,
