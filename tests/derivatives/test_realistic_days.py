@@ -94,7 +94,7 @@ def wishes_of_moving() -> jp.Timeline:
 
 
 def out_of_reach() -> jp.Timeline:
-    """A ship that the camera follows, while the tracker cannot but be off what it prefers."""
+    """A ship that the camera follows at the largest rate, while the tracker comes no nearer to its wish."""
     asked = replace(targets(passing(1e-3, 0.3, 0.9)), prefer=(jp.Wish(device="tracker", direction=SUN),))
     return day_of(jp.Activity(name="ship", track=asked, duration=20.0), LOOK, until=400.0)
 
@@ -120,7 +120,7 @@ def antenna_in_the_way() -> jp.Timeline:
 def rest_in_the_way() -> jp.Timeline:
     """A rest in which the Moon comes by, so that the antenna gives way."""
     times = np.linspace(0, 400.0, 81)
-    moon = jp.DirectionPath.through(times, direction(0.4675 - 2.5e-3 * times, 0.55 + 0 * times))
+    moon = jp.DirectionPath.through(times, direction(0.4 - 2.5e-3 * times, 0.55 + 0 * times))
     zone = jp.KeepOut(name="moon", direction=moon, half_angle=0.1, devices=("antenna",))
     return day_of(
         jp.Activity(name="first", attitude=at_rest([0, 0, 0.01], [0.2, 0.5, 0.2]), duration=3.0),
@@ -140,11 +140,11 @@ DAYS = {
     "wishes": (wishes, ("activity[0].for_s", "start.attitude[2]", "spacecraft.rate_limit_deg_s")),
     "wishes of moving": (
         wishes_of_moving,
-        ("activity[0].for_s", "start.attitude[0]", "trajectory.rate_weight"),
+        ("activity[0].for_s", "start.attitude[0]", "spacecraft.rate_limit_deg_s"),
     ),
     "a wish out of reach": (
         out_of_reach,
-        ("activity[0].for_s", "start.attitude[0]", "trajectory.rate_weight"),
+        ("activity[0].for_s", "start.attitude[0]", "spacecraft.rate_limit_deg_s"),
     ),
     "a coarse tolerance": (coarse_tolerance, ("start.attitude[0]", "activity[1].attitude[1]")),
     "an antenna in the way": (
