@@ -59,6 +59,7 @@ class Held:
     Attributes:
         goal: where the manoeuvre ends.
         moves: how devices without a target make way there.
+        met: places of the wishes that the goal meets.
         attitudes: (m + 1, 3, 3) of the nodes, body to inertial, padded with the last one.
         joints: (m + 1, 2n + d) rad, likewise.
         last: number of the last node before the padding.
@@ -80,6 +81,7 @@ class Held:
     trajectory: Trajectory
     turns: Turns = field(default=(), metadata={"static": True})
     criterion: str | None = field(default=None, metadata={"static": True})
+    met: tuple[int, ...] = field(default=(), metadata={"static": True})
 
 
 def hold(plan: Plan, *, nodes: int = FEWEST_NODES) -> Held:
@@ -234,6 +236,7 @@ def _held(
         fit=origin.hold(nodes) if nearer is None else origin.hold(nodes, nearer),
         turns=tuple(mask.turns for mask in masks(plan.scenario.spacecraft)),
         criterion=followed.criterion,
+        met=followed.met,
         trajectory=replace(curve, node_times=padded(curve.node_times, nodes)),
     )
 
@@ -295,7 +298,14 @@ def end_of(held: Held, scenario: Scenario, rows: Constraints) -> End:
     if not asked.moves:
         craft, start, then = scenario.usable, scenario.start, rows.at(time)
         goal: Any = differentiable_goal(
-            place, craft, start.attitude, asked, then, start_joints=start.joints, moves=held.moves
+            place,
+            craft,
+            start.attitude,
+            asked,
+            then,
+            start_joints=start.joints,
+            moves=held.moves,
+            met=held.met,
         )
         return _end(goal.attitude, goal.joints, _rates(scenario, asked))
     goal = goal_in_time(place, **pursuit(scenario, asked, time), moves=held.moves)

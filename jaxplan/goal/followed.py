@@ -4,7 +4,9 @@ Goals are held to be the optimum of step 1 that `jaxplan.goal.sensitivity` diffe
 optimum is checked here.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import jax
 import numpy as np
@@ -14,15 +16,33 @@ from jaxplan.goal.free import MadeWay, settled
 from jaxplan.goal.pairs import cleared
 from jaxplan.goal.problem import GoalProblem, Wished, leaves_open
 from jaxplan.goal.sensitivity import differentiable_goal
+from jaxplan.model.constraints import Constraints
 from jaxplan.model.goals import LEAST_ROTATION, LEAST_TIME, GivenState, Targets
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Scenario, moves
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.jit import quick_jit
 
 _OPTIMAL = 1e-6  # rad, largest distance of a plan's goal from the optimum whose derivative is taken
 _AT_A_BOUND = "its goal leans on a bound of joints or a vector that these turn"
 _BY_A_WISH = "its goal leans on what a device prefers: leave the wish out, or give the goal as a state"
-_optimum_near = quick_jit(differentiable_goal)
+_NEAR = 2e-6  # rad; a wish that is as near is met, as step 1 leaves it less than this to give others room
+_NEAR_WISHES = 1e-5  # rad, as `_OPTIMAL`, where wishes are met no better than that
+
+
+def _short_of(devices: Sequence[str]) -> str:
+    """The doubt about a goal as near as can be to what some devices prefer, which does not reach it."""
+    whose = " and ".join(dict.fromkeys(devices))
+    return (
+        f"its goal is as near as can be to what {whose} would look at, and does not reach it: leave the wish "
+        "out, or give the goal as a state"
+    )
+
+
+@cache
+def _optima_near(met: tuple[int, ...]) -> Callable[..., Goal]:
+    """The compiled `differentiable_goal` for wishes, by their places, that are met."""
+    return quick_jit(partial(differentiable_goal, met=met))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,11 +51,13 @@ class Followed:
 
     Attributes:
         moves: how devices without a target made way at it.
+        met: places in `Targets.prefer` of the wishes that it meets.
         criterion: that it is an optimum of; None for a goal that is given as a state.
         doubts: why it is not the optimum that `differentiable_goal` takes it for.
     """
 
     moves: tuple[MadeWay, ...] = ()
+    met: tuple[int, ...] = ()
     criterion: str | None = None
     doubts: tuple[str, ...] = ()
 
@@ -77,18 +99,65 @@ def followed_by(scenario: Scenario, goal: Goal) -> Followed:
         return Followed(doubts=tuple(doubts))
     if not soonest and not targets.prefer and not leaves_open(problem):
         return Followed(moves=made, criterion=asked.criterion)
+    met = () if asked.moves else _met(problem, goal.attitude)  # else rates would be of another goal
+    within = _NEAR_WISHES if met else _OPTIMAL
     for criterion in dict.fromkeys((asked.criterion, LEAST_ROTATION)):
         wanted = replace(targets, criterion=criterion)
         with jax.enable_x64(True):
-            optimum = _optimum_near(place, craft, start.attitude, wanted, rows, start_joints=start.joints)
-        if float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= _OPTIMAL:
-            return Followed(moves=made, criterion=criterion)
+            optimum = _optima_near(met)(place, craft, start.attitude, wanted, rows, start_joints=start.joints)
+        if float(so3.distance(goal.attitude, np.asarray(optimum.attitude))) <= within:
+            return Followed(moves=made, met=met, criterion=criterion)
     if soonest:
         doubts = ['its goal is no smooth optimum of the time: set goal.criterion = "least_rotation"']
-    return Followed(doubts=tuple(doubts or [_BY_A_WISH if targets.prefer else _AT_A_BOUND]))
+    short = [one.device for place, one in enumerate(targets.prefer) if place not in met]
+    reason = _short_of(short) if short else _BY_A_WISH if met else _AT_A_BOUND
+    return Followed(doubts=tuple(doubts or [reason]))
 
 
 def least_time_doubt(asked: Targets) -> str:
     """Why a goal of least time with targets that move, wishes or devices that make way is not followed."""
     why = "targets that move" if asked.moves else "wishes, or with devices that make way"
     return f'its goal is one of least time with {why}: set goal.criterion = "least_rotation"'
+
+
+def with_wishes_met(
+    goal: Goal,
+    craft: Spacecraft,
+    start_attitude: np.ndarray,
+    targets: Targets,
+    rows: Constraints,
+    start_joints: np.ndarray,
+) -> Goal:
+    """A goal of step 1 brought to where the wishes that it nearly meets are met exactly.
+
+    Step 1 leaves wishes a little room, so that its goals are no smooth function of what they depend on. Where
+    no wish is met, or the optimum is not as near, it is the goal itself.
+
+    Args:
+        goal: that step 1 found.
+        craft: the spacecraft.
+        start_attitude: (3, 3) body to inertial.
+        targets: at an instant.
+        rows: the constraints then.
+        start_joints: (J,) rad.
+    """
+    problem = GoalProblem.of(craft, start_attitude, targets, rows, start_joints)
+    if targets.clearance:
+        problem = replace(problem, rows=cleared(problem.rows, problem.pairs, targets.clearance))
+    problem = replace(problem, wishes=tuple(Wished.all_of(craft, targets, problem.ranges)))
+    if not (met := _met(problem, goal.attitude)):
+        return goal
+    wanted = replace(targets, criterion=LEAST_ROTATION)
+    with jax.enable_x64(True):
+        optimum = _optima_near(met)(goal, craft, start_attitude, wanted, rows, start_joints=start_joints)
+    attitude = np.asarray(optimum.attitude)
+    if not float(so3.distance(goal.attitude, attitude)) <= _NEAR_WISHES:
+        return goal
+    joints, _ = settled(problem, attitude, np.clip(problem.joints(attitude), *problem.ranges.T))
+    return replace(goal, attitude=attitude, joints=joints, slew_angle=float(optimum.slew_angle))
+
+
+def _met(problem: GoalProblem, attitude: np.ndarray) -> tuple[int, ...]:
+    """Places of the wishes that are met at an attitude (3, 3)."""
+    near = [wish.distance(attitude) <= _NEAR for wish in problem.wishes]
+    return tuple(np.flatnonzero(near).tolist())

@@ -27,7 +27,7 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.geometry import quaternion
-from jaxplan.geometry.vectors import length
+from jaxplan.geometry.vectors import array_module, length
 from jaxplan.goal import descent, soonest
 from jaxplan.goal.aims import AZIMUTH, ELEVATION, Aims, Known, aims_of, goal_ranges, known_sights, pointed
 from jaxplan.goal.descent import MET, Active, active_terms, angle_terms, cap_terms, turned
@@ -52,6 +52,7 @@ def differentiable_goal(
     *,
     start_joints: ArrayLike | None = None,
     moves: Sequence[MadeWay] | None = None,
+    met: Sequence[int] = (),
 ) -> Goal:
     """A goal of step 1 as a function of the problem that it solves.
 
@@ -74,6 +75,8 @@ def differentiable_goal(
             all others move to a goal of least time, zero by default.
         moves: how devices without a target make way, of `free.settled`, so that they follow what they prefer
             and what is in their way; None where they stay as they are at the goal.
+        met: places in `targets.prefer` of the wishes that the goal meets, which then bind the attitude as
+            targets do: an instrument's by two equations, a drive's by one, and ranges of joints.
 
     Returns:
         The goal as jax arrays, its joints not clipped. Where the optimum has no derivative, a finite one is
@@ -88,7 +91,7 @@ def differentiable_goal(
         ...     return differentiable_goal(goal, spacecraft, start, targets, changed).slew_angle
         >>> jax.grad(slew)(cones.half_angle)
     """
-    return _optimum(_ONCE, goal, spacecraft, start_attitude, targets, cones, start_joints, moves)
+    return _optimum(_ONCE, goal, spacecraft, start_attitude, targets, cones, start_joints, moves, met)
 
 
 def goal_in_time(
@@ -146,6 +149,7 @@ def _optimum(
     cones: Constraints,
     start_joints: ArrayLike | None,
     moves: Sequence[MadeWay] | None,
+    met: Sequence[int] = (),
 ) -> Goal:
     """The goal as `differentiable_goal` describes it, with its arguments.
 
@@ -158,7 +162,7 @@ def _optimum(
     start = jnp.asarray(start_attitude, found.dtype)
     turn = quaternion.from_matrix(jax.lax.stop_gradient(start).T @ found)[:, None]  # as one lane
     rest = _rest(goal, start_joints, found.dtype)
-    state = _State.of(spacecraft, targets, cones, rest, found.dtype)
+    state = _State.of(spacecraft, targets, cones, rest, found.dtype, met)
     state = state.cleared(targets.clearance)
     caps = _caps(state, start)
     matter = _matter(found, jax.lax.stop_gradient(state))
@@ -171,9 +175,9 @@ def _optimum(
         of_caps = caps.axis, caps.direction, caps.half_angle
         none = jnp.zeros(4, int)
         own = soonest.Conditions(turn, of_caps, moving, platform(spacecraft, unit), none)
-        optimum = soonest.soonest_turn(own, matter, _of_equations(state.aims))
+        optimum = soonest.soonest_turn(own, matter, _of_equations(state.asked))
     else:
-        number, multiplier = _active_caps(turn, jax.lax.stop_gradient(caps), matter, state.aims)
+        number, multiplier = _active_caps(turn, jax.lax.stop_gradient(caps), matter, state.asked)
         conditions = _Conditions(turn, _Caps(*(part[jnp.maximum(number, 0)] for part in caps)), number >= 0)
         guess = jnp.concatenate([jnp.zeros(3, found.dtype), multiplier])
         optimum = turned(turn, implicit_root(equations, conditions, guess)[:3, None])
@@ -235,19 +239,27 @@ class _State(NamedTuple):
 
     Attributes:
         aims: of devices with targets, without tolerance.
+        asked: the same, and those of wishes that are met.
         rows: all constraints.
         sights: that they bind.
         rest: (J,) rad, joints of devices without a target.
     """
 
     aims: Aims
+    asked: Aims
     rows: Constraints
     sights: Sights
     rest: Array
 
     @classmethod
     def of(
-        cls, spacecraft: Spacecraft, targets: Targets, cones: Constraints, rest: Array, dtype: jnp.dtype
+        cls,
+        spacecraft: Spacecraft,
+        targets: Targets,
+        cones: Constraints,
+        rest: Array,
+        dtype: jnp.dtype,
+        met: Sequence[int] = (),
     ) -> "_State":
         """Make the arrays that a goal is differentiated by, with directions of unit length.
 
@@ -257,11 +269,18 @@ class _State(NamedTuple):
             cones: the constraints.
             rest: (J,) rad, joints of devices without a target.
             dtype: of all numbers.
+            met: places of the wishes that are met.
         """
-        aims = aims_of(spacecraft, targets, goal_ranges(spacecraft, targets))
-        directions = _unit(jnp.asarray(aims.directions, dtype))
-        frames, ranges = (jnp.asarray(part, dtype) for part in (aims.frames, aims.ranges))
-        aims = replace(aims, directions=directions, frames=frames, ranges=ranges)  # type: ignore[arg-type]
+
+        def aims_at(targets: Targets) -> Aims:
+            aims = aims_of(spacecraft, targets, goal_ranges(spacecraft, targets))
+            directions = _unit(jnp.asarray(aims.directions, dtype))
+            frames, ranges = (jnp.asarray(part, dtype) for part in (aims.frames, aims.ranges))
+            return replace(aims, directions=directions, frames=frames, ranges=ranges)  # type: ignore[arg-type]
+
+        aims = asked = aims_at(targets)
+        if met:
+            asked = aims_at(with_met(targets, spacecraft, met))
         parts: dict[str, Any] = {
             name: _unit(jnp.asarray(getattr(cones, name), dtype)) for name in ("axis", "body")
         }
@@ -271,7 +290,7 @@ class _State(NamedTuple):
         rows = replace(cones, **parts)  # typed as numpy's, here JAX arrays
         boresights = _unit(jnp.asarray(spacecraft.fixed_boresights, dtype))
         gimbals = jax.tree.map(lambda part: jnp.asarray(part, dtype), spacecraft.gimbals)
-        return cls(aims=aims, rows=rows, sights=rows.sights(gimbals, boresights), rest=rest)
+        return cls(aims=aims, asked=asked, rows=rows, sights=rows.sights(gimbals, boresights), rest=rest)
 
     @property
     def known(self) -> Known:
@@ -386,7 +405,7 @@ _AGAIN = replace(_ONCE, again=True)
 
 def _caps(state: _State, start: Array) -> _Caps:
     """All caps of a problem, for a start attitude (3, 3)."""
-    aims, dtype, own = state.aims, start.dtype, state.columns
+    aims, dtype, own = state.asked, start.dtype, state.columns
     frames, (low, high) = jnp.asarray(aims.frames), jnp.moveaxis(jnp.asarray(aims.ranges), -1, 0)
     edges = jnp.stack([high[:, AZIMUTH] + jnp.pi / 2, low[:, AZIMUTH] - jnp.pi / 2])  # (2, k)
     of_azimuth = jnp.cos(edges)[..., None] * frames[..., 0] + jnp.sin(edges)[..., None] * frames[..., 1]
@@ -409,7 +428,7 @@ def _matter(attitude: Array, state: _State) -> Array:
 
     Of a range it is that of the nearer end, of a constraint those of its best entry.
     """
-    aims, rows = state.aims, state.rows
+    aims, rows = state.asked, state.rows
     ranges, angles = jnp.asarray(aims.ranges), jnp.stack(aims.angles(attitude), axis=-1)  # (k, 2)
     above = angles >= jnp.mean(ranges, axis=-1)
     equations = np.array(aims.equations, bool).reshape(-1, 2)
@@ -418,7 +437,7 @@ def _matter(attitude: Array, state: _State) -> Array:
     )
     upper, lower = ((part & limited) | equations for part in (above, ~above))
 
-    joints = pointed(state.sights.gimbals, aims, attitude, state.rest)
+    joints = pointed(state.sights.gimbals, state.aims, attitude, state.rest)
     margins = state_margins(rows, state.sights, attitude, joints)
     chosen = chosen_entries(rows, jnp.min(margins, axis=-1, initial=jnp.inf))
     capped = pairs_at_goal(rows, state.sights, state.known, state.rest).capped
@@ -427,6 +446,14 @@ def _matter(attitude: Array, state: _State) -> Array:
         capped = capped & ~(single_yaws(rows)[:, None] & (margins > jnp.pi / 2))
     of_rows = capped[:, state.columns]
     return jnp.concatenate([upper.T.ravel(), lower.T.ravel(), of_rows.ravel(), jnp.zeros(1, bool)])
+
+
+def with_met(targets: Targets, spacecraft: Spacecraft, met: Sequence[int]) -> Targets:
+    """Targets at an instant, with wishes that are met, by their places, as further ones."""
+    wishes = [targets.prefer[place] for place in met]
+    directions = [*targets.directions, *(as_path(wish.direction).at(0.0) for wish in wishes)]
+    names = (*targets.names(spacecraft), *(wish.device for wish in wishes))
+    return replace(targets, devices=names, directions=array_module(*directions).stack(directions))
 
 
 def _unit(vectors: Array) -> Array:

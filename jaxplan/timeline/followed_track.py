@@ -5,10 +5,12 @@ attitudes, ``c_k``, and multipliers ``l_k``,
 
     d/dx (|r|^2 / 2 + sum of l_k . c_k) = 0,        c_k = 0
 
-with the residuals ``r`` of rates, accelerations and the way there. That is solved by Newton's method, with
+with the residuals ``r`` of rates, accelerations, the way there and wishes; joints that move for a wish or a
+zone are among the unknowns. That is solved by Newton's method, with
 second derivatives of all of it, and followed by the implicit function theorem. Number of nodes and whole
 turns of yaws are held, and from which ends of ranges nodes keep just the room that they keep, each with a
-multiplier of its own. What leans on a constraint, or on a limit of rate, is not followed.
+multiplier of its own; likewise which rates are as large as they may be, and from which constraints nodes keep
+just some room, each by the pair of row and sight that decides on it.
 
 From the nodes follow the states in which the motion begins and ends as its curve has them: with as many
 nodes between, and rates by the nodes around each end (`jaxplan.timeline.curves`). Splines are linear in what
@@ -28,8 +30,15 @@ import numpy as np
 from jax import Array
 
 from jaxplan import so3
-from jaxplan.geometry.vectors import length
-from jaxplan.model.constraints import Constraints
+from jaxplan.geometry.vectors import length, separation
+from jaxplan.model.constraints import (
+    JOINTS,
+    Constraints,
+    axes_in_body,
+    chosen_entries,
+    joint_values,
+    state_margins,
+)
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.gimbals import TURN, angles_along
 from jaxplan.model.goals import Targets
@@ -37,7 +46,7 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.implicit import Equations, implicit_root
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.timeline import curves
-from jaxplan.timeline.least_motion import Leaning, LeastMotion
+from jaxplan.timeline.least_motion import Leaning, LeastMotion, Nodes, rate_bounds, wish_weight
 from jaxplan.timeline.motions import SLEW_TIME, Motion
 from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.timeline.tracking import State
@@ -53,15 +62,23 @@ class Track:
     Attributes:
         craft: the spacecraft.
         paths: (k) of the targets.
-        attitude: (3, 3) of the state before.
+        attitude: (3, 3) of the state before; None where the motion need not begin near it.
         joints: (J,) rad, to which the first node is drawn; what devices without a target keep.
         begin: s.
         end: s.
         weights: (2,) of the squares of rate and acceleration.
+        wishes: (w) paths that devices without a target prefer.
         attitudes: (K + 1, 3, 3) of nodes near the optimum.
         angles: (K + 1, J) rad, their joints.
         devices: numbers of the devices with targets.
+        free: numbers of the joints that move for a wish or a zone, f of them.
+        wishing: (w) numbers of the devices that have the wishes.
         leaning: on which ends of ranges nodes lean: rows 0 to J of low ends, then of high ones.
+        rows: the constraints; None where nodes have all the room from these that they want.
+        pairs: (p, 3) of constraints from which nodes keep just some room: node, row, sight.
+        rooms: (p,) rad, how much.
+        narrow: (n, 3) of constraints from which nodes have less room than they want.
+        prices: (n,) 1/rad, of what is left there.
         edges: numbers of the nodes at which charts of the curve end, for each time it is given nodes between.
     """
 
@@ -72,10 +89,18 @@ class Track:
     begin: Any
     end: Any
     weights: Any
+    wishes: tuple[DirectionPath, ...]
     attitudes: Any
     angles: Any
     leaning: Leaning
+    rows: Constraints | None
+    pairs: np.ndarray
+    rooms: np.ndarray
+    narrow: np.ndarray
+    prices: np.ndarray
     devices: tuple[int, ...] = field(metadata={"static": True})
+    free: tuple[int, ...] = field(metadata={"static": True})
+    wishing: tuple[int, ...] = field(metadata={"static": True})
     edges: tuple[tuple[int, ...], ...] = field(metadata={"static": True})
 
 
@@ -95,13 +120,15 @@ def ends_of(track: Track) -> tuple[State, State]:
 def _ends(track: Track) -> list[Any]:
     """Attitude, joints and both their rates at begin and end of a motion of least energy."""
     count, asked = len(track.attitudes), _asked(track, track.attitudes, _times(track, len(track.attitudes)))
-    guess = jnp.zeros(3 * count + asked.size + len(track.leaning.node))
-    found = implicit_root(_EQUATIONS, track, guess)[: 3 * count].reshape(count, 3)
-    attitudes = track.attitudes @ so3.exp(found)
+    moved = (3 + len(track.free)) * count
+    guess = jnp.zeros(moved + asked.size + _kept_count(track))
+    turns, freed = _unknowns(track, implicit_root(_EQUATIONS, track, guess)[:moved])
+    attitudes = track.attitudes @ so3.exp(turns)
     for edges in track.edges:
         attitudes = _met(track, _finer(attitudes, edges))
+        freed = jnp.asarray(_twice(len(freed))) @ freed
     times = _times(track, len(attitudes))
-    joints = _joints(track, attitudes, times)
+    joints = _joints(track, attitudes, times, freed)
     step, by_joints = times[1] - times[0], _end_slopes(len(times))
     return [
         (
@@ -114,6 +141,18 @@ def _ends(track: Track) -> list[Any]:
     ]
 
 
+def _kept_count(track: Track) -> int:
+    """The number of ranges, rates and constraints of which nodes keep just as much as they must."""
+    return len(track.leaning.node) + len(track.leaning.rate) + len(track.rooms)
+
+
+def _unknowns(track: Track, moved: Array) -> tuple[Array, Array]:
+    """Turns (K + 1, 3) rad of nodes and their free joints (K + 1, f) rad, from how they are moved."""
+    count = len(track.attitudes)
+    turns, shifts = moved[: 3 * count].reshape(count, 3), moved[3 * count :].reshape(count, len(track.free))
+    return turns, track.angles[:, np.array(track.free, int)] + shifts
+
+
 def _times(track: Track, count: int) -> Array:
     """Times (count,) s of nodes."""
     return track.begin + (track.end - track.begin) * jnp.linspace(0.0, 1.0, count)
@@ -121,13 +160,15 @@ def _times(track: Track, count: int) -> Array:
 
 def _seen(track: Track, attitudes: Array, times: Array) -> Array:
     """Directions (count, k, 3) of targets in body axes."""
+    if not track.paths:
+        return jnp.zeros((len(times), 0, 3))
     return jnp.stack([path.at(times) for path in track.paths], axis=1) @ attitudes
 
 
-def _joints(track: Track, attitudes: Array, times: Array) -> Array:
-    """Joints (count, J) rad with which devices point at their targets."""
+def _joints(track: Track, attitudes: Array, times: Array, freed: Array) -> Array:
+    """Joints (count, J) rad with which devices point at their targets, free ones (count, f) as given."""
     gimbals = track.craft.gimbals
-    found = jnp.tile(jnp.asarray(track.joints), (len(times), 1))
+    found = jnp.tile(jnp.asarray(track.joints), (len(times), 1)).at[:, np.array(track.free, int)].set(freed)
     places = [place for place, number in enumerate(track.devices) if number < gimbals.count]
     if not places:
         return found
@@ -176,40 +217,99 @@ def _met(track: Track, attitudes: Array) -> Array:
     return attitudes
 
 
-def _energy(track: Track, turns: Array, multipliers: Array, pushes: Array) -> Array:
+def _energy(track: Track, turns: Array, freed: Array, multipliers: Array, pushes: Array) -> Array:
     """Half the square of all residuals, the price of little room, and what is kept times its multipliers.
 
     Args:
         track: what it depends on.
         turns: (K + 1, 3) rad, of the nodes.
+        freed: (K + 1, f) rad, their free joints.
         multipliers: (K + 1, m), of what is asked.
         pushes: (a,), of the room that is just kept.
     """
     times = _times(track, len(turns))
     attitudes = track.attitudes @ so3.exp(turns)
-    joints = _joints(track, attitudes, times)
+    joints = _joints(track, attitudes, times, freed)
     step, (rate, acceleration) = times[1] - times[0], track.weights
     turned = so3.log(jnp.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
     change = jnp.concatenate([turned, jnp.diff(joints, axis=0)], axis=1)
-    away = so3.log(track.attitude.T @ attitudes[0])
     energy = rate / step * jnp.sum(change**2) + acceleration / step**3 * jnp.sum(
         jnp.diff(change, axis=0) ** 2
     )
-    energy += rate / SLEW_TIME * (jnp.sum(away**2) + jnp.sum((joints[0] - track.joints) ** 2))
+    if track.attitude is not None:
+        away = so3.log(track.attitude.T @ attitudes[0])
+        energy += rate / SLEW_TIME * (jnp.sum(away**2) + jnp.sum((joints[0] - track.joints) ** 2))
+    energy += wish_weight(rate, step) * _missed(track, attitudes, joints, times)
     low, high = jnp.asarray(track.craft.joint_ranges).T
     left, leaning = jnp.concatenate([joints - low, high - joints], axis=1), track.leaning
     price = jnp.sum(jnp.where(leaning.price > 0, leaning.price * left, 0.0))
-    kept = pushes @ (left[leaning.node, leaning.row] - leaning.room)
-    return energy / 2 - price + kept + jnp.sum(multipliers * _asked(track, attitudes, times))
+    kept = left[leaning.node, leaning.row] - leaning.room
+    if len(leaning.rate):
+        kept = jnp.concatenate([kept, _spare(track, turned, change, step)])
+    if track.rows is not None:
+        price += track.prices @ _margins(track, track.rows, attitudes, joints, track.narrow)
+        near = _margins(track, track.rows, attitudes, joints, track.pairs) - track.rooms
+        kept = jnp.concatenate([kept, near])
+    return energy / 2 - price + pushes @ kept + jnp.sum(multipliers * _asked(track, attitudes, times))
+
+
+def _spare(track: Track, turned: Array, change: Array, step: Array) -> Array:
+    """What is left (r,) rad to the largest changes from node to node that are reached.
+
+    Args:
+        track: with the rates that are as large as they may be.
+        turned: (K, 3) rad, turns from node to node.
+        change: (K, 3 + J) rad, the same and the changes of joints.
+        step: s, between nodes.
+    """
+    interval, rate = jnp.asarray(track.leaning.rate).reshape(-1, 2).T
+    own = turned[interval]
+    square = jnp.sum(own**2, axis=1)
+    whole = jnp.sqrt(jnp.where(square > 0, square, 1.0))  # no derivative of the root at zero
+    each = jnp.concatenate([change[interval, 3:], own, whole[:, None]], axis=1)
+    bounds = step * rate_bounds(track.craft)[rate]
+    return bounds - jnp.abs(each[jnp.arange(len(rate)), rate])
+
+
+def _margins(track: Track, rows: Constraints, attitudes: Array, joints: Array, pairs: np.ndarray) -> Array:
+    """Margins (p,) rad of pairs (p, 3) of constraints: numbers of node, row and sight."""
+    node, row, sight = jnp.asarray(pairs).reshape(-1, 3).T
+    each, gimbals = jnp.arange(len(node)), track.craft.gimbals
+    sights = rows.sights(gimbals, jnp.asarray(track.craft.fixed_boresights))
+    seen = sights.in_body(joints[node])
+    inertial = rows.axes(_times(track, len(attitudes))[node]) @ attitudes[node]
+    axes = axes_in_body(rows, inertial, seen)[each, row]
+    off = separation(seen[each, sight], axes) - jnp.asarray(rows.half_angle)[row]
+    margins = jnp.asarray(rows.side)[row] * off
+    if rows.inner:
+        values = joint_values(rows, gimbals, joints[node])[each, sight, row]
+        of_joints = jnp.asarray(rows.frame)[row] == JOINTS
+        margins = jnp.where(of_joints, values - jnp.asarray(rows.half_angle)[row], margins)
+    return margins
+
+
+def _missed(track: Track, attitudes: Array, joints: Array, times: Array) -> Any:
+    """The sum of the squares of the chords from where devices look to what they prefer."""
+    gimbals, missed = track.craft.gimbals, jnp.asarray(0.0)
+    for device, path in zip(track.wishing, track.wishes, strict=True):
+        if device < gimbals.count:
+            beams = gimbals.boresights(joints)[:, device]
+        else:
+            beams = jnp.asarray(track.craft.fixed_boresights)[device - gimbals.count]
+        seen = (path.at(times)[:, None] @ attitudes)[:, 0]
+        missed += jnp.sum((beams - seen) ** 2)
+    return missed
 
 
 def _gradient(track: Track, z: Array) -> Array:
-    """The derivative of `_energy` by turns and multipliers, in one vector ``z``."""
-    count, leant = len(track.attitudes), len(track.leaning.node)
+    """The derivative of `_energy` by turns, free joints and multipliers, in one vector ``z``."""
+    count, leant = len(track.attitudes), _kept_count(track)
+    moved = (3 + len(track.free)) * count
 
     def energy(own: Array) -> Array:
-        turns, more = own[: 3 * count].reshape(count, 3), own[3 * count : len(z) - leant]
-        return _energy(track, turns, more.reshape(count, -1), own[len(z) - leant :])
+        turns, freed = _unknowns(track, own[:moved])
+        more = own[moved : len(z) - leant].reshape(count, -1)
+        return _energy(track, turns, freed, more, own[len(z) - leant :])
 
     return jax.grad(energy)(z)
 
@@ -266,29 +366,35 @@ def _halfway(count: int) -> np.ndarray:
 
 
 @cache
+def _twice(count: int) -> np.ndarray:
+    """Matrix (2 count - 1, count) from values at nodes to those twice as close together."""
+    spline = curves.interpolated(np.arange(float(count)), np.eye(count))
+    return np.asarray(spline(np.linspace(0.0, count - 1.0, 2 * count - 1)))
+
+
+@cache
 def _end_slopes(count: int) -> np.ndarray:
     """Matrix (2, count) from values at nodes to the derivatives at both ends, by the number of the node."""
     spline = curves.interpolated(np.arange(float(count)), np.eye(count))
     return np.asarray(spline(np.array([0.0, count - 1.0]), 1))
 
 
-def track_of(motion: Motion, craft: Spacecraft, rows: Constraints, targets: Targets) -> Track:
-    """What the motion of least energy of a plan depends on, as numbers.
+def track_of(motion: Motion, craft: Spacecraft, rows: Constraints, targets: Targets | None) -> Track:
+    """What the motion of least energy of a plan depends on, as numbers; without targets it gives way.
 
     Raises:
-        ValueError: if it leans on a constraint or a limit of rate, or is another kind of optimum.
+        ValueError: if a rate is larger than nodes should use.
     """
     tracked = motion.tracked
     assert tracked is not None
     nodes, wanted, curve = tracked.nodes, tracked.wanted, tracked.trajectory
     pursuit = Pursuit.of(craft, rows, targets)
     leaning, ranges = LeastMotion(pursuit, wanted).leaning(nodes), 2 * nodes.joints.shape[1]
-    if leaning.rates or np.any(leaning.row >= ranges) or np.any(leaning.price[:, ranges:]):
-        raise ValueError(
-            "while devices follow targets it has just some room from a zone, or from a limit of rate"
-        )
-    if wanted.attitude is None or wanted.wishes:
-        raise ValueError("a device has a wish; give it an attitude")
+    if leaning.too_fast:
+        raise ValueError("while devices follow targets a rate is nearly beyond its limit: raise that limit")
+    near, narrow = leaning.row >= ranges, np.argwhere(leaning.price[:, ranges:] > 0)
+    pairs = _pairs(pursuit, nodes, np.stack([leaning.node, leaning.row - ranges], axis=1)[near])
+    leant = bool(np.any(near)) or len(narrow) > 0
     edges, intervals = [], len(nodes.times) - 1
     count = len(curve.joint_breaks) - 1 + curves.DEGREE  # intervals and a node more
     while intervals + 1 < count:
@@ -297,15 +403,56 @@ def track_of(motion: Motion, craft: Spacecraft, rows: Constraints, targets: Targ
         intervals *= 2
     return Track(
         craft=craft,
-        paths=targets.paths,
+        paths=pursuit.paths,
         attitude=wanted.attitude,
         joints=wanted.joints,
         begin=float(nodes.times[0]),
         end=float(nodes.times[-1]),
         weights=np.array(wanted.weights),
+        wishes=tuple(path for _, path in wanted.wishes),
         attitudes=nodes.attitudes,
         angles=nodes.joints,
-        leaning=leaning._replace(price=leaning.price[:, :ranges], rates=False),
-        devices=targets.numbers(craft),
+        leaning=Leaning(
+            node=leaning.node[~near],
+            row=leaning.row[~near],
+            room=leaning.room[~near],
+            price=leaning.price[:, :ranges],
+            rate=leaning.rate,
+            too_fast=False,
+        ),
+        rows=rows if leant else None,
+        pairs=pairs,
+        rooms=leaning.room[near],
+        narrow=_pairs(pursuit, nodes, narrow),
+        prices=leaning.price[:, ranges:][tuple(narrow.T)],
+        devices=pursuit.devices,
+        free=tracked.free,
+        wishing=tuple(device for device, _ in wanted.wishes),
         edges=tuple(edges),
     )
+
+
+def _pairs(pursuit: Pursuit, nodes: Nodes, places: np.ndarray) -> np.ndarray:
+    """The pairs (p, 3) of row and sight, with the node before, that decide on margins of `Pursuit.margins`.
+
+    Args:
+        pursuit: with the constraints.
+        nodes: of the motion.
+        places: (p, 2), numbers of nodes and of these margins.
+    """
+    rows = pursuit.rows
+    row, sight = np.nonzero(rows.bound & rows.single[:, None])
+    groups = np.flatnonzero((rows.group == np.arange(len(rows.group))) & ~rows.single)
+    found = []
+    for node, place in places.tolist():
+        if place < len(row):
+            found.append((node, row[place], sight[place]))
+            continue
+        still = rows.at(nodes.times[node])
+        table = state_margins(still, pursuit.sights, nodes.attitudes[node], nodes.joints[node])
+        worst = np.min(table, axis=-1)
+        group = groups[place - len(row)]
+        entry = chosen_entries(rows, worst)[group]
+        own = int(np.argmin(np.where((rows.group == group) & (rows.entry == entry), worst, np.inf)))
+        found.append((node, own, int(np.argmin(table[own]))))
+    return np.array(found, int).reshape(-1, 3)

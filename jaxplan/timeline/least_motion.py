@@ -15,13 +15,15 @@ one of a quadratic program, in which what cannot be kept may be broken at a pric
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jaxplan import so3
+from jaxplan.geometry.vectors import AnyArray, array_module, arrays
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.limits import longest
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.trajectory.qp import BoxQP, solve_box_qps
 
@@ -39,6 +41,7 @@ _SHARE = 0.9  # of limits of rate that nodes may use
 _PRICE = 1e3  # of a radian by which a node breaks something, beside the energy
 _CHEAP = 1.0  # of one by which it has less room
 _WISH = 0.1  # 1/s, weight of the square of the angle to what a device prefers, per rate weight
+_LEAST_RATE = 1e-3  # rate weight, likewise, where that is less
 _ROUNDS = 12  # in which rows of a quadratic program are added
 _KEPT = 1e-9  # rad, by which a row may be broken and count as kept
 _AT = 3e-9  # rad, within which a node keeps just some room
@@ -93,14 +96,17 @@ class Leaning(NamedTuple):
         row: (a,) of what.
         room: (a,) rad, how much.
         price: (K + 1, c) 1/rad, of what is left where that is less than such room.
-        rates: whether a rate is as large as it may be.
+        rate: (r, 2) where a rate is as large as it may be: number of the interval, and of the rate as of
+            `rate_bounds`.
+        too_fast: whether one is larger.
     """
 
     node: np.ndarray
     row: np.ndarray
     room: np.ndarray
     price: np.ndarray
-    rates: bool
+    rate: np.ndarray
+    too_fast: bool
 
 
 class LeastMotion:
@@ -172,21 +178,17 @@ class LeastMotion:
         left = self._left(nodes)
         levels = [(np.argwhere(np.abs(left - level) <= _AT), level) for level in (_HARD, _ROOM)]
         rows = np.concatenate([found for found, _ in levels])
-        step, craft = nodes.times[1] - nodes.times[0], self.pursuit.craft
-        turned = np.abs(self._turns(nodes))
-        free = [
-            np.min(
-                _SHARE * step * craft.joint_rate_limits - np.abs(np.diff(nodes.joints, axis=0)), initial=1.0
-            ),
-            np.min(_SHARE * step * np.broadcast_to(craft.rate_limit, 3) - turned),
-            np.min(_SHARE * step * longest(craft, 1) - np.linalg.norm(turned, axis=1)),
-        ]
+        turned = self._turns(nodes)
+        length = np.linalg.norm(turned, axis=1, keepdims=True)
+        changes = np.concatenate([np.diff(nodes.joints, axis=0), turned, length], axis=1)
+        spare = (nodes.times[1] - nodes.times[0]) * rate_bounds(self.pursuit.craft) - np.abs(changes)
         return Leaning(
             node=rows[:, 0],
             row=rows[:, 1],
             room=np.concatenate([np.full(len(found), level) for found, level in levels]),
             price=_CHEAP * (left < _ROOM - _AT) + _PRICE * (left < _HARD - _AT),
-            rates=bool(min(free) < _AT),
+            rate=np.argwhere(np.abs(spare) <= _AT),
+            too_fast=bool(np.any(spare < -_AT)),
         )
 
     def _nodes(self, times: np.ndarray, attitudes: np.ndarray, rest: np.ndarray) -> Nodes:
@@ -280,7 +282,7 @@ class LeastMotion:
             rate / step,
             acceleration / step**3,
             rate / self.wanted.slew_time,
-            _WISH * max(rate, 1e-3) * step,
+            float(wish_weight(rate, step)),
         )
         return tuple(np.sqrt(each).tolist())
 
@@ -415,6 +417,22 @@ class LeastMotion:
             )
             found[..., place] = (self._left(moved)[:, -own:] - left[:, -own:]) / _DIFFERENCE
         return found
+
+
+def rate_bounds(craft: Spacecraft) -> AnyArray:
+    """Rates (J + 4,) rad/s that nodes may use: of joints, of the platform about each axis, of its turn."""
+    xp, joints, axes, whole = arrays(craft.joint_rate_limits, craft.rate_limit, longest(craft, 1))
+    return _SHARE * xp.concatenate([joints, xp.broadcast_to(axes, (3,)), whole[None]])
+
+
+def wish_weight(rate: Any, step: Any) -> Any:
+    """Weight of the square of the chord to what a device prefers, for each node, as of the other squares.
+
+    Args:
+        rate: weight of the square of the rate.
+        step: s, between nodes.
+    """
+    return _WISH * array_module(rate).maximum(rate, _LEAST_RATE) * step
 
 
 def _program(

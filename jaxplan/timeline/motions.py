@@ -14,6 +14,7 @@ from jaxplan import so3
 from jaxplan.certificate import LIMIT_ALLOWANCE
 from jaxplan.geometry.vectors import array_module
 from jaxplan.goal import Decomposition, decompose
+from jaxplan.goal.followed import with_wishes_met
 from jaxplan.goal.rates import least_rates
 from jaxplan.model.breaches import constraint_breaches
 from jaxplan.model.constraints import Constraints
@@ -39,6 +40,7 @@ SLEW_TIME = 30.0  # s, a usual slew; it weighs the way to a motion against the m
 _GOALS = 4  # attitudes of step 1 that are tried as first guesses
 _BROKEN = 1e-9  # rad by which a node may break what it keeps
 _LOOK, _LOOKS = 5.0, 2000  # s between the instants at which zones are looked at, and the most of them
+_EXACT = np.deg2rad(1e-6)  # rad, to which instruments and drives meet targets where they can
 _ROOM = np.deg2rad(1.0)  # rad, that an instant keeps from zones and ends of ranges where it can
 _FEW = 65  # instants at which rates, accelerations and loads are looked at
 _SAME = 1e-9  # s, by which a time may be late
@@ -245,16 +247,32 @@ class Doing:
     def _attempted(
         self, craft: Spacecraft, targets: Targets, begin: float, rows: Constraints | None = None
     ) -> Decomposition:
-        """What step 1 finds for a spacecraft at a time, s, with the scene's constraints or other rows."""
-        return decompose(
-            craft,
-            self.before.attitude,
-            targets.at(begin),
-            (self.scene.constraints if rows is None else rows).at(begin),
-            start_joints=self.before.joints,
-            max_goals=_GOALS,
-            seed=self.scene.search.seed,
-        )
+        """What step 1 finds for a spacecraft at a time, s, with the scene's constraints or other rows.
+
+        Instruments and drives meet their targets exactly, so that what they are allowed to be off is left to
+        the motion; where that is too much for several at once, within their tolerance.
+        """
+        asked, among = targets.at(begin), (self.scene.constraints if rows is None else rows).at(begin)
+        most = float(targets.tolerance)
+        bound = any(number >= len(craft.terminals) for number in targets.numbers(craft))
+        for tolerance in dict.fromkeys((min(_EXACT, most), most)) if bound else (most,):
+            found = decompose(
+                craft,
+                self.before.attitude,
+                replace(asked, tolerance=tolerance),
+                among,
+                start_joints=self.before.joints,
+                max_goals=_GOALS,
+                seed=self.scene.search.seed,
+            )
+            if found.goals:
+                break
+        if (
+            targets.prefer and self.scene.trajectory.optimal
+        ):  # goals that are functions of what they depend on
+            own = craft, self.before.attitude, asked, among, self.before.joints
+            return replace(found, goals=tuple(with_wishes_met(goal, *own) for goal in found.goals))
+        return found
 
     def _instant(self, targets: Targets, goals: Sequence[Goal], begin: float) -> Motion:
         """The state in which devices point at targets at an instant, at their rates: the best that can be."""

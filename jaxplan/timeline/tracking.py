@@ -98,6 +98,7 @@ class Tracked:
         too_quick: rad, by how much the fastest turn there, kept up from node to node, is beyond what limits
             of rate allow.
         wanted: what the nodes are near, beside their targets.
+        free: numbers of the joints that were chosen, too.
     """
 
     trajectory: Trajectory
@@ -106,6 +107,7 @@ class Tracked:
     between: float
     too_quick: float
     wanted: Wanted
+    free: tuple[int, ...] = ()
 
     @property
     def depth(self) -> tuple[float, float]:
@@ -193,6 +195,7 @@ def _found(search: LeastMotion, times: np.ndarray, guess: np.ndarray, tolerance:
         between=float(np.max(search.broken(inner))),
         too_quick=_too_quick(search.pursuit.craft, at) * (times[1] - times[0]),
         wanted=search.wanted,
+        free=tuple(search.free.tolist()),
     )
 
 

@@ -36,8 +36,11 @@ from jaxplan.timeline.followed_track import Track, ends_of, track_of
 from jaxplan.timeline.motions import Motion, with_room
 from jaxplan.timeline.tracking import State
 
-TARGETS_MOVE = "its targets move: set trajectory.optimal = true, or give it an attitude"
-"""Why a track of targets that move, or while zones do, has no derivatives where its energy is not least."""
+_LEAST_ENERGY = "set trajectory.optimal = true, or give it an attitude"
+TARGETS_MOVE = f"its targets, zones or wishes make it move: {_LEAST_ENERGY}"
+"""Why a track that moves has no derivatives where its energy is not least."""
+GIVES_WAY = f"it gives way to a zone: {_LEAST_ENERGY}"
+"""Why rest that moves has none then."""
 _OPTIMAL = 1e-6  # rad, rad/s, by which a state may be off the optimum whose derivative is taken
 
 
@@ -95,6 +98,23 @@ class Held:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Known:
+    """A state on which nothing depends that is asked for.
+
+    Attributes:
+        goal: that of the plan.
+        in_time: whether it depends on the time at which it begins.
+    """
+
+    goal: State
+    in_time: bool = False
+
+    def at(self, scene: Scenario, activity: Activity, before: State, when: When, near: Motion) -> Ends:
+        """The plan's state."""
+        return self.goal, self.goal
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Rested:
     """Rest.
 
@@ -121,6 +141,7 @@ class Pointed:
 
     Attributes:
         moves: how devices without a target make way there.
+        met: places of the wishes that it meets.
         turns: whole turns of the yaw after which masks are met again.
         roomy: whether it keeps the room that an instant keeps from zones and ends of ranges.
         moving: whether devices follow targets at an instant, at their rates.
@@ -128,6 +149,7 @@ class Pointed:
     """
 
     moves: tuple[MadeWay, ...]
+    met: tuple[int, ...]
     turns: Turns
     roomy: bool
     moving: bool
@@ -167,52 +189,60 @@ class Pointed:
             scene.rows(self.turns).at(begin),
             start_joints=before.joints,
             moves=self.moves,
+            met=self.met,
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Following:
-    """The motion of least energy with which devices follow targets.
+    """The motion of least energy with which devices follow targets, or give way to zones at rest.
 
     Attributes:
-        aim: the optimum of step 1, to whose joints the motion is drawn.
+        aim: the state to whose joints the motion is drawn: the optimum of step 1, rest, or the state before.
         tracks: the motions of the plan, by their `id`.
+        turns: whole turns of the yaw after which masks are met again.
         in_time: whether it depends on the time at which it begins, as it does.
     """
 
-    aim: Pointed
+    aim: Pointed | Rested
     tracks: dict[int, Track]
+    turns: Turns
     in_time: bool = True
 
     def at(self, scene: Scenario, activity: Activity, before: State, when: When, near: Motion) -> Ends:
         """The states of the optimum at both ends."""
-        targets = activity.targets
-        assert targets is not None
-        assert near.aim is not None
-        settings = scene.trajectory
-        aim = self.aim.goal(scene, targets, before, when.begin, near.aim)
+        targets, settings, track = activity.targets, scene.trajectory, self.tracks[id(near)]
+        if isinstance(self.aim, Pointed):
+            assert targets is not None
+            assert near.aim is not None
+            joints = self.aim.goal(scene, targets, before, when.begin, near.aim).joints
+        else:
+            joints = self.aim.at(scene, activity, before, when, near)[0].joints
+        wishes = () if targets is None else targets.prefer
         return ends_of(
             replace(
-                self.tracks[id(near)],
+                track,
                 craft=scene.usable,
-                paths=targets.paths,
-                attitude=before.attitude,
-                joints=aim.joints,
+                paths=() if targets is None else targets.paths,
+                attitude=None if track.attitude is None else before.attitude,
+                joints=joints,
                 begin=when.begin,
                 end=when.end,
                 weights=jnp.stack(
                     [jnp.asarray(settings.rate_weight), jnp.asarray(settings.acceleration_weight)]
                 ),
+                wishes=tuple(as_path(wish.direction) for wish in wishes),
+                rows=None if track.rows is None else scene.rows(self.turns),
             )
         )
 
 
-def following(choice: Choice, targets: Targets, motions: Sequence[Motion]) -> Following:
-    """How the motion is followed with which devices follow targets.
+def following(choice: Choice, targets: Targets | None, motions: Sequence[Motion]) -> Following:
+    """How the motion is followed with which devices follow targets, or give way to zones without any.
 
     Args:
         choice: how it came to begin.
-        targets: that move.
+        targets: that it follows; None for rest.
         motions: all on which its begin depends.
 
     Raises:
@@ -220,15 +250,29 @@ def following(choice: Choice, targets: Targets, motions: Sequence[Motion]) -> Fo
     """
     scene = choice.departure.scene
     if not scene.trajectory.optimal:
-        raise ValueError(TARGETS_MOVE)
-    if any(motion.tracked is None or motion.aim is None for motion in motions):
+        raise ValueError(GIVES_WAY if targets is None else TARGETS_MOVE)
+    if any(motion.tracked is None or (motion.aim is None) != (targets is None) for motion in motions):
         raise ValueError("it is no optimum near the state before; give it an attitude")
     tracks = {id(motion): track_of(motion, scene.usable, scene.constraints, targets) for motion in motions}
-    assert choice.motion.aim is not None
-    found = Following(aim=optimum_at(choice, targets, choice.motion.aim), tracks=tracks)
+    aim: Pointed | Rested = Rested(in_time=True)
+    if targets is not None:
+        near = choice.motion.aim
+        assert near is not None
+        still = _joints_stay(choice, targets, near)
+        aim = Rested(in_time=False) if still else optimum_at(choice, targets, near)
+    turns = tuple(mask.turns for mask in masks(scene.spacecraft))
+    found = Following(aim=aim, tracks=tracks, turns=turns)
     if (off := off_by(found, choice)) <= _OPTIMAL:
         return found
-    raise ValueError(f"what follows its targets is off an optimum by {off:.1g}")
+    raise ValueError(f"its motion is off an optimum by {off:.1g}: give it an attitude")
+
+
+def _joints_stay(choice: Choice, targets: Targets, aim: Goal) -> bool:
+    """Whether joints at a goal are those before, whatever its attitude: no device that has any is asked."""
+    craft, joints = choice.departure.scene.usable, choice.before.joints
+    wished = [craft.device_names.index(wish.device) for wish in targets.prefer]
+    fixed = all(number >= craft.gimbals.count for number in (*targets.numbers(craft), *wished))
+    return fixed and bool(np.array_equal(aim.joints, joints))
 
 
 def pointed(choice: Choice, targets: Targets) -> Pointed:
@@ -240,7 +284,7 @@ def pointed(choice: Choice, targets: Targets) -> Pointed:
     goal, scene = choice.goal, choice.departure.scene
     in_time = targets.moves or moves(scene)
     instant = choice.activity.kind == "point"
-    reason = "it turns more than its targets ask for, as by room that it keeps"
+    reason = "it turns more than its targets ask for, as by room that it keeps: give it an attitude"
     for roomy in (True, False) if instant else (False,):
         try:
             own = optimum_at(choice, targets, goal, roomy=roomy)
@@ -272,9 +316,11 @@ def optimum_at(choice: Choice, targets: Targets, state: Any, *, roomy: bool = Fa
         asked = asked if scene.robust is not None else replace(asked, spacecraft=craft)
     followed = followed_by(replace(asked, goal=wanted), place)
     if followed.doubts:
-        raise ValueError("; ".join(followed.doubts))
+        told = "; ".join(followed.doubts)
+        raise ValueError(told.replace("give the goal as a state", "give it an attitude"))
     return Pointed(
         moves=followed.moves,
+        met=followed.met,
         turns=tuple(mask.turns for mask in masks(scene.spacecraft)),
         roomy=roomy,
         moving=False,

@@ -17,7 +17,7 @@ The states themselves are in `jaxplan.tuning.day_states`. What else a timeline m
 yet, and is refused with all activities and reasons together.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -31,7 +31,7 @@ from jaxplan.gradients import differentiable
 from jaxplan.model.duration_bound import moving_bound, rest_bounds
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.timeline import Activity, Timeline, in_order
+from jaxplan.model.timeline import Activity, Timeline
 from jaxplan.timeline import TimelinePlan, plan_timeline
 from jaxplan.timeline.choices import BOUND, FIXED, NEEDED, SEEN, Choice, SlewTime
 from jaxplan.timeline.motions import Motion
@@ -40,9 +40,9 @@ from jaxplan.timeline.stored import holding, total_in
 from jaxplan.timeline.tracking import State
 from jaxplan.trajectory import measures
 from jaxplan.tuning.day_states import (
-    TARGETS_MOVE,
     Ends,
     Held,
+    Known,
     Reached,
     Rested,
     When,
@@ -54,7 +54,6 @@ from jaxplan.tuning.day_states import (
 _SAME = 1e-6  # s, by which times of a plan that was read, and of one made anew, may differ
 _STAYS = 1e-9  # rad, by which a state that is held may change
 _NEAR = 0.01  # of the time of a shortest motion, by which the optimum near it may differ
-_WISH = "a device has a wish; give it an attitude"
 TOTAL_TIME = "total_time"
 """What can be asked of a day: s, from its start to the end of the last activity, no rest after it."""
 
@@ -166,6 +165,8 @@ class _Leg:
     @property
     def begin(self) -> Any:
         """When the activity begins, s."""
+        if self.choice.time is not None and isinstance(self.reached, Known):
+            return self.choice.begin
         if self.choice.time is not None:
             return self.time + self._seconds(self.choice.time)
         opens = self.choice.activity.earliest or 0.0
@@ -220,9 +221,13 @@ class _Leg:
 
 
 def _start(scene: Scenario) -> State:
-    """The state at a scene's start, which rests."""
-    joints: Any = jnp.asarray(scene.start.joints)
-    return State.still(so3.exp(jnp.asarray(scene.start.rotation_vector)), joints)
+    """The state at a scene's start, with its rates."""
+    start = scene.start
+    joints: Any = jnp.asarray(start.joints)
+    velocity: Any = jnp.asarray(start.angular_velocity)
+    rates: Any = jnp.asarray(start.joint_rates)
+    still = State.still(so3.exp(jnp.asarray(start.rotation_vector)), joints)
+    return replace(still, velocity=velocity, rates=rates)
 
 
 def hold_day(plan: TimelinePlan) -> HeldDay:
@@ -234,34 +239,30 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
 
     Raises:
         ValueError: if it is not OK, one that is planned anew is another one, or some activities have no
-            derivatives; the message names these, each with its reason: all that the timeline alone tells,
-            before anything is computed, or else all whose states cannot be followed, before shortest motions
-            are, which take long.
+            derivatives; the message names these, each with its reason: all whose states cannot be followed,
+            before shortest motions are, which take long, or else all of which these cannot.
     """
     if not plan.ok or plan.trajectory is None:
         raise ValueError(
             f"the plan of {plan.timeline.name} ended as {plan.status.name}: only an OK one is followed"
         )
     timeline = plan.timeline
-    _refuse(timeline, _told_by(timeline))
     plan = _with_choices(plan)
     rows = {one.name: row for row, one in enumerate(timeline.activities)}
     choices = tuple(one for one in plan.choices if one.activity.name in rows)
-    reasons = {one.activity.name: _refused(one, plan) for one in choices}
+    reasons: dict[str, str] = {}
     states: list[Reached] = []
-    needed: list[tuple[Choice, SlewTime]] = []
-    for one in choices:
+    slopes: dict[int, _Slope] = {}
+    asked: list[tuple[Choice, SlewTime]] = []
+    for one, matters in zip(choices, _matter(choices), strict=True):
         name = one.activity.name
-        if reasons[name]:
-            continue
         try:
-            states.append(_reached(one))
-            needed += [(one, time) for time in _needed(one, states[-1].in_time)]
+            states.append(_reached(one) if matters else Known(goal=one.goal))
+            asked += [(one, time) for time in (_needed(one, states[-1].in_time) if matters else ())]
         except ValueError as error:
             reasons[name] = str(error)
     _refuse(timeline, reasons)
-    slopes: dict[int, _Slope] = {}
-    for one, time in needed:
+    for one, time in asked:  # takes long, so only where all else is known
         try:
             slopes[id(time)] = _slope(one.departure, time)
         except ValueError as error:
@@ -280,29 +281,27 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
 
 def _refuse(timeline: Timeline, reasons: Mapping[str, str]) -> None:
     """Raise a ValueError with the reasons why activities, by name, have no derivatives, if there are any."""
-    told = "; ".join(f"activity {name}: {reason}" for name, reason in reasons.items() if reason)
+    told = "; ".join(f"activity {name}: {reason}" for name, reason in reasons.items())
     if told:
         raise ValueError(f"the total time of {timeline.name} has no derivatives that are known: {told}")
 
 
-def _told_by(timeline: Timeline) -> dict[str, str]:
-    """Why activities, by name, have no derivatives, as far as the timeline alone tells."""
-    scene, reasons = timeline.scene, dict[str, str]()
-    still = not moves(scene)
-    for one in in_order(timeline.activities):
-        targets = one.targets
-        if targets is not None and targets.prefer:
-            reasons[one.name] = _WISH
-        elif targets is not None and one.track is not None and not scene.trajectory.optimal:
-            reasons[one.name] = "" if still and not targets.moves else TARGETS_MOVE
-        if one.name not in reasons:
-            reasons[one.name] = ""
-    start = scene.start
-    if np.any(start.angular_velocity) or np.any(start.joint_rates):
-        first = next(iter(reasons))
-        other = f"; {reasons[first]}" if reasons[first] else ""
-        reasons[first] = f"the start has rates, as one in the local frame has: give it a start at rest{other}"
-    return reasons
+def _matter(choices: Sequence[Choice]) -> list[bool]:
+    """Whether the state in which each activity begins matters to when the last one ends.
+
+    It does where the slew to it, or a later one, takes a time that follows from its ends, and that time moves
+    the end of the last activity: one that waits for its window, or ends when that does, cuts this.
+    """
+    found: list[bool] = []
+    end_matters, state_matters = True, False
+    for one in reversed(choices):
+        activity, opens = one.activity, one.activity.earliest or 0.0
+        lasts = activity.duration is not None and one.begin >= opens
+        begin_matters = state_matters or (end_matters and (lasts or activity.kind == "point"))
+        end_matters = begin_matters and one.time is not None
+        state_matters = state_matters or end_matters
+        found.append(state_matters)
+    return found[::-1]
 
 
 def _with_choices(plan: TimelinePlan) -> TimelinePlan:
@@ -319,23 +318,16 @@ def _with_choices(plan: TimelinePlan) -> TimelinePlan:
     return again
 
 
-def _refused(choice: Choice, plan: TimelinePlan) -> str:
-    """Why how an activity begins has no derivative that is known; empty if it has."""
-    activity = choice.activity
-    if activity.kind == "point" or _follows(choice):
-        return ""
-    end = next(one.end for one in plan.activities if one.name == activity.name)
-    assert plan.trajectory is not None
-    assert end is not None
-    then = plan.trajectory.sample(end)
-    moved = so3.distance(then.attitude, choice.goal.attitude), *np.abs(then.joints - choice.goal.joints)
-    return "it gives way to a zone" if max(moved) > _STAYS else ""
-
-
 def _follows(choice: Choice) -> bool:
-    """Whether an activity is a motion with which devices follow targets, or give way to zones."""
-    targets = choice.activity.track
-    return targets is not None and (targets.moves or moves(choice.departure.scene))
+    """Whether an activity is a motion with which devices follow targets and wishes, or give way to zones."""
+    targets, trajectory = choice.activity.track, choice.motion.trajectory
+    if choice.motion.tracked is None or trajectory is None:
+        return False
+    if targets is None or targets.moves or moves(choice.departure.scene):
+        return True
+    last, goal = trajectory.sample(trajectory.duration), choice.goal
+    moved = so3.distance(last.attitude, goal.attitude), *np.abs(last.joints - goal.joints)
+    return max(moved) > _STAYS
 
 
 def _motions(choice: Choice) -> Iterator[Motion]:
@@ -354,7 +346,7 @@ def _reached(choice: Choice) -> Reached:
         ValueError: as of `pointed`, or where it is another one.
     """
     targets, before = choice.activity.targets, choice.before
-    if targets is not None and _follows(choice):
+    if _follows(choice):
         return following(choice, targets, [choice.motion, *_motions(choice)])
     if targets is not None:
         return pointed(choice, targets)
@@ -377,7 +369,8 @@ def _needed(choice: Choice, in_time: bool) -> Iterator[SlewTime]:
         if time.kind == NEEDED:
             if not choice.departure.at_rest(time.goal):
                 raise ValueError(
-                    "the slew to it takes longer than its bound asks for, and begins or ends with rates"
+                    "the slew to it begins or ends with rates and takes longer than its bound asks for: set "
+                    "trajectory.optimal = true"
                 )
             yield time
         begun = time.kind == FIXED and time is not choice.time

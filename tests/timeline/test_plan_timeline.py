@@ -554,7 +554,7 @@ def overtaking(rate: float) -> jp.DirectionPath:
             "glance: telescope is off its target by ",
         ),
         (
-            lambda day: changed(day, "glance", point=jp.Targets.of({"telescope": overtaking(1e-3)})),
+            lambda day: changed(day, "glance", point=jp.Targets.of({"telescope": overtaking(2e-3)})),
             "glance: telescope moves by ",
         ),
         (lambda day: changed(day, "image", track=None, idle=True), "image: has no segment from 200.00 s"),
