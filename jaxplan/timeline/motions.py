@@ -267,9 +267,7 @@ class Doing:
             )
             if found.goals:
                 break
-        if (
-            targets.prefer and self.scene.trajectory.optimal
-        ):  # goals that are functions of what they depend on
+        if targets.prefer and self.scene.trajectory.optimal:  # goals follow what they depend on
             own = craft, self.before.attitude, asked, among, self.before.joints
             return replace(found, goals=tuple(with_wishes_met(goal, *own) for goal in found.goals))
         return found

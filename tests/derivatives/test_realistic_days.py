@@ -16,6 +16,8 @@ from jaxplan.goal.followed import with_wishes_met
 from jaxplan.goal.sensitivity import differentiable_goal
 
 AGREE = 1e-6  # relative, of a slope and a difference of timelines planned anew
+# Its slews are tried in multiples of a shortest motion, which is known to some millionths.
+AT_TRIES = {"a coarse tolerance": 1e-5}
 SUN = unit([-0.8, 0.1, -0.6])
 STAR = unit([0.5, 0.2, 0.84])
 BEGIN = at_rest([0.1, 0.2, 0.3], [0.2, 0.5, 0.3])
@@ -137,10 +139,10 @@ DAYS = {
         at_rates,
         ("start.angular_velocity_rad_s[1]", "start.attitude[1]", "activity[0].attitude[2]"),
     ),
-    "wishes": (wishes, ("activity[0].for_s", "start.attitude[2]", "spacecraft.rate_limit_deg_s")),
+    "wishes": (wishes, ("activity[0].for_s", "start.attitude[2]", "spacecraft.acceleration_limit_deg_s2")),
     "wishes of moving": (
         wishes_of_moving,
-        ("activity[0].for_s", "start.attitude[0]", "spacecraft.rate_limit_deg_s"),
+        ("activity[0].for_s", "start.attitude[0]", "spacecraft.drive[0].rate_limit_deg_s"),
     ),
     "a wish out of reach": (
         out_of_reach,
@@ -174,7 +176,7 @@ def test_slopes_of_realistic_days_are_differences_of_timelines_planned_anew(name
     assert found.value == pytest.approx(end_of(plan), rel=1e-7)
     slopes = {key: difference(plan, key) for key in keys}
     for key, slope in slopes.items():
-        assert found[key] == pytest.approx(slope, rel=AGREE, abs=NO_EFFECT), key
+        assert found[key] == pytest.approx(slope, rel=AT_TRIES.get(name, AGREE), abs=NO_EFFECT), key
     assert all(abs(slope) > NO_EFFECT for slope in slopes.values())
 
 
