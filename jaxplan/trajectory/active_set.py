@@ -37,7 +37,6 @@ _PADDING = (64, 16, 16)  # least padded numbers of linear rows, loads and margin
 _FTOL = 1e-9  # of the energy: so much nearer the optimum than a plan's fit, it shows which rows bind
 _STEPS = 60  # at most, of this module, from where that ends to the optimum
 _SETTLED = 1e-8  # rad; a step that changes less is the last
-_REACH = 0.05  # rad; a step changes no unknown by more, as where many rows bind one overshoots
 _ASIDE = 1e-5  # rad; a step off a saddle, from where steps lead to a minimum near it
 _BROKEN = 1e-8  # of a limit, or rad; a row that is broken by more is near
 _FLANK_STEP = 1e-4  # of the pace's flank, to either side, for differences by it
@@ -171,7 +170,6 @@ class FitRecord:
             if np.all(np.isfinite(left)) and np.all(np.isfinite(matrix)):
                 hessian, gradient = matrix[np.ix_(unknowns, unknowns)], left[unknowns] - slopes.T @ z[rows]
                 change, pushes = least_change(hessian, gradient, slopes, left[rows], z[rows] > 0)
-                change = change * min(1.0, _REACH / np.max(np.abs(change), initial=_REACH))
                 if np.all(np.abs(change) <= _SETTLED):
                     way = downward_way(hessian, slopes[pushes > 0])
                     change = change if way is None else change + _ASIDE * way

@@ -401,23 +401,17 @@ def _convex_factor(
 
     Arguments as of `least_change`, slopes and excess being those of the rows assumed to bind.
     """
-    with suppress(np.linalg.LinAlgError):
-        return np.linalg.cholesky(hessian), gradient
-    left, sizes, right = np.linalg.svd(slopes)
-    kept = int(np.sum(sizes > _DEPENDENT * np.max(sizes, initial=0.0)))
-    fixed, free = right[:kept].T, right[kept:].T
-    # Where it curves downwards along what the rows leave free, no choice of weights helps.
-    bends, ways = np.linalg.eigh(free.T @ hessian @ free)
-    upwards = np.abs(bends).clip(_DEPENDENT * np.max(np.abs(bends), initial=0.0))
-    hessian = hessian + (free @ ways * np.where(bends > 0, 0, upwards - bends)) @ (free @ ways).T
     squares = slopes.T @ slopes
     unit = np.trace(hessian) / (np.trace(squares) or 1.0)
-    for weight in unit * np.array(_SQUARES):
+    for weight in unit * np.array([0.0, *_SQUARES]):
         with suppress(np.linalg.LinAlgError):
             return np.linalg.cholesky(hessian + weight * squares), gradient + weight * slopes.T @ excess
     # Where many rows nearly follow from others their squares hardly weigh along some directions. What weighs
     # alike along all that they fix changes as little.
-    pull = fixed @ (left[:, :kept].T @ excess / sizes[:kept])
+    left, sizes, right = np.linalg.svd(slopes, full_matrices=False)
+    kept = sizes > _DEPENDENT * np.max(sizes, initial=0.0)
+    fixed = right[kept].T
+    pull = fixed @ (left[:, kept].T @ excess / sizes[kept])
     unit = np.trace(hessian) / len(hessian)
     for weight in unit * np.array(_SQUARES):
         with suppress(np.linalg.LinAlgError):
