@@ -4,7 +4,8 @@ A fit ends some thousandths of its energy or less above the optimum. From there 
 programming with the exact second derivatives (`optimality`) lead to it: each solves the program of the rows
 that are *near* their bounds, so that the rows with positive multipliers are those that bind, and none of them
 follows from the others. Rows that are broken after a step are near from then on. It ends where a step is next
-to nothing and no row is broken.
+to nothing and no row is broken, at a minimum: off a saddle leads a step aside. Where steps do not settle,
+short ones follow curvature downwards instead.
 
 A *row* is an inequality of the fit: of a joint, a node in its tube, a load of the platform or a margin
 (`constraints`). What the optimum's derivatives keep fixed, above all the rows that bind, is an `ActiveSet`.
@@ -26,10 +27,10 @@ from jaxplan.trajectory.chart import Chart
 from jaxplan.trajectory.constraints import SIGNS, ConstraintBlock, Index, LoadBlock
 from jaxplan.trajectory.derivative import gather_inputs
 from jaxplan.trajectory.ladder import Attempt, finished
+from jaxplan.trajectory.least_change import downward_way, least_change
 from jaxplan.trajectory.motion import Iterates, Stack
 from jaxplan.trajectory.optimality import curve_of, flat, linearised
 from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh
-from jaxplan.trajectory.qp import downward_way, least_change
 from jaxplan.trajectory.schedule import FEWEST_NODES, TrapezoidalProfile, node_fractions, padded
 from jaxplan.trajectory.splines import Basis, CurveSpace
 
@@ -37,6 +38,7 @@ _PADDING = (64, 16, 16)  # least padded numbers of linear rows, loads and margin
 _FTOL = 1e-9  # of the energy: so much nearer the optimum than a plan's fit, it shows which rows bind
 _STEPS = 60  # at most, of this module, from where that ends to the optimum
 _SETTLED = 1e-8  # rad; a step that changes less is the last
+_REACH = 0.05  # rad; a careful step changes no unknown by more
 _ASIDE = 1e-5  # rad; a step off a saddle, from where steps lead to a minimum near it
 _BROKEN = 1e-8  # of a limit, or rad; a row that is broken by more is near
 _FLANK_STEP = 1e-4  # of the pace's flank, to either side, for differences by it
@@ -78,14 +80,33 @@ class FitRecord:
         solution = nearer_optima([self])[0] if nearer is None else nearer
         first = replace(first, coefficients=solution.coefficients, duration=solution.duration)
         state = sqp.SQPState.of([first])  # of one
-        stack, at, share = state.stack, state.at, float(state.share[0])
-        quadratic = state.program(at, np.zeros(1))
-        proposal = program.solve(quadratic, {})
-        multipliers = proposal.multipliers
-        near = {name: own > 0 for name, own in multipliers.items()}
+        at, proposal = state.at, program.solve(state.program(state.at, np.zeros(1)), {})
         if discrete.free_time:  # limits by coefficients ask for more time than those at the places
-            at = stack.iterates(at.coefficients, at.duration * (1 + proposal.stretch), as_given=True)
-            quadratic = state.program(at, np.zeros(1))
+            longer = at.duration * (1 + proposal.stretch)
+            at = state.stack.iterates(at.coefficients, longer, as_given=True)
+        for careful in (False, True):
+            held = self._settled(state, at, proposal.multipliers, nodes, careful=careful)
+            if held is not None:
+                return held
+        raise ValueError(
+            "which limits, zones and nodes bind cannot be told, as where one of them is about to: change "
+            "trajectory.duration_s a little"
+        )
+
+    def _settled(
+        self, state: sqp.SQPState, at: Iterates, multipliers: Masks, nodes: int, *, careful: bool
+    ) -> ActiveSet | None:
+        """Go on to where the same rows bind after a step of next to nothing; None where steps do not settle.
+
+        Args:
+            state: of the fit, alone.
+            at: the curve to begin with.
+            multipliers: of every row there.
+            nodes: as of `hold`.
+            careful: whether steps are short, and follow curvature downwards to the next row.
+        """
+        share, quadratic = float(state.share[0]), state.program(at, np.zeros(1))
+        near = {name: own > 0 for name, own in multipliers.items()}
         length = np.inf
         for _ in range(_STEPS):
             broken = {block.name: _broken(block) & ~near[block.name] for block in quadratic.blocks}
@@ -98,19 +119,16 @@ class FitRecord:
             near = {name: own | broken[name] for name, own in near.items()}
             rows = _listed(quadratic.blocks, near)
             coefficients, duration, pushes, length = self._step(
-                self._held(at, rows, multipliers, share, nodes)
+                self._held(at, rows, multipliers, share, nodes), careful=careful
             )
             if not np.isfinite(length):
-                break
-            at = stack.iterates(coefficients[None], np.array([duration]), as_given=True)
+                return None
+            at = state.stack.iterates(coefficients[None], np.array([duration]), as_given=True)
             quadratic = state.program(at, np.zeros(1))
             multipliers = {name: np.zeros(own.shape) for name, own in near.items()}
             for name, index in rows.items():
                 multipliers[name][0][index], pushes = np.split(pushes, [len(index[0])])
-        raise ValueError(
-            "which limits, zones and nodes bind cannot be told, as where one of them is about to: change "
-            "trajectory.duration_s a little"
-        )
+        return None
 
     @property
     def guess(self) -> sqp.InitialGuess:
@@ -145,8 +163,10 @@ class FitRecord:
         at = Stack.of([discrete]).iterates(coefficients[None], np.array([duration]), as_given=True)
         return finished([(discrete, sqp.solution_at(at, 0, self.attempt.solution.steps))])[0]
 
-    def _step(self, held: ActiveSet) -> tuple[np.ndarray, float, np.ndarray, float]:
+    def _step(self, held: ActiveSet, *, careful: bool) -> tuple[np.ndarray, float, np.ndarray, float]:
         """Take a step of sequential quadratic programming from the curve of an active set, under its rows.
+
+        `careful` is as of `_settled`.
 
         Returns:
             Coefficients (n, A) and duration (s) after it, multipliers of the rows that are no padding, and
@@ -169,7 +189,11 @@ class FitRecord:
             change, pushes = np.full(len(unknowns), np.nan), np.zeros(len(rows))
             if np.all(np.isfinite(left)) and np.all(np.isfinite(matrix)):
                 hessian, gradient = matrix[np.ix_(unknowns, unknowns)], left[unknowns] - slopes.T @ z[rows]
-                change, pushes = least_change(hessian, gradient, slopes, left[rows], z[rows] > 0)
+                change, pushes = least_change(
+                    hessian, gradient, slopes, left[rows], z[rows] > 0, downwards=careful
+                )
+                if careful:
+                    change *= min(1.0, _REACH / np.max(np.abs(change), initial=_REACH))
                 if np.all(np.abs(change) <= _SETTLED):
                     way = downward_way(hessian, slopes[pushes > 0])
                     change = change if way is None else change + _ASIDE * way

@@ -1,6 +1,6 @@
-"""Two solvers of small quadratic programs: in a box, and within half-spaces.
+"""Small quadratic programs in a box.
 
-**In a box** (`solve_box_qps`), the form of the dual of a program with elastic rows:
+That is the form of the dual of a program with elastic rows:
 
     minimise  y^T M y / 2 - d^T y    subject to    0 <= y <= penalty
 
@@ -8,13 +8,9 @@
 factorisation (`gram`); what is factored is ``M`` plus a positive diagonal, so rows may depend on each other.
 Programs have tens or hundreds of rows, no two the same number: LAPACK takes each as it is. All else is done
 for many programs at once, their rows one after the other.
-
-**Within half-spaces** (`least_change`), where it must be told exactly which rows bind, by nonnegative least
-squares; `downward_way` leads off what is no minimum.
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -35,14 +31,6 @@ _INSIDE_GUESS = (10.0, 0.3)
 TOGETHER = 16  # programs; their matrices are then still in the processor's cache
 
 _TINY = 1e-12  # least size of d
-
-# Weights of the squares of binding rows, over the size of the Hessian; tried in turn until it is positive.
-_SQUARES = tuple(10.0**power for power in range(-2, 7))
-_DEPENDENT = 1e-9  # of the largest singular value of rows; what they fix by less is not taken as fixed
-_LEVEL = 1e-10  # of the mean curvature of a Hessian: by less nothing curves downwards
-_TRIALS = 8  # of which rows bind
-_BROKEN = 1e-10  # of a row's unit: what rounding may break
-_FLATTEST = 1e-6  # of the largest eigenvalue of a Hessian that is not positive: the least that others become
 
 
 class BoxQP(NamedTuple):
@@ -286,136 +274,3 @@ def _iterate(stack: _BoxQPStack, iterate: _Iterate) -> tuple[_Iterate, np.ndarra
     np.subtract(stack.top, reached[0], out=reached[1])
     ahead = stack.at(reached)
     return ahead, np.where(stack.least(reached) > 0, stack.residual(ahead), np.nan)
-
-
-def least_change(
-    hessian: np.ndarray, gradient: np.ndarray, slopes: np.ndarray, excess: np.ndarray, binding: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Minimise ``d^T H d / 2 + g^T d`` subject to ``G d + e <= 0``, exactly.
-
-    With ``H = L L^T`` and ``u = L^T d + L^-1 g`` that is to find the least ``|u|`` within half-spaces, which
-    nonnegative least squares do (Lawson and Hanson, chapter 23).
-
-    Args:
-        hessian: (n, n) ``H``. One that is not positive definite is made so: by adding squares of rows that
-            are assumed to bind, or of the directions that these fix, which changes nothing where they do, or
-            else from its eigenvalues' sizes.
-        gradient: (n,) ``g``.
-        slopes: (r, n) ``G``.
-        excess: (r,) ``e``.
-        binding: (r,) bool, which rows are assumed to bind.
-
-    Returns:
-        The change (n,) and the multipliers of the rows (r,); none of the rows with a positive one follows
-        from the others. Where no change meets all rows, or the iteration fails, the change ignores the rows
-        and the multipliers are zero.
-    """
-    from scipy.linalg import solve_triangular
-    from scipy.optimize import nnls
-
-    factor, pull = _convex_factor(hessian, gradient, slopes[binding], excess[binding])
-    normals = solve_triangular(factor, slopes.T, lower=True)
-    down = solve_triangular(factor, pull, lower=True)
-    depth = excess - normals.T @ down
-    size = max(1.0, float(np.linalg.norm(down)))
-    pushes = np.zeros(len(excess))
-    if len(excess):  # on none it crashes
-        with suppress(RuntimeError):  # of too many iterations
-            found, _ = nnls(np.vstack([-normals, depth / size]), np.eye(len(down) + 1)[-1])
-            left = 1 - depth / size @ found  # zero where no change meets all rows
-            pushes = size * found / left if left > np.finfo(float).eps else pushes
-    change = solve_triangular(factor, -normals @ pushes - down, lower=True, trans=1)
-    exact = None if _is_convex(hessian) else _exact_change(hessian, gradient, slopes, excess, pushes > 0)
-    return exact or (change, pushes)
-
-
-def _exact_change(
-    hessian: np.ndarray, gradient: np.ndarray, slopes: np.ndarray, excess: np.ndarray, binding: np.ndarray
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """What `least_change` returns, of the form as it is, from a guess of the rows that bind.
-
-    Where the form curves upwards along all that the binding rows leave free, its own minimum there is found,
-    however it curves elsewhere. Rows that this breaks bind in the next trial, rows that it pulls do not.
-
-    Returns:
-        None where the form curves downwards, or no trial is of the rows that it began with.
-    """
-    from scipy.linalg import cho_factor, cho_solve, qr, solve_triangular
-
-    for _ in range(_TRIALS):
-        rows, size = slopes[binding], int(np.sum(binding))
-        both, corner = qr(rows.T)
-        fixed, free, corner = both[:, :size], both[:, size:], corner[:size]
-        pivots = np.abs(np.diag(corner))
-        if size > len(hessian) or np.any(pivots <= _DEPENDENT * np.max(np.abs(corner), initial=0.0)):
-            return None
-        change = fixed @ solve_triangular(corner, -excess[binding], trans=1)
-        try:
-            curved = cho_factor(free.T @ hessian @ free)
-        except np.linalg.LinAlgError:
-            return None
-        change = change - free @ cho_solve(curved, free.T @ (gradient + hessian @ change))
-        pushes = np.zeros(len(excess))
-        pushes[binding] = solve_triangular(corner, -fixed.T @ (gradient + hessian @ change))
-        wanted = (pushes > 0) | ~binding & (slopes @ change + excess > _BROKEN)
-        if np.array_equal(wanted, binding):
-            return change, pushes
-        binding = wanted
-    return None
-
-
-def downward_way(hessian: np.ndarray, slopes: np.ndarray) -> np.ndarray | None:
-    """The way off a saddle: that changes no row, and along which a quadratic form curves downwards most.
-
-    Args:
-        hessian: (n, n) of the form.
-        slopes: (r, n) of the rows.
-
-    Returns:
-        A unit vector (n,); None where the form curves upwards along all that the rows leave free.
-    """
-    from scipy.linalg import eigh, null_space
-
-    if _is_convex(hessian):
-        return None
-    ways = null_space(slopes, rcond=_DEPENDENT) if len(slopes) else np.eye(len(hessian))
-    if not ways.size:
-        return None
-    (bend,), way = eigh(ways.T @ hessian @ ways, subset_by_index=(0, 0))
-    return ways @ way[:, 0] if bend < -_LEVEL * np.trace(hessian) / len(hessian) else None
-
-
-def _is_convex(hessian: np.ndarray) -> bool:
-    """Tell whether a Hessian is positive definite."""
-    try:
-        np.linalg.cholesky(hessian)
-    except np.linalg.LinAlgError:
-        return False
-    return True
-
-
-def _convex_factor(
-    hessian: np.ndarray, gradient: np.ndarray, slopes: np.ndarray, excess: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Lower Cholesky factor of a Hessian made positive definite, and the gradient that goes with it.
-
-    Arguments as of `least_change`, slopes and excess being those of the rows assumed to bind.
-    """
-    squares = slopes.T @ slopes
-    unit = np.trace(hessian) / (np.trace(squares) or 1.0)
-    for weight in unit * np.array([0.0, *_SQUARES]):
-        with suppress(np.linalg.LinAlgError):
-            return np.linalg.cholesky(hessian + weight * squares), gradient + weight * slopes.T @ excess
-    # Where many rows nearly follow from others their squares hardly weigh along some directions. What weighs
-    # alike along all that they fix changes as little.
-    left, sizes, right = np.linalg.svd(slopes, full_matrices=False)
-    kept = sizes > _DEPENDENT * np.max(sizes, initial=0.0)
-    fixed = right[kept].T
-    pull = fixed @ (left[:, kept].T @ excess / sizes[kept])
-    unit = np.trace(hessian) / len(hessian)
-    for weight in unit * np.array(_SQUARES):
-        with suppress(np.linalg.LinAlgError):
-            return np.linalg.cholesky(hessian + weight * fixed @ fixed.T), gradient + weight * pull
-    sizes, vectors = np.linalg.eigh(hessian)
-    sizes = np.abs(sizes).clip(_FLATTEST * np.max(np.abs(sizes)))
-    return np.linalg.cholesky((vectors * sizes) @ vectors.T), gradient

@@ -14,8 +14,7 @@ import jaxplan as jp
 
 STEP = 1e-4  # kg m^2, to either side
 SIZE = 0.1  # kg m^2
-# Times that. Then many rows that bind nearly follow from others.
-HEAVIER = (2.5, 15.0)
+HEAVIER = (2.0, 3.0, 15.0)  # times that; then many rows that bind nearly follow from others
 # So that some wheels bind in torque and some in momentum.
 TIGHT = {"torque": 0.4, "momentum": 0.45, "stored": 0.2}
 
