@@ -1,5 +1,9 @@
 """Slopes of a day's total time beside differences of timelines planned anew."""
 
+from collections.abc import Iterable
+
+import pytest
+
 import jaxplan as jp
 from jaxplan.schema.numbers import numbers_of_timeline, with_numbers
 
@@ -23,3 +27,16 @@ def difference(plan: jp.TimelinePlan, name: str) -> float:
         for side in (1, -1)
     ]
     return (ends[0] - ends[1]) / (2 * step)
+
+
+def assert_slopes_are_differences(plan: jp.TimelinePlan, names: Iterable[str], rel: float) -> int:
+    """Check slopes of the total time by numbers of the timeline's file; returns how many of these matter."""
+    found, matter = jp.sensitivities(plan, "total_time"), 0
+    assert found.value == pytest.approx(end_of(plan), rel=1e-7)
+    assert (found.measure, found.unit) == ("total_time", "s")
+    for name in names:
+        slope = difference(plan, name)
+        alike = found[name] == pytest.approx(slope, rel=rel, abs=NO_EFFECT)
+        assert alike, f"{name}: the slope is told as {found[name]}, differences have {slope}"
+        matter += abs(slope) > NO_EFFECT
+    return matter

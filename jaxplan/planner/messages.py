@@ -20,7 +20,7 @@ from jaxplan.trajectory.fit import needed_words, too_tight
 from jaxplan.trajectory.peaks import peaks
 
 FOR_LONGER = "let it be known for longer, by more samples or a longer sky.for_duration_s"
-"""What to do about something that moves and is known for too short a time."""
+"""Advice where a target or a zone that moves is known for a shorter time than the motion takes."""
 
 
 def when(scenario: Scenario, time: float) -> str:

@@ -1,4 +1,4 @@
-"""What to change where a motion is not proved: keys with values, those first that help in the case at hand.
+"""Advice on motions that are not proved: keys to set, with values, those first that help in the case at hand.
 
 A zone that is broken where the motion ends needs a goal farther away from it, one that is broken on the way a
 path with more clearance, which tapers to zero at both ends. A load that is too large needs more time, as its
@@ -103,7 +103,7 @@ def _for_loads(beyond: dict[Quantity, float], duration: float) -> Iterator[str]:
 
 
 def _where(time: float | None, duration: float) -> str:
-    """Whether a time, s, is next to the "start", next to the "goal", or on the "way"."""
+    """Tell where on a motion of a duration, s, a time, s, is: next to "start" or "goal", or on the "way"."""
     if time is None or not duration > 0:
         return "way"
     return "start" if time < _ENDS * duration else "goal" if time > (1 - _ENDS) * duration else "way"

@@ -165,11 +165,7 @@ def _extent(axes: Axes, share: float | None) -> tuple[float, float]:
     """
     figure = axes.get_figure(root=False)
     assert figure is not None
-    if (
-        share is not None
-        and isinstance(figure, Figure)
-        and (engine := figure.get_layout_engine()) is not None
-    ):
+    if share is not None and isinstance(figure, Figure) and (engine := figure.get_layout_engine()):
         engine.execute(figure)
         share = None
     box = axes.get_window_extent() if share is None else figure.bbox.shrunk(_SHARE, share * _LAID_OUT)

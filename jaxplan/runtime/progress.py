@@ -120,7 +120,7 @@ class Bar:
         self._tqdm.set_description_str(self._words(), refresh=False)
 
     def _words(self) -> str:
-        """What is done, the step, and whether something compiles."""
+        """The words before a bar: what is done, the step, and whether something compiles."""
         parts = [self._step] * bool(self._step) + ["compiling"] * (self._compiling or self._compiled)
         return ": ".join([self._what, ", ".join(parts)] if parts else [self._what])
 

@@ -254,7 +254,7 @@ def _energy(track: Track, turns: Array, freed: Array, multipliers: Array, pushes
 
 
 def _spare(track: Track, turned: Array, change: Array, step: Array) -> Array:
-    """What is left (r,) rad to the largest changes from node to node that are reached.
+    """The room (r,) rad that is left to changes from node to node which are as large as they may be.
 
     Args:
         track: with the rates that are as large as they may be.
@@ -380,7 +380,7 @@ def _end_slopes(count: int) -> np.ndarray:
 
 
 def track_of(motion: Motion, craft: Spacecraft, rows: Constraints, targets: Targets | None) -> Track:
-    """What the motion of least energy of a plan depends on, as numbers; without targets it gives way.
+    """Gather what a motion of least energy depends on; one without targets gives way to zones.
 
     Raises:
         ValueError: if a rate is larger than nodes should use.

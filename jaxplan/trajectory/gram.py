@@ -363,8 +363,7 @@ def gram(axes: np.ndarray, along: np.ndarray, inverse: np.ndarray) -> np.ndarray
     """The matrix (r, r) ``G H^-1 G^T`` of rows.
 
     Of rows of a single product it is that of the rows of the basis times, number by number, that of the rows
-    of the axes. The others are mostly of the platform alone, so
-    only the axes that they touch are looked at.
+    of the axes. The others are mostly of the platform alone, so only the axes that they touch are looked at.
 
     Args:
         axes: (r, P, A) of the rows.

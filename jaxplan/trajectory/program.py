@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxplan.trajectory.constraints import ConstraintBlock, Index, lowest, numbers
-from jaxplan.trajectory.gram import DenseGram, gram_of, order_by_place, times
+from jaxplan.trajectory.gram import gram_of, order_by_place, times
 from jaxplan.trajectory.motion import taken
 from jaxplan.trajectory.qp import ROUGHLY, BoxQP, solve_box_qps
 
@@ -336,12 +336,8 @@ def _dual(
     """
     curve, kept = int(rows.which[own]), rows.of_curve[own]
     if not len(kept):
-        none = (
-            np.zeros((0, 0)),
-            np.zeros((0, 1, forms.alone.shape[2])),
-            np.zeros((0, 1, forms.alone.shape[1])),
-        )
-        return BoxQP(DenseGram(none[0]), rows.slack[kept], rows.slack[kept]), kept, *none[1:], rows.time[kept]
+        axes, along = (np.zeros((0, 1, forms.alone.shape[dimension])) for dimension in (2, 1))
+        return BoxQP(np.zeros((0, 0)), rows.slack[kept], rows.slack[kept]), kept, axes, along, rows.time[kept]
     axes, basis = rows.axes[kept], rows.basis[kept]
     if axes.shape[1] > 1 and not np.any(axes[:, 1:]):
         axes, basis = axes[:, :1], basis[:, :1]

@@ -21,7 +21,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.derivatives import own_arrays
-from jaxplan.goal.followed import followed_by
+from jaxplan.goal.followed import AS_A_STATE, followed_by
 from jaxplan.goal.free import MadeWay
 from jaxplan.goal.rates import differentiable_rates
 from jaxplan.goal.sensitivity import differentiable_goal
@@ -317,7 +317,7 @@ def optimum_at(choice: Choice, targets: Targets, state: Any, *, roomy: bool = Fa
     followed = followed_by(replace(asked, goal=wanted), place)
     if followed.doubts:
         told = "; ".join(followed.doubts)
-        raise ValueError(told.replace("give the goal as a state", "give it an attitude"))
+        raise ValueError(told.replace(AS_A_STATE, "give it an attitude"))
     return Pointed(
         moves=followed.moves,
         met=followed.met,
