@@ -12,7 +12,7 @@ No zone is in these bounds, nor jerk, nor that accelerations be continuous: they
 Radians, seconds, body axes.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,30 +59,31 @@ def rest_bounds(spacecraft: Spacecraft, turns: ArrayLike, moves: ArrayLike) -> A
     return greatest_of(times)
 
 
-def time_along(spacecraft: Spacecraft, attitudes: np.ndarray, joints: np.ndarray) -> float:
-    """About how long a motion along a path takes, to compare paths: the slowest on each edge at top speed.
+def times_along(spacecraft: Spacecraft, paths: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """About how long motions along paths take, to compare these: the slowest on each edge at top speed.
 
-    A top speed that cannot be reached by accelerating along half of the path is lowered to what can.
+    A top speed that cannot be reached by accelerating along half of a path is lowered to what can.
 
     Args:
         spacecraft: its limits.
-        attitudes: (m + 1, 3, 3) nodes, body to inertial.
-        joints: (m + 1, 2n + d) rad.
+        paths: P of them, each as attitudes (m + 1, 3, 3), body to inertial, and joints (m + 1, 2n + d) rad.
 
     Returns:
-        s, no bound.
+        (P,) s, no bounds.
     """
-    turns = so3.log(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])
-    ways = [
-        *ways_of_platform(spacecraft, turns, Ends()),
-        *_ways_of_joints(spacecraft, np.diff(joints, axis=0)),
-    ]
+    before = np.concatenate([attitudes[:-1] for attitudes, _ in paths])
+    after = np.concatenate([attitudes[1:] for attitudes, _ in paths])
+    moves = np.concatenate([np.diff(joints, axis=0) for _, joints in paths])
+    owner = np.repeat(np.arange(len(paths)), [len(joints) - 1 for _, joints in paths])  # of each edge
+    turns = so3.log(np.swapaxes(before, -1, -2) @ after)
+    ways = [*ways_of_platform(spacecraft, turns, Ends()), *_ways_of_joints(spacecraft, moves)]
     slowest = np.zeros(len(turns))
     for way in ways:
         far = np.abs(way.distance)
-        speed = np.minimum(way.top, np.sqrt(way.growth * max(np.sum(far), np.finfo(float).tiny)))
-        slowest = np.maximum(slowest, far / speed)
-    return float(np.sum(slowest))
+        whole = np.maximum(np.bincount(owner, far, len(paths)), np.finfo(float).tiny)
+        speed = np.minimum(way.top, np.sqrt(way.growth * whole))
+        slowest = np.maximum(slowest, far / speed[owner])
+    return np.bincount(owner, slowest, len(paths))
 
 
 def duration_bound(

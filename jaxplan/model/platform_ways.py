@@ -177,7 +177,7 @@ def _box_ways(
     spins: AnyArray | None,
     rate: AnyArray,
     acceleration: AnyArray,
-    more: AnyArray = 0.0,
+    more: AnyArray | None = None,
 ) -> Iterator[Way]:
     """Yield the lengths of turns in the boxes of the rates, of the accelerations, and of what lies between.
 
@@ -187,9 +187,9 @@ def _box_ways(
         spins: (2, 3) rad/s, at both ends; None at rest.
         rate: (3,) rad/s, limits of the components.
         acceleration: (3,) rad/s^2, likewise.
-        more: (3,) rad/s^4, by which these grow with the square of the time since rest.
+        more: (3,) rad/s^4, by which these grow with the square of the time since rest; None for nothing.
     """
-    xp, rate, acceleration, more = arrays(rate, acceleration, more)
+    xp, rate, acceleration = arrays(rate, acceleration)
     boxes = [rate]
     ratio = acceleration / rate
     if xp is not np or np.ptp(ratio) > _SAME * np.max(ratio):
@@ -200,7 +200,7 @@ def _box_ways(
             distance=turn_table("box").length(turns, box),
             top=xp.max(rate / box),
             growth=xp.max(acceleration / box),
-            more_growth=xp.max(more / box),
+            more_growth=None if more is None else xp.max(more / box),
             speeds=None if spins is None else (abs(spins) / box).max(axis=1),
         )
 

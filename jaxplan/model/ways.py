@@ -22,8 +22,8 @@ class Way:
         distance: (...) U, with a sign where it has one.
         top: U/s, largest speed, or inf.
         growth: U/s^2, largest acceleration along the way.
-        more_growth: U/s^4, by which that grows with the square of the time since rest; zero for a motion with
-            rates at an end.
+        more_growth: U/s^4, by which that grows with the square of the time since rest; None where it does
+            not, as for a motion with rates at an end.
         speeds: (2,) U/s, at start and end; None from rest to rest.
         signed: whether the speed may be negative, as that of a joint.
     """
@@ -32,17 +32,19 @@ class Way:
     distance: AnyArray
     top: AnyArray
     growth: AnyArray
-    more_growth: AnyArray = 0.0
+    more_growth: AnyArray | None = None
     speeds: AnyArray | None = None
     signed: bool = False
 
     @property
     def rest_time(self) -> AnyArray:
         """Least time (...) s from rest to rest, with numpy or JAX."""
-        xp, far, top, growth, more = arrays(self.distance, self.top, self.growth, self.more_growth)
+        grows = self.more_growth is not None
+        more_growth = self.more_growth if grows else 0.0
+        xp, far, top, growth, more = arrays(self.distance, self.top, self.growth, more_growth)
         far = xp.abs(far)
         full = top / growth  # s, until the top is reached; from above, where Newton's method stays
-        for _ in range(_ROOTS):
+        for _ in range(_ROOTS if grows else 0):
             full = full - (full * (growth + more * full**2 / 3) - top) / (growth + more * full**2)
         flanks = full**2 * (growth + more * full**2 / 6)  # covered by both of them
         moving = far > 0

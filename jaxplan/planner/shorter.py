@@ -21,7 +21,7 @@ from itertools import count
 import numpy as np
 
 from jaxplan.certificate import Certificate
-from jaxplan.model.duration_bound import duration_bound, time_along
+from jaxplan.model.duration_bound import duration_bound, times_along
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.status import Status
@@ -93,11 +93,6 @@ def may_be_sooner(plan: Plan, goal: Goal) -> bool:
     return trajectory is not None and bound.seconds < SHORTER * trajectory.duration
 
 
-def _time_along(plan: Plan, path: Path) -> float:
-    """About what a motion of a plan's spacecraft along a path takes, s."""
-    return time_along(plan.scenario.usable, path.attitudes, path.joints)
-
-
 def _is_near(path: Path, other: Path) -> bool:
     """Whether every node of a path is within `_NEAR` of some node of another."""
     cosine = (np.einsum("aij,bij->ab", path.attitudes, other.attitudes) - 1) / 2
@@ -113,8 +108,10 @@ def is_bent(plan: Plan) -> bool:
 
 def _leads_round(plan: Plan, path: Path) -> bool:
     """Whether a motion of a plan's spacecraft along a path takes longer than one straight to its end."""
-    ends = Path(attitudes=path.attitudes[[0, -1]], joints=path.joints[[0, -1]], edge_costs=np.ones(1))
-    return _time_along(plan, path) > _BENT * _time_along(plan, ends)
+    nodes = path.attitudes, path.joints
+    ends = path.attitudes[[0, -1]], path.joints[[0, -1]]
+    along, straight = times_along(plan.scenario.usable, [nodes, ends]).tolist()
+    return bool(along > _BENT * straight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +159,10 @@ class Shorter:
         self._limit, self._until = now + max(left, improve_for), now + improve_for
         self._bent = plan.scenario.trajectory.first_guesses
         self._so_far, self._looked = plan, self._own  # the plan, and the way, of what is needed
-        self._found: list[tuple[float, _Way, SearchResult]] = []  # each with what its path looks to take, s
+        self._found: list[tuple[_Way, SearchResult, Path]] = []  # by other searches of the round
+        self._ranked: list[
+            tuple[float, _Way, SearchResult, Path]
+        ] = []  # by the s that the path looks to take
         self._searches: list[_Way] = []  # to which the round still searches
         self._fits_left = self._bends_left = 0
         self._rough = False  # whether the fit under way only tells whether a better one is worth it
@@ -182,7 +182,7 @@ class Shorter:
             self._ways.append(self._looked)
             self._fit_along(self._looked, result)
         else:
-            self._found.append((_time_along(self.plan, result.path), self._looked, result))
+            self._found.append((self._looked, result, result.path))
             self._next()
 
     def accept_fit(self, fitted: Fit) -> None:
@@ -210,7 +210,8 @@ class Shorter:
         Most of its searches are to the goal of the plan, some to each other one that was tried, if zones are
         in the way to it and its bound leaves room.
         """
-        self._found, self._searches, self._fits_left, self._bends_left = [], [], 0, bends
+        self._found, self._ranked, self._searches = [], [], []
+        self._fits_left, self._bends_left = 0, bends
         asked = max(self._scenario.trajectory.first_guesses, 1)
         for way in self._ways if self._scenario.zones else ():
             own = way is self._own
@@ -268,11 +269,15 @@ class Shorter:
         """Set `need` to a fit along the other way that looks quickest; False where there is none."""
         if self.plan.path is None:
             return False
-        longest = _SLOWER * _time_along(self.plan, self.plan.path)
-        self._found.sort(key=lambda found: found[0])
-        while self._found and self._found[0][0] <= longest:
-            _, way, result = self._found.pop(0)
-            if result.path is not None and not any(_is_near(result.path, other) for other in way.paths):
+        paths = [self.plan.path, *(path for _, _, path in self._found)]
+        nodes = [(path.attitudes, path.joints) for path in paths]
+        own, *times = times_along(self._scenario.usable, nodes).tolist()
+        self._ranked += [(time, *found) for time, found in zip(times, self._found, strict=True)]
+        self._ranked.sort(key=lambda found: found[0])
+        self._found = []
+        while self._ranked and self._ranked[0][0] <= _SLOWER * own:
+            _, way, result, path = self._ranked.pop(0)
+            if not any(_is_near(path, other) for other in way.paths):
                 self._fit_along(way, result)
                 return True
         return False

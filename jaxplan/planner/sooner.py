@@ -65,7 +65,7 @@ def may_be_sooner(scenario: Scenario, plan: Plan | None) -> bool:
     Not where no further first guesses are asked for either.
     """
     settings, goal = scenario.trajectory, scenario.goal
-    if plan is None or plan.status is not Status.OK or plan.duration_bound is None:
-        return False
     asked = settings.duration == MINIMUM and settings.first_guesses > 0
-    return asked and not isinstance(goal, GivenState) and goal.moves
+    if not asked or isinstance(goal, GivenState) or not goal.moves:
+        return False
+    return plan is not None and plan.status is Status.OK and plan.duration_bound is not None

@@ -9,7 +9,7 @@ from dense import assert_kept
 
 import jaxplan as jp
 from jaxplan import so3
-from jaxplan.model.duration_bound import time_along
+from jaxplan.model.duration_bound import times_along
 from jaxplan.model.path import Path, halve
 from jaxplan.model.status import Status
 from jaxplan.planner.shorter import Shorter
@@ -126,12 +126,23 @@ def test_a_round_searches_for_ways_to_other_goals_too_and_fits_the_quickest_to_a
 def test_what_a_path_looks_to_take_hardly_depends_on_the_number_of_its_nodes(scene):
     path = jp.plan(scene).path
     craft = scene.spacecraft
-    takes = time_along(craft, path.attitudes, path.joints)
-    for _ in range(2):
-        path = halve(path)
-        assert time_along(craft, path.attitudes, path.joints) == pytest.approx(takes, rel=0.02)
+    paths = [path, halve(path), halve(halve(path))]
+    nodes = [(own.attitudes, own.joints) for own in paths]
+    takes = times_along(craft, nodes)
+    np.testing.assert_allclose(takes, takes[0], rtol=0.02)
     slow = replace(craft, rate_limit=craft.rate_limit / 4)
-    assert time_along(slow, path.attitudes, path.joints) == pytest.approx(4 * takes, rel=0.05)
+    np.testing.assert_allclose(times_along(slow, nodes[:1]), 4 * takes[0], rtol=0.05)
+
+
+def test_what_paths_look_to_take_does_not_depend_on_others(scene):
+    path = jp.plan(scene).path
+    turned = path.attitudes[::-1], path.joints[::-1]
+    still = path.attitudes[:1], path.joints[:1]
+    nodes = [(path.attitudes, path.joints), still, turned, (path.attitudes[:2], path.joints[:2])]
+    alone = [times_along(scene.spacecraft, [own])[0] for own in nodes]
+    np.testing.assert_allclose(times_along(scene.spacecraft, nodes), alone, rtol=1e-14)
+    assert alone[1] == 0
+    assert alone[2] == pytest.approx(alone[0])
 
 
 def test_improving_never_ends_with_a_longer_plan_and_stops_in_time(scene):
