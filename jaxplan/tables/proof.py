@@ -22,6 +22,7 @@ from jaxplan.model.robust import Robust
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.timeline import Timeline
+from jaxplan.planner.messages import FOR_LONGER
 from jaxplan.runtime.arguments import expect_any
 from jaxplan.runtime.display import aligned, as_table, shown
 from jaxplan.runtime.progress import progress_bar
@@ -306,8 +307,7 @@ def _known_part(table: AttitudeTable, scenario: Scenario, begin: float) -> Attit
         if not begin + span <= known + _CLOCK:
             raise ValueError(
                 f"{table.name}: ends {begin + span:.10g} s after the scene's start, and zone {zone.name} "
-                f"{'moves and ' * zone.moves}is known until {known:.10g} s: let it be known for "
-                "longer, by more samples or a longer sky.for_duration_s"
+                f"{'moves and ' * zone.moves}is known until {known:.10g} s: {FOR_LONGER}"
             )
         span = min(span, known - begin)
     times = np.minimum(table.times, table.times[0] + span)
