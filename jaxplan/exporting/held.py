@@ -51,6 +51,7 @@ def rows_of(sampling: Sampling, first: int, last: int, interpolation: str) -> At
         joints=values.joints if names else None,
         joint_rates=values.joint_rates if names else None,
         joint_names=names,
+        spacecraft=sampling.spacecraft,
         interpolation=interpolation,
         name=f"the table of {sampling.flight.name}",
     )

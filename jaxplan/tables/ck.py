@@ -64,6 +64,7 @@ def read_ck(path: Path, craft: Spacecraft | None = None) -> AttitudeTable:
         joints=joints,
         joint_rates=joint_rates,
         joint_names=() if craft is None or joints is None else craft.joint_names,
+        spacecraft=None if joints is None else craft,
         epoch=start,
         interpolation=_KINDS[kind],
         name=str(path),

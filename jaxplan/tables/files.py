@@ -26,21 +26,22 @@ def load_attitude(path: str | os.PathLike[str], spacecraft: Spacecraft | None = 
     By its name and its first line it is a CCSDS AEM (needs ``jaxplan[oem]``), a SPICE C-kernel of type 2 or 3
     with its clock kernel beside it (``.bc``, needs ``jaxplan[spice]``), an STK attitude file (``.a``), a
     table with a header as of format ``"csv"``, one without as of ``"basilisk"``, or an archive as of
-    ``"npz"``. A folder is that of a C-kernel or of STK. Joints are read from ``"csv"`` and ``"npz"``; of a
-    C-kernel or STK's files, which have frames of devices and not how these are mounted, with the spacecraft.
+    ``"npz"``. A folder is that of a C-kernel or of STK. Joints are read from ``"csv"`` and ``"npz"``, where
+    they have names and are in the order of the file, or with the spacecraft in that of its devices; of a
+    C-kernel or STK's files, which have frames of devices and not how these are mounted, only with it.
 
     Args:
         path: of the file, or of a folder of format ``"ck"`` or ``"stk"``.
-        spacecraft: whose joints are told from the frames of its devices, where the files have them as
-            `export` writes them; of several whole turns all angles of a joint are taken nearest to the
-            middle of its range.
+        spacecraft: whose joints are found by their names, or told from the frames of its devices where the
+            files have them as `export` writes them; of several whole turns all angles of a joint are then
+            taken nearest to the middle of its range.
 
     Returns:
         The table, with the interpolation that readers of the format do.
 
     Raises:
         ValueError: if it is no such file, or its rows are no attitudes; if devices have frames that those of
-            the spacecraft cannot have.
+            the spacecraft cannot have, or one of its joints has no column beside those of others.
         OSError: if it cannot be read.
         ImportError: if an extra is missing.
 
@@ -64,7 +65,8 @@ def load_attitude(path: str | os.PathLike[str], spacecraft: Spacecraft | None = 
             )
     if spacecraft is not None and spacecraft.joint_count and read in (read_ck, read_stk):
         return (read_ck if read is read_ck else read_stk)(target, spacecraft)
-    return read(target)
+    table = read(target)
+    return table if spacecraft is None else table.of(spacecraft)
 
 
 def _within(folder: Path) -> Path:

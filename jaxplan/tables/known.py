@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.tables.table import AttitudeTable, column_name
+from jaxplan.tables.table import AttitudeTable
 
 
 def as_known(table: AttitudeTable, scene: Scenario) -> tuple[AttitudeTable, Scenario, list[str]]:
@@ -25,17 +25,8 @@ def as_known(table: AttitudeTable, scene: Scenario) -> tuple[AttitudeTable, Scen
     """
     names = scene.spacecraft.joint_names
     if table.joints is not None and names:
-        own = {column_name(name): number for number, name in enumerate(table.joint_names)}
-        missing = [name for name in names if column_name(name) not in own]
-        if missing:
-            raise ValueError(
-                f"{table.name}: has no column of {missing[0]}, only of {', '.join(table.joint_names)}"
-            )
-        order = [own[column_name(name)] for name in names]
-        rates = None if table.joint_rates is None else table.joint_rates[:, order]
-        ordered = replace(table, joints=table.joints[:, order], joint_rates=rates, joint_names=names)
-        return ordered, scene, []
-    bare = replace(table, joints=None, joint_rates=None, joint_names=())
+        return table.of(scene.spacecraft), scene, []
+    bare = replace(table, joints=None, joint_rates=None, joint_names=(), spacecraft=None)
     if not names:
         return bare, scene, []
     craft = scene.spacecraft

@@ -144,6 +144,7 @@ def read_stk(path: Path, craft: Spacecraft | None = None) -> AttitudeTable:
         quaternions=quaternions,
         joints=joints,
         joint_names=() if craft is None or joints is None else craft.joint_names,
+        spacecraft=None if joints is None else craft,
         epoch=_stk_epoch(path, header.get("scenarioepoch")),
         name=str(path),
     )

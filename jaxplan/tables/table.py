@@ -6,12 +6,13 @@ the reader of the table to say (`jaxplan.tables.interpolation`).
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jaxplan.geometry import quaternion
 from jaxplan.model.goals import GivenState
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import shown
 
 SLERP, LINEAR, RODRIGUES = "slerp", "quaternion_linear", "mrp_linear"
@@ -42,6 +43,7 @@ class AttitudeTable:
         joints: (k, J) rad; None where it has none.
         joint_rates: (k, J) rad/s; None where it has none.
         joint_names: of the J columns, such as "terminal-1_yaw".
+        spacecraft: whose joints these are, in its order; None where they are in that of a file.
         epoch: UTC of time zero; None where it is the start of whatever the table is held against.
         interpolation: what readers of the table's format do between rows, one of `INTERPOLATIONS`.
         alternative: what some of them do instead, another of these; None where all do the same.
@@ -54,6 +56,7 @@ class AttitudeTable:
     joints: np.ndarray | None = None
     joint_rates: np.ndarray | None = None
     joint_names: tuple[str, ...] = ()
+    spacecraft: Spacecraft | None = None
     epoch: np.datetime64 | None = None
     interpolation: str = SLERP
     alternative: str | None = None
@@ -111,17 +114,46 @@ class AttitudeTable:
             joints: (J,) rad, of a table that has none; zeros unless told.
 
         Raises:
-            ValueError: if there is no such row, or the table has joints of its own.
+            ValueError: if there is no such row, or the table has joints of its own; if it has several of
+                these and was read without the spacecraft, which tells their order.
         """
         if not -len(self.times) <= row < len(self.times):
             raise ValueError(f"row = {row}: must lie in [{-len(self.times)}, {len(self.times) - 1}]")
         if self.joints is not None and joints is not None:
             raise ValueError(f"joints: {self.name} has joints of its own")
+        if len(self.joint_names) > 1 and self.spacecraft is None:
+            raise ValueError(
+                f"{self.name}: has the joints {', '.join(self.joint_names)} in an order of its own: read it "
+                "with the spacecraft, as by jp.load_attitude(path, scenario.spacecraft)"
+            )
         q = self.quaternions[row]
         own = np.zeros(0) if joints is None else np.asarray(joints, np.float64)
         return GivenState(
             rotation_vector=np.asarray(quaternion.log(-q if q[0] < 0 else q)),
             joints=own if self.joints is None else self.joints[row],
+        )
+
+    def of(self, craft: Spacecraft) -> "AttitudeTable":
+        """The table with its joints, by their names, in the order that a spacecraft has them.
+
+        Raises:
+            ValueError: if it has no column of one of the spacecraft's joints.
+        """
+        if self.joints is None:
+            return self
+        own = {column_name(name): number for number, name in enumerate(self.joint_names)}
+        asked = [column_name(name) for name in craft.joint_names]
+        there = ", ".join(self.joint_names)
+        for name, known in zip(craft.joint_names, asked, strict=True):
+            if known not in own:
+                raise ValueError(f"{self.name}: has no column of {name}, only of {there}")
+        order = [own[known] for known in asked]
+        return replace(
+            self,
+            joints=self.joints[:, order],
+            joint_rates=None if self.joint_rates is None else self.joint_rates[:, order],
+            joint_names=craft.joint_names,
+            spacecraft=craft,
         )
 
 

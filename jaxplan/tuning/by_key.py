@@ -145,11 +145,12 @@ def sensitivities(plan: Plan | TimelinePlan, measure: str | None = None) -> Sens
     measure = "effort" if measure is None else measure
     aim: Objective = make_objective(measure)
     sign = -1.0 if measure == _MARGIN else 1.0
+    scenario = own_arrays(plan.scenario)
     if plan.trajectory is not None:
-        jax.eval_shape(aim, plan.trajectory, plan.scenario)  # what the measure refuses is told at once
+        with jax.enable_x64(True):
+            jax.eval_shape(aim, plan.trajectory, scenario)  # what the measure refuses is told at once
     function = differentiable(plan)
     with progress_bar("derivatives"), jax.enable_x64(True):
-        scenario = own_arrays(plan.scenario)
         value, slopes = jax.value_and_grad(lambda own: aim(function(own), own), allow_int=True)(scenario)
     told = measure, sign * float(value), unit_of_objective(measure)
     return _table(told, numbers_of(plan.scenario), plan.scenario, slopes, sign)

@@ -59,10 +59,17 @@ def test_columns_of_earlier_versions_with_blanks_are_read_as_the_same_joints(pla
 
 
 def test_a_row_is_the_start_of_a_scene(plan, folder):
-    table = jp.load_attitude(folder / "npz")
-    state = table.state(-1)
-    np.testing.assert_allclose(state.attitude, truth(plan, np.array([30.0])).attitude[0], atol=1e-9)
-    assert state.joints.shape == (4,)
+    craft, end = plan.scenario.spacecraft, truth(plan, np.array([30.0]))
+    for name in ("csv", "npz", "ck"):
+        table = jp.load_attitude(folder / name, craft)
+        state = table.state(-1)
+        np.testing.assert_allclose(state.attitude, end.attitude[0], atol=1e-8, err_msg=name)
+        # yaws first, then pitches, whatever the order of the file's columns is
+        np.testing.assert_allclose(state.joints, end.joints[0, 0], atol=1e-8, err_msg=name)
+    table = jp.load_attitude(folder / "csv")
+    with pytest.raises(ValueError, match=r"terminal-0_yaw, terminal-0_pitch, .* read it with the spacecraft"):
+        table.state(-1)
+    assert len(np.unique(np.round(end.joints[0, 0], 3))) == 4
     bare = jp.load_attitude(folder / "basilisk")
     np.testing.assert_array_equal(bare.state(0, joints=[0.1, 0.2]).joints, [0.1, 0.2])
     for call, words in (

@@ -1,13 +1,14 @@
 """Slopes of measures by the keys of a file, beside differences of trajectories followed."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from builders import make_plan
 
 import jaxplan as jp
 from jaxplan.schema.numbers import find_number, numbers_of, with_numbers
-from jaxplan.tuning import OBJECTIVES
+from jaxplan.tuning import OBJECTIVES, by_key
 from jaxplan.tuning.by_key import Sensitivities
 
 KEYS = {
@@ -89,6 +90,20 @@ def test_the_table_is_told_in_units_of_files_with_what_matters_first(plan):
 def test_what_is_no_measure_is_refused(measure, kind, told):
     with pytest.raises(kind, match=told):
         jp.sensitivities(make_plan(2, 1, zones=1), measure)
+
+
+def test_what_a_measure_refuses_is_asked_with_wide_numbers(plan, monkeypatch):
+    # what is traced with narrow ones JAX keeps, and later takes in their place
+    kinds = []
+
+    def refusing(trajectory, scenario):
+        kinds.extend(leaf.dtype for leaf in [*jax.tree.leaves(trajectory), jnp.zeros(1)])
+        raise ValueError("not of this one")
+
+    monkeypatch.setattr(by_key, "make_objective", lambda _: refusing)
+    with jax.enable_x64(False), pytest.raises(ValueError, match="not of this one"):
+        jp.sensitivities(plan, "effort")
+    assert set(kinds) == {np.dtype(np.float64)}
 
 
 def test_names_without_effect_are_not_broken_between_lines():
