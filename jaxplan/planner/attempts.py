@@ -143,7 +143,8 @@ class Attempts:
             self.plan = self.plan or found
             self._next_time()
         else:
-            self.plan = None  # that there was no goal at another time no longer matters
+            if self.plan is None or self.plan.status not in _FOR_GOOD:
+                self.plan = None  # that there was no goal at another time no longer matters
             self._paths.clear()
             # Where no path avoids all that moving zones sweep, one may still avoid them at each instant.
             shares = (1.0, 0.0) if moves(self.scenario) else (1.0,)
@@ -212,13 +213,22 @@ class Attempts:
             if again is not None:
                 self._asked, self._over = again, False
                 self._times = list(duration_guesses(again))
-                self._next_time()
+            elif self._may_be_met_otherwise():
+                self._ladder = self._nearest = None  # goals at another time are no worse ones
+            else:
+                return
+            self._next_time()
             return
         goal, share = self._goals_left.pop(0)
         if self._ladder is not None and goal is not self._ladder.goal and self._nearest is None:
             self._nearest = self.plan
         self._ladder = self._begun(goal, share)
         self._next_rung(self._ladder)
+
+    def _may_be_met_otherwise(self) -> bool:
+        """Whether targets that move may be met at a time not yet tried, where all tried ask for too much."""
+        failed = self.plan is not None and self.plan.status in _FOR_GOOD
+        return failed and bool(self._times) and not self._over and self.scenario.goal.moves
 
     def _off_the_edges(self) -> Scenario | None:
         """The scenario with goals just off the edges of zones, if motions to some there swung over them.

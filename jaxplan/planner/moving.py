@@ -42,7 +42,7 @@ _ROUNDS = 8  # most fits, each to the goal at the end of the one before, until d
 _SETTLED = 1e-2  # share of the duration by which it may differ from the goal's time; below it they agree
 _SLACKS = (1e-3, 4e-3, 1e-2, 3e-2, 1e-1)  # shares of the shortest time that are added to it, one by one
 _DETOUR = 1.4  # factor on the bound that is a first guess of a duration; it makes room for a detour
-_FACTORS = (1.0, 2.0, 0.6, 4.0)  # on that guess, tried one after the other where there is no goal
+_FACTORS = (1.0, 0.6, 2.0, 4.0)  # on that guess, one after the other where there is no goal, or none to meet
 
 
 def swept(scenario: Scenario, goal: Goal, share: float = 1.0) -> Constraints:
@@ -205,6 +205,8 @@ class Meeting:
         """
         curve, expected = fit.trajectory, self.goal.time
         if curve is None or fit.status is Status.LIMITS_TOO_TIGHT:
+            if curve is not None and curve.duration > self._known:
+                self.fit = replace(fit, trajectory=None)  # nobody can look at all of it
             return
         if curve.duration > self._known:
             self._miss(_unknown(self._what, self._known, curve.duration))

@@ -76,6 +76,12 @@ def _kept_limits(attempt: Attempt, *, stretch: bool) -> Fit:
     return Fit(trajectory=curve, status=Status.OK, message=message, note=note, origin=origin)
 
 
+_OTHER_RATES = (
+    "lower the rates at start and end; where these are those of targets that move, meet them at another "
+    "time, by a number for trajectory.duration_s"
+)
+
+
 def limits_too_tight(closest: Attempt, duration: float, needed: float | None) -> Fit:
     """The fit that breaks a limit.
 
@@ -89,7 +95,7 @@ def limits_too_tight(closest: Attempt, duration: float, needed: float | None) ->
         return full_on_the_way(closest.trajectory, problem.spacecraft)
     if needed is not None:
         enough = needed_words(needed, moving=problem.horizon > 0, scalable=True)
-    else_try = "lower the rates at start and end" if problem.at_speed else 'set it to "minimum"'
+    else_try = _OTHER_RATES if problem.at_speed else 'set it to "minimum"'
     return Fit(
         trajectory=closest.trajectory,
         status=Status.LIMITS_TOO_TIGHT,

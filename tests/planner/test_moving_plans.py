@@ -18,10 +18,12 @@ from jaxplan.model.goals import Targets
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import known_until
 from jaxplan.model.zones import KeepIn, KeepOut
+from jaxplan.planner.attempts import Attempts
+from jaxplan.planner.clock import Clock
 from jaxplan.planner.moving import Meeting, always, swept
 from jaxplan.planner.proving import certify, check_margins
-from jaxplan.planner.steps import GoalQuery, find_goals
-from jaxplan.search import find_barrier, make_scene
+from jaxplan.planner.steps import GoalQuery, SearchQuery, find_goals
+from jaxplan.search import SearchResult, find_barrier, make_scene
 from jaxplan.trajectory import Fit
 
 EPOCH = "2026-03-20T12:00:00"
@@ -400,6 +402,30 @@ def test_fits_that_do_not_settle_end_in_a_longer_time_or_miss_the_goal(scene, pl
         assert found.fit.status is jp.Status.GOAL_MISSED
         assert found.fit.trajectory is None
         assert "still follow each other" in found.fit.message
+
+
+def test_targets_that_ask_for_too_much_at_one_time_are_met_at_another(scene, plans):
+    scenario = with_duration(scene, "minimum")
+    curve = plans[80.0].trajectory
+    late = replace(curve, breaks=3 * curve.breaks, joint_breaks=3 * curve.joint_breaks)
+    assert late.duration > known_until(scenario)[0]
+    attempts, asked = Attempts(scenario, Clock(np.inf)), []
+    while attempts.need is not None:
+        need = attempts.need
+        if isinstance(need, GoalQuery):
+            asked.append(need.time)
+            attempts.accept_goals(find_goals(scenario, need.time))
+        elif isinstance(need, SearchQuery):
+            found = SearchResult(status=jp.Status.OK, path=plans[80.0].path, expansions=1)
+            attempts.accept_path(found)
+        else:
+            attempts.accept_fit(Fit(trajectory=late, status=jp.Status.LIMITS_TOO_TIGHT, message="too quick"))
+    assert len(asked) >= 3
+    assert len(set(asked)) == len(asked)
+    plan = attempts.result()
+    assert plan.status is jp.Status.LIMITS_TOO_TIGHT
+    assert plan.trajectory is None  # nobody knows where zones and targets are for so long
+    assert plan.message == "too quick"
 
 
 def test_a_second_look_takes_moving_zones_as_they_are_in_the_middle(plans, scene):
