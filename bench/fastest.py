@@ -4,13 +4,15 @@
 rates and accelerations, beside direct shooting. `random`: slews about axes that are drawn, axes of the body
 among them, each kind of limits in turn, beside direct shooting from many starts. `zones`: scenes with round
 zones, each beside the best plan of other searches if it is over 1 % above the bound. Every plan is certified.
+`warm`: what whole plans take by the clock once all is compiled, by whose limits set the bound: the platform's
+or a joint's. Of two plans of a scene the quicker one counts.
 
-    python bench/fastest.py [published random zones] [-n 30] [--starts 64] [--searches 24] [--first-seed 0]
+    python bench/fastest.py [published random zones warm] [-n 30] [--starts 64] [--searches 24]
 """
 
 import argparse
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +28,7 @@ FREE = np.full(3, np.inf)  # rad/s: rates without limits
 INERTIAS = ((1.0, 1.0, 1.0), (1.0, 2.0, 3.0), (1.0, 1.0, 0.3), (1.0, 1.6, 1.6))  # kg m^2
 RATE, ACCELERATION = np.deg2rad(3.0), np.deg2rad(2.0)
 KINDS = ("hard_keep_out", "keep_out", "single_instrument")  # of scenes with zones
+SUN = np.array([0.0, np.cos(np.deg2rad(23.4)), np.sin(np.deg2rad(23.4))])  # at a solstice
 SIX = 6  # number of cones of a scene with a single instrument
 
 
@@ -221,9 +224,52 @@ def zones(first: int, count: int, searches: int, kinds: list[str]) -> None:
         )
 
 
+def in_the_shortest_time(scenarios: Iterable[jp.Scenario]) -> list[jp.Scenario]:
+    """The scenarios in the shortest time, by the method "global"."""
+    return [
+        replace(own, trajectory=replace(own.trajectory, method="global", duration="minimum"))
+        for own in scenarios
+    ]
+
+
+def warm(first: int, count: int) -> None:
+    """Print what whole warm plans take, by kind of scene and by whose limits set the bound."""
+    seeds = range(first, first + count)
+    slews = [slew for _, slew in drawn_slews(first, count)]
+    groups = {f"{ends} at the ends": [scene_of(slew, ends) for slew in slews] for ends in ("zero", "free")}
+    groups["the paper's cases"] = in_the_shortest_time(jp.paper_case(number) for number in range(1, 5))
+    for kind in ("keep_out", "keep_in", "hard_keep_in"):
+        groups[kind] = in_the_shortest_time(jp.random_scenario(seed, kind) for seed in seeds)
+    switch = jp.link_switch(jp.walker("53:1584/72/39", 550.0), sun_direction=SUN)
+    groups["satellites"] = in_the_shortest_time(switch.scenarios(range(0, 1584, 1584 // count)))
+    by_limits: dict[str, list[float]] = {"the platform's": [], "a joint's": []}
+    print(f"\n{'whole plans, ms':<24} {'plans':>6} {'median':>7} {'90 %':>7}")
+    for name, scenes in groups.items():
+        took = []
+        for scene in scenes:
+            jp.plan(scene, throw=False, progress=False)
+        for scene in scenes:
+            seconds = []
+            for _ in range(2):
+                began = time.perf_counter()
+                plan = jp.plan(scene, throw=False, progress=False)
+                seconds.append(time.perf_counter() - began)
+            took.append(1e3 * min(seconds))
+            bound = plan.duration_bound_name or ""
+            by_limits["the platform's" if "platform" in bound else "a joint's"].append(took[-1])
+        print_times(name, took)
+    for whose, took in by_limits.items():
+        print_times(f"{whose} bound", took)
+
+
+def print_times(name: str, took: list[float]) -> None:
+    """Print a row of times, ms."""
+    print(f"{name:<24} {len(took):>6} {np.median(took):>7.0f} {np.quantile(took, 0.9):>7.0f}", flush=True)
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parts = ("published", "random", "zones")
+    parts = ("published", "random", "zones", "warm")
     parser.add_argument("parts", nargs="*", default=parts, choices=(*parts, []), metavar="PART")
     parser.add_argument("-n", type=positive, default=30, help="drawn slews, and scenes of each kind")
     parser.add_argument("--starts", type=not_negative, default=64, help="of the independent optimiser")
@@ -238,3 +284,5 @@ if __name__ == "__main__":
         random(options.first_seed, options.n, options.starts)
     if "zones" in options.parts:
         zones(options.first_seed, options.n, options.searches, options.kinds)
+    if "warm" in options.parts:
+        warm(options.first_seed, options.n)
