@@ -660,7 +660,7 @@ def test_names_of_margins_cover_neither_each_other_nor_the_mark(figure, place) -
         axes = figure(replace(plan, certificate=report))
     axes.figure.figure.draw_without_rendering()
     assert len(moves.times) == len(times)
-    boxes = [text.get_window_extent() for text in axes.texts]
+    boxes = [mpl.text.Text.get_window_extent(text) for text in axes.texts]  # without leaders
     assert len(boxes) >= 2
     panel = axes.get_window_extent()
     assert all(panel.x0 - 1 <= box.x0 and box.x1 <= panel.x1 + 1 for box in boxes)
@@ -670,6 +670,43 @@ def test_names_of_margins_cover_neither_each_other_nor_the_mark(figure, place) -
     boxes.append(mpl.transforms.Bbox.from_extents(x - radius, y - radius, x + radius, y + radius))
     pairs = [(one, other) for i, one in enumerate(boxes) for other in boxes[:i]]
     assert not any(one.overlaps(other) for one, other in pairs)
+
+
+@pytest.mark.parametrize("figure", [lambda plan: jp.plot.overview(plan)[3], jp.plot.margins])
+@pytest.mark.parametrize("spike", [0.02, 0.3, 0.62, 0.97])
+def test_a_zone_is_named_where_it_binds(figure, spike: float) -> None:
+    share = np.linspace(0, 1, style.INSTANTS)
+    spike = share[np.argmin(abs(share - spike))]
+    spiked = 0.2 + 4000 * abs(share - spike)  # the lowest of all, for so short that a name beside it misleads
+    level = np.where(abs(share - 0.5) < 0.1, 0.5, 30.0) + 20 * (abs(share - spike) < 0.01)
+    plan = make_plan(1, 0)
+    lines = {"spiked": spiked, "level": level}
+    made = [
+        margin_panels.Margin(device=0, zone=name, values=np.deg2rad(line)) for name, line in lines.items()
+    ]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(margin_panels, "margins_over_time", lambda *_: made)
+        axes = figure(replace(plan, certificate=None))
+    axes.figure.figure.draw_without_rendering()
+    binds = {"spiked": spiked < level, "level": level < spiked}
+    times = share * plan.trajectory.duration
+    for text in axes.texts:
+        box = mpl.text.Text.get_window_extent(text)  # without its leader
+        at = axes.transData.inverted().transform([(box.x0 + box.x1) / 2, box.y0])
+        place = at[0] if text.arrow_patch is None else text.xy[0]
+        assert binds[text.get_text()][np.argmin(abs(times - place))]
+        assert at[1] >= 0, "nothing is written in the red while no zone is broken"
+    assert {text.get_text() for text in axes.texts} == set(lines)
+
+
+@pytest.mark.parametrize("margin", [20.0, -20.0])
+def test_a_name_stands_in_the_red_only_where_its_zone_is_broken(margin: float) -> None:
+    line = np.full(style.INSTANTS, margin)
+    axes = _margins_of(line, line + 40)
+    heights = {text.get_text(): text.get_window_extent().y0 for text in axes.texts}
+    limit = axes.transData.transform((0, 0))[1]
+    assert (heights["CZ0"] < limit) == (margin < 0)
+    assert heights["CZ1"] >= limit
 
 
 def test_the_duration_can_be_read_off_the_time_axis() -> None:
