@@ -220,7 +220,7 @@ def _smallest(own: Sequence[Margin]) -> _Smallest:
     known = np.flatnonzero(~np.isnan(values))
     parts = np.split(known, np.flatnonzero((np.diff(known) > 1) | (np.diff(binding[known]) != 0)) + 1)
     stretches = [
-        _Stretch(own[binding[part[0]]].zone, *part[[0, -1]].tolist(), int(part[np.argmin(values[part])]))
+        _Stretch(own[binding[part[0]]].zone, int(part[0]), int(part[-1]), int(part[np.argmin(values[part])]))
         for part in parts
     ]
     return _Smallest(values, stretches)
@@ -300,12 +300,11 @@ def _name_zones(
 
 def _by_depth(smallest: dict[int, _Smallest]) -> list[tuple[int, _Stretch, bool]]:
     """All stretches with their devices, the lowest first, those that are a device's lowest before others."""
-    found = []
+    found: list[tuple[bool, float, int, _Stretch]] = []
     for device, line in smallest.items():
-        ranked = sorted(line.stretches, key=lambda own, of=line.values: float(of[own.lowest]))
-        found += [
-            (place > 0, float(line.values[own.lowest]), device, own) for place, own in enumerate(ranked)
-        ]
+        depths = [float(line.values[own.lowest]) for own in line.stretches]
+        for place, number in enumerate(np.argsort(depths, kind="stable").tolist()):
+            found.append((place > 0, depths[number], device, line.stretches[number]))
     return [(device, own, not later) for later, _, device, own in sorted(found, key=lambda one: one[:3])]
 
 

@@ -66,7 +66,7 @@ def row_count(plan: TimelinePlan) -> int:
 
 def slews(plan: TimelinePlan) -> list[Span]:
     """Spans of all slews, s."""
-    return [(one.start, one.end) for one in plan.segments if one.kind == "slew"]
+    return [(one.start, one.end) for one in plan.slews]
 
 
 def shade_slews(axes: Axes, plan: TimelinePlan, *, edges: bool = True) -> None:
