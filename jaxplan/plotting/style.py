@@ -199,6 +199,12 @@ def legend_beside(
     _legend(axes, entries, {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "ncols": columns})
 
 
+def legend_height(entries: Entries) -> float:
+    """Inches that a legend of one column takes, about."""
+    lines = [1 + label.count("\n") for _, label in entries]
+    return SMALL / 72 * sum(1.0 + 1.2 * (count - 1) + 0.5 for count in lines)
+
+
 def legend_below(axes: Axes, entries: Sequence[Entry]) -> None:
     """Put a legend below the axes and what is written there, where there is no room beside them."""
     _legend(axes, entries, {"loc": "upper left", "bbox_to_anchor": (-0.1, _BELOW)})
