@@ -366,12 +366,12 @@ def test_curves_are_the_trajectory_in_degrees_and_seconds() -> None:
     yaw, pitch = slice(0, 4), slice(4, 8)
     shown = [
         (jp.plot.angles, [values.joints[:, yaw], values.joints[:, pitch]]),
-        (jp.plot.rates, [values.joint_rates[:, pitch], values.joint_rates[:, yaw], values.angular_velocity]),
+        (jp.plot.rates, [values.joint_rates[:, yaw], values.joint_rates[:, pitch], values.angular_velocity]),
         (
             jp.plot.accelerations,
             [
-                values.joint_accelerations[:, pitch],
                 values.joint_accelerations[:, yaw],
+                values.joint_accelerations[:, pitch],
                 values.angular_acceleration,
             ],
         ),
@@ -481,6 +481,32 @@ def test_different_limits_have_their_terminals_colours() -> None:
     colours = {abs(round(line.get_ydata()[0])): line.get_color() for line in _barriers(yaw)}
     assert colours[70] == style.device_style(1)["color"]
     assert colours[90] == style.GREY
+    assert {text.get_text() for text in yaw.texts} == {"limit of terminal-1 and terminal-3"}
+    assert not pitch.texts, "what is the limit of all needs no names"
+
+
+@pytest.mark.parametrize("highest", [0.05, 2.0])
+def test_limits_say_whose_they_are_unless_all_have_one(highest: float) -> None:
+    names = [f"wheel {number}" for number in range(6)]
+    looks = [style.device_style(number) for number in range(6)]
+
+    def told(limits: list[float]) -> list[str]:
+        axes = Figure().subplots()
+        axes.set_ylim(-4, 4)
+        style.limit_lines(axes, style.both_sides(np.array(limits)), looks, highest, far=4.0, owners=names)
+        return [text.get_text() for text in axes.texts]
+
+    far = highest < 1
+    assert told([2.0] * 6) == (["limit ±2"] if far else [])
+    two = told([1.0, 1.0, 2.0, 2.0, 2.0, 2.0])
+    if far:
+        assert two == ["limits ±1 wheel 0 and wheel 1, ±2 wheel 2, wheel 3 and 2 more"]
+    else:
+        assert set(two) == {"limit of wheel 0 and wheel 1", "limit of wheel 2, wheel 3 and 2 more"}
+    assert len(two) == (1 if far else 2), "each once, not at both ends"
+    assert ("wheel 3" in " ".join(told([1.0, 1.0, 1.0, 3.0, 1.0, 1.0]))) == far, (
+        "a line of its own colour says it"
+    )
 
 
 def test_path_nodes_are_marked_on_the_angles() -> None:
@@ -1002,11 +1028,11 @@ def test_derivatives_of_drives_stand_beside_those_of_terminals() -> None:
         (jp.plot.accelerations, values.joint_accelerations, values.angular_acceleration),
     ):
         panels = figure(plan)
-        for axes, columns in zip(panels, (own[:, 2:4], own[:, :2], own[:, 4:], platform), strict=True):
+        for axes, columns in zip(panels, (own[:, :2], own[:, 2:4], own[:, 4:], platform), strict=True):
             assert len(_curves(axes)) == columns.shape[1]
             for curve, column in zip(_curves(axes), columns.T, strict=True):
                 np.testing.assert_allclose(np.deg2rad(curve.get_ydata()), column, atol=1e-12)
-        assert [axes.get_ylabel().split()[0] for axes in panels] == ["pitch", "yaw", "drive", "platform"]
+        assert [axes.get_ylabel().split()[0] for axes in panels] == ["yaw", "pitch", "drive", "platform"]
         drives = [curve.get_color() for curve in _curves(panels[2])]
         assert drives == [style.device_style(number)["color"] for number in (2, 3, 4)]
 
