@@ -5,6 +5,7 @@ from dataclasses import replace
 import matplotlib as mpl
 import numpy as np
 import pytest
+from builders import make_plan
 from days import END, ERROR, RATE, TOLERANCE, day, target, zone
 from drawn import assert_apart
 from matplotlib.figure import Figure
@@ -474,3 +475,12 @@ def test_the_legend_of_the_rows_makes_no_gap_below_them(plan):
     assert rows.get_legend().get_window_extent().y0 >= rows.get_window_extent().y0 - 2
     gap = rows.get_window_extent().y0 - below.get_window_extent().y1
     assert gap < 0.3 * figure.dpi
+
+
+@pytest.mark.parametrize("figure", [jp.plot.sphere, jp.plot.joint_map])
+def test_a_day_has_an_end_and_a_manoeuvre_a_goal(plan, figure):
+    for shown, word, other in ((plan, "end", "goal"), (make_plan(1, 1), "goal", "end")):
+        axes = np.ravel(figure(shown))[0]
+        told = {text.get_text() for text in axes.get_legend().get_texts()}
+        assert word in told
+        assert other not in told
