@@ -18,7 +18,7 @@ _AXES = {"EME2000": "J2000", "ICRF": "ICRF", "GCRF": "ICRF"}  # STK's names of t
 
 
 def write_stk(sampling: Sampling, folder: Path) -> None:
-    """Write ``platform.a``, a sensor file of each terminal, ``terminal-1.sp``, and perhaps ``segments.int``.
+    """Write ``platform.a``, a file of each terminal and drive, ``antenna.sp``, and perhaps ``segments.int``.
 
     Quaternions turn the reference axes into the object's in STK's sense, which is ours of object to
     reference, with the scalar last. The reference is inertial for the platform, and for a device with joints

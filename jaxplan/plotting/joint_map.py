@@ -18,6 +18,7 @@ from jaxplan.model.outlines import FORWARD, UP, field_corners
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.zones import Mask, masks
 from jaxplan.planner import Plan
+from jaxplan.plotting.day import DayPlan
 from jaxplan.plotting.style import (
     GREY,
     HALO,
@@ -129,7 +130,8 @@ def _entries(plan: Plan) -> Entries:
     drawn: Entries = [(Line2D([], [], color=GREY, linewidth=1.8), "trajectory")] if plan.trajectory else []
     drawn += [(Line2D([], [], color=GREY, **_NODE), "node of the path")] if plan.path is not None else []
     drawn.append((Line2D([], [], color=GREY, **_START), "start"))
-    drawn += [(Line2D([], [], color=GREY, **_END), "goal")] if plan.goal is not None else []
+    word = "end" if isinstance(plan, DayPlan) else "goal"
+    drawn += [(Line2D([], [], color=GREY, **_END), word)] if plan.goal is not None else []
     error = 0.0 if plan.scenario.robust is None else float(plan.scenario.robust.joint_error)
     drawn += band_entry(error) if plan.trajectory and error > 0 else []
     return [*drawn, (Patch(**_MASK), "mask"), (Patch(**_RANGE), "range")]

@@ -56,9 +56,9 @@ _MINOR = 0.2  # least distance of ticks without a label, in widths of a label, l
 SIZE = (WIDTH, 4.2)  # inches
 _PROVED: Look = {"marker": "^", "color": "black", "markersize": 7, "linestyle": "none"}
 # Offsets of a name's centre from the lowest point of its curve, in halves of the name's size, the best first.
-_OFFSETS = np.array(
-    [(0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 2.5), (1, 2.5), (-1, 2.5), (2, 0), (-2, 0)]
-)
+_BESIDE = [(0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)]
+_OFFSETS = np.array([*_BESIDE, (0, 2.5), (1, 2.5), (-1, 2.5), (2, 0), (-2, 0), (2, 2.5), (-2, 2.5)])
+_LEVEL = 1.0  # points: what is so little higher than the lowest point of a curve is as low to the eye
 _BROKEN: Look = {"facecolor": to_rgba(KEEP_OUT, 0.12), "edgecolor": "none", "zorder": 0.6}
 _CROWD = 60  # number of curves beyond which they are drawn fainter
 
@@ -135,7 +135,8 @@ def _first_digit(value: float) -> int:
 def margins(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
     """Draw the margin over time of every device, and every vector that zones bind, to each of its zones.
 
-    The bold line of a device is its smallest margin, named after the zone at its lowest point. The vertical
+    The bold line of a device is its smallest margin, with the name of the zone that binds at its lowest point
+    and, where there is room, of those that bind elsewhere. The vertical
     axis holds every line: it is linear near zero, for a degree or up to the smallest margin, and logarithmic
     beyond. Below zero, where it is red, a constraint is broken. Zones of an ``any_of`` group count as the
     best of them. A triangle marks the lower bound over all time that the certificate proves.
@@ -195,20 +196,34 @@ def draw(axes: Axes, plan: Plan, moves: Motion) -> tuple[Entries, Entries]:
     return [names[device] for device in smallest], kinds
 
 
+class _Stretch(NamedTuple):
+    """A time over which one zone binds a device: its first, last and lowest instants, as numbers of them."""
+
+    zone: str
+    first: int
+    last: int
+    lowest: int
+
+
 class _Smallest(NamedTuple):
-    """A device's smallest margin over time, deg, with its lowest instant and the zone that it is to then."""
+    """A device's smallest margin over time, deg, and the stretches of it with the zone that binds in each."""
 
     values: np.ndarray
-    lowest: int
-    zone: str
+    stretches: list[_Stretch]
 
 
 def _smallest(own: Sequence[Margin]) -> _Smallest:
     """The smallest of a device's margins, at each time."""
     table = np.rad2deg([margin.values for margin in own])
     values = np.fmin.reduce(table)
-    lowest = int(np.nanargmin(values))
-    return _Smallest(values, lowest, own[int(np.nanargmin(table[:, lowest]))].zone)
+    binding = np.argmin(np.where(np.isnan(table), np.inf, table), axis=0)
+    known = np.flatnonzero(~np.isnan(values))
+    parts = np.split(known, np.flatnonzero((np.diff(known) > 1) | (np.diff(binding[known]) != 0)) + 1)
+    stretches = [
+        _Stretch(own[binding[part[0]]].zone, int(part[0]), int(part[-1]), int(part[np.argmin(values[part])]))
+        for part in parts
+    ]
+    return _Smallest(values, stretches)
 
 
 def span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
@@ -228,7 +243,11 @@ def span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
 def _name_zones(
     axes: Axes, times: np.ndarray, smallest: dict[int, _Smallest], marks: list[tuple[float, float]]
 ) -> None:
-    """Name the zone at the lowest point of each smallest margin, lowest first and as far as there is room.
+    """Name the zones that bind where they do, as far as there is room.
+
+    First each smallest margin has a name at its lowest point, the lowest first; then stretches that are as
+    long as their names. A name stands above or below its stretch, or a line leads to it; it stands in the
+    red only where the zone is broken.
 
     Args:
         axes: the panel, scaled.
@@ -245,23 +264,68 @@ def _name_zones(
         across = np.divide(time, times[-1]) if times[-1] > 0 else np.full_like(time, 0.5)
         return np.stack([across, (height(value) - low) / (high - low)], axis=-1) * size
 
-    drawn = [np.zeros_like(times), *(line.values for line in smallest.values())]  # with the line at zero
-    labels = Labels(np.concatenate([on_page(times, values) for values in drawn]))
+    curves = {device: on_page(times, line.values) for device, line in smallest.items()}
+    zero = on_page(times, np.zeros_like(times))
+    labels = Labels(np.concatenate([zero, *curves.values()]))
     labels.taken.extend((on_page(*mark), np.full(2, _PROVED["markersize"] + 2.0)) for mark in marks)
-    for device, line in sorted(smallest.items(), key=lambda item: item[1].values[item[1].lowest]):
-        lowest = float(times[line.lowest]), float(line.values[line.lowest])
-        corner, extent = on_page(*lowest), SMALL * np.array([0.62 * len(line.zone) + 0.5, 1.2])
+    for device, stretch, first in _by_depth(smallest):
+        points, value = curves[device], smallest[device].values[stretch.lowest]
+        extent = SMALL * np.array([0.62 * len(stretch.zone) + 0.5, 1.2])
+        start, end = points[[stretch.first, stretch.last], 0]
+        if not first and end - start < extent[0]:
+            continue
+        corner = points[_middle_of_lowest(points[:, 1], stretch)]
         beside = extent / 2 + 2
         if any(np.all(np.abs(spot - corner) < 1) for spot, _ in labels.taken[: len(marks)]):
             beside = beside + (_PROVED["markersize"] + 2.0) / 2  # of the mark that stands there
-        places = [corner + offset for offset in _OFFSETS * beside]
-        spot = labels.place(
-            [p for p in places if np.all(np.abs(p - size / 2) <= (size - extent) / 2)], extent
-        )
+        least = np.array([0.0, zero[0, 1] if value >= 0 else 0.0]) + extent / 2
+        offered = [(corner + offset * beside, bool(np.any(np.abs(offset) > 1))) for offset in _OFFSETS]
+        offered = [one for one in offered if np.all(one[0] >= least) and np.all(one[0] <= size - extent / 2)]
+        near = [spot for spot, far in offered if start - 1 <= spot[0] <= end + 1 and not far]
+        spot, led = labels.place(near, extent), False
+        if spot is None and first:  # rather not where another zone binds for long, whose name it would seem
+            others = [
+                points[[own.first, own.last], 0]
+                for own in smallest[device].stretches
+                if own.zone != stretch.zone and np.ptp(points[[own.first, own.last], 0]) > extent[0] / 2
+            ]
+            every = [place for place, _ in offered]
+            apart = [place for place in every if not any(a <= place[0] <= b for a, b in others)]
+            found = (labels.place(each, extent) for each in (apart, every))
+            spot, led = next((one for one in found if one is not None), None), True
         if spot is not None:
-            place: Look = {"xytext": tuple(spot - corner), "textcoords": "offset points"}
-            colour = device_style(device)["color"]
-            plain(axes.annotate(line.zone, lowest, color=colour, fontsize=SMALL, **place, **HALO))
+            lowest = np.array([times[_middle_of_lowest(points[:, 1], stretch)], value])
+            _name(axes, stretch.zone, device_style(device)["color"], lowest, spot - corner, led=led)
+
+
+def _by_depth(smallest: dict[int, _Smallest]) -> list[tuple[int, _Stretch, bool]]:
+    """All stretches with their devices, the lowest first, those that are a device's lowest before others."""
+    found: list[tuple[bool, float, int, _Stretch]] = []
+    for device, line in smallest.items():
+        depths = [float(line.values[own.lowest]) for own in line.stretches]
+        for place, number in enumerate(np.argsort(depths, kind="stable").tolist()):
+            found.append((place > 0, depths[number], device, line.stretches[number]))
+    return [(device, own, not later) for later, _, device, own in sorted(found, key=lambda one: one[:3])]
+
+
+def _middle_of_lowest(heights: np.ndarray, stretch: _Stretch) -> int:
+    """Number of the instant amid those about a stretch's lowest that are as low, by heights (k,) in points.
+
+    Else noise would choose a place on a level part.
+    """
+    own = heights[stretch.first : stretch.last + 1]
+    higher = np.flatnonzero(own > heights[stretch.lowest] + _LEVEL) + stretch.first
+    before = int(np.max(higher[higher < stretch.lowest], initial=stretch.first - 1))
+    after = int(np.min(higher[higher > stretch.lowest], initial=stretch.last + 1))
+    return (before + after) // 2
+
+
+def _name(axes: Axes, zone: str, colour: str, point: np.ndarray, offset: np.ndarray, *, led: bool) -> None:
+    """Write a zone's name at an offset (2,), points, from a point (time in s, margin in deg)."""
+    place: Look = {"xytext": tuple(offset), "textcoords": "offset points"}
+    leader: Look = {"arrowstyle": "-", "color": colour, "linewidth": 0.7, "shrinkA": 0, "shrinkB": 1}
+    look: Look = {**place, **HALO, **({"arrowprops": leader} if led else {})}
+    plain(axes.annotate(zone, (float(point[0]), float(point[1])), color=colour, fontsize=SMALL, **look))
 
 
 def _proved(plan: Plan) -> list[tuple[float, float, str]]:

@@ -6,8 +6,9 @@ when the target of the activity that is under way, or comes next, is hidden; aft
 the last. Activities that could not be planned have a row, in which they are outlined in red over the time in
 which they were allowed, each after the one before it.
 
-A name stands in its bar or, where it does not fit, beside it, and in a crowd turned by 90 deg; then not all
-bars are named, and those in a row that follow the same target are named together.
+A name stands in its bar or, where it does not fit, beside it. Activities without room for that have theirs
+turned by 90 deg above the rows, with lines to their bars. In a crowd names are turned in their rows; then not
+all bars are named, and those in a row that follow the same target are named together.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,6 +21,7 @@ from matplotlib.colors import to_rgb, to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
+from scipy.optimize import isotonic_regression
 
 from jaxplan.model.timeline import Activity
 from jaxplan.plotting.followings import followings
@@ -35,6 +37,10 @@ _TURNED, _SIZE = 8.0, 8.6  # points: size of names turned by 90 deg, and of upri
 _ENOUGH = 0.75  # of the names that have room where they are turned: so many make them upright
 _LOOSE = 1.12  # by which rows are higher than their names need, as the layout takes some of them
 _TALLEST = 80.0  # points of a name for which rows are made higher
+_PITCH = 9.6  # points from one name above the rows to the next
+_LEAD = 12.0  # points, of the lines from there to the bars
+_TOP = -0.6  # upper end of the rows, whose middles are at 0, 1, ...
+_LINE: Look = {"color": "0.45", "linewidth": 0.6, "zorder": 0.9}
 _NEAR = 0.02  # of the day: bars of one target that are not farther apart are named together
 _BARE = 0.25  # of a name upon several bars: what may be between these
 _NARROW = 0.006  # of the day: shorter bars have no white edge
@@ -42,6 +48,7 @@ _PALE = 0.35  # opacity of bars before a window opens
 _NOT_PLANNED = "not planned"
 _KINDS: dict[str, str] = {"track": "0.35", "point": "0.35", "attitude": "0.55", "idle": "0.75"}
 _HIDDEN: Look = {"facecolor": "none", "edgecolor": "0.84", "hatch": "///", "linewidth": 0.0}
+_BEHIND: Look = {"zorder": 0.9, **_HIDDEN}
 _GAP: Look = {"facecolor": "white", "edgecolor": "0.7", "linewidth": 0.6}
 _MEANINGS = {  # of the colours of activities, in the order of the legend
     "point": "activity with targets,\na line where it is short",
@@ -66,7 +73,7 @@ def row_count(plan: TimelinePlan) -> int:
 
 def slews(plan: TimelinePlan) -> list[Span]:
     """Spans of all slews, s."""
-    return [(one.start, one.end) for one in plan.segments if one.kind == "slew"]
+    return [(one.start, one.end) for one in plan.slews]
 
 
 def shade_slews(axes: Axes, plan: TimelinePlan, *, edges: bool = True) -> None:
@@ -86,8 +93,11 @@ def devices(plan: TimelinePlan) -> list[int]:
     return sorted(set(chain.from_iterable(asked)))
 
 
-def draw_rows(axes: Axes, plan: TimelinePlan, end: float) -> Entries:
-    """Draw the rows of a timeline, but for names, on a panel up to `end`, s; returns legend entries."""
+def draw_rows(axes: Axes, plan: TimelinePlan, end: float, lane: float = 0.0) -> Entries:
+    """Draw the rows of a timeline, but for names, on a panel up to `end`, s; returns legend entries.
+
+    Above them is room for names, as much as so many rows take.
+    """
     craft, rows = plan.timeline.scene.spacecraft, device_rows(plan)
     failed = [_NOT_PLANNED] * (row_count(plan) - 1 - len(rows))
     labels = name_lines(axes, ["activity", *failed, *(craft.device_names[device] for device in rows)])
@@ -96,8 +106,24 @@ def draw_rows(axes: Axes, plan: TimelinePlan, end: float) -> Entries:
     for device, label in zip(rows, labels[1 + len(failed) :], strict=True):
         label.set_color(device_style(device)["color"])
     axes.set_xlim(0, end)
+    axes.set_ylim(top=_TOP - lane)
     axes.grid(False, axis="y")
     shade_slews(axes, plan)
+    spans = _hidden(plan, end)
+    for row, own in spans.items():
+        axes.broken_barh([(first, last - first) for first, last in own], (row - _BAR / 2, _BAR), **_BEHIND)
+    for bar in _bars(plan, end):
+        look = bar.look
+        if bar.end - bar.start < _NARROW * end and look is not _FAILED:  # all of it would be edge
+            look = {**look, "edgecolor": look["facecolor"]}
+        axes.broken_barh([(bar.start, bar.end - bar.start)], (bar.row - _BAR / 2, _BAR), **look)
+    _draw_points(axes, plan)
+    return row_entries(plan, end)
+
+
+def row_entries(plan: TimelinePlan, end: float) -> Entries:
+    """Legend entries of what the rows of a timeline up to `end`, s, show."""
+    rows = device_rows(plan)
     done = {_KINDS[one.kind] for one in plan.activities if one.start is not None}
     entries: Entries = [
         (Patch(color=_KINDS[kind]), text) for kind, text in _MEANINGS.items() if _KINDS[kind] in done
@@ -106,18 +132,10 @@ def draw_rows(axes: Axes, plan: TimelinePlan, end: float) -> Entries:
         (Patch(facecolor=device_style(device)["color"]), "device that follows one") for device in rows
     ]
     entries += [*following[:1], (Patch(**_SLEW), "slew"), (Patch(**_GAP), "gap: the device is free")]
-    hidden = _draw_hidden(axes, plan, end)
-    bars = list(_bars(plan, end))
-    for bar in bars:
-        look = bar.look
-        if bar.end - bar.start < _NARROW * end and look is not _FAILED:  # all of it would be edge
-            look = {**look, "edgecolor": look["facecolor"]}
-        axes.broken_barh([(bar.start, bar.end - bar.start)], (bar.row - _BAR / 2, _BAR), **look)
-    _draw_points(axes, plan)
-    entries += [(Patch(**_HIDDEN), "target hidden")] * hidden
+    entries += [(Patch(**_HIDDEN), "target hidden")] * bool(_hidden(plan, end))
     off = any(not one.ok and one.start is not None for one in plan.activities)
     entries += [(Patch(**_FAILED), "not certified")] * off
-    if any(bar.waiting for bar in bars):
+    if any(bar.waiting for bar in _bars(plan, end)):
         colour = device_style(next(iter(rows)))["color"]
         entries.append((Patch(color=colour, alpha=_PALE), "followed before\nits window"))
     if any(one.kind == "point" and one.ok for one in plan.activities):
@@ -182,9 +200,9 @@ def _draw_points(axes: Axes, plan: TimelinePlan) -> None:
     axes.plot(times, np.zeros(len(times)), color=_KINDS["point"], markeredgecolor="white", **_POINT)
 
 
-def _draw_hidden(axes: Axes, plan: TimelinePlan, end: float) -> bool:
-    """Hatch when each device's target is hidden; returns whether any is."""
-    every, drawn = followings(plan), False
+def _hidden(plan: TimelinePlan, end: float) -> dict[int, list[Span]]:
+    """When the targets of devices are hidden, s, by numbers of their rows."""
+    every, found = followings(plan), dict[int, list[Span]]()
     for device, row in device_rows(plan).items():
         own, spans = [one for one in every if one.device == device], list[Span]()
         before = 0.0
@@ -197,10 +215,8 @@ def _draw_hidden(axes: Axes, plan: TimelinePlan, end: float) -> bool:
             ]
             before = one.end
         if spans:
-            widths = [(start, last - start) for start, last in spans]
-            axes.broken_barh(widths, (row - _BAR / 2, _BAR), zorder=0.9, **_HIDDEN)
-            drawn = True
-    return drawn
+            found[row] = spans
+    return found
 
 
 def write_names(axes: Axes, plan: TimelinePlan, end: float, size: tuple[float, float]) -> None:
@@ -218,6 +234,9 @@ def write_names(axes: Axes, plan: TimelinePlan, end: float, size: tuple[float, f
     width, height = size[0] / end, size[1] / (high - low) * _BAR
     left_out = False
     for own in _rows_of_bars(plan, end):
+        if own[0].row == 0 and low < _TOP:
+            left_out |= not _name_activities(axes, own, size[0], low)
+            continue
         upright, turned = (list(_placed(own, width, height, end, turned)) for turned in (False, True))
         places = turned
         if len(upright) >= _ENOUGH * len(turned):  # in whose narrow bars names may yet stand
@@ -232,6 +251,67 @@ def write_names(axes: Axes, plan: TimelinePlan, end: float, size: tuple[float, f
         look: Look = {"fontsize": SMALL, "color": GREY, "ha": "right", "va": "top"}
         below: Look = {"xycoords": "axes fraction", "xytext": (0, -4), "textcoords": "offset points"}
         plain(axes.annotate(words, (1, 0), **below, **look))
+
+
+def lane_height(plan: TimelinePlan, width: float, end: float) -> float:
+    """Points that are needed above the rows for activities without room for their names in their row.
+
+    Args:
+        plan: of the timeline.
+        width: points, of the panel.
+        end: s, of the panel.
+
+    Returns:
+        Zero where no name needs it, or so many do that they would not stand beside each other.
+    """
+    bars = next((own for own in _rows_of_bars(plan, end) if own[0].row == 0), [])
+    lengths = [len(bar.name) * _LETTER * _TURNED for bar in _without_room(bars, width / max(end, 1e-9), end)]
+    lengths = [length for length in lengths if length <= _TALLEST]
+    return max(lengths) + _LEAD if lengths and len(lengths) * _PITCH <= width else 0.0
+
+
+def _without_room(bars: Sequence[_Bar], width: float, end: float) -> list[_Bar]:
+    """Bars of a row, by time, whose names have no upright place; `width` is that of a second in points."""
+    placed = [one.bar for one in _placed(bars, width, np.inf, end, turned=False)]
+    return [bar for bar in bars if bar.name and not any(bar is one for one in placed)]
+
+
+def _name_activities(axes: Axes, bars: Sequence[_Bar], width: float, top: float) -> bool:
+    """Name activities in their row, or above it up to `top`; returns whether all are named.
+
+    Args:
+        axes: with the rows.
+        bars: of the activities, by time.
+        width: points, of the panel.
+        top: of the panel.
+    """
+    end = axes.get_xlim()[1]
+    for place in _placed(bars, width / end, np.inf, end, turned=False):
+        _write(axes, place)
+    missing = _without_room(bars, width / end, end)
+    above = [bar for bar in missing if len(bar.name) * _LETTER * _TURNED <= _TALLEST]
+    above = above[: int(width / _PITCH)]
+    middles = np.array([(bar.start + bar.end) / 2 for bar in above]) * width / end
+    turned: Look = {"rotation": 90, "ha": "center", "va": "bottom", "fontsize": _TURNED, "clip_on": True}
+    longest = max((len(bar.name) for bar in above), default=0) * _LETTER * _TURNED
+    foot = top + (_TOP - top) * longest / (longest + _LEAD)
+    for bar, middle, place in zip(above, middles, spread(middles, _PITCH, width), strict=True):
+        axes.plot(np.array([middle, place]) * end / width, [-_BAR / 2, foot], **_LINE)
+        colour = KEEP_OUT if bar.look.get("facecolor") == _FAILED["facecolor"] else "black"
+        plain(axes.text(float(place) * end / width, foot, bar.name, color=colour, **turned))
+    return len(above) == len(missing)
+
+
+def spread(places: np.ndarray, pitch: float, width: float) -> np.ndarray:
+    """The places (k,) nearest to given ones that are `pitch` apart, and half of that within 0 and `width`.
+
+    Those that are given rise, and there is room for all.
+    """
+    if not len(places):
+        return places
+    steps = pitch * np.arange(len(places))
+    free = isotonic_regression(places - steps).x
+    return np.asarray(np.clip(free, pitch / 2, width - pitch / 2 - steps[-1]) + steps)
 
 
 def _together(bars: Sequence[_Bar], near: float) -> Iterator[_Bar]:
@@ -344,7 +424,10 @@ def row_height(plan: TimelinePlan, width: float, end: float) -> float:
         end: s, of the panel.
     """
     needed = 0.0
+    above = lane_height(plan, width, end) > 0
     for bars in _rows_of_bars(plan, end):
+        if above and bars[0].row == 0:
+            continue
         fitting = len(list(_placed(bars, width / max(end, 1e-9), np.inf, end, turned=False)))
         named = [bar for bar in bars if bar.name]
         if named and fitting < _ENOUGH * len(named):

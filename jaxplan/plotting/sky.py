@@ -50,6 +50,7 @@ from jaxplan.plotting.zones import (
     NOTHING,
     Cone,
     draw_line,
+    draw_way,
     draw_zone,
     name_zones,
     zone_entries,
@@ -85,11 +86,10 @@ _NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
 _FAINT: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}  # edge of a moving zone at its last place
 _FIELD: Look = {"linewidth": 1.0, "zorder": 3.1}  # outline of a field of view
 TRACK: Look = {"linewidth": 1.8, "zorder": 3}  # of a boresight
-BETWEEN: Look = {"linewidth": 0.9, "alpha": 0.75, "zorder": 2.8}  # the same on a day, beside what follows
+BETWEEN: Look = {"linewidth": 0.75, "alpha": 0.55, "zorder": 2.8}  # the same on a day, beside what follows
 MOST_BETWEEN = 24  # times that a device follows targets, beyond which the ways between hide what is bold
 FOLLOWED: Look = {"linewidth": 2.6, "solid_capstyle": "round", "zorder": 3}
 _AT_POLE = np.deg2rad(0.5)  # rad within which the end of a track is at a pole of the flat map
-_ZONE_TRACK: Look = {"linewidth": 1.1, "zorder": 1.7}
 
 
 def sphere(
@@ -360,7 +360,7 @@ def draw_zones(
         look = zone_outline(there)
         if last:
             draw_line(axes, projection, circle(there.axis_at(), there.half_angle), look | _FAINT)
-        draw_line(axes, projection, track, {"color": look["color"], **_ZONE_TRACK})
+        draw_way(axes, projection, there, track)
     tracks, craft = boresight_tracks(plan, frame), plan.scenario.spacecraft
     drawn = [NOTHING if tracks is None else tracks.reshape(-1, 3), *(track for _, track in ways)]
     ends = [NOTHING, *(mark.directions for mark in end_marks(plan, frame))]

@@ -75,6 +75,7 @@ _BELOW = -0.24  # heights of axes below them where a legend begins, under the la
 _LONGEST = 30  # letters of a line of a legend
 _LEGEND_ROWS = 14  # entries in a column of a legend, beyond which it gets another column
 INSTANTS = 1024  # times of the grid of a motion; the paper's manoeuvres have 14 to 50 nodes
+_MOST_OWNERS = 3  # names of curves that a limit has beside it
 _STILL = 1e-3  # share of a limit below which curves count as standing still
 
 
@@ -144,8 +145,11 @@ def limit_lines(
     far: float,
     name: str = "limit",
     look: Look | None = None,
+    owners: Sequence[str] = (),
 ) -> Entries:
     """Draw least and largest values as lines, or write those far from the curves above the panel.
+
+    Where limits differ, what is written, and a line of several curves, say whose they are.
 
     Args:
         axes: where to.
@@ -157,26 +161,48 @@ def limit_lines(
             Where nearly nothing moves every limit is drawn, or the panel would show rounding errors.
         name: what to call the limit.
         look: of its lines in place of a `barrier`.
+        owners: names of the curves; none for those that nobody has to tell apart.
 
     Returns:
         Entry for a legend; none where no limit is drawn.
     """
     several = len(np.unique(np.round(ends, 9), axis=0)) > 1
-    drawn, told = False, set[float]()
-    for side, values in zip((-1, 1), ends.T, strict=True):
+    drawn, told, named = False, dict[float, list[int]](), set[float]()
+    for side, values in zip((1, -1), ends.T[::-1], strict=True):
         for value in np.unique(np.round(values[np.isfinite(values)], 9)):
+            own = np.flatnonzero(np.isclose(values, value, rtol=0, atol=1e-8)).tolist()
             if far * highest < abs(value) and highest >= _STILL * abs(value):
-                told.add(abs(float(value)))
+                told[abs(float(value))] = own
                 continue
-            owners = np.flatnonzero(np.isclose(values, value, rtol=0, atol=1e-8))
-            colour = styles[owners[0]]["color"] if several and len(owners) == 1 else GREY
+            colour = styles[own[0]]["color"] if several and len(own) == 1 else GREY
+            if several and len(own) > 1 and owners and abs(value) not in named:
+                named.add(abs(value))
+                _name_limit(axes, float(value), side, f"{name} of {_listed(owners, own)}")
             axes.axhline(value, color=colour, zorder=1.5, **(barrier(side) if look is None else look))
             drawn = True
     if told:
-        words = f"{name}{'s' * (len(told) > 1)} {', '.join(f'±{value:.3g}' for value in sorted(told))}"
+        whose = {
+            value: f" {_listed(owners, own)}" if several and owners else "" for value, own in told.items()
+        }
+        words = f"{name}{'s' * (len(told) > 1)} {', '.join(f'±{v:.3g}{whose[v]}' for v in sorted(told))}"
         place: Look = {"xy": (1, 1), "xycoords": "axes fraction", "xytext": (0, 2), "ha": "right"}
         axes.annotate(words, textcoords="offset points", va="bottom", color=GREY, fontsize=SMALL, **place)
     return [(Line2D([], [], color=GREY, **(barrier(1) if look is None else look)), name)] if drawn else []
+
+
+def _name_limit(axes: Axes, value: float, side: int, words: str) -> None:
+    """Say whose a limit is, at the right end of its line and on the side of the curves."""
+    place: Look = {"xytext": (-2, -side * 2), "textcoords": "offset points", "ha": "right"}
+    height: Look = {"va": "top" if side > 0 else "bottom", "color": GREY, "fontsize": SMALL - 1, "zorder": 3}
+    where: Look = {"xycoords": ("axes fraction", "data"), "path_effects": HALO["path_effects"]}
+    plain(axes.annotate(words.replace("\n", " "), (1, value), **place, **height, **where))
+
+
+def _listed(names: Sequence[str], own: Sequence[int]) -> str:
+    """Names of curves by their numbers in a few words."""
+    few = [names[number] for number in own[: _MOST_OWNERS - (len(own) > _MOST_OWNERS)]]
+    more = len(own) - len(few)
+    return " and ".join([", ".join(few), f"{more} more"]) if more else " and ".join(few)
 
 
 def both_sides(limits: np.ndarray) -> np.ndarray:
@@ -197,6 +223,12 @@ def legend_beside(
     """
     columns = -(-len(entries) // rows) if columns is None else columns
     _legend(axes, entries, {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "ncols": columns})
+
+
+def legend_height(entries: Entries) -> float:
+    """Inches that a legend of one column takes, about."""
+    lines = [1 + label.count("\n") for _, label in entries]
+    return SMALL / 72 * sum(1.0 + 1.2 * (count - 1) + 0.5 for count in lines)
 
 
 def legend_below(axes: Axes, entries: Sequence[Entry]) -> None:

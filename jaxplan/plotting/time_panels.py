@@ -73,6 +73,7 @@ class Panel(NamedTuple):
         values: (c, k) a row for each curve, in SI units.
         limits: (c, 2) likewise, least and largest; an infinite one is none.
         styles: of the curves.
+        names: of the curves.
         nodes: (c, m) at the path's nodes, or none.
         error: in SI units, of the tube about each curve; zero for none.
         whole: (c, 2) as `limits`, of which these are what a reserve leaves; None without one.
@@ -83,6 +84,7 @@ class Panel(NamedTuple):
     values: np.ndarray
     limits: np.ndarray
     styles: Sequence[Look]
+    names: Sequence[str]
     nodes: np.ndarray | None = None
     error: float = 0.0
     whole: np.ndarray | None = None
@@ -103,7 +105,7 @@ class Panel(NamedTuple):
         whole = ends if self.whole is None else self.quantity.in_unit(self.whole)
         reserved = not np.array_equal(whole, ends)
         name = _LESS if reserved else "limit"
-        entries = limit_lines(axes, ends, self.styles, highest, far=far, name=name)
+        entries = limit_lines(axes, ends, self.styles, highest, far=far, name=name, owners=self.names)
         if reserved and entries:  # else it is farther still
             entries += limit_lines(axes, whole, self.styles, highest, far=far, look=_WHOLE)
         for values, style in zip(() if self.nodes is None else self.nodes, self.styles, strict=False):
@@ -144,7 +146,7 @@ def _joint_panel(craft: Spacecraft, values: Kinematics, power: int, kind: Joints
     )
     own = values.joints[power][kind.which]
     styles = [device_style(kind.device + place) for place in range(len(own))]
-    return Panel(quantity, words, own, given, styles)
+    return Panel(quantity, words, own, given, styles, craft.device_names[kind.device :][: len(own)])
 
 
 def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -> Panel:
@@ -156,12 +158,12 @@ def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -
     if quantity.of_wheels:
         curves = wheel_loads(values, craft)[0 if quantity.power == 2 else 1]
         styles = [device_style(number) for number in range(len(curves))]
-        return Panel(quantity, quantity.caption, curves, ends, styles)
+        return Panel(quantity, quantity.caption, curves, ends, styles, [one.name for one in craft.wheels])
     curves, length = quantity.values(values), _limited_length(craft, quantity)
     if length is None:
-        return Panel(quantity, quantity.caption, curves, ends, AXIS_STYLES)
+        return Panel(quantity, quantity.caption, curves, ends, AXIS_STYLES, BODY)
     curves = np.concatenate([curves, length.values(values)])
-    return Panel(quantity, quantity.caption, curves, ends, (*AXIS_STYLES, LENGTH_STYLE))
+    return Panel(quantity, quantity.caption, curves, ends, (*AXIS_STYLES, LENGTH_STYLE), (*BODY, "length"))
 
 
 def _load_panel(scenario: Scenario, values: Kinematics, quantity: Quantity) -> Panel:
@@ -266,7 +268,7 @@ def rates(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
 
     Args:
         plan: with a trajectory.
-        ax: an axes for each of pitches, yaws and drives that there are, and one for the platform, from top
+        ax: an axes for each of yaws, pitches and drives that there are, and one for the platform, from top
             to bottom; a figure to put them in; None for a new one.
         legend: whether to name curves beside the panels, and the plan above them.
 
@@ -299,12 +301,11 @@ def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list
 
 
 def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]:
-    """Draw the derivative of order `power` of pitches, yaws (the paper's order), drives and attitude."""
+    """Draw the derivative of order `power` of yaws, pitches, drives and attitude."""
     plan = expect_plan(plan)
     moves, craft = motion(plan), plan.scenario.spacecraft
     values = moves.values.kinematics(craft)
-    kinds = sorted(joint_kinds(craft), key=lambda kind: ("pitch", "yaw", "drive").index(kind.name))
-    joints = [_joint_panel(craft, values, power, kind) for kind in kinds]
+    joints = [_joint_panel(craft, values, power, kind) for kind in joint_kinds(craft)]
     groups = [(_movers(craft), joints)] * bool(joints)
     spin = SPIN[power - 1]
     groups.append((_axis_entries(craft, spin), [_platform_panel(craft, values, spin)]))

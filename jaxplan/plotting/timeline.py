@@ -20,7 +20,9 @@ from jaxplan.plotting.followings import followings
 from jaxplan.plotting.margin_panels import margins_over_time
 from jaxplan.plotting.schedule import (
     draw_rows,
+    lane_height,
     row_count,
+    row_entries,
     row_height,
     shade_slews,
     slews,
@@ -41,6 +43,7 @@ from jaxplan.plotting.style import (
     device_style,
     expect_plan,
     legend_beside,
+    legend_height,
     motion,
     note,
     panels,
@@ -53,6 +56,7 @@ from jaxplan.timeline.record import TimelinePlan
 
 _ROW, _HEAD, _PANEL, _FOOT = 0.3, 0.35, 1.4, 0.6  # inches of a row, above the rows, of a panel, below all
 _SHARE, _LAID_OUT = 0.66, 0.93  # of the figure's width and of its own height that the layout leaves a panel
+_LEAST = 0.75  # of its own height that it leaves it where legends of others are higher than their panels
 _ZONES = ("#B2182B", "#0B6394", "#8C510A", "#7A3E9D", "#1B7837", "#E08214", "#000000", "#C51B7D")
 _NAMED = len(_ZONES)  # zones with the least margins that have a colour; others are grey
 _TIGHT = 1e-2  # share of the least error proved, or asked for, below which errors are not told apart
@@ -142,7 +146,12 @@ def _panels(plan: TimelinePlan, moves: Motion | None) -> list[_Panel]:
     """The panels that a plan has."""
     end = _end(plan)
     row = max(_ROW, row_height(plan, _SHARE * WIDTH * 72, end) / 72)
-    found = [_Panel(_HEAD + row * row_count(plan), lambda axes: draw_rows(axes, plan, end))]
+    lane = lane_height(plan, _SHARE * WIDTH * 72, end) / 72
+    legend = legend_height(row_entries(plan, end)) / _LEAST  # else it makes a gap below the rows
+    row = max(row, (legend - _HEAD - lane) / row_count(plan))
+    found = [
+        _Panel(_HEAD + row * row_count(plan) + lane, lambda axes: draw_rows(axes, plan, end, lane / row))
+    ]
     if moves is None:
         return found
     craft = plan.timeline.scene.spacecraft

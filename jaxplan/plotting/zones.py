@@ -43,6 +43,11 @@ _STANDS = 1e-3  # rad that the axis of a zone turns in a moving frame, below whi
 _CROWD = 20  # number of zones beyond which their names are smaller and do not say what they bind
 # Where a zone's name may stand, the best first: shares of the zone's half width and half height.
 _SPOTS = np.array([(across, up) for across in (0, 0.6, -0.6, 1.2, -1.2) for up in (0, 0.5, -0.5, 0.8, -0.8)])
+_EDGE_STEP = 8  # of the points of a zone's edge that names should not cover either
+_APART = np.array([1.0, 0.5])  # letters and lines between names of several lines
+_NAME = 3.6  # order of names: upon lines, so that a halo keeps these off, and under marks
+_WAY: Look = {"linewidth": 0.7, "zorder": 1.7}  # of a zone's axis, lighter than those of boresights
+_AGAIN = np.deg2rad(3.0)  # rad: a way nearer than that to an earlier part of it is not drawn again
 _INSIDE = 0.9  # share of a zone's half angle within which the middle of its name stands
 _LARGE = np.deg2rad(45.0)  # half angle of a zone from which on no name stands beside it
 _TOLD = {FlatMap: _CROWD, TwoDiscs: 4, GlobeView: -1}  # most zones whose names say what they bind
@@ -57,6 +62,28 @@ def draw_line(axes: Axes, projection: Projection, line: np.ndarray, look: Look) 
         faded = look if alpha == 1 else {**look, "alpha": alpha * look.get("alpha", 1)}
         drawn += axes.plot(*flat.T, **faded)
     return drawn
+
+
+def draw_way(axes: Axes, projection: Projection, zone: Cone, track: np.ndarray) -> None:
+    """Draw the way (k, 3) of a zone's axis, of turn upon turn only what is new; else these make a bar."""
+    for part in fresh_parts(track):
+        draw_line(axes, projection, part, {"color": zone_outline(zone)["color"], **_WAY})
+
+
+def fresh_parts(track: np.ndarray) -> list[np.ndarray]:
+    """Parts (m, 3) of a track (k, 3) that are not beside an earlier one.
+
+    What came just before is beside all points of a track, so that it counts only where the track was away
+    since.
+    """
+    near = track @ track.T > np.cos(_AGAIN)
+    kept = np.ones(len(track), bool)
+    for number in range(1, len(track)):
+        away = np.flatnonzero(~near[number, :number])
+        kept[number] = not len(away) or not np.any(near[number, : away[-1]] & kept[: away[-1]])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], kept, [False]]).astype(int))).reshape(-1, 2)
+    # with the point after, so that a closed way is closed
+    return [track[first : min(after + 1, len(track))] for first, after in edges]
 
 
 def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
@@ -114,7 +141,8 @@ def name_zones(
     Args:
         axes: where to.
         projection: of the axes.
-        zones: that are named; few ones, but on the globe, with what they bind, if that is not all devices.
+        zones: that are named; few ones, but on the globe, with what they bind, if that is not all devices
+            and all of them have room for it.
         devices: names of all devices.
         tracks: (k, 3) directions of drawn curves, which names should not cover.
         ends: (m, 3) directions of starts and goals, which names cover only where there is no other place.
@@ -123,21 +151,20 @@ def name_zones(
     marks = [(spot, np.full(2, projection.mark)) for spot in projection.project(ends)]
     if isinstance(projection, TwoDiscs):
         marks += [(place, projection.letter * [len(text), 1]) for text, place in projection.ring_names()]
-    labels, texts = Labels(projection.project(tracks), marks), list[Artist]()
     # What is in front first, and of that the smallest, as it has the least room; of equals as they come.
-    for zone in sorted(zones, key=lambda zone: (-projection.opacity(zone.axis_at()), zone.half_angle)):
+    zones = sorted(zones, key=lambda zone: (-projection.opacity(zone.axis_at()), zone.half_angle))
+    names, texts = [[zone.name] for zone in zones], list[Artist]()
+    edges = [circle(zone.axis_at(), zone.half_angle)[::_EDGE_STEP] for zone in zones[:_CROWD]]
+    points = projection.project(np.concatenate([tracks, *edges]))
+    told = [[zone.name, *_bound(zone, devices), *_group(zone)] for zone in zones]
+    spots: list[np.ndarray] | None = None
+    if not crowded and len(zones) <= _TOLD[type(projection)]:
+        spots = _spots(projection, zones, told, Labels(points, list(marks)), must=False)
+    if spots is None:  # one way for all, lest a name without seem to mean something else
+        spots, told = _spots(projection, zones, names, Labels(points, list(marks)), must=True), names
+    assert spots is not None
+    for zone, spot, lines in zip(zones, spots, told, strict=True):
         near = projection.opacity(zone.axis_at()) == 1
-        told = (
-            [] if crowded or len(zones) > _TOLD[type(projection)] else [*_bound(zone, devices), *_group(zone)]
-        )
-        spot = None
-        for lines, last in (([zone.name, *told], False), ([zone.name], False), ([zone.name], True)):
-            size = projection.letter * (max(map(len, lines)), len(lines))
-            places = _places(projection, zone, size) + _about(projection, zone, size) * last
-            spot = labels.place(places, size, must=last)
-            if spot is not None:
-                break
-        assert spot is not None
         text = axes.text(
             float(spot[0]),
             float(spot[1]),
@@ -145,11 +172,33 @@ def name_zones(
             color=zone_outline(zone)["color"],
             alpha=None if near else 0.5,
             fontsize=SMALL - 1.5 * crowded,
-            zorder=1.8,
+            zorder=_NAME,
             **(HALO if near else {**HALO, "path_effects": []}),
         )
         texts.append(plain(text))
     return texts
+
+
+def _spots(
+    projection: Projection,
+    zones: Sequence[Cone],
+    names: Sequence[Sequence[str]],
+    labels: Labels,
+    *,
+    must: bool,
+) -> list[np.ndarray] | None:
+    """Where names of zones stand, one after the other; None where one has no room, unless all must stand."""
+    found = list[np.ndarray]()
+    for zone, lines in zip(zones, names, strict=True):
+        size = projection.letter * (max(map(len, lines)), len(lines))
+        places = _places(projection, zone, size)
+        spot = labels.place(places, size + _APART * projection.letter * (not must))
+        if spot is None and must:
+            spot = labels.place([*places, *_about(projection, zone, size)], size, must=True)
+        if spot is None:
+            return None
+        found.append(spot)
+    return found
 
 
 def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.ndarray]:
@@ -220,9 +269,7 @@ def zone_entries(scenario: Scenario, frame: Inertial = INERTIAL) -> Entries:
         edge = to_rgba(zone_outline(zone)["color"], 1.0 if inside else 0.6)
         look = {**_zone_fill(zone), "edgecolor": edge, "linestyle": zone_outline(zone)["linestyle"]}
         kinds.setdefault(text, (Patch(**look, linewidth=1), text))
-    moving: Entries = [
-        (Line2D([], [], color=GREY, linewidth=1.1), "way of a zone's axis,\nto its fainter edge")
-    ]
+    moving: Entries = [(Line2D([], [], color=GREY, **_WAY), "way of a zone's axis,\nto its fainter edge")]
     return [*kinds.values(), *moving * (frame.moves or any(zone.moves for zone in scenario.zones))]
 
 

@@ -20,7 +20,7 @@ from jaxplan.report import tables
 from jaxplan.report.captions import ALONG_ORBIT
 from jaxplan.report.day import day_page
 from jaxplan.report.document import document
-from jaxplan.report.markup import Markup, degrees, facts, framed, number, section, tag
+from jaxplan.report.markup import Markup, degrees, facts, framed, number, section, tag, tiles
 from jaxplan.runtime.arguments import expect, file_path
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import dump_scenario
@@ -207,7 +207,7 @@ def _header(plan: Plan, status: Status, message: str, certificate: Certificate |
         tag("h1", plan.scenario.name),
         tag("div", *told, class_="verdict good" if certified else "verdict bad"),
         _steps(status),
-        tag("dl", *_tiles(plan, certificate), class_="tiles"),
+        tiles(_tiles(plan, certificate)),
     )
 
 
@@ -222,7 +222,7 @@ def _steps(status: Status) -> Markup:
     return tag("ol", *items, class_="steps")
 
 
-def _tiles(plan: Plan, certificate: Certificate | None) -> list[Markup]:
+def _tiles(plan: Plan, certificate: Certificate | None) -> list[tuple[str, str, str]]:
     """Slew angle, path length, duration, smallest margin and highest peak, as far as the plan has them."""
     found = []
     if plan.goal is not None:
@@ -236,10 +236,7 @@ def _tiles(plan: Plan, certificate: Certificate | None) -> list[Markup]:
     if certificate is not None and certificate.peaks:
         quantity, percent = tables.highest_peak(certificate, plan.scenario.spacecraft)
         found.append((f"of its limit: {quantity}", percent, "%"))
-    return [
-        tag("div", tag("dt", label), tag("dd", value, " ", tag("span", unit, class_="unit")))
-        for label, value, unit in found
-    ]
+    return found
 
 
 def _pictures(

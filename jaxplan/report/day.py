@@ -6,7 +6,7 @@ from jaxplan.model.status import Status
 from jaxplan.report import tables
 from jaxplan.report.captions import ALONG_ORBIT
 from jaxplan.report.document import document
-from jaxplan.report.markup import Markup, degrees, facts, join, number, section, table, tag
+from jaxplan.report.markup import Markup, degrees, facts, join, number, section, table, tag, tiles
 from jaxplan.sky import Satellite
 from jaxplan.timeline.events import Event, events
 from jaxplan.timeline.listing import activity_rows, clock, stamps
@@ -66,19 +66,20 @@ def _header(plan: TimelinePlan) -> Markup:
         tag("p", "Plan of a timeline", class_="kicker"),
         tag("h1", plan.timeline.name),
         tag("div", *told, class_="verdict good" if plan.ok else "verdict bad"),
-        tag("dl", *_tiles(plan), class_="tiles"),
+        tiles(_tiles(plan)),
     )
 
 
-def _tiles(plan: TimelinePlan) -> list[Markup]:
+def _tiles(plan: TimelinePlan) -> list[tuple[str, str, str]]:
     """Activities planned, duration, slews, pointing error, smallest margin and highest peak, as known."""
     asked = {activity.name for activity in plan.timeline.activities}  # the rest after the last one was not
     done = sum(one.ok and one.name in asked for one in plan.activities)
     found = [("activities planned", f"{done} of {len(asked)}", "")]
-    slews = [one.end - one.start for one in plan.segments if one.kind == "slew"]
     if plan.trajectory is not None:
-        found.append(("duration", duration_text(plan.trajectory.duration), "h:min:s"))
-        found.append((f"in {len(slews)} slews", duration_text(sum(slews)), "h:min:s"))
+        found.append(("duration, h:min:s", duration_text(plan.trajectory.duration), ""))
+        rests = f" ({plan.slews_to_rests} to rests)" * (plan.slews_to_rests > 0)
+        slewing = sum(one.end - one.start for one in plan.slews)
+        found.append((f"in {len(plan.slews)} slews{rests}, h:min:s", duration_text(slewing), ""))
     if plan.pointing_error is not None:
         found.append(("pointing, within", degrees_text(plan.pointing_error), "deg"))
     certificate = plan.certificate
@@ -87,10 +88,7 @@ def _tiles(plan: TimelinePlan) -> list[Markup]:
     if certificate is not None and certificate.peaks:
         quantity, percent = tables.highest_peak(certificate, plan.timeline.scene.spacecraft)
         found.append((f"of its limit: {quantity}", percent, "%"))
-    return [
-        tag("div", tag("dt", label), tag("dd", value, " ", tag("span", unit, class_="unit")))
-        for label, value, unit in found
-    ]
+    return found
 
 
 def duration_text(seconds: float) -> str:
@@ -147,7 +145,8 @@ def activities_table(plan: TimelinePlan) -> Markup:
     tried = {one.name for one in plan.activities}
     left = [one.name for one in plan.timeline.activities if one.name not in tried]
     rest = f"; not tried: {', '.join(left)}" if left else ""
-    caption = f"Activities, in the order in which they are done; times in {when}{rest}"
+    last = "; slews to rests on the way are not among these" * (plan.slews_to_rests > 0)
+    caption = f"Activities, in the order in which they are done; times in {when}{last}{rest}"
     told = [[one.name, one.message] for one in plan.activities if one.message]
     messages = table(["Activity", "What is in the way, and what to change"], told, "Messages")
     return join([table(titles, rows, caption), *([messages] if told else [])])

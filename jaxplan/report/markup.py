@@ -10,6 +10,7 @@ import numpy as np
 NONE = "\N{EN DASH}"
 _VOID = ("img", "meta")
 _NARROW = 3  # number of columns up to which a table is not spread over the page
+_MOST_TILES = 5  # cards that have room beside each other
 Row = Sequence[Any]
 
 
@@ -94,6 +95,21 @@ def facts(rows: Iterable[tuple[str, Any]], caption: str) -> Markup:
     lines = [tag("tr", tag("th", label, scope="row"), tag("td", value)) for label, value in rows]
     body = tag("table", tag("caption", caption), tag("tbody", *lines), class_="facts")
     return tag("div", body, class_="scroll")
+
+
+def tiles(found: Sequence[tuple[str, str, str]]) -> Markup:
+    """Cards of the numbers that matter most, in rows of nearly the same length.
+
+    Args:
+        found: label, value and unit of each; the unit may be empty.
+    """
+    cards = []
+    for label, value, unit in found:
+        beside = [" ", tag("span", unit, class_="unit")] * bool(unit)
+        cards.append(tag("div", tag("dt", label), tag("dd", value, *beside)))
+    rows = -(-len(cards) // _MOST_TILES)
+    columns = -(-len(cards) // max(rows, 1))
+    return tag("dl", *cards, class_="tiles", style=f"--columns: {columns}")
 
 
 def framed(page: str, title: str) -> Markup:

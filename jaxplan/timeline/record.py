@@ -55,7 +55,8 @@ class PlannedActivity:
         message: for the user, what is in the way and what to change; empty when all is well.
         start: s, from the timeline's start on; None where it is not planned.
         end: s; None likewise.
-        slew: s, how long the slew to it takes; None likewise.
+        slew: s, how long the slew takes that ends at it; None likewise. Where the platform rests on the way,
+            an earlier one leads to that rest, which is a segment, too.
         pointing_error: rad, upper bound over all its time of the angle between any device and its target;
             None where nothing is tracked.
     """
@@ -170,6 +171,16 @@ class TimelinePlan:
         known = [one.pointing_error for one in self.activities if one.pointing_error is not None]
         return max(known, default=None)
 
+    @property
+    def slews(self) -> tuple[Segment, ...]:
+        """All slews in order of time: those that end at activities, and those to rests on the way to one."""
+        return tuple(one for one in self.segments if one.kind == "slew")
+
+    @property
+    def slews_to_rests(self) -> int:
+        """Number of slews that end at a rest on the way to an activity, from which another one goes on."""
+        return len(self.slews) - len({one.name for one in self.slews})
+
     @cached_property
     def interruptions(self) -> tuple[Interruption, ...]:
         """When slews interrupt devices whose target is the same before and after, in order of time."""
@@ -183,12 +194,12 @@ class TimelinePlan:
         if self.message:
             rows.append(("", self.message))
             rows += [("", self.advice)] * bool(self.advice)
-        planned = [one for one in self.activities if one.ok]
         asked = len(self.timeline.activities)
         rows.append(("activities", f"{asked - len(self.not_done)} of {asked} planned"))
-        slews = [one.slew for one in planned if one.slew]
-        if slews:
-            rows.append(("slews", f"{len(slews)}, {sum(slews):.1f} s in all, {max(slews):.1f} s the longest"))
+        if slews := [one.end - one.start for one in self.slews]:
+            rests = f", {self.slews_to_rests} of them to rests on the way" * (self.slews_to_rests > 0)
+            most = f"{sum(slews):.1f} s in all, {max(slews):.1f} s the longest"
+            rows.append(("slews", f"{len(slews)}{rests}, {most}"))
         if broken := [one.duration for one in self.interruptions]:
             most = f"{sum(broken):.1f} s in all, {max(broken):.1f} s the longest"
             rows.append(("interruptions", f"{len(broken)} of targets that stay, {most}"))

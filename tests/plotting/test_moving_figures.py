@@ -6,14 +6,17 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from builders import LOW_ORBIT
+from drawn import assert_apart
+from matplotlib.figure import Figure
 from reference import sampled
 
 import jaxplan as jp
+from jaxplan.geometry.vectors import pointing, separation
 from jaxplan.model.zones import KeepOut
 from jaxplan.plotting import margin_panels, projections, style
-from jaxplan.plotting.projections import circle
-from jaxplan.plotting.sky import view_of
-from jaxplan.plotting.zones import zone_tracks, zones_at
+from jaxplan.plotting.projections import FlatMap, TwoDiscs, circle
+from jaxplan.plotting.sky import SPHERE_SIZE, TRACK, view_of
+from jaxplan.plotting.zones import fresh_parts, name_zones, zone_tracks, zones_at
 
 
 @pytest.fixture(scope="module")
@@ -152,3 +155,39 @@ def test_exports_take_a_plan_in_which_something_moves(plan, tmp_path):
     jp.export(plan, tmp_path / "slew.csv", format="csv")
     lines = (tmp_path / "slew.csv").read_text().splitlines()
     assert len(lines) > 800
+
+
+@pytest.mark.parametrize("turns", [1, 3, 12])
+def test_a_way_that_goes_round_again_and_again_is_drawn_once(turns):
+    angle = np.linspace(0, 2 * np.pi * turns, 120 * turns + 1)
+    drift = np.deg2rad(0.2) * angle / (2 * np.pi)  # a turn is beside the one before
+    track = pointing(angle, drift)
+    drawn = sum(float(np.sum(separation(part[:-1], part[1:]))) for part in fresh_parts(track))
+    assert drawn == pytest.approx(2 * np.pi, rel=0.05)
+    spiral = pointing(angle, np.deg2rad(6.0) * angle / (2 * np.pi))
+    for whole in (spiral, track[:100], track[:1], np.repeat(track[:1], 5, axis=0)):
+        (part,) = fresh_parts(whole)
+        np.testing.assert_array_equal(part, whole)
+
+
+@pytest.mark.parametrize("projection", [FlatMap(), TwoDiscs()])
+def test_all_names_of_zones_say_what_they_bind_or_none_does(projection):
+    names = ["imager", "tracker", "wing"]
+    axis = np.array([0.6, 0.0, 0.8])
+
+    def texts(*angles):
+        zones = [
+            jp.KeepOut(direction=axis, half_angle=np.deg2rad(angle), name=f"sun {name}", devices=(name,))
+            for name, angle in zip(names, angles, strict=False)
+        ]
+        figure = Figure(figsize=SPHERE_SIZE)
+        axes = figure.add_axes((0, 0, 1, 1))
+        axes.set(xlim=(-200, 200), ylim=(-100, 100))
+        found = name_zones(axes, projection, zones, names)
+        lines = axes.plot([0, 1], [0, 1], zorder=TRACK["zorder"])
+        assert all(text.get_zorder() > lines[0].get_zorder() for text in found), "lines strike none out"
+        assert_apart(figure, found, least=len(angles))
+        return [text.get_text() for text in found]
+
+    assert texts(40) == ["sun imager\nfor imager"]
+    assert sorted(texts(10, 13, 16)) == sorted(f"sun {name}" for name in names)

@@ -366,12 +366,12 @@ def test_curves_are_the_trajectory_in_degrees_and_seconds() -> None:
     yaw, pitch = slice(0, 4), slice(4, 8)
     shown = [
         (jp.plot.angles, [values.joints[:, yaw], values.joints[:, pitch]]),
-        (jp.plot.rates, [values.joint_rates[:, pitch], values.joint_rates[:, yaw], values.angular_velocity]),
+        (jp.plot.rates, [values.joint_rates[:, yaw], values.joint_rates[:, pitch], values.angular_velocity]),
         (
             jp.plot.accelerations,
             [
-                values.joint_accelerations[:, pitch],
                 values.joint_accelerations[:, yaw],
+                values.joint_accelerations[:, pitch],
                 values.angular_acceleration,
             ],
         ),
@@ -481,6 +481,32 @@ def test_different_limits_have_their_terminals_colours() -> None:
     colours = {abs(round(line.get_ydata()[0])): line.get_color() for line in _barriers(yaw)}
     assert colours[70] == style.device_style(1)["color"]
     assert colours[90] == style.GREY
+    assert {text.get_text() for text in yaw.texts} == {"limit of terminal-1 and terminal-3"}
+    assert not pitch.texts, "what is the limit of all needs no names"
+
+
+@pytest.mark.parametrize("highest", [0.05, 2.0])
+def test_limits_say_whose_they_are_unless_all_have_one(highest: float) -> None:
+    names = [f"wheel {number}" for number in range(6)]
+    looks = [style.device_style(number) for number in range(6)]
+
+    def told(limits: list[float]) -> list[str]:
+        axes = Figure().subplots()
+        axes.set_ylim(-4, 4)
+        style.limit_lines(axes, style.both_sides(np.array(limits)), looks, highest, far=4.0, owners=names)
+        return [text.get_text() for text in axes.texts]
+
+    far = highest < 1
+    assert told([2.0] * 6) == (["limit ±2"] if far else [])
+    two = told([1.0, 1.0, 2.0, 2.0, 2.0, 2.0])
+    if far:
+        assert two == ["limits ±1 wheel 0 and wheel 1, ±2 wheel 2, wheel 3 and 2 more"]
+    else:
+        assert set(two) == {"limit of wheel 0 and wheel 1", "limit of wheel 2, wheel 3 and 2 more"}
+    assert len(two) == (1 if far else 2), "each once, not at both ends"
+    assert ("wheel 3" in " ".join(told([1.0, 1.0, 1.0, 3.0, 1.0, 1.0]))) == far, (
+        "a line of its own colour says it"
+    )
 
 
 def test_path_nodes_are_marked_on_the_angles() -> None:
@@ -660,7 +686,7 @@ def test_names_of_margins_cover_neither_each_other_nor_the_mark(figure, place) -
         axes = figure(replace(plan, certificate=report))
     axes.figure.figure.draw_without_rendering()
     assert len(moves.times) == len(times)
-    boxes = [text.get_window_extent() for text in axes.texts]
+    boxes = [mpl.text.Text.get_window_extent(text) for text in axes.texts]  # without leaders
     assert len(boxes) >= 2
     panel = axes.get_window_extent()
     assert all(panel.x0 - 1 <= box.x0 and box.x1 <= panel.x1 + 1 for box in boxes)
@@ -670,6 +696,43 @@ def test_names_of_margins_cover_neither_each_other_nor_the_mark(figure, place) -
     boxes.append(mpl.transforms.Bbox.from_extents(x - radius, y - radius, x + radius, y + radius))
     pairs = [(one, other) for i, one in enumerate(boxes) for other in boxes[:i]]
     assert not any(one.overlaps(other) for one, other in pairs)
+
+
+@pytest.mark.parametrize("figure", [lambda plan: jp.plot.overview(plan)[3], jp.plot.margins])
+@pytest.mark.parametrize("spike", [0.02, 0.3, 0.62, 0.97])
+def test_a_zone_is_named_where_it_binds(figure, spike: float) -> None:
+    share = np.linspace(0, 1, style.INSTANTS)
+    spike = share[np.argmin(abs(share - spike))]
+    spiked = 0.2 + 4000 * abs(share - spike)  # the lowest of all, for so short that a name beside it misleads
+    level = np.where(abs(share - 0.5) < 0.1, 0.5, 30.0) + 20 * (abs(share - spike) < 0.01)
+    plan = make_plan(1, 0)
+    lines = {"spiked": spiked, "level": level}
+    made = [
+        margin_panels.Margin(device=0, zone=name, values=np.deg2rad(line)) for name, line in lines.items()
+    ]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(margin_panels, "margins_over_time", lambda *_: made)
+        axes = figure(replace(plan, certificate=None))
+    axes.figure.figure.draw_without_rendering()
+    binds = {"spiked": spiked < level, "level": level < spiked}
+    times = share * plan.trajectory.duration
+    for text in axes.texts:
+        box = mpl.text.Text.get_window_extent(text)  # without its leader
+        at = axes.transData.inverted().transform([(box.x0 + box.x1) / 2, box.y0])
+        place = at[0] if text.arrow_patch is None else text.xy[0]
+        assert binds[text.get_text()][np.argmin(abs(times - place))]
+        assert at[1] >= 0, "nothing is written in the red while no zone is broken"
+    assert {text.get_text() for text in axes.texts} == set(lines)
+
+
+@pytest.mark.parametrize("margin", [20.0, -20.0])
+def test_a_name_stands_in_the_red_only_where_its_zone_is_broken(margin: float) -> None:
+    line = np.full(style.INSTANTS, margin)
+    axes = _margins_of(line, line + 40)
+    heights = {text.get_text(): text.get_window_extent().y0 for text in axes.texts}
+    limit = axes.transData.transform((0, 0))[1]
+    assert (heights["CZ0"] < limit) == (margin < 0)
+    assert heights["CZ1"] >= limit
 
 
 def test_the_duration_can_be_read_off_the_time_axis() -> None:
@@ -965,11 +1028,11 @@ def test_derivatives_of_drives_stand_beside_those_of_terminals() -> None:
         (jp.plot.accelerations, values.joint_accelerations, values.angular_acceleration),
     ):
         panels = figure(plan)
-        for axes, columns in zip(panels, (own[:, 2:4], own[:, :2], own[:, 4:], platform), strict=True):
+        for axes, columns in zip(panels, (own[:, :2], own[:, 2:4], own[:, 4:], platform), strict=True):
             assert len(_curves(axes)) == columns.shape[1]
             for curve, column in zip(_curves(axes), columns.T, strict=True):
                 np.testing.assert_allclose(np.deg2rad(curve.get_ydata()), column, atol=1e-12)
-        assert [axes.get_ylabel().split()[0] for axes in panels] == ["pitch", "yaw", "drive", "platform"]
+        assert [axes.get_ylabel().split()[0] for axes in panels] == ["yaw", "pitch", "drive", "platform"]
         drives = [curve.get_color() for curve in _curves(panels[2])]
         assert drives == [style.device_style(number)["color"] for number in (2, 3, 4)]
 

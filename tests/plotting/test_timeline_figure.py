@@ -5,7 +5,9 @@ from dataclasses import replace
 import matplotlib as mpl
 import numpy as np
 import pytest
+from builders import make_plan
 from days import END, ERROR, RATE, TOLERANCE, day, target, zone
+from drawn import assert_apart
 from matplotlib.figure import Figure
 from reference import angle, direction
 from wheels import INERTIA, random_wheels
@@ -426,3 +428,59 @@ def test_an_instant_outside_of_the_day_is_refused(plan, at):
         jp.plot.sphere(plan, at=at)
     with pytest.raises(ValueError, match="no trajectory"):
         jp.plot.globe(replace(plan, trajectory=None, segments=()), at=0.0)
+
+
+def test_activities_without_room_for_their_names_have_them_above_the_rows(plan):
+    spans = ((0.0, 4.0), (6.0, 9.0), (10.0, 10.5), (300.0, 303.0), (641.0, 649.0))
+    first = replace(plan.activities[0], status=Status.OK)
+    some = [replace(first, name=f"activity {k}", start=a, end=b) for k, (a, b) in enumerate(spans)]
+    crowded = replace(plan, activities=(*some, replace(first, name="w" * 99, start=620.0, end=630.0)))
+    figure = Figure(figsize=timeline_size(crowded), layout="constrained")
+    axes = jp.plot.timeline(crowded, ax=figure)[0]
+    texts = [text for text in axes.texts if text.get_text().startswith("activity")]
+    assert_apart(figure, texts, least=len(spans))
+    panel = axes.get_window_extent()
+    above = {text.get_text(): text for text in texts if text.get_rotation() == 90}
+    assert {"activity 0", "activity 1", "activity 4"} <= set(above)
+    ends = {
+        line.get_xydata()[1].tobytes(): line.get_xydata()[0]
+        for line in axes.lines
+        if len(line.get_xdata()) == 2
+    }
+    for text in texts:
+        start, last = spans[int(text.get_text()[-1])]
+        box = text.get_window_extent()
+        assert panel.x0 <= box.x0
+        assert box.x1 <= panel.x1
+        if text.get_text() in above:
+            led = ends[np.array(text.get_position()).tobytes()]
+            assert led[0] == pytest.approx((start + last) / 2)
+            assert box.y1 <= panel.y1 + 1
+            assert text.get_position()[1] < -0.5 < led[1] < 0, "from above the rows into that of activities"
+    assert any("not all" in text.get_text() for text in axes.texts), "the longest has no room anywhere"
+
+
+def test_places_are_spread_no_farther_than_need_be():
+    places = np.array([1.0, 2.0, 3.0, 50.0, 99.0, 99.5])
+    found = schedule.spread(places, 10.0, 100.0)
+    np.testing.assert_allclose(found, [5.0, 15.0, 25.0, 50.0, 85.0, 95.0])
+    np.testing.assert_allclose(schedule.spread(np.array([40.0, 42.0]), 10.0, 100.0), [36.0, 46.0])
+    assert len(schedule.spread(np.array([]), 10.0, 100.0)) == 0
+
+
+def test_the_legend_of_the_rows_makes_no_gap_below_them(plan):
+    figure = Figure(figsize=timeline_size(plan), layout="constrained")
+    rows, below, *_ = jp.plot.timeline(plan, ax=figure)
+    figure.draw_without_rendering()
+    assert rows.get_legend().get_window_extent().y0 >= rows.get_window_extent().y0 - 2
+    gap = rows.get_window_extent().y0 - below.get_window_extent().y1
+    assert gap < 0.3 * figure.dpi
+
+
+@pytest.mark.parametrize("figure", [jp.plot.sphere, jp.plot.joint_map])
+def test_a_day_has_an_end_and_a_manoeuvre_a_goal(plan, figure):
+    for shown, word, other in ((plan, "end", "goal"), (make_plan(1, 1), "goal", "end")):
+        axes = np.ravel(figure(shown))[0]
+        told = {text.get_text() for text in axes.get_legend().get_texts()}
+        assert word in told
+        assert other not in told

@@ -1,5 +1,6 @@
 """The page on a timeline's plan: what it says, and that it asks for nothing."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,8 +11,13 @@ from html_page import NASTY, Page
 
 import jaxplan as jp
 from jaxplan.model.status import Status
+from jaxplan.model.timeline import Segment
+from jaxplan.plotting import schedule
+from jaxplan.report.day import day_page, duration_text
+from jaxplan.report.markup import tiles
 from jaxplan.timeline import TimelinePlan
 from jaxplan.timeline.events import events
+from jaxplan.timeline.tables import segments_csv
 
 DRAW = "jaxplan.report.day._pictures"
 
@@ -94,3 +100,41 @@ def test_a_plan_without_a_trajectory_has_a_page(plan, tmp_path, monkeypatch):
     page = Page(jp.report_html(failed, tmp_path / "failed.html").read_text(encoding="utf-8"))
     assert not any("in order of time" in text for text in page.texts["table"])
     assert "0 of 3" in "".join(page.texts["dd"])
+
+
+@pytest.mark.parametrize("rests", [0, 2])
+def test_slews_are_counted_as_one_everywhere(plan, rests, monkeypatch):
+    monkeypatch.setattr(DRAW, lambda *_: [])
+
+    def to(name, *spans):
+        return [Segment(name=name, kind=kind, start=start, end=end) for kind, start, end in spans]
+
+    last = ("slew", 20.0, 30.0), ("track", 30.0, 40.0)
+    on_the_way = [("slew", 10.0, 12.5), ("idle", 12.5, 20.0)] if rests else []
+    segments = [one for name in ("a", "b") for one in to(name, *on_the_way, *last)]
+    counted = replace(plan, segments=tuple(segments))
+    assert (
+        len(counted.slews)
+        == 2 + rests
+        == len(schedule.slews(counted))
+        == segments_csv(counted).count(",slew,")
+    )
+    total = 20.0 + 2.5 * rests
+    told = dict(counted.rows())["slews"]
+    assert told.startswith(f"{2 + rests}, ")
+    assert f", {total:.1f} s in all, 10.0 s the longest" in told
+    page = Page(day_page(counted))
+    (label,) = [text for text in page.texts["dt"] if "slews" in text]
+    assert label.startswith(f"in {2 + rests} slews")
+    assert duration_text(total) in page.texts["dd"]
+    for text in (told, label):
+        assert ("to rests" in text) == (rests > 0)
+        assert str(rests) in text or rests == 0
+
+
+def test_numbers_on_cards_stand_in_rows_of_nearly_the_same_length():
+    for count in range(1, 12):
+        text = tiles([("label", "value", "")] * count)
+        columns = int(re.search(r"--columns: (\d+)", text)[1])
+        assert columns <= 5
+        assert -count % columns <= (count - 1) // columns, "no card stands alone in the last of several rows"
