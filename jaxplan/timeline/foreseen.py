@@ -64,7 +64,7 @@ def _of_one(activity: Activity, scene: Scenario, until: float | None) -> Iterato
 
 
 def _never_seen(activity: Activity, targets: Targets, scene: Scenario, latest: float) -> Iterator[str]:
-    """Yield a phrase for each target, or one for all together, not seen for long enough before `latest`, s."""
+    """Yield a phrase for each target, or one for all together, not seen for long enough by `latest`, s."""
     opens = activity.earliest or 0.0
     lasts = None if activity.duration is None and activity.kind != "point" else activity.duration or 0.0
     how_long = "up to the end of" if lasts is None else f"for {lasts:g} s within" if lasts else "within"
