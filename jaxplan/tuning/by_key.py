@@ -23,12 +23,18 @@ from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema.numbers import NumberPlace, numbers_of, numbers_of_timeline
 from jaxplan.timeline import TimelinePlan
 from jaxplan.tuning.days import TOTAL_TIME, day_slopes
-from jaxplan.tuning.objectives import Objective, make_objective, unit_of_objective
+from jaxplan.tuning.objectives import (
+    MARGIN,
+    OBJECTIVES,
+    Objective,
+    make_objective,
+    offered,
+    unit_of_objective,
+)
 
 _LINE = 110  # characters of a line of names
 _SHARE = 0.01  # of a number, by which it is changed in the last column
 _ROUNDING = 1e-12  # of the largest slope, below which one is zero but for rounding
-_MARGIN = "smallest_margin"  # which counts negative as an objective, and here as it is
 
 
 @shown("name", "value", "unit", "slope", "effect")
@@ -119,8 +125,9 @@ def sensitivities(plan: Plan | TimelinePlan, measure: str | None = None) -> Sens
 
     Args:
         plan: an OK one that `differentiable` takes; or one of a timeline.
-        measure: one of `jaxplan.tuning.OBJECTIVES`, such as "effort", "duration" or "smallest_margin"; of a
-            timeline's plan "total_time", until its last activity ends. None for "effort" and "total_time".
+        measure: one of `jaxplan.tuning.OBJECTIVES`, such as "effort", "duration" or, where zones stand still,
+            "smallest_margin"; of a timeline's plan "total_time", until its last activity ends. None for
+            "effort" and "total_time".
 
     Returns:
         The slopes in the units of files. Where a choice of the plan is about to change a slope is that of the
@@ -143,8 +150,10 @@ def sensitivities(plan: Plan | TimelinePlan, measure: str | None = None) -> Sens
     if measure == TOTAL_TIME:
         raise ValueError(f"measure {TOTAL_TIME!r} is of a timeline's plan, of this one it is 'duration'")
     measure = "effort" if measure is None else measure
+    if measure not in OBJECTIVES:
+        raise ValueError(f"unknown measure {measure!r}: must be one of {', '.join(offered(plan.scenario))}")
     aim: Objective = make_objective(measure)
-    sign = -1.0 if measure == _MARGIN else 1.0
+    sign = -1.0 if measure == MARGIN else 1.0  # which counts negative as an objective, and here as it is
     if plan.trajectory is not None:
         jax.eval_shape(aim, plan.trajectory, plan.scenario)  # what the measure refuses is told at once
     function = differentiable(plan)
