@@ -37,13 +37,15 @@ def breaches(
 
     Returns:
         A phrase a breach, naming device, zone or limit and the overlap in degrees; empty when there is none.
-        Where a tube is about the state (`Scenario.robust`), the last phrase names it.
+        Where a tube is about the state (`Scenario.robust`) and makes a difference, the last phrase names it.
     """
     state = attitude, joints, angular_velocity, joint_rates
     found = _broken(scenario, *state, arriving, time)
     if not found or scenario.robust is None:
         return found
     alone = _broken(replace(scenario, robust=None), *state, arriving, time)
+    if alone == found:  # such as rates, of which errors take nothing
+        return found
     tube = scenario.robust.words
     return (*found, f"this counts with {tube} about it" if alone else f"without {tube} it breaks nothing")
 

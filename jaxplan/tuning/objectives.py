@@ -65,7 +65,7 @@ OBJECTIVES: dict[str, Objective] = {name: function for name, (function, _) in _K
 
 
 def refuse_margin(scenario: Scenario) -> None:
-    """Raise a ValueError where plans of a scenario have no smallest margin to lower, and say what they have."""
+    """Raise a ValueError where plans of a scenario have no smallest margin, and say what they have."""
     if not scenario.zones:
         raise ValueError("objective smallest_margin needs zones, of which there are none")
     moving = [zone.name for zone in scenario.zones if zone.moves]
