@@ -7,7 +7,7 @@ Numbers that depend on each other, as those of a unit vector do, are left out.
 
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import EllipsisType
 from typing import Any
 
@@ -72,6 +72,7 @@ class Sensitivities:
         rows: of all numbers that matter, those first whose change by a hundredth does most; then those that
             are zero, by their slopes.
         without_effect: names of the others, whose slopes are zero.
+        note: why many are, as of a day that waits for something; empty for nothing.
     """
 
     measure: str
@@ -79,6 +80,7 @@ class Sensitivities:
     unit: str
     rows: tuple[Sensitivity, ...]
     without_effect: tuple[str, ...]
+    note: str = ""
 
     def __getitem__(self, name: str) -> float:
         """The slope by a number, by its dotted name; raises a KeyError for one that there is not."""
@@ -108,6 +110,7 @@ class Sensitivities:
             lines += textwrap.wrap(
                 names, _LINE, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
             )
+        lines += textwrap.wrap(self.note, _LINE, subsequent_indent="  ")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -117,6 +120,7 @@ class Sensitivities:
         ]
         caption = f"{self.measure.replace('_', ' ')} {self.value:.6g} {self.unit}"
         rows += [(name, "slope 0") for name in self.without_effect]
+        rows += [("note", self.note)] if self.note else []
         return as_table(caption, rows)
 
 
@@ -169,8 +173,9 @@ def _of_day(plan: TimelinePlan, measure: str) -> Sensitivities:
     if measure != TOTAL_TIME:
         raise ValueError(f"unknown measure {measure!r} of a timeline's plan: must be {TOTAL_TIME!r}")
     with progress_bar("derivatives of the day"):
-        value, slopes = day_slopes(plan)
-    return _table((measure, value, "s"), numbers_of_timeline(plan.timeline), plan.timeline, slopes)
+        value, slopes, note = day_slopes(plan)
+    told = _table((measure, value, "s"), numbers_of_timeline(plan.timeline), plan.timeline, slopes)
+    return replace(told, note=note)
 
 
 def _table(
