@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
-from jaxplan.cli.common import BAD_INPUT, DONE, complain
+from jaxplan.cli.common import BAD_INPUT, DONE, complain, plain_warnings
 from jaxplan.cli.parser import Parser
 from jaxplan.runtime.garbage import seldom_collected
 from jaxplan.runtime.progress import seldom_lines
@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     try:
-        with seldom_collected(), seldom_lines():
+        with seldom_collected(), seldom_lines(), plain_warnings():
             code = _run(parser, options)
         sys.stdout.flush()  # here it can still be said that there was no room
         _tell_of_refusals()

@@ -3,7 +3,9 @@
 import json
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from glob import escape
 from pathlib import Path
 from typing import Any
@@ -51,6 +53,22 @@ def try_folder_of(path: str | Path) -> None:
 def print_result(result: Any) -> None:
     """Print a result to stdout: a dict or list as JSON, all else as text."""
     print(json.dumps(result, indent=1) if isinstance(result, dict | list) else result)
+
+
+@contextmanager
+def plain_warnings() -> Iterator[None]:
+    """Show warnings for users within a `with` block as sentences on stderr, without a line of code."""
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+
+        def tell(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
+            if issubclass(category, UserWarning):
+                say(f"jaxplan: warning: {message}")
+            else:
+                usual(message, category, *where, **more)
+
+        warnings.showwarning = tell
+        yield
 
 
 def say(message: str) -> None:

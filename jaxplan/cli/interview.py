@@ -68,11 +68,12 @@ def interview(dialog: Dialog, name: str, broken: Callable[[Scenario], tuple[list
         Text of the file, which is valid.
 
     Raises:
-        AnswersEnded: if there are fewer answers than questions.
+        AnswersEnded: if there are fewer answers than questions, or they are refused again and again.
     """
     dialog.say(
         "An empty answer takes what stands in brackets; words and numbers need no quotes or brackets. For a "
-        "direction x, y, z, -x, -y or -z will do, too. Nothing is written before the last answer."
+        "direction x, y, z, -x, -y or -z will do, too. Nothing is written before the last answer; Ctrl-C "
+        "ends this at any question."
     )
     tables: Tables = {"schema_version": SCHEMA_VERSION, "name": dialog.ask((), "name", name)}
     for title, part in (
@@ -323,18 +324,22 @@ def _goal(dialog: Dialog, tables: Tables) -> Tables:
 
 
 def _end(dialog: Dialog, tables: Tables, end: str, usual: str) -> Tables:
-    """Ask for a start or a goal: an attitude with joints, or what devices point at."""
+    """Ask for a start or a goal: an attitude with joints, or what devices point at, one of them at least."""
     path, devices = (end,), _names(tables, "terminal", "drive", "instrument")
     told = _ATTITUDE
-    if devices:
+    while devices:
         told = dialog.choose(
             f"{end} by",
             "how it is told: an attitude (rotation vector or quaternion), or targets of devices",
             (_ATTITUDE, _QUATERNION, _TARGETS),
             usual,
         )
-    if told == _TARGETS:
-        return {"targets": _targets(dialog, path, devices, known_sky="sky" in tables)}
+        if told != _TARGETS:
+            break
+        if targets := _targets(dialog, path, devices, known_sky="sky" in tables):
+            return {"targets": targets}
+        one = f"must name a device at least, and what it points at; or else {end} by {_ATTITUDE}"
+        dialog.faulty([f"{end}.targets: {one}"])
     if told == _QUATERNION:
         found = _asked(dialog, path, {"quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]})
     else:
@@ -359,15 +364,12 @@ def _nearest(device: Mapping[str, Any], kind: str) -> Any:
 
 
 def _targets(dialog: Dialog, path: Path, devices: Sequence[str], *, known_sky: bool) -> Tables:
-    """Ask which devices point at what; at least one does."""
+    """Ask which devices point at what; none where all are free."""
     named = f"; or a name: {', '.join((*BODIES, *LOCAL))}" if known_sky else ""
     words = f"where the device points, a unit vector along inertial axes{named}; none where it is free"
-    while True:
-        found: Tables = {}
-        for name in devices:
-            value = dialog.ask((*path, "targets"), name, NOTHING, kind=Axis(inline=True), words=words)
-            if value is not NOTHING:
-                found[name] = value
-        if found:
-            return found
-        dialog.faulty([f"{path[0]}.targets: must name a device at least, and what it points at"])
+    found: Tables = {}
+    for name in devices:
+        value = dialog.ask((*path, "targets"), name, NOTHING, kind=Axis(inline=True), words=words)
+        if value is not NOTHING:
+            found[name] = value
+    return found

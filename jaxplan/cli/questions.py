@@ -11,6 +11,7 @@ an axis, or whatever TOML has for a value. An empty one takes what stands in bra
 import os
 import re
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any, TextIO
 
@@ -35,8 +36,11 @@ Check = Callable[[Any], Sequence[str]]
 """Function of an answer's value that returns its faults."""
 
 
+_MOST_EQUAL = 10  # refusals in the same words after which answers that nobody types are given up
+
+
 class AnswersEnded(ValueError):
-    """The answers ended before the questions did, so that nothing was made of them."""
+    """The answers ended before the questions did, or lead nowhere, so that nothing was made of them."""
 
 
 class Dialog:
@@ -54,6 +58,7 @@ class Dialog:
         self._answers, self._out, self.folder = answers, out, folder
         self._told: set[str] = set()
         self._before: dict[str, Any] = {}
+        self._refused: Counter[str] = Counter()
 
     def say(self, text: str = "") -> None:
         """Write a paragraph, wrapped."""
@@ -88,7 +93,7 @@ class Dialog:
             The value as a file has it, or `NOTHING`.
 
         Raises:
-            AnswersEnded: if there is no further answer.
+            AnswersEnded: if there is no further answer, or they are refused again and again.
         """
         if kind is None:
             if table is None:
@@ -130,9 +135,17 @@ class Dialog:
         self._told.clear()
 
     def faulty(self, faults: Sequence[str]) -> None:
-        """Tell what is wrong."""
+        """Tell what is wrong.
+
+        Raises:
+            AnswersEnded: if it was told so often that answers which nobody types will not get past it.
+        """
         for fault in faults:
             self.say(f"  ! {fault}")
+            self._refused[fault] += 1
+            if self._refused[fault] >= _MOST_EQUAL and not self._answers.isatty():
+                told = f"the answers were refused {_MOST_EQUAL} times, so nothing was written: {fault}"
+                raise AnswersEnded(told)
 
     def _alone(self, name: str, words: str, kind: Kind, default: Any) -> Any:
         """Ask for a value that is no key of the file."""

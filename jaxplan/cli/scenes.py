@@ -19,13 +19,14 @@ from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.model.zones import masks
 from jaxplan.planner import Plan
-from jaxplan.planner.validity import hidden_targets, start_breaches
+from jaxplan.planner.validity import contradictions, start_breaches
 from jaxplan.runtime.files import replacing_file
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema import ScenarioError, load_scenario
 from jaxplan.schema.faults import plural
 from jaxplan.schema.text import template
 from jaxplan.schema.timelines import timeline_template
+from jaxplan.timeline.foreseen import foreseen
 
 _COUNTED = {  # what a scene, its spacecraft or a timeline has several of, and what one of them is called
     "terminals": "terminal",
@@ -38,6 +39,8 @@ _COUNTED = {  # what a scene, its spacecraft or a timeline has several of, and w
     "masks": "mask",
     "activities": "activity",
 }
+
+_IN_VAIN = "an activity cannot be done"  # heading of what a timeline asks in vain
 
 
 def new(options: argparse.Namespace) -> int:
@@ -100,15 +103,22 @@ def validate(options: argparse.Namespace) -> int:
 def _findings(name: str) -> dict[str, Any]:
     """Read a scenario file; returns a dict for JSON of what it holds, its faults, and what its ends break.
 
-    A file that is faulty, or no scenario at all, has None for what it holds.
+    A file that is faulty, or no scenario at all, has None for what it holds. A timeline has beside it what
+    its activities ask in vain.
     """
     found: dict[str, Any] = {"file": name, "valid": False, "faults": [], "start": [], "goal": []}
     try:
         if timelines.is_timeline(name):
             asked = timelines.load_timeline_file(name)
             start = list(start_breaches(replace(asked.scene, goal=asked.scene.start)))
+            vain = list(foreseen(asked))
             holds = _holds(asked.scene) | {"activities": len(asked.activities)}
-            return found | {"valid": not start, "start": start, "holds": holds}
+            return found | {
+                "valid": not (start or vain),
+                "start": start,
+                "activities": vain,
+                "holds": holds,
+            }
         scene = load_scene(name)
     except ScenarioError as error:
         return found | {"faults": list(error.faults), "holds": None}
@@ -127,14 +137,12 @@ def _holds(scene: Scenario) -> dict[str, Any]:
 def _breaches(scene: Scenario) -> tuple[list[str], list[str]]:
     """Messages on the limits and zones that the start breaks, and on what is wrong at the goal.
 
-    The goal is checked where it is a given state and nothing moves; and where the duration is a number,
-    whether its targets are hidden then.
+    A goal that is a given state is checked where nothing moves; of targets what is certain, without looking
+    for a goal: that they are hidden then, or in zones of their own devices.
     """
-    duration = scene.trajectory.duration
-    if not isinstance(duration, str):
-        unseen = hidden_targets(scene, float(duration))
-        if unseen:
-            return list(start_breaches(scene)), list(unseen)
+    certain = contradictions(scene)
+    if certain:
+        return list(start_breaches(scene)), list(certain)
     goal = None
     if isinstance(scene.goal, GivenState) and not moves(scene):
         from jaxplan.planner.steps import find_goals
@@ -155,6 +163,7 @@ def _line(found: dict[str, Any]) -> str:
         for place, status in (("start", Status.INVALID_START), ("goal", Status.INVALID_GOAL))
         if found[place]
     ]
+    broken += [f"\n  {_IN_VAIN}: {phrase}" for phrase in found.get("activities", ())]
     if broken:
         return f"{name}: {parts}{''.join(broken)}"
     return f"{name}: ok: {parts}; the start keeps all limits and zones"

@@ -16,10 +16,11 @@ from jax.typing import ArrayLike
 from jaxplan import so3
 from jaxplan.goal import Decomposition, decompose
 from jaxplan.goal.rates import least_rates
-from jaxplan.goal.reasons import apart, off
+from jaxplan.goal.reasons import apart, in_own_zone, off
 from jaxplan.model.breaches import ROUNDING, constraint_breaches
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.goals import GivenState, Targets, Wish
+from jaxplan.model.hidden import hidden_words
 from jaxplan.model.path import Goal
 from jaxplan.model.robust import Robust
 from jaxplan.model.scenario import Scenario
@@ -64,7 +65,7 @@ def point(
         A start for scenarios.
 
     Raises:
-        NotPointingError: if there is none, with what is in the way.
+        NotPointingError: if there is none, or a target is hidden then, with what is in the way.
         ScenarioError: for what no scenario may have, such as a device that there is not.
 
     Example:
@@ -108,24 +109,27 @@ def pointing_state(
         joints: (2n + d,) rad, as of `point`.
 
     Raises:
-        NotPointingError: if there is none, with what is in the way.
+        NotPointingError: if there is none, or a target is hidden then, with what is in the way.
     """
     spacecraft, rows = scenario.usable, scenario.constraints
     near = np.eye(3) if attitude is None else np.asarray(attitude, float)
     given = np.zeros(spacecraft.joint_count) if joints is None else np.asarray(joints, float)
     rest = np.clip(given, *spacecraft.joint_ranges.T)
     _check_range(spacecraft, asked.hold, given, rest)
+    _expect_seen(spacecraft, asked)
     now, then = asked.at(0.0), rows.at(0.0)
     found = decompose(spacecraft, near, now, then, start_joints=rest, max_goals=_GOALS)
-    if not found.goals:
+    if not found.goals and found.aim_excess > 0:
         raise NotPointingError(_unreachable(spacecraft, now, found))
+    if not found.goals:
+        bare = replace(scenario, keep_out=(), keep_in=(), joint_bounds=()).constraints.at(0.0)
+        free = decompose(spacecraft, near, now, bare, start_joints=rest, max_goals=1)
+        raise NotPointingError(
+            _in_the_way(scenario, asked, [_broken(scenario, then, one) for one in free.goals])
+        )
     broken = [_broken(scenario, then, goal) for goal in found.goals]
     if all(broken):
-        tube = "" if scenario.robust is None else f", with {scenario.robust.words} about it"
-        raise NotPointingError(
-            "every attitude from which all devices point at their targets at the start breaks a zone"
-            f"{tube}; at one of them {'; '.join(broken[0])}"
-        )
+        raise NotPointingError(_in_the_way(scenario, asked, broken))
     goal = found.goals[broken.index([])]
     spin, rates = np.zeros(3), np.zeros(len(goal.joints))
     if asked.moves:
@@ -155,12 +159,35 @@ def _check_range(craft: Spacecraft, held: Sequence[str], given: np.ndarray, near
                 raise NotPointingError(f"{what}, beyond its limit of {end:.6g} deg")
 
 
+def _expect_seen(craft: Spacecraft, asked: Targets) -> None:
+    """Raise `NotPointingError` if a target is hidden at the start, with what hides it and until when."""
+    each = [
+        hidden_words(path.hidden, name, 0.0, float(path.times[-1]), "at the start")
+        for name, path in zip(asked.names(craft), asked.paths, strict=True)
+    ]
+    unseen = [phrase for phrase in each if phrase is not None]
+    if unseen:
+        raise NotPointingError("; ".join(unseen))
+
+
 def _unreachable(craft: Spacecraft, asked: Targets, found: Decomposition) -> str:
     """Text that no attitude lets devices point at their targets, and which miss them at best."""
     words = "no attitude lets all devices point at their targets at the start"
-    if not found.aim_excess > 0:
-        return words
     return f"{words}: {apart(craft, asked) or 'at best ' + off(craft, asked, found.aim_excesses)}"
+
+
+def _in_the_way(scenario: Scenario, asked: Targets, broken: Sequence[Sequence[str]]) -> str:
+    """Text that zones leave no attitude from which devices point at their targets, and what is in the way.
+
+    `broken` has the phrases of what some of these attitudes break, the nearest first.
+    """
+    certain = in_own_zone(scenario, asked, 0.0)
+    if certain is not None:
+        return certain
+    tube = "" if scenario.robust is None else f", with {scenario.robust.words} about it"
+    words = "every attitude from which all devices point at their targets at the start breaks a zone"
+    phrases = next(filter(None, broken), ())
+    return f"{words}{tube}" + (f"; at one of them {'; '.join(phrases)}" if phrases else "")
 
 
 def _broken(scenario: Scenario, rows: Constraints, goal: Goal) -> list[str]:

@@ -1,11 +1,13 @@
 """Spans of time during which targets are hidden: behind the Earth, below their horizon, or otherwise.
 
-A target that is hidden when the manoeuvre ends cannot be pointed at. Times are seconds from the start of the
-manoeuvre on. `jaxplan.sky` computes the spans.
+A target that is hidden when the manoeuvre ends cannot be pointed at, nor one of a start when it begins. Times
+are seconds from the start of the manoeuvre on. `jaxplan.sky` computes the spans.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from jaxplan.model.keys import key
 from jaxplan.runtime.display import shown
@@ -43,3 +45,33 @@ def after_hidden(spans: Iterable[Hidden], time: float) -> float:
         if span.at(time):
             time = span.end
     return time
+
+
+def hidden_words(spans: Iterable[Hidden], device: str, time: float, known: float, when: str) -> str | None:
+    """A phrase on a device's target that is hidden at a time: by what, and from when on it is seen.
+
+    Args:
+        spans: in which the target is hidden.
+        device: name of the device.
+        time: s.
+        known: s, until when the spans are known.
+        when: words for the time.
+
+    Returns:
+        The phrase; None where the target is seen.
+    """
+    spans = tuple(spans)
+    there = [span for span in spans if span.at(time)]
+    if not there:
+        return None
+    seen = after_hidden(spans, time)
+    again = f"it is seen from {rounded_up(seen)} s on"
+    if seen > known:
+        again = f"it is not seen again in all the {known:g} s that are known"
+    by = " and ".join(dict.fromkeys(span.by for span in there))
+    return f"{there[0].target}, the target of {device}, is hidden by {by} {when}; {again}"
+
+
+def rounded_up(time: float) -> str:
+    """Text of a time, s, rounded up to hundredths, so that it is no earlier."""
+    return f"{np.ceil(time * 100) / 100:.12g}"

@@ -7,12 +7,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import jax
+import numpy as np
 
 from jaxplan.model.export_names import ExportNames
 from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.keys import key, keyed
 from jaxplan.model.sameness import same
 from jaxplan.model.scenario import Scenario
+from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import shown
 
 SHORTEST, CALM = SLEWS = ("shortest", "calm")
@@ -116,6 +118,16 @@ class Timeline:
     names: ExportNames | None = field(
         default=None, metadata=key("", "what exported files call the spacecraft")
     )
+
+    @property
+    def spacecraft(self) -> Spacecraft:
+        """The spacecraft of the scene."""
+        return self.scene.spacecraft
+
+    @property
+    def epoch(self) -> np.datetime64 | None:
+        """UTC of the start; None where the scene has none."""
+        return self.scene.epoch
 
     def __eq__(self, other: object) -> bool:
         return same(self, other) if isinstance(other, Timeline) else NotImplemented

@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from jaxplan.model.goals import LEAST_TIME, GivenState
+from jaxplan.model.hidden import rounded_up
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.status import Status
 from jaxplan.planner import messages
@@ -23,7 +24,7 @@ from jaxplan.planner.clock import Clock
 from jaxplan.planner.nearest import shorter_of, to_the_nearest
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.sooner import Sooner, may_be_sooner
-from jaxplan.planner.validity import rounded_up
+from jaxplan.planner.tube_room import with_advice
 
 # Outcomes after which another goal, or another path, may give a plan in the same time.
 _PERHAPS_TOO_SHORT = (
@@ -83,9 +84,8 @@ class InTime:
 
     def result(self) -> Plan:
         """The plan, once it is settled, with its timings."""
-        if self._answer is None:
-            return self._first.result()
-        return replace(self._answer, timings=self._clock.timings())
+        answer = self._first.result() if self._answer is None else self._answer
+        return replace(with_advice(answer), timings=self._clock.timings())
 
     def _compare(self) -> None:
         """Begin attempts at the goal of least rotation beside those of least time; keep the shorter plan."""

@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 
 from jaxplan.goal import Decomposition
-from jaxplan.goal.reasons import apart, off
+from jaxplan.goal.reasons import apart, in_own_zone, off
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.goals import LEAST_TIME, GivenState, Targets
+from jaxplan.model.hidden import rounded_up
 from jaxplan.model.limits import longest
 from jaxplan.model.scenario import Scenario, known_until, moves, seen_from, target_paths
 from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner.record import Plan
-from jaxplan.planner.validity import rounded_up
 from jaxplan.search import Barrier, JointBarrier, Scene, SearchResult, most_obstructive, narrowest
 from jaxplan.trajectory.fit import needed_words, too_tight
 from jaxplan.trajectory.peaks import peaks
@@ -63,6 +63,9 @@ def unreachable(
         return (
             f"at best {off(craft, asked, found.aim_excesses)} at the goal: change goal.targets or the limits"
         )
+    own = in_own_zone(scenario, scenario.goal, time) if isinstance(scenario.goal, Targets) else None
+    if own is not None:
+        return f"{own}: change goal.targets or the zone"
     if found.worst_zone is not None and found.worst_device is not None and found.zone_excess > 0:
         sight = scenario.sight_names[found.worst_device]
         zone = rows.zone[found.worst_zone]

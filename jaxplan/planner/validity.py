@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from jaxplan.goal.reasons import in_own_zone
 from jaxplan.model.breaches import ROUNDING, constraint_breaches
-from jaxplan.model.hidden import after_hidden
+from jaxplan.model.goals import Targets
+from jaxplan.model.hidden import hidden_words
 from jaxplan.model.kinematics import Kinematics
-from jaxplan.model.scenario import Scenario, known_until, target_paths
+from jaxplan.model.scenario import Scenario, known_until, moves, target_paths
 from jaxplan.model.wheels import MINIMAX, row_names
 
 
@@ -35,13 +37,15 @@ def breaches(
 
     Returns:
         A phrase a breach, naming device, zone or limit and the overlap in degrees; empty when there is none.
-        Where a tube is about the state (`Scenario.robust`), the last phrase names it.
+        Where a tube is about the state (`Scenario.robust`) and makes a difference, the last phrase names it.
     """
     state = attitude, joints, angular_velocity, joint_rates
     found = _broken(scenario, *state, arriving, time)
     if not found or scenario.robust is None:
         return found
     alone = _broken(replace(scenario, robust=None), *state, arriving, time)
+    if alone == found:  # such as rates, of which errors take nothing
+        return found
     tube = scenario.robust.words
     return (*found, f"this counts with {tube} about it" if alone else f"without {tube} it breaks nothing")
 
@@ -171,23 +175,25 @@ def _most(scenario: Scenario, limit: float, held: float) -> str:
 def hidden_targets(scenario: Scenario, time: float) -> tuple[str, ...]:
     """A phrase for each target that is hidden at a time, s, with what hides it and until when."""
     known, _ = known_until(scenario)
-    found = []
-    for device, path in target_paths(scenario):
-        there = [span for span in path.hidden if span.at(time)]
-        if there:
-            seen = after_hidden(path.hidden, time)
-            again = f"it is seen from {rounded_up(seen)} s on"
-            if seen > known:
-                again = f"it is not seen again in all the {known:g} s that are known"
-            by = " and ".join(dict.fromkeys(span.by for span in there))
-            what = f"{there[0].target}, the target of {device}, is hidden by {by}"
-            found.append(f"{what} when the motion ends, at {time:.6g} s; {again}")
-    return tuple(found)
+    when = f"when the motion ends, at {time:.6g} s"
+    each = [hidden_words(path.hidden, device, time, known, when) for device, path in target_paths(scenario)]
+    return tuple(phrase for phrase in each if phrase is not None)
 
 
-def rounded_up(time: float) -> str:
-    """Text of a time, s, rounded up to hundredths, so that it is no earlier."""
-    return f"{np.ceil(time * 100) / 100:.12g}"
+def contradictions(scenario: Scenario) -> tuple[str, ...]:
+    """What is certain to be wrong at a goal with targets, without looking for one.
+
+    Returns:
+        A phrase for each target that is hidden when the motion ends, or else one on targets that lie in zones
+        of their own devices. Empty where there is none, and where things move and it is not given when the
+        motion ends.
+    """
+    given = scenario.trajectory.duration
+    if not isinstance(scenario.goal, Targets) or (isinstance(given, str) and moves(scenario)):
+        return ()
+    time = 0.0 if isinstance(given, str) else float(given)
+    own = in_own_zone(scenario, scenario.goal, time)
+    return hidden_targets(scenario, time) or (() if own is None else (own,))
 
 
 def _overruns(

@@ -1,5 +1,6 @@
 """How a file gives an orbit: circular, Keplerian, two-line elements, ephemeris files, or samples."""
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ _INCLINATION = Number(Interval("[-180, 180]"), degrees=True)
 # numbers is at least the Earth's radius over the root of three.
 _FAR = Number(Interval("[-3e6, 3e6]"), hint="it is in km")
 _FAST = Number(Interval("[-100, 100]"), hint="it is in km/s")
+_LOWEST = 100.0  # km, below which no satellite stays in orbit for a revolution
 _LONG = Number(Interval("[-1e7, 1e7]"))  # s
 _HIGH = Number(Interval("(0, 150000]"), hint="it is in km; higher orbits have semi_major_axis_km instead")
 
@@ -89,7 +91,25 @@ def _make_of_kernels(parts: dict[str, Any], place: Place) -> Any:
 
 def _make_circular(parts: dict[str, Any], place: Place) -> Any:
     """Make a circular orbit from what was read, by attribute; `WRONG` if a part of it is."""
-    return WRONG if WRONG in parts.values() else sky.CircularOrbit(**parts)
+    if WRONG in parts.values():
+        return WRONG
+    _warn_of_air(parts["altitude"], place["altitude_km"])
+    return sky.CircularOrbit(**parts)
+
+
+class LowOrbitWarning(UserWarning):
+    """An orbit goes so low that no satellite stays on it."""
+
+
+def _warn_of_air(lowest: float, place: Place) -> None:
+    """Warn where the lowest altitude of an orbit, km, is in air that lets no satellite pass."""
+    if lowest < _LOWEST:
+        warnings.warn(
+            f"{place.path}: the orbit goes down to {lowest:.6g} km, and below {_LOWEST:g} km air lets no "
+            "satellite pass",
+            LowOrbitWarning,
+            stacklevel=2,
+        )
 
 
 def _make_keplerian(parts: dict[str, Any], place: Place) -> Any:
@@ -102,6 +122,7 @@ def _make_keplerian(parts: dict[str, Any], place: Place) -> Any:
         return place["semi_major_axis_km"].fault(
             f"{complaint}beyond {EARTH_RADIUS}", parts["semi_major_axis"]
         )
+    _warn_of_air(lowest - EARTH_RADIUS, place["semi_major_axis_km"])
     return sky.KeplerOrbit(**parts)
 
 

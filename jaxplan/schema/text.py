@@ -12,6 +12,7 @@ examples of what has no default stand in ``template.toml``, whose comments say w
 import re
 import textwrap
 import tomllib
+from calendar import monthrange
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib.resources import files
 from typing import Any
@@ -39,7 +40,10 @@ _WIDTH = 118  # most characters of a line with its comment
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 
 _HEADER = re.compile(r"(#?)\[+([\w.]+)\]+")
-_DATED = re.compile(r"[^=]*=\s*\d{4}-\d{1,2}-\d")  # a line whose value is meant as a date
+# A line whose value is meant as a date, or a date-time.
+_DATED = re.compile(r"[^=]*=\s*(\d{4})-(\d{1,2})-(\d{1,2})(?:[T ](\d{1,2}):(\d{1,2})(?::(\d{1,2}))?)?")
+_WORD = re.compile(r"[A-Za-z_][\w .-]*")  # text without quotes
+_LOGICAL = {"yes": "true", "on": "true", "true": "true", "no": "false", "off": "false", "false": "false"}
 _LINE = re.compile(r"#?(\w+) = .*")
 
 
@@ -58,12 +62,38 @@ def parse(text: str, largest: int = LARGEST_FILE) -> dict[str, Any]:
         message = str(error)
     found = re.fullmatch(r"(.*) \(at line (\d+), column (\d+)\)", message, re.DOTALL)
     if found:
-        dated = _DATED.match(text.split("\n")[int(found[2]) - 1])
-        advice = "; a date-time is written as 2026-01-01T00:00:00, with its seconds" if dated else ""
+        advice = _advice(text.split("\n")[int(found[2]) - 1], int(found[3]) - 1)
         told = f"line {found[2]}, column {found[3]}: not TOML, {_uncapitalised(found[1])}{advice}"
         raise ScenarioError([told])
     reason = message.removesuffix(" (at end of document)")
     raise ScenarioError([f"{_position(text, len(text))}: not TOML, {_uncapitalised(reason)}"])
+
+
+def _advice(line: str, index: int) -> str:
+    """What may be meant in a line that is no TOML from an index on: words to end a sentence, perhaps none."""
+    dated = _DATED.match(line)
+    if dated is not None:
+        return _of_date(dated)
+    word = _WORD.match(line[index:])
+    if word is None or not line[:index].rstrip().endswith(("=", "[", ",")):
+        return ""
+    told = word[0].strip()
+    meant = _LOGICAL.get(told.lower())
+    return f"; perhaps {meant} is meant" if meant else f"; text needs quotes, {quote(told)}"
+
+
+def _of_date(dated: re.Match[str]) -> str:
+    """What is wrong with a date or date-time, of which no second but all else may be missing."""
+    year, month, day, hour, minute, second = (None if own is None else int(own) for own in dated.groups())
+    wrong = ""
+    if month is not None and not 1 <= month <= 12:
+        wrong = f"there is no month {month}"
+    elif year and month and day is not None and not 1 <= day <= monthrange(year, month)[1]:
+        wrong = f"{year}-{month:02d} has no day {day}"
+    else:
+        parts = (("hour", hour, 23), ("minute", minute, 59), ("second", second, 59))
+        wrong = next((f"there is no {name} {n}" for name, n, most in parts if n is not None and n > most), "")
+    return f"; {wrong or 'a date-time is written as 2026-01-01T00:00:00, with its seconds'}"
 
 
 def too_large(largest: int = LARGEST_FILE) -> ScenarioError:

@@ -38,6 +38,7 @@ TOLERANCE = np.deg2rad(1e-4)
 """rad: by which the pieces that are proved may be off a reader's motion; it is taken off margins."""
 _RATE_SHARE = 1e-4  # of the least limit of a rate, by which their angular velocity may be off
 _CLOCK = 1e-3  # s, by which a table may begin before the scene, as times are rounded
+_AT_GOAL = np.deg2rad(0.01)  # rad, off the goal by which a last row is told to miss it
 _TOGETHER = 500  # intervals of a table that are proved at once
 _ANGLES, _RATES, _ACCELERATIONS = 0, 1, 2  # the power of time that limits of them fall by
 
@@ -92,6 +93,14 @@ class TableCertificate:
     left_out: tuple[str, ...] = ()
     faults: tuple[str, ...] = ()
 
+    @property
+    def misses_goal(self) -> bool:
+        """Whether the last row is off the goal by more than 0.01 deg; False where that is not known.
+
+        The proof is of zones, ranges and limits: a table that misses the goal may be certified.
+        """
+        return self.goal_off is not None and not self.goal_off <= _AT_GOAL
+
     def summary(self) -> dict[str, Any]:
         """What is proved as a dict for JSON, in the units of files."""
         margin = self.min_margin
@@ -116,6 +125,7 @@ class TableCertificate:
             "attitude_jump_deg": float(np.rad2deg(self.attitude_jump)),
             "start_off_deg": float(np.rad2deg(self.start_off)),
             "goal_off_deg": None if self.goal_off is None else float(np.rad2deg(self.goal_off)),
+            "misses_goal": self.misses_goal,
         }
 
     def rows(self) -> list[tuple[str, str]]:
@@ -127,6 +137,9 @@ class TableCertificate:
         if self.forgiven:
             known = f"within what is forgiven, at every instant {how}"
         rows = [("certified", known), *(("", fault) for fault in self.faults)]
+        if self.misses_goal and self.goal_off is not None:
+            off = f"{np.rad2deg(self.goal_off):.4g} deg"
+            rows.append(("misses the goal", f"by {off} in its last row, of which the proof says nothing"))
         used = "" if self.forgiven or not self.certified or self.forgives == NOTHING else "; none was needed"
         rows.append(("forgives", f"{self.forgives.words}{used}"))
         rows += [("", f"forgiven: {fault}") for fault in self.forgiven]

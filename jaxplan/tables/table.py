@@ -111,7 +111,7 @@ class AttitudeTable:
 
         Args:
             row: its number, -1 for the last.
-            joints: (J,) rad, of a table that has none; zeros unless told.
+            joints: (J,) rad, of a table that has none; left out only for a spacecraft without joints.
 
         Raises:
             ValueError: if there is no such row, or the table has joints of its own; if it has several of

@@ -230,7 +230,7 @@ class Doing:
         if not found.goals:
             settings = replace(scene.trajectory, duration=STRETCHED)
             asked = replace(scene, goal=targets.at(begin), trajectory=settings)
-            text, _, _ = messages.unreachable(asked, rows, found, np.pi).partition(": change ")
+            text, _, _ = messages.unreachable(asked, rows, found, np.pi, begin).partition(": change ")
             text = text.replace(" at the goal", "")
             raise Refused(Status.GOAL_UNREACHABLE, f"{text}, at {begin:.2f} s")
         return found

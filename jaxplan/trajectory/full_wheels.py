@@ -8,20 +8,23 @@ not help.
 from collections.abc import Sequence
 
 import numpy as np
+from jax.typing import ArrayLike
 
 from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.model.wheels import MINIMAX, row_names
+from jaxplan.model.wheels import MINIMAX, WheelArray, row_names
 from jaxplan.trajectory.curve import Trajectory, total_momentum
 from jaxplan.trajectory.fit import Fit
 from jaxplan.trajectory.problem import FitProblem
 
 _FULL = 1e-6  # of a wheel's limit, by which it may be beyond it at the goal
 _SAMPLES = 2001  # of a motion on which wheels are looked at, of which numbers with few digits are told
-_ADVICE = (
-    "so that slowing down does not help: lower spacecraft.wheel.stored_nms, raise momentum_nms, or change "
-    "the goal"
+_CARRIED = 1e-9  # of what a wheel holds at most, below which the body carries no momentum at the start
+_STORED = "lower spacecraft.wheel.stored_nms, raise momentum_nms, or change the goal"
+_IN_MOTION = (
+    "check spacecraft.inertia_kg_m2, lower the rates at the start or spacecraft.wheel.stored_nms, raise "
+    "momentum_nms, or change the goal"
 )
 
 
@@ -43,7 +46,10 @@ def full_at_goal(problem: FitProblem) -> Fit | None:
         f"{owner} would hold {held[row]:.4g} N m s, of {array.momentum[row]:.4g} N m s at most"
         for row, owner in _told(problem.spacecraft, shares, 1 + _FULL)
     ]
-    return _refused(None, f"at the goal, however slowly it is reached, {' and '.join(phrases)}")
+    carried = body.total - array.stored
+    return _refused(
+        None, f"at the goal, however slowly it is reached, {' and '.join(phrases)}", carried, array
+    )
 
 
 def full_on_the_way(trajectory: Trajectory, craft: Spacecraft) -> Fit:
@@ -63,7 +69,8 @@ def full_on_the_way(trajectory: Trajectory, craft: Spacecraft) -> Fit:
         phrase = f"{owner} would hold {held[row, most]:.4g} N m s {where}"
         beyond = "" if shares[row, most] > 1 + _FULL else ", to which turning adds"
         phrases.append(f"{phrase}, of {array.momentum[row]:.4g} N m s at most{beyond}")
-    return _refused(trajectory, f"turned about slowly, {' and '.join(phrases)}")
+    carried = samples.attitude[0].T @ total - array.stored
+    return _refused(trajectory, f"turned about slowly, {' and '.join(phrases)}", carried, array)
 
 
 def _told(craft: Spacecraft, shares: np.ndarray, most: float) -> Sequence[tuple[int, str]]:
@@ -79,7 +86,22 @@ def _told(craft: Spacecraft, shares: np.ndarray, most: float) -> Sequence[tuple[
     return [(row, f"the {names[row]}" if envelope else f'wheel "{names[row]}"') for row in rows.tolist()]
 
 
-def _refused(trajectory: Trajectory | None, why: str) -> Fit:
-    """The fit of wheels that are full, with a trajectory where there is one."""
-    message = f"{why}, {_ADVICE}"
+def _refused(trajectory: Trajectory | None, why: str, carried: ArrayLike, array: WheelArray) -> Fit:
+    """The fit of wheels that are full, with a trajectory where there is one.
+
+    Args:
+        trajectory: where there is one.
+        why: which wheels, and by how much.
+        carried: (3,) N m s, what the body and its stages have at the start beside what wheels store.
+        array: the wheels.
+    """
+    share, advice = float(np.linalg.norm(carried)), _STORED
+    if share > _CARRIED * float(np.max(array.momentum)):
+        stored = float(np.linalg.norm(array.stored))
+        why = (
+            f"{why}; all that they hold is what is there at the start, {share:.4g} N m s by "
+            f"spacecraft.inertia_kg_m2 and the rates of [start], and {stored:.4g} N m s that they store"
+        )
+        advice = _IN_MOTION
+    message = f"{why}, so that slowing down does not help: {advice}"
     return Fit(trajectory=trajectory, status=Status.LIMITS_TOO_TIGHT, message=message, full_wheels=True)

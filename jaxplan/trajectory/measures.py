@@ -198,7 +198,10 @@ def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Constraints) 
         ValueError: if one moves.
     """
     if cones.paths:
-        raise ValueError("cones: zones that move have no margin here; plan.certificate has it")
+        raise ValueError(
+            "a zone moves, so that the smallest margin is no function of the trajectory alone; "
+            "plan.certificate.min_margin has it"
+        )
 
     sights = cones.sights(craft.gimbals, craft.fixed_boresights)
 

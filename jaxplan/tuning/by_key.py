@@ -7,7 +7,7 @@ Numbers that depend on each other, as those of a unit vector do, are left out.
 
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import EllipsisType
 from typing import Any
 
@@ -23,12 +23,18 @@ from jaxplan.runtime.progress import progress_bar
 from jaxplan.schema.numbers import NumberPlace, numbers_of, numbers_of_timeline
 from jaxplan.timeline import TimelinePlan
 from jaxplan.tuning.days import TOTAL_TIME, day_slopes
-from jaxplan.tuning.objectives import Objective, make_objective, unit_of_objective
+from jaxplan.tuning.objectives import (
+    MARGIN,
+    OBJECTIVES,
+    Objective,
+    make_objective,
+    offered,
+    unit_of_objective,
+)
 
 _LINE = 110  # characters of a line of names
 _SHARE = 0.01  # of a number, by which it is changed in the last column
 _ROUNDING = 1e-12  # of the largest slope, below which one is zero but for rounding
-_MARGIN = "smallest_margin"  # which counts negative as an objective, and here as it is
 
 
 @shown("name", "value", "unit", "slope", "effect")
@@ -66,6 +72,7 @@ class Sensitivities:
         rows: of all numbers that matter, those first whose change by a hundredth does most; then those that
             are zero, by their slopes.
         without_effect: names of the others, whose slopes are zero.
+        note: why many are, as of a day that waits for something; empty for nothing.
     """
 
     measure: str
@@ -73,6 +80,7 @@ class Sensitivities:
     unit: str
     rows: tuple[Sensitivity, ...]
     without_effect: tuple[str, ...]
+    note: str = ""
 
     def __getitem__(self, name: str) -> float:
         """The slope by a number, by its dotted name; raises a KeyError for one that there is not."""
@@ -102,6 +110,7 @@ class Sensitivities:
             lines += textwrap.wrap(
                 names, _LINE, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
             )
+        lines += textwrap.wrap(self.note, _LINE, subsequent_indent="  ")
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -111,6 +120,7 @@ class Sensitivities:
         ]
         caption = f"{self.measure.replace('_', ' ')} {self.value:.6g} {self.unit}"
         rows += [(name, "slope 0") for name in self.without_effect]
+        rows += [("note", self.note)] if self.note else []
         return as_table(caption, rows)
 
 
@@ -119,8 +129,9 @@ def sensitivities(plan: Plan | TimelinePlan, measure: str | None = None) -> Sens
 
     Args:
         plan: an OK one that `differentiable` takes; or one of a timeline.
-        measure: one of `jaxplan.tuning.OBJECTIVES`, such as "effort", "duration" or "smallest_margin"; of a
-            timeline's plan "total_time", until its last activity ends. None for "effort" and "total_time".
+        measure: one of `jaxplan.tuning.OBJECTIVES`, such as "effort", "duration" or, where zones stand still,
+            "smallest_margin"; of a timeline's plan "total_time", until its last activity ends. None for
+            "effort" and "total_time".
 
     Returns:
         The slopes in the units of files. Where a choice of the plan is about to change a slope is that of the
@@ -143,8 +154,10 @@ def sensitivities(plan: Plan | TimelinePlan, measure: str | None = None) -> Sens
     if measure == TOTAL_TIME:
         raise ValueError(f"measure {TOTAL_TIME!r} is of a timeline's plan, of this one it is 'duration'")
     measure = "effort" if measure is None else measure
+    if measure not in OBJECTIVES:
+        raise ValueError(f"unknown measure {measure!r}: must be one of {', '.join(offered(plan.scenario))}")
     aim: Objective = make_objective(measure)
-    sign = -1.0 if measure == _MARGIN else 1.0
+    sign = -1.0 if measure == MARGIN else 1.0  # which counts negative as an objective, and here as it is
     scenario = own_arrays(plan.scenario)
     if plan.trajectory is not None:
         with jax.enable_x64(True):
@@ -161,8 +174,9 @@ def _of_day(plan: TimelinePlan, measure: str) -> Sensitivities:
     if measure != TOTAL_TIME:
         raise ValueError(f"unknown measure {measure!r} of a timeline's plan: must be {TOTAL_TIME!r}")
     with progress_bar("derivatives of the day"):
-        value, slopes = day_slopes(plan)
-    return _table((measure, value, "s"), numbers_of_timeline(plan.timeline), plan.timeline, slopes)
+        value, slopes, note = day_slopes(plan)
+    told = _table((measure, value, "s"), numbers_of_timeline(plan.timeline), plan.timeline, slopes)
+    return replace(told, note=note)
 
 
 def _table(

@@ -403,8 +403,11 @@ def _slope(departure: Departure, time: SlewTime) -> _Slope:
     return _Slope(seconds=float(seconds), scenario=scenario, slopes=slopes)
 
 
-def day_slopes(plan: TimelinePlan) -> tuple[float, Numbers]:
+def day_slopes(plan: TimelinePlan) -> tuple[float, Numbers, str]:
     """The total time of a timeline's plan, s, and its derivatives by the timeline's numbers.
+
+    Returns:
+        Both, and a sentence on what is waited for, so that nothing before it matters; empty for nothing.
 
     Raises:
         ValueError: as of `hold_day`.
@@ -412,4 +415,21 @@ def day_slopes(plan: TimelinePlan) -> tuple[float, Numbers]:
     held = hold_day(plan)
     with jax.enable_x64(True):
         value, slopes = jax.value_and_grad(held.total_time, allow_int=True)(held.numbers)
-    return float(value), slopes
+    return float(value), slopes, _waited_for(held.choices)
+
+
+def _waited_for(choices: Sequence[Choice]) -> str:
+    """A sentence on the last activity that is not as soon as its slew ends; empty where there is none."""
+    for one in reversed(choices):
+        activity, opens = one.activity, one.activity.earliest or 0.0
+        if activity.duration is None and activity.kind != "point":
+            what = f"ends when {'the timeline' if activity.latest is None else 'its window'} does"
+        elif one.begin < opens:
+            what = "waits for its window"
+        elif one.time is None or (one.time.kind == SEEN and one.time.offset == 0.0):
+            late = abs(one.begin - opens) > _SAME
+            what = "begins when its targets come into sight" if late else "begins when its window opens"
+        else:
+            continue
+        return f"activity {activity.name} {what}, so that nothing before that changes the total time"
+    return ""

@@ -36,12 +36,14 @@ from jaxplan.study.result import Printed, counted
 from jaxplan.trajectory import Fit, Trajectory
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.tuning.objectives import (
+    MARGIN,
     Objective,
     as_weights,
     bare,
     make_objective,
     mean_slope,
     objective_label,
+    refuse_margin,
 )
 from jaxplan.tuning.parameters import Parameter, as_dict, number_of, parameters
 
@@ -223,6 +225,8 @@ def tune(
         expect_known_time(scenario)
         expect_followable(scenario)
     aim = make_objective(objective)
+    for scenario in given if not callable(objective) and MARGIN in as_weights(objective) else ():
+        refuse_margin(scenario)
     tuned = parameters(given[0], over)
     for scenario in given[1:]:
         for one in tuned:  # all begin with the first one's numbers, so only that they exist matters

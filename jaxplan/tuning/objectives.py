@@ -27,13 +27,14 @@ from jaxplan.tuning.parameters import Parameter
 Objective = Callable[[Trajectory, Scenario], Array]
 Slope = Callable[[Array], tuple[float, np.ndarray]]
 
+MARGIN = "smallest_margin"
+"""The objective that is to grow, and so counts negative."""
 _DEGREE = np.pi / 180
 
 
 def _margin(trajectory: Trajectory, scenario: Scenario) -> Array:
-    """Smallest margin to any zone, deg; raises a ValueError without zones."""
-    if not scenario.zones:
-        raise ValueError("objective smallest_margin needs zones, of which there are none")
+    """Smallest margin to any zone, deg; raises a ValueError without zones, and where one moves."""
+    refuse_margin(scenario)
     return measures.least_margin(trajectory, scenario.spacecraft, scenario.constraints) / _DEGREE
 
 
@@ -57,10 +58,31 @@ _KNOWN: dict[str, tuple[Objective, str]] = {
     "effort": (lambda t, s: measures.effort(t) / _DEGREE**2, "(deg/s²)² s"),
     "roughness": (lambda t, s: measures.roughness(t) / _DEGREE**2, "(deg/s³)² s"),
     "duration": (lambda t, s: measures.duration(t), "s"),
-    "smallest_margin": (lambda t, s: -_margin(t, s), "deg"),
+    MARGIN: (lambda t, s: -_margin(t, s), "deg"),
 }
 OBJECTIVES: dict[str, Objective] = {name: function for name, (function, _) in _KNOWN.items()}
 """Ready-made objectives by name."""
+
+
+def refuse_margin(scenario: Scenario) -> None:
+    """Raise a ValueError where plans of a scenario have no smallest margin, and say what they have."""
+    if not scenario.zones:
+        raise ValueError("objective smallest_margin needs zones, of which there are none")
+    moving = [zone.name for zone in scenario.zones if zone.moves]
+    if moving:
+        raise ValueError(
+            f"objective smallest_margin is of zones that stand still, and {' and '.join(moving)} "
+            f"{'move' if len(moving) > 1 else 'moves'}: plan.certificate.min_margin tells it without slopes; "
+            f"what has slopes here is {', '.join(offered(scenario))}"
+        )
+
+
+def offered(scenario: Scenario) -> list[str]:
+    """Names of the objectives that plans of a scenario have."""
+    still = bool(scenario.zones) and not any(zone.moves for zone in scenario.zones)
+    without = set() if still else {MARGIN}
+    without |= {"peak_torque"} if scenario.spacecraft.inertia is None else set()
+    return [name for name in OBJECTIVES if name not in without]
 
 
 def objective_label(given: str | Mapping[str, float] | Objective) -> str:
@@ -86,7 +108,7 @@ def unit_of_objective(name: str) -> str:
 
 def _spelled(name: str) -> str:
     """The name of an objective in words, with a minus where its negative is lowered."""
-    sign = "\N{MINUS SIGN}" if name == "smallest_margin" else ""
+    sign = "\N{MINUS SIGN}" if name == MARGIN else ""
     return sign + name.replace("_", " ")
 
 

@@ -249,6 +249,35 @@ def test_whoever_stops_answering_leaves_no_file(monkeypatch, capsys, tmp_path):
     assert file.read_text() == "mine"
 
 
+def test_a_goal_without_a_target_may_be_told_otherwise(monkeypatch, capsys, tmp_path):
+    file = tmp_path / "scene.toml"
+    answers = [*SMALL[:-2], "targets", "", "attitude", "0 0 1"]
+    code, _, err = ask(monkeypatch, capsys, answers, file)
+    assert code == 0, err
+    assert "goal.targets: must name a device at least, and what it points at; or else goal by attitude" in err
+    assert np.array_equal(jp.load_scenario(file).goal.rotation_vector, [0, 0, 1])
+
+
+@pytest.mark.parametrize(("answers", "fault"), [([], "goal.targets: must name a device"), (["a", "b"], "b")])
+def test_answers_without_end_that_are_refused_in_the_same_words_are_given_up(
+    monkeypatch, capsys, tmp_path, answers, fault
+):
+    class Endless(io.StringIO):
+        given = 0
+
+        def readline(self, *_: object) -> str:
+            self.given += 1
+            assert self.given < 200
+            return super().readline() or f"{fault if answers else ''}\n"
+
+    monkeypatch.setattr(sys, "stdin", Endless("".join(f"{line}\n" for line in answers)))
+    assert main(["new", "--ask", str(tmp_path / "scene.toml")]) == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert "the answers were refused 10 times, so nothing was written: " in last
+    assert fault in last
+    assert not [*tmp_path.iterdir()]
+
+
 def test_only_ask_reads_answers(monkeypatch, capsys, tmp_path):
     class Unread(io.StringIO):
         def readline(self, *_: object) -> str:

@@ -275,6 +275,12 @@ def test_nothing_before_a_window_that_is_waited_for_matters():
     assert not any(row.name in before for row in found.rows)
     assert found["activity[2].from_s"] == pytest.approx(1.0)
     assert found["timeline.until_s"] == 0  # rest after the last activity is not counted
+    last = planned("windows").timeline.activities[2].name
+    assert found.note.startswith(f"activity {last} ")
+    assert "window" in found.note
+    assert found.note.endswith(", so that nothing before that changes the total time")
+    assert str(found).splitlines()[-1].split()[-1] == "time"
+    assert jp.sensitivities(planned("joints and platform")).note == ""
 
 
 def test_a_plan_that_was_read_has_the_slopes_of_the_one_that_was_written(tmp_path):

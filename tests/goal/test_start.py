@@ -83,6 +83,40 @@ def test_what_is_in_the_way_of_a_start_is_told_with_devices_and_angles():
         jp.point(craft, {"telescope": toward}, keep_out=[inside])
 
 
+def test_a_target_that_is_hidden_at_the_start_is_refused_with_when_it_is_seen():
+    craft, path = make_observer(), passing([0.3, -0.2, 0.9], [1e-3, 0, 0])
+    spans = [(0.0, 30.0, "the Earth"), (20.0, 75.001, "the Moon"), (200.0, 401.0, "the Earth")]
+    spans = tuple(jp.Hidden(target="relay", by=by, start=a, end=b) for a, b, by in spans)
+    for own, words in ((spans, "it is seen from 75.01 s on"), (spans[:1], "it is seen from 30 s on")):
+        with pytest.raises(
+            NotPointingError, match="relay, the target of antenna, is hidden by the Earth"
+        ) as e:
+            jp.point(craft, {"antenna": replace(path, hidden=own)})
+        assert str(e.value).endswith(f"at the start; {words}")
+    never = (jp.Hidden(target="relay", by="its horizon", start=0.0, end=500.0),)
+    with pytest.raises(NotPointingError, match=r"by its horizon at the start; it is not seen again in all"):
+        jp.point(craft, {"antenna": replace(path, hidden=never)})
+    assert jp.point(craft, {"antenna": replace(path, hidden=spans[2:])}).joints.shape == (3,)
+
+
+def test_a_field_of_view_that_no_attitude_keeps_off_a_zone_is_told_with_the_zone():
+    craft, toward = make_observer(), unit([0.3, -0.2, 0.9])
+    camera = replace(craft.instruments[0], field_of_view=np.deg2rad([20.0, 10.0]), up=None)
+    camera = replace(camera, up=unit(np.cross(camera.boresight, [0.3, 0.5, -0.7])))
+    craft = replace(craft, instruments=(camera,))
+    near = Rotation.from_rotvec(np.deg2rad(13.0) * unit(np.cross(toward, [1.0, 0, 0]))).apply(toward)
+    other = Rotation.from_rotvec(np.deg2rad(90.0) * toward).apply(near)
+    zones = [
+        jp.KeepOut(name=name, direction=axis, half_angle=np.deg2rad(5.0), outside="field_of_view")
+        for name, axis in (("one", near), ("other", other))
+    ]
+    assert jp.point(craft, {camera.name: toward}, keep_out=zones[:1]).joints.shape == (3,)
+    with pytest.raises(
+        NotPointingError, match=r"breaks a zone; at one of them .* too close to keep-out zone"
+    ):
+        jp.point(craft, {camera.name: toward}, keep_out=zones)
+
+
 def test_a_device_has_the_angles_that_are_told_at_the_start_whatever_is_in_the_way():
     craft = make_observer()
     masked = replace(craft.terminals[0], mask=(np.deg2rad([[10, 0], [60, 0], [60, 40], [10, 40]]),))

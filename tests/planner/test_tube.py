@@ -1,9 +1,11 @@
 """Plans within a tube: whatever errors of attitude and joints are within it, nothing is broken."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import make_observer
 from dense import joint_limits
 from reference import attitudes_of, joints_of, state_margins, unit
 from scipy.spatial.transform import Rotation
@@ -11,6 +13,9 @@ from wheels import random_wheels, with_wheels
 
 import jaxplan as jp
 from jaxplan.planner.proving import check_margins
+from jaxplan.planner.steps import find_goals
+from jaxplan.planner.tube_room import with_advice
+from jaxplan.planner.validity import start_breaches
 from jaxplan.schema import parse_scenario
 from jaxplan.schema.reading import dump_scenario, with_settings
 
@@ -150,6 +155,62 @@ def test_a_start_that_only_the_tube_breaks_says_so(plain):
     deep = replace(near, half_angle=0.31)
     shut = jp.plan(replace(scene, keep_out=(deep,), robust=tube), progress=False, throw=False)
     assert "this counts with the tube of [robust]" in shut.message
+
+
+def test_rates_count_whatever_the_tube(plain):
+    scene = replace(plain.scenario, robust=ROBUST)
+    quick = replace(scene.start, angular_velocity=np.array([9.0, 0.0, 0.0]))
+    (told,) = start_breaches(replace(scene, start=quick))
+    assert told.startswith("the platform's rate about x is ")
+
+
+def test_a_tube_that_leaves_no_goal_is_told_with_one_that_does():
+    craft, toward = make_observer(), np.array([0.0, 0.6, 0.8])
+    name = craft.instruments[0].name
+    axis = Rotation.from_rotvec([np.deg2rad(3.0), 0, 0]).apply(toward)
+    zone = jp.KeepIn(name="link", direction=axis, half_angle=np.deg2rad(5.0), devices=(name,))
+    scene = jp.Scenario(
+        name="tube",
+        spacecraft=craft,
+        start=jp.point(craft, {name: axis}),
+        goal=jp.Targets.of({name: toward}),
+        keep_in=(zone,),
+        robust=jp.Robust(attitude_error=np.deg2rad(4.0)),
+    )
+    plan = jp.plan(scene, throw=False, progress=False)
+    assert plan.status is jp.Status.INVALID_GOAL
+    told = float(re.search(r"there is one with attitude_error_deg = ([0-9.]+)", plan.message)[1])
+    assert 1.8 <= told <= 2.0  # of the 2 deg that the zone leaves, in steps of an eighth of a degree
+    assert "(attitude_error_deg = 4, joint_error_deg = 0) is too wide for a goal" in plan.message
+    borne = replace(plan.scenario, robust=jp.Robust(attitude_error=np.deg2rad(told)))
+    assert not isinstance(find_goals(borne), jp.Plan)
+    farther = Rotation.from_rotvec([np.deg2rad(6.0), 0, 0]).apply(toward)
+    outside = replace(zone, direction=farther)  # so that the target is out of it without errors, too
+    failed = jp.plan(replace(scene, keep_in=(outside,), start=jp.point(craft, {name: farther})), throw=False)
+    assert not failed.ok
+    assert "too wide" not in failed.message
+
+
+def test_what_a_tube_leaves_at_an_end_is_told_of_motions_that_fail():
+    craft = make_observer()
+    name = craft.instruments[0].name
+    beam = craft.instruments[0].boresight
+    axis = Rotation.from_rotvec(np.deg2rad(10.0) * unit(np.cross(beam, [0.3, 0.5, 0.1]))).apply(beam)
+    zone = jp.KeepOut(name="sun", direction=axis, half_angle=np.deg2rad(7.5), devices=(name,))
+    rest = jp.GivenState(rotation_vector=np.zeros(3), joints=np.clip(np.zeros(3), *craft.joint_ranges.T))
+    goal = replace(rest, rotation_vector=-0.5 * unit(np.cross(beam, axis)))
+    for error, words in (
+        (2.0, "0.50 deg of room to zone sun at the start: lower its errors, or begin"),
+        (1.0, ""),
+    ):
+        robust = jp.Robust(attitude_error=np.deg2rad(error))
+        scene = jp.Scenario(
+            name="tube", spacecraft=craft, start=rest, goal=goal, keep_out=(zone,), robust=robust
+        )
+        failed = jp.Plan(scenario=scene, status=jp.Status.LIMITS_TOO_TIGHT, message="it is")
+        told = with_advice(failed).message
+        assert told.startswith("it is")
+        assert (words in told) if words else told == "it is"
 
 
 def test_files_settings_and_goals_know_the_tube(plain, tmp_path):

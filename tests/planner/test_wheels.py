@@ -114,12 +114,15 @@ def test_a_turn_that_fills_a_wheel_however_slow_is_refused_with_the_reason():
         assert plan.status is jp.Status.LIMITS_TOO_TIGHT
         for word in ("slowing down does not help", "stored_nms", "momentum"):
             assert word in plan.message, plan.message
+        assert "inertia" not in plan.message  # of a body at rest, which carries nothing
         assert plan.trajectory is None  # there is none to show
         at_speed = with_wheels(held, duration=duration)
         begun = replace(at_speed.start, angular_velocity=np.array([0.0, 0.002, 0.0]))
         plan = jp.plan(replace(at_speed, start=begun), throw=False, progress=False)
         assert plan.status is jp.Status.LIMITS_TOO_TIGHT
         assert plan.trajectory is None or plan.trajectory.duration < 1e4
+        named = "spacecraft.inertia_kg_m2 and the rates of [start]"  # which the momentum follows from, too
+        assert named in plan.message or "slowing down" not in plan.message, plan.message
 
 
 def test_the_reason_names_the_full_wheels_with_what_they_would_hold():

@@ -1,6 +1,7 @@
 """Scenario files that are no files, no text or no TOML, and ones damaged at random."""
 
 import contextlib
+import re
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,28 @@ def test_text_that_is_no_toml_is_answered_with_line_and_column(text, line):
     assert found.startswith(line)  # what is wrong with the syntax is in the words of the standard library
 
 
-@pytest.mark.parametrize("value", ["2026-03-20T12:00", "2026-03-20 12:00 UTC", "2026-3-20", "2026-02-30"])
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("x = 1979-13-01", "; there is no month 13$"),
+        ("x = 2026-02-29", "2026-02 has no day 29$"),
+        ("x = 2026-02-28T24:00:00", "there is no hour 24$"),
+        ("x = 2026-02-28T23:61:00", "there is no minute 61$"),
+        ("x = 2026-02-28T23:59", "; a date-time is written as 2026-01-01T00:00:00, with its seconds$"),
+        ("x = tracker", 'line 1, column 5: not TOML, .*; text needs quotes, "tracker"$'),
+        ("x = laser A # of it", '; text needs quotes, "laser A"$'),
+        ('x = ["a", b]', '; text needs quotes, "b"$'),
+        ("x = True", "; perhaps true is meant$"),
+        ("x = no", "; perhaps false is meant$"),
+        ("x = 5 deg", "line 1, column 7: not TOML, [^;]*$"),
+    ],
+)
+def test_what_may_be_meant_is_told_behind_the_fault(text, told):
+    (found,) = faults_of_text(text)
+    assert re.search(told, found), found
+
+
+@pytest.mark.parametrize("value", ["2026-03-20T12:00", "2026-03-20 12:00 UTC", "2026-3-20"])
 def test_a_date_that_toml_does_not_know_is_answered_with_one_that_it_does(value):
     (found,) = faults_of_text(f"x = 1\nepoch_utc = {value}")
     assert found.startswith("line 2, column ")

@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,8 @@ import pytest
 import jaxplan as jp
 from jaxplan import schema as sc
 from jaxplan import sky
+from jaxplan.cli import main
+from jaxplan.schema.orbits import LowOrbitWarning
 from jaxplan.sky import frames
 from jaxplan.tuning.parameters import find_number
 
@@ -281,3 +284,26 @@ def test_the_pages_examples_run(capsys):
     start = FILE[: FILE.index("[sky]")]
     zones = sc.parse_scenario(f"{start}{toml}\n[trajectory]\nduration_s = 80\n").keep_out
     assert [zone.name for zone in zones] == ["sun", "earth"]
+
+
+def test_an_orbit_in_air_is_warned_of_and_one_above_it_is_not(tmp_path, capsys):
+    airless = FILE.replace("atmosphere_km = 100\n", "")
+    low = airless.replace("altitude_km = 500.0", "altitude_km = 20.0")
+    with pytest.warns(LowOrbitWarning, match=r"sky\.observer\.altitude_km: the orbit goes down to 20 km"):
+        sc.parse_scenario(low)
+    ellipse = ORBIT.replace("altitude_km = 500.0", "semi_major_axis_km = 6900.0, eccentricity = 0.07")
+    ellipse = ellipse.replace(
+        "argument_of_latitude_deg = 57.0", "argument_of_perigee_deg = 0, true_anomaly_deg = 0"
+    )
+    with pytest.warns(LowOrbitWarning, match=r"semi_major_axis_km: the orbit goes down to 38\.863 km"):
+        sc.parse_scenario(airless.replace(ORBIT, ellipse))
+    sc.parse_scenario(FILE)  # of which a warning would be an error
+    (tmp_path / "low.toml").write_text(low)
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        assert main(["validate", str(tmp_path / "low.toml")]) in (0, 1)
+    told = capsys.readouterr().err
+    assert told.startswith(
+        "jaxplan: warning: sky.observer.altitude_km: the orbit goes down to 20 km, and below"
+    )
+    assert "orbits.py" not in told

@@ -251,7 +251,12 @@ def test_how_far_the_last_row_is_off_its_targets_is_told_as_far_as_it_is_known(p
     goal = jp.Targets(devices=("terminal-0", "instrument-0"), directions=np.stack([beams[0], aside]))
     scene = replace(scene, goal=goal)
     assert jp.certify_table(table, SLERP, scene).goal_off == pytest.approx(0.01, abs=1e-9)
-    assert jp.certify_table(table, SLERP, replace(scene, goal=scene.start)).goal_off > 0.5
+    elsewhere = jp.certify_table(table, SLERP, replace(scene, goal=scene.start))
+    assert elsewhere.goal_off > 0.5
+    assert elsewhere.misses_goal
+    assert elsewhere.summary()["misses_goal"]
+    assert elsewhere.certified == jp.certify_table(table, SLERP, scene).certified
+    assert str(elsewhere).splitlines()[1].startswith("misses the goal")
     bare = replace(table, joints=None, joint_rates=None, joint_names=())
     assert jp.certify_table(bare, SLERP, scene).goal_off == pytest.approx(0.01, abs=1e-9)
     of_terminal = jp.Targets(devices=("terminal-0",), directions=beams[:1])

@@ -1,5 +1,7 @@
 """Slopes of measures by the keys of a file, beside differences of trajectories followed."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -83,7 +85,7 @@ def test_the_table_is_told_in_units_of_files_with_what_matters_first(plan):
 @pytest.mark.parametrize(
     ("measure", "kind", "told"),
     [
-        ("speed", ValueError, "unknown objective 'speed': must be one of"),
+        ("speed", ValueError, "unknown measure 'speed': must be one of"),
         (3, TypeError, "measure must be a name, not int"),
     ],
 )
@@ -104,6 +106,19 @@ def test_what_a_measure_refuses_is_asked_with_wide_numbers(plan, monkeypatch):
     with jax.enable_x64(False), pytest.raises(ValueError, match="not of this one"):
         jp.sensitivities(plan, "effort")
     assert set(kinds) == {np.dtype(np.float64)}
+
+
+def test_the_margin_to_zones_that_move_is_refused_with_the_measures_that_there_are():
+    plan = make_plan(2, 1, zones=1)
+    path = jp.DirectionPath.through([0.0, 900.0], [[1.0, 0.0, 0.0], [0.96, 0.28, 0.0]])
+    zones = (*plan.scenario.keep_out, jp.KeepOut(name="earth", direction=path, half_angle=0.1))
+    moving = replace(plan, scenario=replace(plan.scenario, keep_out=zones))
+    with pytest.raises(ValueError, match=r"of zones that stand still, and earth moves: plan\.certificate"):
+        jp.sensitivities(moving, "smallest_margin")
+    for one, offers in ((plan, True), (moving, False)):
+        with pytest.raises(ValueError, match="unknown measure 'speed'") as told:
+            jp.sensitivities(one, "speed")
+        assert ("smallest_margin" in str(told.value)) == offers
 
 
 def test_names_without_effect_are_not_broken_between_lines():

@@ -220,6 +220,16 @@ def test_a_call_that_makes_no_sense_is_refused_before_anything_is_planned():
         jp.tune(SMALL, "peak_torque", over=WEIGHTS)
     with pytest.raises(ValueError, match="smallest_margin needs zones"):
         jp.tune(SMALL, "smallest_margin", over=WEIGHTS)
+    moving = jp.DirectionPath.through([0.0, 900.0], [[1.0, 0.0, 0.0], [0.96, 0.28, 0.0]])
+    zones = [jp.KeepOut(name=name, direction=moving, half_angle=0.1) for name in ("earth", "moon")]
+    timed = replace(SMALL, keep_out=zones, trajectory=replace(SMALL.trajectory, duration=60.0))
+    with pytest.raises(
+        ValueError, match=r"still, and earth and moon move: .* has slopes here is peak_acc"
+    ) as e:
+        jp.tune(timed, {"effort": 1.0, "smallest_margin": 2.0}, over=WEIGHTS)
+    names = str(e.value).rpartition("is ")[2].split(", ")
+    assert "effort" in names
+    assert not {"peak_torque", "smallest_margin"} & {*names}  # nor an inertia
     weak = replace(SMALL, spacecraft=replace(SMALL.spacecraft, inertia=np.eye(3), torque_limit="little"))
     with pytest.raises(ValueError, match=r"scenarios\[0\]: spacecraft\.torque_limit = 'little': must be"):
         jp.tune(weak, "effort", over=("spacecraft.torque_limit_nm",))

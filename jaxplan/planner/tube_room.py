@@ -1,0 +1,105 @@
+"""Advice on plans that fail with a tube about them: how much smaller errors would have to be.
+
+A tube takes off every zone and range what errors of attitude and joints may move, so that one which is too
+wide is felt elsewhere: in rates at a goal that must keep between zones which move, or in loads of a motion
+that has no room to swing. Where no goal is found with the whole tube, the largest share of its errors with
+which there is one is looked for; else what the tube leaves at start and goal is told.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from jaxplan.model.constraints import Constraints, constraint_margins, state_margins
+from jaxplan.model.robust import Robust
+from jaxplan.model.scenario import Scenario
+from jaxplan.model.status import Status
+from jaxplan.planner.record import Plan
+from jaxplan.planner.steps import find_goals
+from jaxplan.planner.validity import contradictions
+
+_WITHOUT_GOAL = (Status.INVALID_GOAL, Status.GOAL_UNREACHABLE)
+_WITHOUT_MOTION = (Status.LIMITS_TOO_TIGHT, Status.INFEASIBLE, Status.UNCERTIFIED)
+_HALVINGS = 5  # of the share of the errors with which there is a goal
+_AWAY = {"start": "begin", "goal": "end"}
+_NARROW = np.deg2rad(1.0)  # rad: where a tube leaves less at an end it may be what is in the way
+
+
+def with_advice(plan: Plan) -> Plan:
+    """The plan with words on its tube in the message, where it failed and a smaller tube may help."""
+    robust = plan.scenario.robust
+    if plan.ok or robust is None or not max(robust.attitude_error, robust.joint_error) > 0:
+        return plan
+    words = [plan.message]
+    if plan.status in _WITHOUT_GOAL:
+        words.append(_for_a_goal(plan, robust))
+    if plan.status in _WITHOUT_MOTION or words[-1]:
+        words.append(_at_the_ends(plan, robust))
+    return replace(plan, message="; ".join(filter(None, words)))
+
+
+def _for_a_goal(plan: Plan, robust: Robust) -> str:
+    """Text on the largest errors with which there is a goal; empty where there is none without errors."""
+    scenario = plan.scenario
+    if contradictions(scenario):
+        return ""
+    given = scenario.trajectory.duration
+    time = float(given) if not isinstance(given, str) else 0.0 if plan.goal is None else plan.goal.time
+
+    def share(part: float) -> Robust:
+        errors = {name: part * getattr(robust, name) for name in ("attitude_error", "joint_error")}
+        return replace(robust, **errors)
+
+    def reached(part: float) -> bool:
+        return not isinstance(find_goals(replace(scenario, robust=share(part)), time), Plan)
+
+    if not reached(0.0):
+        return ""
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if reached(middle) else (low, middle)
+    if low == 0.0:
+        return f"without {robust.words} there is a goal, and with small errors none was found"
+    borne = share(low)
+    each = {"attitude_error_deg": borne.attitude_error, "joint_error_deg": borne.joint_error}
+    told = " and ".join(f"{name} = {_below(np.rad2deg(error))}" for name, error in each.items() if error)
+    return f"{robust.words} is too wide for a goal: there is one with {told}"
+
+
+def _at_the_ends(plan: Plan, robust: Robust) -> str:
+    """Text on the narrowest room that the tube leaves at start and goal; empty where there is enough."""
+    scenario, goal = plan.scenario, plan.goal
+    ends = [("start", np.asarray(scenario.start.attitude), np.asarray(scenario.start.joints), 0.0)]
+    if goal is not None:
+        ends.append(("goal", goal.attitude, goal.joints, goal.time))
+    found = [
+        (*_narrowest(scenario, scenario.constraints.at(time), attitude, joints), end)
+        for end, attitude, joints, time in ends
+    ]
+    left, sight, zone, end = min(found, key=lambda one: one[0])
+    if not left < _NARROW:
+        return ""
+    room = f"{max(np.rad2deg(left), 0.0):.2f} deg of room to zone {zone} at the {end}"
+    return f"{robust.words} leaves {sight} {room}: lower its errors, or {_AWAY[end]} farther from that"
+
+
+def _narrowest(
+    scenario: Scenario, rows: Constraints, attitude: np.ndarray, joints: np.ndarray
+) -> tuple[float, str, str]:
+    """The least margin of a state, rad, with the names of sight and zone; infinite without zones."""
+    count = int(np.sum(np.asarray(rows.zone) >= 0))
+    if not count:
+        return np.inf, "", ""
+    craft = scenario.usable
+    sights = rows.sights(craft.gimbals, craft.fixed_boresights)
+    table = np.asarray(state_margins(rows, sights, attitude, joints))
+    least = float(np.min(np.asarray(constraint_margins(rows, table))))
+    row, sight = np.unravel_index(int(np.argmin(np.abs(table[:count] - least))), table[:count].shape)
+    return least, scenario.sight_names[sight], scenario.zones[rows.zone[row]].name
+
+
+def _below(value: float) -> str:
+    """Text of a positive number, rounded down to two digits that tell."""
+    unit = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return f"{np.floor(value / unit + 1e-9) * unit:.10g}"
