@@ -65,7 +65,7 @@ def test_the_table_is_told_in_units_of_files_with_what_matters_first(plan):
     assert first.effect == pytest.approx(-0.21, abs=1e-6)
     for row in found.rows:
         assert row.slope_unit == (f"deg per {row.unit}" if row.unit else "deg")
-    assert any("deg/s" in row.unit for row in found.rows), "units of numbers with a stroke are among these"
+    assert len({row.unit for row in found.rows}) > 2
     assert "slope -1 deg per deg" in found._repr_html_()
     assert list(found.table["slope_unit"]) == [row.slope_unit for row in found.rows]
     effects = np.abs([row.effect for row in found.rows])
