@@ -68,7 +68,7 @@ _OFF = 1.0  # km by which these may miss it
 _ALTITUDES = (-10.0, 100.0)  # km above the ellipsoid within which it may lie
 _PARALLAX = 1e-6  # least eigenvalue of the sum of their projections, a line, from which on they tell a place
 _GRID = 0.5  # deg of the grid on which the night is found
-_LETTER = 0.075  # inches: width of a letter
+_LETTER, _GAP = 0.075, 0.09  # inches: width of a letter, at most, and between a mark's middle and its name
 
 
 class _Site(NamedTuple):
@@ -268,14 +268,17 @@ def _draw_land(axes: Axes) -> None:
 
 
 def _name(axes: Axes, sites: Sequence[_Site], drawn: np.ndarray) -> None:
-    """Write the names of places beside their marks, where they cover as little as possible."""
+    """Write the names of places beside their marks, where they cover as little as possible.
+
+    A name ends or begins right at its mark; to one that stands above or below and beside it leads a line.
+    """
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     width, height = GROUND_SIZE[0] * 0.62, GROUND_SIZE[1] * 0.75  # inches of the map, about
     scale = np.array([(right - left) / width, (high - low) / height])
     labels = Labels(drawn[np.isfinite(drawn[:, 0])], [(site.place, 0.12 * scale) for site in sites])
     for site in sites:
         size = np.array([_LETTER * len(site.name), 0.15]) * scale
-        away = size / 2 + 0.09 * scale
+        away = size / 2 + _GAP * scale
         around = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)]
         inside = np.array([right - left, high - low]) / 2 - size / 2
         middle = np.array([right + left, high + low]) / 2
@@ -284,9 +287,14 @@ def _name(axes: Axes, sites: Sequence[_Site], drawn: np.ndarray) -> None:
             [p for p in places if np.all(np.abs(p - middle) <= inside)] or places, size, must=True
         )
         assert spot is not None
-        colour = _SITE["color"]
-        across, up = spot.tolist()
-        plain(axes.text(across, up, site.name, fontsize=SMALL, color=colour, zorder=4.6, **HALO))
+        side = np.sign(np.round((spot - site.place) / scale, 6)).astype(int)
+        near = spot - side * (size / 2 * (1, 0))  # the end of the name, which is not as long as it may be
+        if np.all(side != 0):
+            ends = np.stack([site.place, near - side * (0, 1) * size / 4])
+            axes.plot(*ends.T, color=_SITE["color"], linewidth=0.7, zorder=4.4)
+        own: Look = {**HALO, "ha": {1: "left", 0: "center", -1: "right"}[int(side[0])]}
+        across, up = near.tolist()
+        plain(axes.text(across, up, site.name, fontsize=SMALL, color=_SITE["color"], zorder=4.6, **own))
 
 
 def _draw_night(axes: Axes, orbit: Orbital, time: float) -> bool:

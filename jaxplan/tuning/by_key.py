@@ -37,7 +37,7 @@ _SHARE = 0.01  # of a number, by which it is changed in the last column
 _ROUNDING = 1e-12  # of the largest slope, below which one is zero but for rounding
 
 
-@shown("name", "value", "unit", "slope", "effect")
+@shown("name", "value", "unit", "slope", "slope_unit", "effect")
 @dataclass(frozen=True, kw_only=True)
 class Sensitivity:
     """What a number of a scenario's file does to a plan.
@@ -47,16 +47,18 @@ class Sensitivity:
         value: in the file's unit.
         unit: of the number, empty where it has none.
         slope: derivative of the measure by the number, in the measure's unit over the number's.
+        slope_unit: both units, such as "s per deg/s"; empty where neither has one.
     """
 
     name: str
     value: float
     unit: str
     slope: float
+    slope_unit: str = ""
 
     @property
     def effect(self) -> float:
-        """By how much the measure changes where the number grows by a hundredth, to first order."""
+        """Change of the measure, in its unit, where the number grows by a hundredth, to first order."""
         return self.slope * abs(self.value) * _SHARE + 0.0  # no minus zero
 
 
@@ -93,18 +95,32 @@ class Sensitivities:
 
     @property
     def table(self) -> np.ndarray:
-        """The rows as a structured array: name, value, unit, slope and effect; ``pd.DataFrame`` takes it."""
-        kinds = [("name", "U120"), ("value", float), ("unit", "U12"), ("slope", float), ("effect", float)]
-        return np.array([(r.name, r.value, r.unit, r.slope, r.effect) for r in self.rows], dtype=kinds)
+        """The rows as a structured array, which ``pd.DataFrame`` takes.
+
+        Its columns are name, value, unit, slope, slope_unit and effect.
+        """
+        texts = [("name", "U120"), ("unit", "U12"), ("slope_unit", "U32")]
+        kinds = dict([*texts, *((name, float) for name in ("value", "slope", "effect"))])
+        names = ("name", "value", "unit", "slope", "slope_unit", "effect")
+        rows = [tuple(getattr(row, name) for name in names) for row in self.rows]
+        return np.array(rows, dtype=[(name, kinds[name]) for name in names])
 
     def __str__(self) -> str:
-        head = ("number", "value", "", f"slope of {self.measure}", "1 % more")
+        more = "1 % more" + f", {self.unit}" * bool(self.unit)
+        head = ("number", "value", "", f"slope of {self.measure}", "", more)
         rows = [
-            (row.name, f"{row.value:.6g}", row.unit, f"{row.slope:+.4g}", f"{row.effect:+.3g}")
+            (
+                row.name,
+                f"{row.value:.6g}",
+                row.unit,
+                f"{row.slope:+.4g}",
+                row.slope_unit,
+                f"{row.effect:+.3g}",
+            )
             for row in self.rows
         ]
         lines = [f"{self.measure.replace('_', ' ')} {self.value:.6g} {self.unit}"]
-        lines += in_columns([head, *rows], "<><>>")
+        lines += in_columns([head, *rows], "<><><>")
         if self.without_effect:
             names = f"and {len(self.without_effect)} whose slope is zero: {', '.join(self.without_effect)}"
             lines += textwrap.wrap(
@@ -115,7 +131,11 @@ class Sensitivities:
 
     def _repr_html_(self) -> str:
         rows = [
-            (row.name, f"{row.value:.6g} {row.unit}: slope {row.slope:+.4g}, 1 % more {row.effect:+.3g}")
+            (
+                row.name,
+                f"{row.value:.6g} {row.unit}: slope {row.slope:+.4g} {row.slope_unit}, "
+                f"1 % more {row.effect:+.3g} {self.unit}".rstrip(),
+            )
             for row in self.rows
         ]
         caption = f"{self.measure.replace('_', ' ')} {self.value:.6g} {self.unit}"
@@ -198,6 +218,7 @@ def _table(
             value=float(place.get(owner)),
             unit=_unit(place),
             slope=sign * _slope(slopes, place.path) * place.factor,
+            slope_unit=_per(unit, _unit(place)),
         )
         for place in places
     ]
@@ -215,6 +236,11 @@ def _table(
         rows=tuple(sorted(some, key=lambda one: (-abs(one.effect), -abs(one.slope)))),
         without_effect=tuple(one.name for one in found if one not in some),
     )
+
+
+def _per(measure: str, number: str) -> str:
+    """The unit of a slope from those of a measure and a number, either of which may be empty."""
+    return f"{measure or '1'} per {number}" if number else measure
 
 
 def _unit(place: NumberPlace) -> str:

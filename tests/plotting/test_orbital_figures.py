@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.plotting.coast import FILE, FINE, coasts, land, within
-from jaxplan.plotting.ground_track import _SITE, _WAY
+from jaxplan.plotting.ground_track import _SITE, _WAY, GROUND_SIZE, _name, _Site
 from jaxplan.plotting.sky import SPHERE_SIZE
 from jaxplan.plotting.style import device_style, motion
 from jaxplan.sky.ground import geodetic, surface_point
@@ -269,6 +269,32 @@ def test_targets_on_the_ground_are_found_again_and_named_and_others_are_not(plan
     assert {text.get_text() for text in axes.texts} == set(points)
     marks = np.array([line.get_xydata()[0] for line in axes.lines if line.get_marker() == _SITE["marker"]])
     np.testing.assert_allclose(marks, [(lon, lat) for lat, lon, _ in points.values()], atol=1e-5)
+
+
+@pytest.mark.parametrize("covered", [None, (1, 0), (-1, 0), (0, 1), (0, -1), "sides"])
+@pytest.mark.parametrize("name", ["illilli", "MWMWMWM"])
+def test_names_of_places_stand_right_at_their_marks_or_have_a_line(name, covered):
+    figure = Figure(figsize=GROUND_SIZE)
+    axes = figure.add_axes((0.08, 0.1, 0.62, 0.75))
+    axes.set(xlim=(-180, 180), ylim=(-90, 90))
+    place, points = np.array([10.0, 20.0]), np.zeros((0, 2))
+    if covered is not None:  # by curves that a name should not cover
+        sides = [(1, 0), (-1, 0), (0, 1), (0, -1)] if covered == "sides" else [covered]
+        spread = np.linspace(-1, 1, 9)
+        points = np.concatenate([place + np.array([15.0, 8.0]) * one + spread[:, None] for one in sides])
+    _name(axes, [_Site(name, place)], points)
+    figure.draw_without_rendering()
+    (text,) = axes.texts
+    box, mark = text.get_window_extent(), axes.transData.transform(place)
+    corner = np.clip(mark, [box.x0, box.y0], [box.x1, box.y1])
+    away = np.abs(corner - mark) / figure.dpi
+    assert np.max(away) < 0.16, "inches from the mark to the name"
+    beside = np.all(away > 0.02)
+    assert beside == (covered == "sides") == bool(axes.lines)
+    for line in axes.lines:
+        ends = axes.transData.transform(line.get_xydata())
+        np.testing.assert_allclose(ends[0], mark)
+        assert box.padded(3).contains(*ends[1])
 
 
 def test_it_is_night_where_the_sun_is_below_the_horizon(plan):

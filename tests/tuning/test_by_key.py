@@ -66,11 +66,18 @@ def test_the_table_is_told_in_units_of_files_with_what_matters_first(plan):
     assert (first.name, first.unit) == ("keep_out[0].half_angle_deg", "deg")
     assert first.slope == pytest.approx(-1, abs=1e-6)  # a wider zone takes as much off the margin
     assert first.effect == pytest.approx(-0.21, abs=1e-6)
+    for row in found.rows:
+        assert row.slope_unit == (f"deg per {row.unit}" if row.unit else "deg")
+    assert len({row.unit for row in found.rows}) > 2
+    assert "slope -1 deg per deg" in found._repr_html_()
+    assert list(found.table["slope_unit"]) == [row.slope_unit for row in found.rows]
     effects = np.abs([row.effect for row in found.rows])
     assert np.all(np.diff(effects) <= 0)
     assert found["keep_out[1].half_angle_deg"] == 0
     text = str(found).splitlines()
     assert text[0].startswith("smallest margin 1.03")
+    assert text[1].rstrip().endswith("1 % more, deg")
+    assert " deg per deg " in text[2]
     (last,) = (k for k, line in enumerate(text) if "whose slope is zero: " in line)
     assert len({len(line.rstrip()) for line in text[1:last]}) == 1  # aligned
     told = " ".join(line.strip() for line in text[last:]).partition(": ")[2].split(", ")

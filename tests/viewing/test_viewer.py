@@ -259,3 +259,27 @@ def test_on_a_phone_and_on_a_projector_nothing_is_cut_and_no_names_touch(every, 
             apart = (one[0] >= other[2] or other[0] >= one[2]), (one[1] >= other[3] or other[1] >= one[3])
             overlap = min(one[3], other[3]) - max(one[1], other[1])
             assert any(apart) or overlap < 0.25 * (one[3] - one[1])
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
+def test_names_of_zones_about_one_axis_are_all_shown_and_swatches_are_as_their_curves(tmp_path):
+    plan = make_plan(2, 1)
+    names = ["sun imager", "sun tracker", "moon", "earth"]
+    zones = tuple(replace(plan.scenario.keep_out[0], name=name) for name in names)
+    plan = replace(plan, scenario=replace(plan.scenario, keep_out=zones))
+    script = """() => ({
+        zones: [...document.querySelectorAll(".label.zone")].map((one) =>
+            [one.textContent, Number(one.style.opacity)]),
+        swatches: [...document.querySelectorAll("figcaption button")].map((one) => [
+            one.querySelector(".name").textContent,
+            one.querySelector("i").style.background.includes("gradient"),
+        ]),
+    })"""
+    told = opened(jp.view(plan).html, tmp_path, script, later=True)["found"]
+    assert {name for name, opacity in told["zones"] if opacity > 0} == set(names)
+    dashed = {
+        line["name"] for chart in content(plan)["charts"] for line in chart["lines"] if line.get("dashes")
+    }
+    assert dashed
+    assert {name for name, gradient in told["swatches"] if gradient} == dashed

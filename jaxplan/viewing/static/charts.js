@@ -33,8 +33,8 @@ const Charts = (() => {
         entry.type = "button";
         entry.title = `show or hide ${one.name}`;
         entry.innerHTML = '<i></i><span class="name"></span><b></b>';
-        entry.querySelector("i").style.background = one.colour;
-        entry.querySelector("i").style.opacity = one.dashes ? 0.55 : 1;
+        entry.querySelector("i").style.background = one.dashes  // as its curve is drawn
+          ? `repeating-linear-gradient(90deg, ${one.colour} 0 5px, transparent 5px 8px)` : one.colour;
         entry.querySelector(".name").textContent = one.name;
         entry.addEventListener("click", () => {
           if (own.hidden.has(number)) own.hidden.delete(number); else own.hidden.add(number);

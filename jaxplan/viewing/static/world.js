@@ -291,16 +291,22 @@ const World = (() => {
     if (named) placeLabels();
   }
 
-  // Puts names where their things are; of two that would touch, the less important one is not shown.
+  // Steps aside from where a thing is, in widths and heights of its name, the best first.
+  const ASIDE = [[0, 0], [0, -1], [0, 1], [0, -2], [0, 2], [0.75, 0], [-0.75, 0], [0.75, -1], [-0.75, -1], [0.75, 1], [-0.75, 1]];
+
+  // Puts names where their things are; of two that would touch, the less important one steps aside, and is
+  // not shown where there is no room beside either.
   function placeLabels() {
     const toEye = camera.position.clone().normalize(), taken = [];
     labels.forEach((label) => {
       const place = label.parent.localToWorld(spot.copy(label.at));
       const behind = place.dot(toEye) < -0.15 * place.length() && place.length() > 0.6;
       const flat = place.project(camera);
-      const x = (flat.x + 1) / 2 * width, y = (1 - flat.y) / 2 * height;
-      const free = taken.every((other) =>
-        Math.abs(other.x - x) > (other.wide + label.wide) / 2 || Math.abs(other.y - y) > (other.high + label.high) / 2);
+      const at = [(flat.x + 1) / 2 * width, (1 - flat.y) / 2 * height];
+      const places = ASIDE.map(([across, up]) => [at[0] + across * (label.wide + 4), at[1] + 1.3 * up * label.high]);
+      const free = places.find(([x, y]) => taken.every((other) =>
+        Math.abs(other.x - x) > (other.wide + label.wide) / 2 || Math.abs(other.y - y) > (other.high + label.high) / 2));
+      const [x, y] = free || at;
       if (free) taken.push({ x, y, wide: label.wide, high: label.high });
       label.element.style.opacity = !free ? 0 : behind ? 0.45 : 1;
       label.element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
