@@ -8,25 +8,26 @@ comes after it by its `after`. Planning ends there; if asked the rest is planned
 """
 
 import time as clock
-from collections.abc import Sequence
-from dataclasses import fields, replace
+from contextlib import suppress
+from dataclasses import replace
+from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 
 from jaxplan.certificate import Certificate, faults_later
-from jaxplan.model.sameness import same
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
 from jaxplan.model.timeline import CALM, REST, Activity, Segment, Timeline, in_order
 from jaxplan.planner.validity import start_breaches
-from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import one_thread
-from jaxplan.schema.faults import nearest
 from jaxplan.schema.timelines import take_in_timeline
 from jaxplan.timeline import curves, proving
 from jaxplan.timeline.choices import Choice
+from jaxplan.timeline.looking_ahead import led_ahead
 from jaxplan.timeline.motions import Doing, Motion, Refused
+from jaxplan.timeline.planned_again import first_again
 from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan
 from jaxplan.timeline.slews import Departure, Slew
 from jaxplan.timeline.stored import holding, total_in
@@ -36,6 +37,8 @@ from jaxplan.trajectory import Trajectory
 _GENTLE = 6.0  # times the strict bound: how long a slew takes at most where there is time
 _USUAL = 60.0  # s: a slew that long is gentle in any case, and less time is not worth a rest
 _SAME = 1e-9  # s, below which there is no time for a slew
+
+_Proved: TypeAlias = tuple[Slew, Motion, Certificate | None, float | None]
 
 
 def plan_timeline(
@@ -115,6 +118,8 @@ class _Day:
         self.choices: list[Choice] = []
         self.seconds = {"motions": 0.0, "slews": 0.0, "proof": 0.0}
         self.broken = start_breaches(replace(scene, goal=start))
+        ordered = in_order(timeline.activities) if timeline.look_ahead else ()
+        self.following = {one.name: then for one, then in pairwise(ordered)}
 
     def left(self, kept: TimelinePlan | None, name: str | None) -> list[Activity]:
         """The activities that are to be planned; those before a name are taken from a plan that is kept."""
@@ -123,46 +128,18 @@ class _Day:
             return ordered
         if kept is None or name is None:
             raise ValueError("after and from_activity: one needs the other")
-        expect("after", kept, TimelinePlan, "jp.plan_timeline makes one")
-        names = [one.name for one in ordered]
-        if name not in names:
-            raise ValueError(f"from_activity = {name!r}: no such activity, {nearest(name, names, 'names')}")
-        first = names.index(name)
-        before = kept.activities[:first]
-        if [one.name for one in before] != names[:first]:
-            raise ValueError(f"after: the activities before {name} are not those of the timeline")
-        self._expect_the_same(kept, names[:first])
+        first = first_again(self.timeline, kept, name)
+        names = [one.name for one in ordered[:first]]
         for segment in kept.segments:
-            if segment.name not in names[:first]:
+            if segment.name not in names:
                 break
             assert kept.trajectory is not None
             own = curves.part(kept.trajectory, segment.start, segment.end)
             proof = proving.certify_part(self.scene, segment.start, own, self._craft())
             self._add(segment.name, segment.kind, own, proof)
-        self.activities += before
-        self.choices += [one for one in kept.choices if one.activity.name in names[:first]]
+        self.activities += kept.activities[:first]
+        self.choices += [one for one in kept.choices if one.activity.name in names]
         return ordered[first:]
-
-    def _expect_the_same(self, kept: TimelinePlan, names: Sequence[str]) -> None:
-        """Raise a ValueError where activities of these names, or the start, are others in a kept plan."""
-        were, are = (
-            {one.name: one for one in timeline.activities} for timeline in (kept.timeline, self.timeline)
-        )
-        for own in names:
-            changed = [
-                part.name
-                for part in fields(Activity)
-                if not same(getattr(were.get(own), part.name, None), getattr(are[own], part.name))
-            ]
-            if changed:
-                raise ValueError(
-                    f"after: activity {own} differs from the one that was planned in "
-                    f"{', '.join(changed)}: plan anew from it on, by from_activity, or leave it as it was"
-                )
-        if not same(kept.timeline.scene.start, self.scene.start):
-            raise ValueError(
-                "after: the start differs from the one that was planned: plan the whole timeline"
-            )
 
     def do(self, activity: Activity) -> bool:
         """Plan an activity from the state so far on; returns whether it could be."""
@@ -205,33 +182,12 @@ class _Day:
 
     def _do(self, activity: Activity, *, listed: bool = True) -> None:
         """Plan an activity; raises `Refused`. What only fills time is not listed among the activities."""
-        doing = Doing(
-            scene=self.scene,
-            activity=activity,
-            before=self.state,
-            time=self.time,
-            latest_end=activity.latest if activity.latest is not None else self.timeline.until,
-            known=np.inf if self.timeline.until is None else self.timeline.until,
-            total=self.total,
-        )
+        doing = self._doing(activity)
         slew, motion = self._slew(doing)
         start = max(motion.begin, activity.earliest or 0.0)
-        error = proof = None
-        if motion.trajectory is not None:
-            begun = clock.monotonic()
-            proof = proving.certify_part(
-                self.scene, motion.begin, motion.trajectory, self._craft(slew.trajectory)
-            )
-            if activity.track is not None:
-                error = proving.pointing_error(self.scene, activity.track, motion.trajectory, motion.begin)
-            self.seconds["proof"] += clock.monotonic() - begun
-            if not proof.certified:
-                faults = faults_later(proof, motion.begin)
-                raise Refused(
-                    Status.UNCERTIFIED, f"{'; '.join(faults)}; the activity begins at {motion.begin:.2f} s"
-                )
-            self._expect_near(activity, error)
         departure = Departure(scene=self.scene, craft=self._craft(), state=self.state, time=self.time)
+        led = self._led(doing, departure, slew, motion)
+        slew, motion, proof, error = led or (slew, motion, *self._proved(activity, slew, motion))
         if slew.trajectory is not None and slew.proof is not None:
             self._add(activity.name, "slew", slew.trajectory, slew.proof)
         if motion.trajectory is not None and proof is not None:
@@ -263,6 +219,64 @@ class _Day:
                 pointing_error=error,
             )
         )
+
+    def _doing(self, activity: Activity) -> Doing:
+        """An activity that is to be done from the state so far on."""
+        return Doing(
+            scene=self.scene,
+            activity=activity,
+            before=self.state,
+            time=self.time,
+            latest_end=activity.latest if activity.latest is not None else self.timeline.until,
+            known=np.inf if self.timeline.until is None else self.timeline.until,
+            total=self.total,
+        )
+
+    def _led(self, doing: Doing, departure: Departure, slew: Slew, motion: Motion) -> _Proved | None:
+        """Slew and motion with the platform led to where the next slew leads; None where it is not.
+
+        The slew takes as long as the one that is given.
+        """
+        then = self.following.get(doing.activity.name)
+        if then is None or slew.trajectory is None:
+            return None
+        if self.timeline.slew == CALM and (then.earliest or 0.0) > doing.ends(motion.begin) + _SAME:
+            return None  # the next slew takes the time that there is
+        begun = clock.monotonic()
+        led = led_ahead(doing, motion, self._doing(then))
+        self.seconds["motions"] += clock.monotonic() - begun
+        if led is None:
+            return None
+        begun = clock.monotonic()
+        own = departure.in_time(led.state, motion.begin - departure.time)
+        self.seconds["slews"] += clock.monotonic() - begun
+        if own.trajectory is None:
+            return None
+        own = replace(own, goal=led, time=slew.time)
+        with suppress(Refused):
+            return own, led, *self._proved(doing.activity, own, led)
+        return None
+
+    def _proved(
+        self, activity: Activity, slew: Slew, motion: Motion
+    ) -> tuple[Certificate | None, float | None]:
+        """The proof of a motion after a slew, and how near devices are proved to be; raises `Refused`."""
+        if motion.trajectory is None:
+            return None, None
+        begun, error = clock.monotonic(), None
+        proof = proving.certify_part(
+            self.scene, motion.begin, motion.trajectory, self._craft(slew.trajectory)
+        )
+        if activity.track is not None:
+            error = proving.pointing_error(self.scene, activity.track, motion.trajectory, motion.begin)
+        self.seconds["proof"] += clock.monotonic() - begun
+        if not proof.certified:
+            faults = faults_later(proof, motion.begin)
+            raise Refused(
+                Status.UNCERTIFIED, f"{'; '.join(faults)}; the activity begins at {motion.begin:.2f} s"
+            )
+        self._expect_near(activity, error)
+        return proof, error
 
     @staticmethod
     def _expect_near(activity: Activity, error: float | None) -> None:
