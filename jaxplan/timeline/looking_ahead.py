@@ -17,6 +17,7 @@ take as long as before, and an activity ends when it did.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -61,7 +62,19 @@ class _Ahead:
         return self.by_platform and self.bound.seconds > LEAST
 
 
-def led_ahead(doing: Doing, motion: Motion, then: Doing) -> Motion | None:
+class Led(NamedTuple):
+    """A motion that is led to where the next slew leads.
+
+    Attributes:
+        motion: it.
+        bound: s, of the next slew after the motion as it was found without.
+    """
+
+    motion: Motion
+    bound: float
+
+
+def led_ahead(doing: Doing, motion: Motion, then: Doing) -> Led | None:
     """The motion of an activity with targets, led to where the slew to the next one leads.
 
     Args:
@@ -97,7 +110,7 @@ def led_ahead(doing: Doing, motion: Motion, then: Doing) -> Motion | None:
             if gained < _LITTLE * after.bound.seconds or not after.can_gain:
                 break
         if best is not motion:
-            return best
+            return Led(motion=best, bound=ahead.bound.seconds)
     return None
 
 

@@ -11,8 +11,12 @@ from reference import angle, attitudes_of, boresights, joints_of, stated_margins
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
+from jaxplan import so3
+from jaxplan.timeline import looking_ahead, planning
 from jaxplan.timeline.curves import part
+from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.timeline.record import load_timeline_plan
+from jaxplan.timeline.tracking import State
 
 TOLERANCE = deg(0.01)
 STAR = MINE.frame(0.0) @ unit(np.array([0.3, 0.5, 0.6]))  # some 60 deg from where the camera looks
@@ -104,6 +108,29 @@ def test_what_it_costs_is_a_turn_of_the_platform_well_below_its_limits():
     found = shares(part(plan.trajectory, segment.start, segment.end), plan.scene.spacecraft, 2001)
     for name in ("rate", "acceleration", "joint rate", "joint acceleration"):
         assert np.max(np.abs(found[name])) < 0.6, name
+
+
+@pytest.mark.parametrize("room", [None, 0.5], ids=["later", "too late for its window"])
+def test_what_makes_the_next_activity_later_is_not_kept(monkeypatch, room):
+    plain = planned(False)
+    end = plain.activities[1].end
+
+    def led_away(doing, motion, then):
+        """A turn away from where the next slew leads, which is said to be shorter."""
+        pursuit = Pursuit.of(doing.scene.usable, doing.scene.constraints, doing.activity.track)
+        last = State.of(motion.trajectory, motion.trajectory.duration).attitude
+        ahead = looking_ahead._ahead(motion, then, 10.0).attitude
+        away = last @ so3.exp(-0.3 * so3.log(last.T @ ahead))
+        led_there.append(looking_ahead._drawn(doing, pursuit, motion, away, 2.0))
+        return looking_ahead.Led(motion=led_there[-1], bound=0.0)
+
+    led_there = []
+    monkeypatch.setattr(planning, "led_ahead", led_away)
+    image = replace(IMAGE, latest=None if room is None else end + room)
+    plan = jp.plan_timeline(day_of(LINK, image, look_ahead=True), progress=False)
+    assert [motion.led for motion in led_there] == [True]
+    assert led(plan) == []
+    assert_same_bits(plan, plain)
 
 
 def test_a_last_activity_is_not_led():
