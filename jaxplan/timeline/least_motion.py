@@ -44,6 +44,7 @@ _CHEAP = 1.0  # of one by which it has less room
 _WISH = 0.1  # 1/s, weight of the square of the angle to what a device prefers, per rate weight
 _LEAST_RATE = 1e-3  # rate weight, likewise, where that is less
 _AT = 3e-9  # rad, within which a node keeps just some room
+_DRAWN = 2  # last nodes that are drawn ahead, so that the motion slows down when it is there
 _TIE = 1e-9  # weight on the size of a step, so that what costs nothing does not change
 
 
@@ -57,8 +58,8 @@ class Wanted:
             to those before, the first node is drawn: the joints are quick, and the platform is to turn less.
             Devices without a target have them all along.
         slew_time: s, that the slew from there takes, roughly.
-        ahead: (3, 3) attitude to which the last node is drawn; None for none.
-        ahead_time: s, over which the way from there counts: the less, the nearer the last node comes to it.
+        ahead: (3, 3) attitude to which the last two nodes are drawn; None for none.
+        ahead_time: s, over which the way from there counts: the less, the nearer they come to it.
         held: number of the first nodes that stay as they are guessed.
         wishes: devices without a target by number, each with the direction that it prefers.
         weights: of the squares of rate and acceleration.
@@ -260,7 +261,7 @@ class LeastMotion:
             away = so3.log(self.wanted.attitude.T @ nodes.attitudes[0])
             found.append(by_way * np.concatenate([away, nodes.joints[0] - self.wanted.joints]))
         if self.wanted.ahead is not None:
-            found.append(by_ahead * so3.log(self.wanted.ahead.T @ nodes.attitudes[-1]))
+            found.append(by_ahead * so3.log(self.wanted.ahead.T @ nodes.attitudes[-_DRAWN:]).ravel())
         found += [by_wish * self._misses(nodes, *wish).ravel() for wish in self.wanted.wishes]
         return np.concatenate(found)
 
@@ -275,8 +276,9 @@ class LeastMotion:
             row[3:, 0] = slopes[0]
             found.append(by_way * row)
         if self.wanted.ahead is not None:
-            row = np.zeros((3, count, size))
-            row[:, -1, :3] = np.eye(3)
+            row = np.zeros((_DRAWN, 3, count, size))
+            last = np.arange(_DRAWN)
+            row[last, :, last - _DRAWN, :3] = np.eye(3)
             found.append(by_ahead * row)
         every = np.arange(count)
         for wish in self.wanted.wishes:

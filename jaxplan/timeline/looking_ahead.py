@@ -3,10 +3,10 @@
 Where targets leave the platform's attitude free, a turn costs nothing but motion within limits. The motion of
 least energy is found first, as if nothing came after it. From its end step 1 says to which state the next
 slew would lead. If it is the platform that decides on the strict bound of that slew, and not a joint that
-must move anyway, the motion is found again with its last node drawn there, by a term of the same form as the
-one that draws the first node to the state before,
+must move anyway, the motion is found again with its last two nodes drawn there, each by a term of the form of
+that which draws the first node to the state before,
 
-    rate_weight / T |log(A^T R_K)|^2,        A the attitude of that state
+    rate_weight / T |log(A^T R_k)|^2,        A the attitude of that state
 
 over a short time T, so that a track of minutes turns most of the way. The next state follows the end, and so
 this is done a few times. Where it breaks a limit or a zone, a longer T draws less. Rates change in a quarter
@@ -31,7 +31,7 @@ from jaxplan.timeline.slews import FIRST, LEAST, Departure
 from jaxplan.timeline.stored import holding
 from jaxplan.timeline.tracking import State, tracked_through
 
-_OVER = (2.0, 10.0, 50.0)  # s, times over which the way ahead counts, the first of which breaks nothing
+_OVER = (4.0, 20.0, 100.0)  # s, times over which the way ahead counts, the first of which breaks nothing
 _ROUNDS = 3  # in which the next state follows the end of the motion
 _FINER = 4  # intervals of the curve in one between nodes, so that what it begins with is far from the turn
 _FARTHEST = 2.8  # rad, by which it may turn
