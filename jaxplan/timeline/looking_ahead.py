@@ -111,6 +111,8 @@ def led_ahead(doing: Doing, motion: Motion, then: Doing) -> Led | None:
                 break
         if best is not motion:
             return Led(motion=best, bound=ahead.bound.seconds)
+        if drawn is not None:
+            return None  # what breaks nothing and gains nothing gains no more where it is drawn less
     return None
 
 
