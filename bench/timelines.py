@@ -9,9 +9,14 @@ names: 20,000 attitudes that meet the targets, with random angles of the joints 
 are those of which one meets all. They are no proof of a wrong refusal, since the activity goes on after that
 instant. "broken" and "crashed" must be none.
 
+`ahead` plans random timelines with `look_ahead` and without, in turns, and checks the former likewise: what
+slews take in all, how many activities are done, and how many end later. Their tracks last 5 to 60 s; with
+`--long` they last six times as long, and no window is waited for.
+
 `day` plans the case `case-day`, and prints time, memory, pointing error and what is proved.
 
     python bench/timelines.py random [-n 200] [--first-seed 0] [--samples 20000]
+    python bench/timelines.py ahead [-n 200] [--first-seed 0] [--long]
     python bench/timelines.py day
 """
 
@@ -51,6 +56,7 @@ OFF = 1e-6  # rad, of what is known of a target from its samples
 SHARE = 1 + 1e-4  # of limits, by differences
 ROOMY = np.deg2rad(0.2)  # that a state keeps from zones to speak against a refusal
 REFUSED = (jp.Status.GOAL_UNREACHABLE, jp.Status.INVALID_GOAL)  # for a state at an instant
+LATER = 1e-3  # s, by which the end of an activity is another one
 SECONDS = re.compile(r"at (\d+\.\d+) s")
 
 # Drawing timelines.
@@ -373,6 +379,60 @@ def random_timelines(count: int, first: int, samples: int) -> None:
     print(f"{spent / max(planned, 1):.2f} s of CPU an activity, compiling included")
 
 
+def ahead(count: int, first: int, *, long: bool) -> None:
+    """Plan random timelines with `look_ahead` and without, check the former, and print both side by side."""
+    kinds, total, fault_count = (False, True), Counter[tuple[str, bool]](), 0
+    print(
+        f"{'seed':<6}{'activities':>11}{'slew':>10}{'OK':>5}{'ahead':>7}{'slews s':>10}{'ahead':>9}"
+        f"{'led':>5}{'later':>7}{'CPU s':>8}{'ahead':>7}"
+    )
+    for seed in range(first, first + count):
+        timeline = _longer(Draw(seed).timeline()) if long else Draw(seed).timeline()
+        plans, spent = {}, Counter[bool]()
+        for kind in kinds[:: -1 if seed % 2 else 1]:  # the first of the two compiles most
+            began = time.process_time()
+            plans[kind] = jp.plan_timeline(
+                replace(timeline, look_ahead=kind), throw=False, go_on=True, progress=False
+            )
+            spent[kind] = time.process_time() - began
+        done = {kind: sum(one.ok for one in plans[kind].activities) for kind in kinds}
+        slews = {kind: sum(one.slew or 0.0 for one in plans[kind].activities) for kind in kinds}
+        led = sum(choice.motion.led for choice in plans[True].choices)
+        pairs = zip(*(plans[kind].activities for kind in kinds), strict=False)
+        later = sum(one.ok and other.ok and other.end > one.end + LATER for one, other in pairs)
+        for kind in kinds:
+            total += Counter(
+                {("OK", kind): done[kind], ("slews", kind): slews[kind], ("CPU", kind): spent[kind]}
+            )
+        total += Counter({("led", True): led, ("later", True): later})
+        print(
+            f"{seed:<6}{len(timeline.activities):>11}{timeline.slew:>10}{done[False]:>5}{done[True]:>7}"
+            f"{slews[False]:>10.1f}{slews[True]:>9.1f}{led:>5}{later:>7}{spent[False]:>8.1f}{spent[True]:>7.1f}"
+        )
+        for fault in broken(plans[True]) if plans[True].trajectory is not None else ():
+            fault_count += 1
+            print(f"  broken: {fault}")
+        sys.stdout.flush()
+    print(f"\n{count} timelines, without look_ahead and with it:")
+    for what, form in (("OK", "d"), ("slews", ".1f"), ("CPU", ".1f")):
+        print(f"{what:<8}{total[what, False]:>10{form}}{total[what, True]:>10{form}}")
+    print(f"{total['led', True]} led ahead, {total['later', True]} end later, {fault_count} broken")
+
+
+def _longer(timeline: jp.Timeline) -> jp.Timeline:
+    """A timeline whose tracks last six times as long, and whose windows do not matter."""
+    activities = tuple(
+        replace(
+            one,
+            duration=6 * one.duration if one.kind == "track" else one.duration,
+            earliest=None,
+            latest=None,
+        )
+        for one in timeline.activities
+    )
+    return replace(timeline, activities=activities)
+
+
 def day() -> None:
     """Plan the day of a link satellite and print what it takes."""
     timeline = example_timeline("case-day")
@@ -390,13 +450,16 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("bench", choices=("random", "day"))
+    parser.add_argument("bench", choices=("random", "ahead", "day"))
     parser.add_argument("-n", "--timelines", type=positive, default=200, help="number of them (%(default)s)")
     parser.add_argument("--first-seed", type=not_negative, default=0, help="(%(default)s)")
     parser.add_argument("--samples", type=positive, default=20_000, help="states a refusal (%(default)s)")
+    parser.add_argument("--long", action="store_true", help="of `ahead`: tracks last six times as long")
     options = parser.parse_args()
     print_machine()
     if options.bench == "random":
         random_timelines(options.timelines, options.first_seed, options.samples)
+    elif options.bench == "ahead":
+        ahead(options.timelines, options.first_seed, long=options.long)
     else:
         day()

@@ -18,6 +18,8 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import shown
 
 SHORTEST, CALM = SLEWS = ("shortest", "calm")
+LOOK_AHEAD = "whether the platform turns to where the next slew leads, as far as tracking leaves it free"
+"""What the manual says of the key of that name."""
 REST = "rest until the end"
 """Name of the rest that a plan has in the time that is left after all activities."""
 _SPAN = "[0, 86400]"  # s, of all times of a timeline
@@ -91,7 +93,7 @@ class Segment:
     end: float
 
 
-@shown("name", "activities", "until s", "slew")
+@shown("name", "activities", "until s", "slew", "look_ahead")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Timeline:
     """Activities in their order, with the spacecraft that does them.
@@ -103,6 +105,8 @@ class Timeline:
         activities: in their order, but for what their `after` asks.
         until: s, when it ends; None at the end of the last activity.
         slew: "shortest" for slews in the shortest time, "calm" for slews in the time that there is.
+        look_ahead: whether the platform, where targets that are followed leave it free, turns meanwhile to
+            where the next slew leads.
         names: what exported files call the spacecraft; None for what exports do without.
     """
 
@@ -115,6 +119,7 @@ class Timeline:
     slew: str = keyed(
         SHORTEST, "slew", "whether slews take the shortest time, or all that there is", options=SLEWS
     )
+    look_ahead: bool = keyed(False, "look_ahead", LOOK_AHEAD)
     names: ExportNames | None = field(
         default=None, metadata=key("", "what exported files call the spacecraft")
     )

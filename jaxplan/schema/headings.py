@@ -5,7 +5,7 @@ from typing import Any
 
 from jaxplan.model.export_names import REFERENCE_FRAMES, ExportNames, name_faults
 from jaxplan.model.keys import keyed
-from jaxplan.model.timeline import SHORTEST, SLEWS
+from jaxplan.model.timeline import LOOK_AHEAD, SHORTEST, SLEWS
 from jaxplan.schema.declared import KINDS
 from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.kinds import Epoch, Kind
@@ -20,6 +20,7 @@ class Heading:
     slew: str = keyed(
         SHORTEST, "slew", "whether slews take the shortest time, or all that there is", options=SLEWS
     )
+    look_ahead: bool = keyed(False, "look_ahead", LOOK_AHEAD)
     object_name: str | None = keyed(
         None, "object_name", "of the spacecraft in exported files; the timeline's name if absent"
     )

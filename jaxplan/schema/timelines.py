@@ -139,7 +139,10 @@ def _split_timeline(timeline: Timeline) -> dict[str, Any]:
 
     activities = [split_activity(one, craft, name_of) for one in timeline.activities]
     heading = Heading(
-        until=timeline.until, slew=timeline.slew, **({} if timeline.names is None else vars(timeline.names))
+        until=timeline.until,
+        slew=timeline.slew,
+        look_ahead=timeline.look_ahead,
+        **({} if timeline.names is None else vars(timeline.names)),
     )
     return split_scenario(timeline.scene) | {
         "kind": KIND,
@@ -255,6 +258,7 @@ def _put_together(parts: _Parts, root: Place) -> Any:
         activities=tuple(activities),
         until=until,
         slew=SHORTEST if heading is WRONG else heading.slew,
+        look_ahead=False if heading is WRONG else heading.look_ahead,
         names=ExportNames(**named) if named and not root.reading.faults else None,
     )
 

@@ -96,10 +96,24 @@ def _spline(times: np.ndarray, values: np.ndarray, ends: Any = None) -> tuple[np
 
 def interpolated(times: np.ndarray, values: np.ndarray, ends: Any = None) -> Any:
     """The spline of scipy through values; arguments as of `_spline`."""
+    given = None if ends is None else tuple([(1, rate), (2, bend)] for rate, bend in ends)
+    return _made(times, values, given)
+
+
+def rising(times: np.ndarray, values: np.ndarray) -> Any:
+    """The spline of scipy through values whose first two derivatives are zero at its begin.
+
+    Its third and fourth are zero at its end. Arguments are as of `_spline`.
+    """
+    zero = np.zeros(values.shape[1])
+    return _made(times, values, ([(1, zero), (2, zero)], [(3, zero), (4, zero)]))
+
+
+def _made(times: np.ndarray, values: np.ndarray, conditions: Any) -> Any:
+    """The spline of scipy through values with conditions at both ends, as scipy has them."""
     from scipy.interpolate import make_interp_spline  # slow to import, so not at the top
 
-    given = None if ends is None else tuple([(1, rate), (2, bend)] for rate, bend in ends)
-    return make_interp_spline(times, values, k=DEGREE, bc_type=given)
+    return make_interp_spline(times, values, k=DEGREE, bc_type=conditions)
 
 
 def chart_ends(attitudes: np.ndarray) -> list[int]:

@@ -4,8 +4,9 @@ What targets leave free, the platform's attitude or a part of it and the joints 
 K + 1 equidistant instants so that the energy of all motion is least: squares of rates and accelerations of
 platform and joints, by the weights of the fit, with rates from differences between nodes. To it are added
 how far the first node is from the state that the spacecraft comes from, over the time that the slew takes,
-and how far devices are from what they prefer. Ranges, rates and constraints are kept at the nodes with
-some room; accelerations, and what holds in between, are for the certificate.
+how far the last one is from where the next slew leads (`looking_ahead`), and how far devices are from what
+they prefer. Ranges, rates and constraints are kept at the nodes with some room; accelerations, and what holds
+in between, are for the certificate.
 
 It is found by Gauss' and Newton's method: about the nodes so far the residuals are linear in small turns
 ``R exp(z^)`` and changes of free joints. In each step targets are met exactly (`Pursuit.meeting`), and steps
@@ -24,8 +25,8 @@ from jaxplan.geometry.vectors import AnyArray, array_module, arrays
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.limits import longest
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.timeline.priced_step import priced_step
 from jaxplan.timeline.pursuit import Pursuit
-from jaxplan.trajectory.qp import BoxQP, solve_box_qps
 
 _STEPS = 12  # most steps; some four are usual
 _OPTIMAL_STEPS = 60  # likewise where the optimum is asked for
@@ -42,10 +43,8 @@ _PRICE = 1e3  # of a radian by which a node breaks something, beside the energy
 _CHEAP = 1.0  # of one by which it has less room
 _WISH = 0.1  # 1/s, weight of the square of the angle to what a device prefers, per rate weight
 _LEAST_RATE = 1e-3  # rate weight, likewise, where that is less
-_ROUNDS = 12  # in which rows of a quadratic program are added
-_KEPT = 1e-9  # rad, by which a row may be broken and count as kept
 _AT = 3e-9  # rad, within which a node keeps just some room
-_FLAT = 1e-9  # size of a row below which no step changes it
+_DRAWN = 2  # last nodes that are drawn ahead, so that the motion slows down when it is there
 _TIE = 1e-9  # weight on the size of a step, so that what costs nothing does not change
 
 
@@ -59,6 +58,9 @@ class Wanted:
             to those before, the first node is drawn: the joints are quick, and the platform is to turn less.
             Devices without a target have them all along.
         slew_time: s, that the slew from there takes, roughly.
+        ahead: (3, 3) attitude to which the last two nodes are drawn; None for none.
+        ahead_time: s, over which the way from there counts: the less, the nearer they come to it.
+        held: number of the first nodes that stay as they are guessed.
         wishes: devices without a target by number, each with the direction that it prefers.
         weights: of the squares of rate and acceleration.
         optimal: whether steps go on until the energy is least to rounding, so that the nodes are a function
@@ -68,6 +70,9 @@ class Wanted:
     attitude: np.ndarray | None
     joints: np.ndarray
     slew_time: float
+    ahead: np.ndarray | None = None
+    ahead_time: float = np.inf
+    held: int = 0
     wishes: tuple[tuple[int, DirectionPath], ...] = ()
     weights: tuple[float, float] = (1.0, 3.0)
     optimal: bool = False
@@ -128,7 +133,7 @@ class LeastMotion:
         Args:
             times: (K + 1,) s, equidistant, at least three.
             attitudes: (K + 1, 3, 3), the first guess.
-            rest: (J,) rad, joints of devices without a target.
+            rest: (J,) or (K + 1, J) rad, joints of devices without a target.
         """
         nodes = self.first(times, attitudes, rest)
         price = self.price(nodes)
@@ -163,7 +168,7 @@ class LeastMotion:
 
     def first(self, times: np.ndarray, attitudes: np.ndarray, rest: np.ndarray) -> Nodes:
         """The nodes of a first guess, with targets met; arguments as of `solve`."""
-        return self._nodes(times, attitudes, np.tile(rest, (len(times), 1)))
+        return self._nodes(times, attitudes, np.broadcast_to(rest, (len(times), np.shape(rest)[-1])))
 
     def broken(self, nodes: Nodes) -> np.ndarray:
         """How far each node (K + 1,) is beyond the worst of ranges and constraints, rad; at least 0."""
@@ -248,26 +253,33 @@ class LeastMotion:
         return slopes
 
     def _residuals(self, nodes: Nodes) -> np.ndarray:
-        """Residuals (r,), half whose square is the energy: of rates, accelerations, the way there, wishes."""
-        by_rate, by_acceleration, by_way, by_wish = self._weights(nodes)
+        """Residuals (r,), half whose square is the energy: of rates, accelerations, ways, wishes."""
+        by_rate, by_acceleration, by_way, by_ahead, by_wish = self._weights(nodes)
         change = np.concatenate([self._turns(nodes), np.diff(nodes.joints, axis=0)], axis=1)
         found = [by_rate * change.ravel(), by_acceleration * np.diff(change, axis=0).ravel()]
         if self.wanted.attitude is not None:
             away = so3.log(self.wanted.attitude.T @ nodes.attitudes[0])
             found.append(by_way * np.concatenate([away, nodes.joints[0] - self.wanted.joints]))
+        if self.wanted.ahead is not None:
+            found.append(by_ahead * so3.log(self.wanted.ahead.T @ nodes.attitudes[-_DRAWN:]).ravel())
         found += [by_wish * self._misses(nodes, *wish).ravel() for wish in self.wanted.wishes]
         return np.concatenate(found)
 
     def _rows(self, nodes: Nodes, slopes: np.ndarray, ahead: np.ndarray) -> np.ndarray:
         """Derivatives (r, K + 1, 3 + f) of the residuals; arguments as of `_ahead`, and what that returns."""
         count, size = len(nodes.times), slopes.shape[2]
-        by_rate, by_acceleration, by_way, by_wish = self._weights(nodes)
+        by_rate, by_acceleration, by_way, by_ahead, by_wish = self._weights(nodes)
         found = [by_rate * ahead, by_acceleration * np.diff(ahead, axis=0)]
         if self.wanted.attitude is not None:
             row = np.zeros((3 + nodes.joints.shape[1], count, size))
             row[:3, 0, :3] = np.eye(3)
             row[3:, 0] = slopes[0]
             found.append(by_way * row)
+        if self.wanted.ahead is not None:
+            row = np.zeros((_DRAWN, 3, count, size))
+            last = np.arange(_DRAWN)
+            row[last, :, last - _DRAWN, :3] = np.eye(3)
+            found.append(by_ahead * row)
         every = np.arange(count)
         for wish in self.wanted.wishes:
             row = np.zeros((count, 3, count, size))
@@ -275,13 +287,14 @@ class LeastMotion:
             found.append(by_wish * row)
         return np.concatenate([own.reshape(-1, count, size) for own in found])
 
-    def _weights(self, nodes: Nodes) -> tuple[float, float, float, float]:
-        """Roots of the weights of rates, accelerations, the way to the first node, and wishes."""
+    def _weights(self, nodes: Nodes) -> tuple[float, float, float, float, float]:
+        """Roots of the weights of rates, accelerations, ways to the first node and from the last, wishes."""
         step, (rate, acceleration) = nodes.times[1] - nodes.times[0], self.wanted.weights
         each = (
             rate / step,
             acceleration / step**3,
             rate / self.wanted.slew_time,
+            max(rate, _LEAST_RATE) / self.wanted.ahead_time,
             float(wish_weight(rate, step)),
         )
         return tuple(np.sqrt(each).tolist())
@@ -343,13 +356,13 @@ class LeastMotion:
         pull = reduced.T @ residual
         if not len(pull):
             return np.zeros((len(nodes.times), slopes.shape[2]))
-        found = _program(hessian, pull, *self._bounds(nodes, slopes, ahead, basis))
+        found = priced_step(hessian, pull, *self._bounds(nodes, slopes, ahead, basis))
         step = np.einsum("kdy,ky->kd", basis, found.reshape(basis.shape[0], basis.shape[2]))
         moved = np.linalg.norm(step[:, :3], axis=1) + np.max(np.abs(step[:, 3:]), axis=1, initial=0.0)
         return np.asarray(step * min(1.0, _TRUST / max(float(np.max(moved)), 1e-300)))
 
     def _basis(self, nodes: Nodes, size: int) -> np.ndarray:
-        """Orthonormal directions (K + 1, 3 + f, y) of steps along which targets stay met."""
+        """Directions (K + 1, 3 + f, y), orthonormal or zero, of steps along which targets stay met."""
         count = len(nodes.times)
         if not self.pursuit.equations:
             basis = np.tile(np.eye(size), (count, 1, 1))
@@ -361,6 +374,7 @@ class LeastMotion:
             basis = np.zeros((count, size, own + size - 3))
             basis[:, :3, :own] = np.swapaxes(turns[:, rank:], 1, 2)
             basis[:, 3:, own:] = np.eye(size - 3)
+        basis[: self.wanted.held] = 0.0
         return basis
 
     def _bounds(
@@ -433,40 +447,3 @@ def wish_weight(rate: Any, step: Any) -> Any:
         step: s, between nodes.
     """
     return _WISH * array_module(rate).maximum(rate, _LEAST_RATE) * step
-
-
-def _program(
-    hessian: np.ndarray, pull: np.ndarray, rows: np.ndarray, slack: np.ndarray, price: np.ndarray
-) -> np.ndarray:
-    """The step (y,) least in ``y H y / 2 + p y`` with ``B y + s >= 0``, where rows may be broken at a price.
-
-    Rows are added as steps break them, as most of them never bind.
-
-    Args:
-        hessian: (y, y).
-        pull: (y,).
-        rows: (b, y).
-        slack: (b,) rad.
-        price: (b,) 1/rad, of breaking each.
-    """
-    inverse = np.linalg.inv(hessian)
-    free = -inverse @ pull
-    found, taken = free, np.zeros(len(slack), bool)
-    can_help = np.linalg.norm(rows, axis=1) > _FLAT
-    for _ in range(_ROUNDS):
-        broken = can_help & ~taken & (rows @ found + slack < -_KEPT)
-        if not np.any(broken):
-            break
-        taken |= broken
-        own = rows[taken]
-        turned = own @ inverse
-        program = BoxQP(
-            matrix=turned @ own.T,
-            linear=-(own @ free) - slack[taken],
-            penalty=price[taken],
-        )
-        multipliers = solve_box_qps([program])[0].multipliers
-        if not np.all(np.isfinite(multipliers)):
-            break
-        found = free + turned.T @ multipliers
-    return np.asarray(found)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.certificate import LIMIT_ALLOWANCE
 from jaxplan.geometry.vectors import array_module
 from jaxplan.goal import Decomposition, decompose
 from jaxplan.goal.followed import with_wishes_met
@@ -21,7 +20,6 @@ from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import as_path
 from jaxplan.model.goals import Targets
 from jaxplan.model.hidden import after_hidden
-from jaxplan.model.limits import timed_limits
 from jaxplan.model.path import Goal
 from jaxplan.model.robust import Robust, usable
 from jaxplan.model.scenario import STRETCHED, Scenario
@@ -33,7 +31,7 @@ from jaxplan.planner.validity import breaches
 from jaxplan.timeline import curves
 from jaxplan.timeline.least_motion import Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
-from jaxplan.timeline.tracking import State, Tracked, led_back, roomiest, track
+from jaxplan.timeline.tracking import State, Tracked, led_back, overrun, roomiest, track
 from jaxplan.trajectory import Trajectory
 
 SLEW_TIME = 30.0  # s, a usual slew; it weighs the way to a motion against the motion's own energy
@@ -42,7 +40,6 @@ _BROKEN = 1e-9  # rad by which a node may break what it keeps
 _LOOK, _LOOKS = 5.0, 2000  # s between the instants at which zones are looked at, and the most of them
 _EXACT = np.deg2rad(1e-6)  # rad, to which instruments and drives meet targets where they can
 _ROOM = np.deg2rad(1.0)  # rad, that an instant keeps from zones and ends of ranges where it can
-_FEW = 65  # instants at which rates, accelerations and loads are looked at
 _SAME = 1e-9  # s, by which a time may be late
 _SAME_INSTANT = 1e-3  # s, between the end of a span and what begins because of it
 
@@ -72,6 +69,7 @@ class Motion:
         tracked: how devices follow their targets; None where they have none.
         aim: the best state of step 1 at the begin, to whose joints the nodes are drawn; None where that is
             not known.
+        led: whether the platform turns to where the next slew leads.
     """
 
     state: State
@@ -79,6 +77,7 @@ class Motion:
     begin: float
     tracked: Tracked | None = None
     aim: Goal | None = None
+    led: bool = False
 
 
 @dataclass(kw_only=True, eq=False)
@@ -132,17 +131,27 @@ class Doing:
         else:
             found = self._pointing(own.targets, begin)
         self.last = found
-        if found.trajectory is not None:
-            if fast := self._overrun(found.trajectory, begin):
-                raise Refused(Status.LIMITS_TOO_TIGHT, fast)
-            # the slew to it must be able to end where it begins, and what follows to begin where it ends
-            length = found.trajectory.duration
-            ends = (found.state, 0.0, True), (State.of(found.trajectory, length), length, False)
-            for state, after, arriving in ends:
-                when = begin + after
-                if broken := self._broken(state, when, arriving=arriving):
-                    raise Refused(Status.INVALID_GOAL, f"{broken}, at {when:.2f} s")
+        self.expect_possible(found)
         return found
+
+    def expect_possible(self, found: Motion) -> None:
+        """Raise `Refused` if a motion is beyond a limit, or cannot but break something beside it."""
+        if found.trajectory is None:
+            return
+        if fast := self._overrun(found.trajectory, found.begin):
+            raise Refused(Status.LIMITS_TOO_TIGHT, fast)
+        # the slew to it must be able to end where it begins, and what follows to begin where it ends
+        length = found.trajectory.duration
+        ends = (found.state, 0.0, True), (State.of(found.trajectory, length), length, False)
+        for state, after, arriving in ends:
+            when = found.begin + after
+            if broken := self._broken(state, when, arriving=arriving):
+                raise Refused(Status.INVALID_GOAL, f"{broken}, at {when:.2f} s")
+
+    def _overrun(self, trajectory: Trajectory, begin: float) -> str:
+        """By how much the worst load is beyond its limit, at which time, s; empty if none is."""
+        beyond = overrun(self.scene.usable, trajectory, begin, self.total)
+        return beyond + ", as targets move then" * bool(beyond and self.activity.targets is not None)
 
     def _held(self, state: State, begin: float) -> Motion:
         """The motion that stays in a state."""
@@ -186,7 +195,7 @@ class Doing:
                 aim = self._decomposed(targets, begin).goals[0] if self.scene.trajectory.optimal else None
                 joints = nodes.joints[0] if aim is None else aim.joints
                 again = replace(self._tracked(targets, [nodes.attitudes], joints, begin), aim=aim)
-                if _keeps_all(again):
+                if keeps_all(again):
                     return again
         found = self._decomposed(targets, begin)
         if not end > begin:
@@ -199,7 +208,7 @@ class Doing:
                     made.append(replace(own, aim=found.goals[0]))
                 except Refused as refused:
                     refusals.append(refused)
-            if made and _keeps_all(made[-1]):
+            if made and keeps_all(made[-1]):
                 return made[-1]
         if not made:
             raise refusals[0]
@@ -216,14 +225,14 @@ class Doing:
         end, craft, rows = self.ends(begin), self.scene.usable, self.scene.constraints
         pursuit = Pursuit.of(craft, rows, targets)
         yield [goal.attitude[None] for goal in goals]
-        later = self._attempted(craft, targets, end).goals
+        later = self.attempted(craft, targets, end).goals
         yield [led_back(pursuit, goal.attitude, begin, end) for goal in later]
         yield roomiest(pursuit, self.before.joints, begin, end, count=_GOALS, seed=self.scene.search.seed)
 
     def _decomposed(self, targets: Targets, begin: float) -> Decomposition:
         """States at a time, s, in which devices point at their targets, the best first."""
         scene, rows = self.scene, self.scene.constraints.at(begin)
-        found = self._attempted(scene.usable, targets, begin)
+        found = self.attempted(scene.usable, targets, begin)
         masked = any(one.mask for one in scene.usable.terminals)  # masks may be taken off ranges
         if not found.goals and (masked or found.aim_excess <= float(targets.tolerance)):
             self._expect_free(targets, begin)
@@ -240,11 +249,11 @@ class Doing:
         bare = replace(self.scene, keep_out=(), keep_in=())
         terminals = tuple(replace(one, mask=()) for one in bare.spacecraft.terminals)
         bare = replace(bare, spacecraft=replace(bare.spacecraft, terminals=terminals))
-        for goal in self._attempted(bare.usable, targets, begin, bare.constraints).goals:
+        for goal in self.attempted(bare.usable, targets, begin, bare.constraints).goals:
             if broken := self._broken(State.still(goal.attitude, goal.joints), begin):
                 raise Refused(Status.GOAL_UNREACHABLE, f"at best {broken}, at {begin:.2f} s")
 
-    def _attempted(
+    def attempted(
         self, craft: Spacecraft, targets: Targets, begin: float, rows: Constraints | None = None
     ) -> Decomposition:
         """What step 1 finds for a spacecraft at a time, s, with the scene's constraints or other rows.
@@ -276,14 +285,18 @@ class Doing:
         """The state in which devices point at targets at an instant, at their rates: the best that can be."""
         roomy, clear = with_room(self.scene.usable, targets)
         first: str | None = None
-        for goal in (*self._attempted(roomy, clear, begin).goals, *goals):
-            spin, rates = least_rates(self.scene.usable, targets.at(begin), goal, targets.rates(begin))
-            state = replace(State.still(goal.attitude, goal.joints), velocity=spin, rates=rates)
+        for goal in (*self.attempted(roomy, clear, begin).goals, *goals):
+            state = self.at_rates(targets, goal, begin)
             broken = self._broken(state, begin, arriving=True) or self._broken(state, begin)
             if not broken:
                 return Motion(state=state, trajectory=None, begin=begin)
             first = first or broken
         raise Refused(Status.INVALID_GOAL, f"{first}, at {begin:.2f} s")
+
+    def at_rates(self, targets: Targets, goal: Goal, time: float) -> State:
+        """A goal as the state in which devices follow targets at a time, s, at the least rates."""
+        spin, rates = least_rates(self.scene.usable, targets.at(time), goal, targets.rates(time))
+        return replace(State.still(goal.attitude, goal.joints), velocity=spin, rates=rates)
 
     def _broken(self, state: State, time: float, *, arriving: bool = False) -> str:
         """What a state breaks at a time, s, or cannot but break before it, if `arriving`, or after it."""
@@ -400,23 +413,6 @@ class Doing:
                     return f"{span.target} is hidden by {span.by} until {span.end:.2f} s"
         return ""
 
-    def _overrun(self, track: Trajectory, begin: float) -> str:
-        """By how much the worst load is beyond its limit, at which time, s; empty if none is."""
-        craft = self.scene.usable
-        times = np.linspace(0.0, track.duration, _FEW)
-        motion = track.sample(times).kinematics(craft, self.total)
-        every = [limit for part in timed_limits(craft) for limit in part]
-        shares = np.concatenate([np.asarray(limit.shares(motion)) for limit in every])
-        worst, instant = np.unravel_index(np.argmax(shares), shares.shape)
-        if shares[worst, instant] <= 1 + LIMIT_ALLOWANCE:
-            return ""
-        name = [name for limit in every for name in limit.names][worst]
-        why = ", as targets move then" if self.activity.targets is not None else ""
-        return (
-            f"{name} would reach {shares[worst, instant]:.4g} times its limit at "
-            f"{begin + times[instant]:.2f} s{why}"
-        )
-
     def _expect_kept(self, found: Tracked) -> None:
         """Raise `Refused` if nodes break a range or a constraint."""
         if np.max(found.broken) <= _BROKEN:
@@ -448,6 +444,6 @@ def _depth(motion: Motion) -> tuple[float, float]:
     return motion.tracked.depth
 
 
-def _keeps_all(motion: Motion) -> bool:
+def keeps_all(motion: Motion) -> bool:
     """Whether a motion that follows targets breaks nothing at its nodes and between them."""
     return max(_depth(motion)) <= _BROKEN

@@ -8,34 +8,62 @@ comes after it by its `after`. Planning ends there; if asked the rest is planned
 """
 
 import time as clock
-from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from jaxplan.certificate import Certificate, faults_later
-from jaxplan.model.sameness import same
-from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
-from jaxplan.model.timeline import CALM, REST, Activity, Segment, Timeline, in_order
-from jaxplan.planner.validity import start_breaches
-from jaxplan.runtime.arguments import expect
+from jaxplan.model.timeline import CALM, REST, Activity, Timeline, in_order
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import one_thread
-from jaxplan.schema.faults import nearest
-from jaxplan.schema.timelines import take_in_timeline
 from jaxplan.timeline import curves, proving
 from jaxplan.timeline.choices import Choice
+from jaxplan.timeline.expected import expect_in_time, expect_near
+from jaxplan.timeline.looking_ahead import led_ahead
 from jaxplan.timeline.motions import Doing, Motion, Refused
+from jaxplan.timeline.planned_again import first_again
 from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan
 from jaxplan.timeline.slews import Departure, Slew
-from jaxplan.timeline.stored import holding, total_in
+from jaxplan.timeline.so_far import SoFar
 from jaxplan.timeline.tracking import State
-from jaxplan.trajectory import Trajectory
 
 _GENTLE = 6.0  # times the strict bound: how long a slew takes at most where there is time
 _USUAL = 60.0  # s: a slew that long is gentle in any case, and less time is not worth a rest
 _SAME = 1e-9  # s, below which there is no time for a slew
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Found:
+    """How an activity can be done.
+
+    Attributes:
+        doing: the activity.
+        departure: where the slew to it starts.
+        slew: to it.
+        motion: that follows.
+    """
+
+    doing: Doing
+    departure: Departure
+    slew: Slew
+    motion: Motion
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Otherwise:
+    """How an activity would be done that was led to where the next slew leads.
+
+    Attributes:
+        day: before it.
+        found: slew and motion, as they are not led.
+        bound: s, of the next slew after that.
+    """
+
+    day: "_Day"
+    found: _Found
+    bound: float
 
 
 def plan_timeline(
@@ -78,7 +106,8 @@ def plan_timeline(
         day = _Day(timeline)
         for activity in day.left(after, from_activity):
             bar.step(activity.name)
-            if not day.do(activity) and not go_on:
+            day = day.after(activity)
+            if not day.activities[-1].ok and not go_on:
                 break
             bar.update()
         else:
@@ -90,31 +119,14 @@ def plan_timeline(
     return plan
 
 
-class _Day:
-    """A timeline under way: what is planned so far, and the state in which that ends."""
+class _Day(SoFar):
+    """A timeline under way, and how it goes on."""
 
     def __init__(self, timeline: Timeline) -> None:
-        timeline = take_in_timeline(timeline)
-        scene, start = timeline.scene, timeline.scene.start
-        self.timeline, self.scene = timeline, scene
-        zero = np.zeros(len(start.joints))
-        self.state = State(
-            attitude=start.attitude,
-            joints=start.joints,
-            velocity=np.asarray(start.angular_velocity, float),
-            rates=np.asarray(start.joint_rates, float),
-            acceleration=np.zeros(3),
-            bends=zero,
-        )
-        self.time = 0.0
-        self.total = total_in(scene.spacecraft, self.state)
-        self.parts: list[tuple[float, Trajectory]] = []
-        self.proofs: list[tuple[float, Trajectory, Certificate]] = []
-        self.segments: list[Segment] = []
-        self.activities: list[PlannedActivity] = []
-        self.choices: list[Choice] = []
-        self.seconds = {"motions": 0.0, "slews": 0.0, "proof": 0.0}
-        self.broken = start_breaches(replace(scene, goal=start))
+        super().__init__(timeline)
+        self.otherwise: _Otherwise | None = None
+        ordered = in_order(self.timeline.activities) if self.timeline.look_ahead else ()
+        self.following = {one.name: then for one, then in pairwise(ordered)}
 
     def left(self, kept: TimelinePlan | None, name: str | None) -> list[Activity]:
         """The activities that are to be planned; those before a name are taken from a plan that is kept."""
@@ -123,48 +135,44 @@ class _Day:
             return ordered
         if kept is None or name is None:
             raise ValueError("after and from_activity: one needs the other")
-        expect("after", kept, TimelinePlan, "jp.plan_timeline makes one")
-        names = [one.name for one in ordered]
-        if name not in names:
-            raise ValueError(f"from_activity = {name!r}: no such activity, {nearest(name, names, 'names')}")
-        first = names.index(name)
-        before = kept.activities[:first]
-        if [one.name for one in before] != names[:first]:
-            raise ValueError(f"after: the activities before {name} are not those of the timeline")
-        self._expect_the_same(kept, names[:first])
+        first = first_again(self.timeline, kept, name)
+        names = [one.name for one in ordered[:first]]
         for segment in kept.segments:
-            if segment.name not in names[:first]:
+            if segment.name not in names:
                 break
             assert kept.trajectory is not None
             own = curves.part(kept.trajectory, segment.start, segment.end)
             proof = proving.certify_part(self.scene, segment.start, own, self._craft())
             self._add(segment.name, segment.kind, own, proof)
-        self.activities += before
-        self.choices += [one for one in kept.choices if one.activity.name in names[:first]]
+        self.activities += kept.activities[:first]
+        self.choices += [one for one in kept.choices if one.activity.name in names]
         return ordered[first:]
 
-    def _expect_the_same(self, kept: TimelinePlan, names: Sequence[str]) -> None:
-        """Raise a ValueError where activities of these names, or the start, are others in a kept plan."""
-        were, are = (
-            {one.name: one for one in timeline.activities} for timeline in (kept.timeline, self.timeline)
-        )
-        for own in names:
-            changed = [
-                part.name
-                for part in fields(Activity)
-                if not same(getattr(were.get(own), part.name, None), getattr(are[own], part.name))
-            ]
-            if changed:
-                raise ValueError(
-                    f"after: activity {own} differs from the one that was planned in "
-                    f"{', '.join(changed)}: plan anew from it on, by from_activity, or leave it as it was"
-                )
-        if not same(kept.timeline.scene.start, self.scene.start):
-            raise ValueError(
-                "after: the start differs from the one that was planned: plan the whole timeline"
-            )
+    def after(self, activity: Activity) -> "_Day":
+        """The day with an activity planned from the state so far on, or why it cannot be.
 
-    def do(self, activity: Activity) -> bool:
+        Where the one before was led to it, the day in which it was not is planned, too, unless that cannot
+        have a shorter slew: so nothing ends later, or is refused, because of what was led.
+        """
+        otherwise, self.otherwise = self.otherwise, None
+        done = self._do_or_tell(activity)
+        if otherwise is None or (done and (self.activities[-1].slew or 0.0) <= otherwise.bound):
+            return self
+        other = otherwise.day
+        try:
+            other._add_all(otherwise.found, *other._proved(otherwise.found))
+        except Refused:
+            return self
+        if not other._do_or_tell(activity):
+            return self if done else other
+        return self if done and self._last_times() < other._last_times() else other
+
+    def _last_times(self) -> tuple[float, float]:
+        """When the last activity ends, s, to what matters, and how long the slew to it takes."""
+        last = self.activities[-1]
+        return round(last.end or 0.0, 6), last.slew or 0.0
+
+    def _do_or_tell(self, activity: Activity) -> bool:
         """Plan an activity from the state so far on; returns whether it could be."""
         before = self._mark()
         try:
@@ -182,15 +190,6 @@ class _Day:
             return False
         return True
 
-    def _mark(self) -> tuple[State, float, int]:
-        """How far the plan is, to come back to by `_back_to`."""
-        return self.state, self.time, len(self.parts)
-
-    def _back_to(self, mark: tuple[State, float, int]) -> None:
-        """Take away what was added after a mark."""
-        self.state, self.time, kept = mark
-        del self.parts[kept:], self.proofs[kept:], self.segments[kept:]
-
     def _expect_done(self, name: str) -> None:
         """Raise `Refused` if the activity of a name, which was to be done before, is not; empty for none."""
         failed = next((one for one in self.activities if one.name == name and not one.ok), None)
@@ -201,37 +200,22 @@ class _Day:
         """Rest until the timeline's end, if time is left."""
         until = self.timeline.until
         if until is not None and until > self.time + _SAME:
-            self.do(Activity(name=REST, idle=True))
+            self._do_or_tell(Activity(name=REST, idle=True))
 
     def _do(self, activity: Activity, *, listed: bool = True) -> None:
         """Plan an activity; raises `Refused`. What only fills time is not listed among the activities."""
-        doing = Doing(
-            scene=self.scene,
-            activity=activity,
-            before=self.state,
-            time=self.time,
-            latest_end=activity.latest if activity.latest is not None else self.timeline.until,
-            known=np.inf if self.timeline.until is None else self.timeline.until,
-            total=self.total,
-        )
+        doing = self._doing(activity)
         slew, motion = self._slew(doing)
-        start = max(motion.begin, activity.earliest or 0.0)
-        error = proof = None
-        if motion.trajectory is not None:
-            begun = clock.monotonic()
-            proof = proving.certify_part(
-                self.scene, motion.begin, motion.trajectory, self._craft(slew.trajectory)
-            )
-            if activity.track is not None:
-                error = proving.pointing_error(self.scene, activity.track, motion.trajectory, motion.begin)
-            self.seconds["proof"] += clock.monotonic() - begun
-            if not proof.certified:
-                faults = faults_later(proof, motion.begin)
-                raise Refused(
-                    Status.UNCERTIFIED, f"{'; '.join(faults)}; the activity begins at {motion.begin:.2f} s"
-                )
-            self._expect_near(activity, error)
         departure = Departure(scene=self.scene, craft=self._craft(), state=self.state, time=self.time)
+        found = _Found(doing=doing, departure=departure, slew=slew, motion=motion)
+        if not self._do_ahead(found):
+            self._add_all(found, *self._proved(found), listed=listed)
+
+    def _add_all(
+        self, found: _Found, proof: Certificate | None, error: float | None, *, listed: bool = True
+    ) -> None:
+        """Append slew and motion of an activity, with the motion's proof and how near devices point."""
+        activity, slew, motion = found.doing.activity, found.slew, found.motion
         if slew.trajectory is not None and slew.proof is not None:
             self._add(activity.name, "slew", slew.trajectory, slew.proof)
         if motion.trajectory is not None and proof is not None:
@@ -242,9 +226,9 @@ class _Day:
         self.choices.append(
             Choice(
                 activity=activity,
-                before=doing.before,
-                since=doing.time,
-                departure=departure,
+                before=found.doing.before,
+                since=found.doing.time,
+                departure=found.departure,
                 time=slew.time,
                 goal=motion.state,
                 begin=motion.begin,
@@ -257,37 +241,74 @@ class _Day:
                 name=activity.name,
                 kind=activity.kind,
                 status=Status.OK,
-                start=start,
+                start=max(motion.begin, activity.earliest or 0.0),
                 end=self.time,
                 slew=slew.duration if slew.trajectory is not None else 0.0,
                 pointing_error=error,
             )
         )
 
-    @staticmethod
-    def _expect_near(activity: Activity, error: float | None) -> None:
-        """Raise `Refused` if the error, rad, within which devices are proved to point is too large."""
-        if error is None or activity.track is None or error <= float(activity.track.tolerance):
-            return
-        off, most = np.rad2deg([error, float(activity.track.tolerance)])
-        raise Refused(
-            Status.UNCERTIFIED,
-            f"devices are proved to point within {off:.3g} deg, tolerance_deg = {most:g} is asked for: raise "
-            "it, or choose a target that moves less fast",
+    def _doing(self, activity: Activity) -> Doing:
+        """An activity that is to be done from the state so far on."""
+        return Doing(
+            scene=self.scene,
+            activity=activity,
+            before=self.state,
+            time=self.time,
+            latest_end=activity.latest if activity.latest is not None else self.timeline.until,
+            known=np.inf if self.timeline.until is None else self.timeline.until,
+            total=self.total,
         )
 
-    def _add(self, name: str, kind: str, trajectory: Trajectory, proof: Certificate) -> None:
-        """Append a part of the motion with its certificate, and go on from its end."""
-        self.parts.append((self.time, trajectory))
-        self.proofs.append((self.time, trajectory, proof))
-        end = self.time + trajectory.duration
-        self.segments.append(Segment(name=name, kind=kind, start=self.time, end=end))
-        self.state, self.time = State.of(trajectory, trajectory.duration), end
+    def _do_ahead(self, found: _Found) -> bool:
+        """Plan an activity so that it is led to where the next slew leads; returns whether it is.
 
-    def _craft(self, further: Trajectory | None = None) -> Spacecraft:
-        """The spacecraft with what its wheels hold now, or at the end of a further part."""
-        state = self.state if further is None else State.of(further, further.duration)
-        return holding(self.scene.spacecraft, self.total, state)
+        The slew takes as long as the one that was found.
+        """
+        doing, departure, then = found.doing, found.departure, self.following.get(found.doing.activity.name)
+        begin = found.motion.begin
+        if then is None or found.slew.trajectory is None:
+            return False
+        if self.timeline.slew == CALM and (then.earliest or 0.0) > doing.ends(begin) + _SAME:
+            return False  # the next slew takes the time that there is
+        begun = clock.monotonic()
+        led = led_ahead(doing, found.motion, self._doing(then))
+        self.seconds["motions"] += clock.monotonic() - begun
+        if led is None:
+            return False
+        begun = clock.monotonic()
+        slew = departure.in_time(led.motion.state, begin - departure.time)
+        self.seconds["slews"] += clock.monotonic() - begun
+        if slew.trajectory is None:
+            return False
+        slew = replace(slew, goal=led.motion, time=found.slew.time)
+        own = replace(found, slew=slew, motion=led.motion)
+        try:
+            proved = self._proved(own)
+        except Refused:
+            return False
+        self.otherwise = _Otherwise(day=self._copied(), found=found, bound=led.bound)
+        self._add_all(own, *proved)
+        return True
+
+    def _proved(self, found: _Found) -> tuple[Certificate | None, float | None]:
+        """The proof of a motion, and how near devices are proved to point; raises `Refused`."""
+        activity, motion = found.doing.activity, found.motion
+        if motion.trajectory is None:
+            return None, None
+        begun, error = clock.monotonic(), None
+        craft = self._craft(found.slew.trajectory)
+        proof = proving.certify_part(self.scene, motion.begin, motion.trajectory, craft)
+        if activity.track is not None:
+            error = proving.pointing_error(self.scene, activity.track, motion.trajectory, motion.begin)
+        self.seconds["proof"] += clock.monotonic() - begun
+        if not proof.certified:
+            faults = faults_later(proof, motion.begin)
+            raise Refused(
+                Status.UNCERTIFIED, f"{'; '.join(faults)}; the activity begins at {motion.begin:.2f} s"
+            )
+        expect_near(activity, error)
+        return proof, error
 
     def _slew(self, doing: Doing) -> tuple[Slew, Motion]:
         """The slew to an activity, and the motion that follows; raises `Refused`."""
@@ -321,7 +342,7 @@ class _Day:
             if waits:
                 return self._calm(departure, doing, opens)
             raise Refused(slew.status, f"no slew to it from {self.time:.2f} s on: {slew.message}")
-        self._expect_in_time(doing, slew.goal)
+        expect_in_time(doing, slew.goal, self.time)
         if slew.time is not None and slew.time.at_an_instant:
             return self._after_rest(departure, doing, slew), slew.goal
         return slew, slew.goal
@@ -351,7 +372,7 @@ class _Day:
         """The slew that takes all the time until an activity may begin, and the motion that follows."""
         begin = doing.seen_from(opens)
         motion = self._motion(doing, begin)
-        self._expect_in_time(doing, motion)
+        expect_in_time(doing, motion, self.time)
         gentle = max(_GENTLE * departure.bound(motion.state), _USUAL)
         if begin - self.time > gentle + _USUAL and self._wait(doing.activity.name, begin - gentle):
             departure = replace(departure, craft=self._craft(), state=self.state, time=self.time)
@@ -379,53 +400,3 @@ class _Day:
             return doing.motion(begin)
         finally:
             self.seconds["motions"] += clock.monotonic() - begun
-
-    def _expect_in_time(self, doing: Doing, motion: Motion) -> None:
-        """Raise `Refused` if an activity would end too late."""
-        activity = doing.activity
-        end, latest = doing.ends(motion.begin), activity.latest
-        lasting = activity.duration is None and activity.kind != "point"
-        if lasting and doing.latest_end is not None and not end > motion.begin:
-            late = motion.begin - doing.latest_end
-            raise Refused(
-                Status.OUT_OF_WINDOW,
-                f"it can begin at {motion.begin:.2f} s at the earliest, {late:.2f} s after its end",
-            )
-        if latest is not None and end > latest + _SAME:
-            hidden = doing.seen_at_last(motion.begin)
-            why = f"its slew begins at {self.time:.2f} s and ends at {motion.begin:.2f} s"
-            advice = "Let the window end later, ask for less time, or do less before"
-            if hidden:  # then what is done before does not matter
-                why, advice = hidden, "Let the window end later, or ask for less time"
-            raise Refused(
-                Status.OUT_OF_WINDOW,
-                f"it can end at {end:.2f} s at the earliest, {end - latest:.2f} s after its window: {why}. "
-                f"{advice}",
-            )
-
-    def result(self) -> TimelinePlan:
-        """The plan of all that was done, with its proof."""
-        failed = next((one for one in self.activities if not one.ok), None)
-        trajectory = certificate = None
-        status, message = Status.OK, ""
-        if self.parts:
-            begun = clock.monotonic()
-            trajectory = curves.joined(self.parts)
-            certificate = proving.merged(self.proofs)
-            self.seconds["proof"] += clock.monotonic() - begun
-            if not certificate.certified:
-                status, message = Status.UNCERTIFIED, "; ".join(certificate.faults)
-        if failed is not None:
-            told = f"activity {failed.name}: {failed.message}"
-            status, message = failed.status, "; ".join(filter(None, (told, message)))
-        return TimelinePlan(
-            timeline=self.timeline,
-            status=status,
-            message=message,
-            activities=tuple(self.activities),
-            segments=tuple(self.segments),
-            trajectory=trajectory,
-            certificate=certificate,
-            choices=tuple(self.choices),
-            timings=dict(self.seconds),
-        )

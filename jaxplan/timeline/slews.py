@@ -16,7 +16,7 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.certificate import LIMIT_ALLOWANCE, Certificate, faults_later
-from jaxplan.model.duration_bound import duration_bound
+from jaxplan.model.duration_bound import DurationBound, duration_bound
 from jaxplan.model.goals import GivenState
 from jaxplan.model.later import later
 from jaxplan.model.path import Goal, Path
@@ -284,8 +284,12 @@ class Departure:
 
     def bound(self, goal: State) -> float:
         """Strict lower bound, s, of the duration of slews to a state; it knows no zones."""
+        return self.limiting(goal).seconds
+
+    def limiting(self, goal: State) -> DurationBound:
+        """That bound, and which limit it follows from."""
         pairs = [(getattr(self.state, name), getattr(goal, name)) for name in _BOUND]
-        return duration_bound(self.craft, *(np.stack(pair) for pair in pairs)).seconds
+        return duration_bound(self.craft, *(np.stack(pair) for pair in pairs))
 
     def _above(self, goal: State, after: SlewTime, motion: Any) -> SlewTime:
         """The first duration tried of slews to a state: the goal after some duration, with its motion."""

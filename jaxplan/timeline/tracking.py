@@ -12,7 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan import so3
+from jaxplan.certificate import LIMIT_ALLOWANCE
 from jaxplan.geometry import quaternion
+from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import shown
 from jaxplan.timeline import curves
@@ -31,6 +33,7 @@ _FINE = 8  # steps from node to node in which attitudes are carried along
 _ROUNDING = 1e-11  # rad/s or rad/s^2: what follows one that stands still begins at rest
 _DRAWN = 64  # attitudes, from which targets may lead where there is room
 _GLANCES = 33  # instants at which it is seen how much room there is
+_FEW = 65  # instants at which rates, accelerations and loads are looked at
 _PLACES = 64  # at which it is measured how far targets turn
 
 
@@ -184,7 +187,12 @@ def _better(best: Tracked | None, found: Tracked) -> Tracked:
 def _found(search: LeastMotion, times: np.ndarray, guess: np.ndarray, tolerance: float) -> Tracked:
     """The motion of least energy near a first guess (K + 1, 3, 3) at times (K + 1,), s."""
     nodes = search.solve(times, guess, search.wanted.joints)
-    curve = _curve(search.pursuit, nodes, tolerance)
+    return tracked_through(search, nodes, nodes, tolerance)
+
+
+def tracked_through(search: LeastMotion, nodes: Nodes, through: Nodes, tolerance: float) -> Tracked:
+    """The motion of nodes whose curve goes through them, or through others of theirs and some between."""
+    times, curve = nodes.times, _curve(search.pursuit, through, tolerance)
     between = _between(times)
     at = curve.sample(np.clip(between - times[0], 0, curve.duration))
     inner = Nodes(times=between, attitudes=at.attitude, joints=at.joints)
@@ -208,6 +216,28 @@ def _too_quick(craft: Spacecraft, at: Samples) -> float:
     if craft.rate_norm_limit is not None:
         speeds.append(np.linalg.norm(at.angular_velocity, axis=1) - craft.rate_norm_limit)
     return float(max(np.max(one, initial=0.0) for one in speeds))
+
+
+def overrun(craft: Spacecraft, motion: Trajectory, begin: float, total: np.ndarray | None) -> str:
+    """By how much the worst load of a motion is beyond its limit, and when; empty if none is.
+
+    Args:
+        craft: with its limits.
+        motion: from its begin on, which is its zero.
+        begin: s.
+        total: (3,) N m s, momentum of platform and wheels in inertial axes; None without wheels.
+    """
+    times = np.linspace(0.0, motion.duration, _FEW)
+    loads = motion.sample(times).kinematics(craft, total)
+    every = [limit for part in timed_limits(craft) for limit in part]
+    shares = np.concatenate([np.asarray(limit.shares(loads)) for limit in every])
+    worst, instant = np.unravel_index(np.argmax(shares), shares.shape)
+    if shares[worst, instant] <= 1 + LIMIT_ALLOWANCE:
+        return ""
+    name = [name for limit in every for name in limit.names][worst]
+    return (
+        f"{name} would reach {shares[worst, instant]:.4g} times its limit at {begin + times[instant]:.2f} s"
+    )
 
 
 def _between(times: np.ndarray) -> np.ndarray:

@@ -343,9 +343,11 @@ def _reached(choice: Choice) -> Reached:
     """How the state is followed in which an activity begins.
 
     Raises:
-        ValueError: as of `pointed`, or where it is another one.
+        ValueError: as of `pointed`, where it is another one, or led to where the next slew leads.
     """
     targets, before = choice.activity.targets, choice.before
+    if choice.motion.led:
+        raise ValueError("it is led to where the next slew leads: plan with look_ahead = false")
     if _follows(choice):
         return following(choice, targets, [choice.motion, *_motions(choice)])
     if targets is not None:

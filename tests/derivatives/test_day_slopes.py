@@ -365,3 +365,16 @@ def test_plans_above_the_optimum_have_its_total_time_and_slopes():
     assert found.value == pytest.approx(end_of(plan), rel=1e-3)
     for name in SOME["far"]:
         assert found[name] == pytest.approx(best[name], rel=1e-4), name
+
+
+def test_a_day_that_looks_ahead_and_leads_no_track_keeps_its_slopes():
+    plain, ahead = (
+        jp.plan_timeline(replace(stars(), look_ahead=look_ahead), progress=False)
+        for look_ahead in (False, True)
+    )
+    assert not any(choice.motion.led for choice in ahead.choices)
+    found = [jp.sensitivities(plan, "total_time") for plan in (plain, ahead)]
+    assert found[0].value == found[1].value
+    names = ("spacecraft.acceleration_limit_deg_s2", "activity[0].for_s")
+    assert [found[0][name] for name in names] == [found[1][name] for name in names]
+    assert found[1]["activity[0].for_s"] == pytest.approx(1.0, abs=1e-6)

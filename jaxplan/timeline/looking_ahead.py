@@ -1,0 +1,205 @@
+"""Motions that turn to where the next slew leads while devices follow their targets.
+
+Where targets leave the platform's attitude free, a turn costs nothing but motion within limits. The motion of
+least energy is found first, as if nothing came after it. From its end step 1 says to which state the next
+slew would lead. If it is the platform that decides on the strict bound of that slew, and not a joint that
+must move anyway, the motion is found again with its last two nodes drawn there, each by a term of the form of
+that which draws the first node to the state before,
+
+    rate_weight / T |log(A^T R_k)|^2,        A the attitude of that state
+
+over a short time T, so that a track of minutes turns most of the way. The next state follows the end, and so
+this is done a few times. Where it breaks a limit or a zone, a longer T draws less. Rates change in a quarter
+of the motion's time, so that accelerations are small. What is kept breaks nothing, and lowers the bound.
+
+The first nodes stay, and the curve until the last of them, so the motion begins as it did: the slew to it can
+take as long as before, and an activity ends when it did.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxplan import so3
+from jaxplan.model.duration_bound import DurationBound
+from jaxplan.timeline import curves
+from jaxplan.timeline.least_motion import LeastMotion, Nodes
+from jaxplan.timeline.motions import Doing, Motion, Refused, keeps_all
+from jaxplan.timeline.pursuit import Pursuit
+from jaxplan.timeline.slews import FIRST, LEAST, Departure
+from jaxplan.timeline.stored import holding
+from jaxplan.timeline.tracking import State, tracked_through
+
+_OVER = (4.0, 20.0, 100.0)  # s, times over which the way ahead counts, the first of which breaks nothing
+_ROUNDS = 3  # in which the next state follows the end of the motion
+_FINER = 4  # intervals of the curve in one between nodes, so that what it begins with is far from the turn
+_FARTHEST = 2.8  # rad, by which it may turn
+_ALL = 3  # equations of an attitude that leave nothing of it free
+_GAIN = 0.2  # s, by which each makes the bound lower at least
+_LITTLE = 0.1  # of the bound, below which what is gained makes a round the last
+_SMOOTH = 0.25  # of the time of the motion, in which its rates change, so that it begins as it did
+_HELD = 3  # first nodes that stay, so that the slew before does, and the rates in which it ends
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Ahead:
+    """The slew that would follow a motion.
+
+    Attributes:
+        attitude: (3, 3) to which it leads.
+        bound: of its duration.
+        by_platform: whether the platform decides on that.
+    """
+
+    attitude: np.ndarray
+    bound: DurationBound
+    by_platform: bool
+
+    @property
+    def can_gain(self) -> bool:
+        """Whether it can be made shorter by turning the platform before."""
+        return self.by_platform and self.bound.seconds > LEAST
+
+
+class Led(NamedTuple):
+    """A motion that is led to where the next slew leads.
+
+    Attributes:
+        motion: it.
+        bound: s, of the next slew after the motion as it was found without.
+    """
+
+    motion: Motion
+    bound: float
+
+
+def led_ahead(doing: Doing, motion: Motion, then: Doing) -> Led | None:
+    """The motion of an activity with targets, led to where the slew to the next one leads.
+
+    Args:
+        doing: the activity.
+        motion: of it, as found without what comes after.
+        then: the next activity; from which state and when is not looked at.
+
+    Returns:
+        None where nothing is gained.
+    """
+    targets, tracked = doing.activity.track, motion.tracked
+    if targets is None or tracked is None or motion.trajectory is None:
+        return None
+    pursuit = Pursuit.of(doing.scene.usable, doing.scene.constraints, targets)
+    if pursuit.equations >= _ALL:
+        return None
+    ahead = _ahead(motion, then, FIRST)
+    if ahead is not None and ahead.can_gain and then.activity.attitude is None:
+        ahead = _ahead(motion, then, ahead.bound.seconds)  # where targets are depends on when it ends
+    if ahead is None or not ahead.can_gain:
+        return None
+    for over in _OVER:
+        best, found = motion, ahead
+        for _ in range(_ROUNDS):
+            drawn = _drawn(doing, pursuit, best, found.attitude, over)
+            after = None if drawn is None else _ahead(drawn, then, found.bound.seconds)
+            if drawn is None or after is None:
+                break
+            gained = found.bound.seconds - after.bound.seconds
+            if gained < _GAIN:
+                break
+            best, found = drawn, after
+            if gained < _LITTLE * after.bound.seconds or not after.can_gain:
+                break
+        if best is not motion:
+            return Led(motion=best, bound=ahead.bound.seconds)
+        if drawn is not None:
+            return None  # what breaks nothing and gains nothing gains no more where it is drawn less
+    return None
+
+
+def _ahead(motion: Motion, then: Doing, seconds: float) -> _Ahead | None:
+    """The slew from the end of a motion to an activity that takes about so long, s.
+
+    Returns:
+        None where step 1 finds no state for it.
+    """
+    assert motion.trajectory is not None
+    length = motion.trajectory.duration
+    state, time = State.of(motion.trajectory, length), motion.begin + length
+    then = replace(then, before=state, time=time, last=None)
+    goal = _goal(then, then.seen_from(min(time + max(seconds, LEAST), then.last_begin)))
+    if goal is None:
+        return None
+    craft = holding(then.scene.spacecraft, then.total, state)
+    bound = Departure(scene=then.scene, craft=craft, state=state, time=time).limiting(goal)
+    by_platform = bound.name not in craft.joint_names
+    return _Ahead(attitude=goal.attitude, bound=bound, by_platform=by_platform)
+
+
+def _goal(then: Doing, time: float) -> State | None:
+    """The best state of step 1 in which an activity may begin at a time, s; None where none is known."""
+    given, targets = then.activity.attitude, then.activity.targets
+    if given is not None:
+        return State.still(given.attitude, given.joints)
+    if targets is None or time > then.last_begin:
+        return None
+    goals = then.attempted(then.scene.usable, targets, time).goals
+    return then.at_rates(targets, goals[0], time) if goals else None
+
+
+def _drawn(doing: Doing, pursuit: Pursuit, near: Motion, attitude: np.ndarray, over: float) -> Motion | None:
+    """The motion near another one whose end is drawn to an attitude; None if it breaks something.
+
+    Args:
+        doing: the activity.
+        pursuit: of its targets.
+        near: the motion.
+        attitude: (3, 3).
+        over: s, the time over which the way there counts.
+    """
+    tracked, targets = near.tracked, doing.activity.track
+    assert tracked is not None
+    assert targets is not None
+    nodes, (rate, acceleration) = tracked.nodes, tracked.wanted.weights
+    smooth = max(acceleration, rate * (_SMOOTH * (nodes.times[-1] - nodes.times[0])) ** 2)
+    wanted = replace(tracked.wanted, ahead=attitude, ahead_time=over, held=_HELD, weights=(rate, smooth))
+    search = LeastMotion(pursuit, wanted, tracked.free)
+    turned = search.solve(nodes.times, nodes.attitudes, nodes.joints)
+    through = _beside(pursuit, near, turned)
+    if through is None:
+        return None
+    found = tracked_through(search, turned, through, float(targets.tolerance))
+    own = replace(
+        near, state=State.of(found.trajectory, 0.0), trajectory=found.trajectory, tracked=found, led=True
+    )
+    if not keeps_all(own):
+        return None
+    try:
+        doing.expect_possible(own)
+    except Refused:
+        return None
+    return own
+
+
+def _beside(pursuit: Pursuit, near: Motion, turned: Nodes) -> Nodes | None:
+    """Nodes between those of a motion that was turned, such that it begins as the motion that it is near.
+
+    The turn from that motion is zero, with two derivatives, until the last node that stays. A spline through
+    the turned nodes alone would swing there, and so have other rates at its begin.
+
+    Returns:
+        None where the turn is so large that it is not known which way it goes.
+    """
+    assert near.tracked is not None
+    assert near.trajectory is not None
+    nodes, count = near.tracked.nodes, len(turned.times)
+    turns = so3.log(np.swapaxes(nodes.attitudes, 1, 2) @ turned.attitudes)
+    if np.max(np.linalg.norm(turns, axis=1)) > _FARTHEST:
+        return None
+    apart = np.concatenate([turns, turned.joints - nodes.joints], axis=1)[_HELD - 1 :]
+    spline = curves.rising(turned.times[_HELD - 1 :], apart)
+    times = np.linspace(turned.times[0], turned.times[-1], _FINER * (count - 1) + 1)
+    at = near.trajectory.sample(np.clip(times - times[0], 0, near.trajectory.duration))
+    own = np.where((times > turned.times[_HELD - 1])[:, None], spline(times), 0.0)
+    attitudes = pursuit.meeting(at.attitude @ so3.exp(own[:, :3]), times)
+    joints = pursuit.joints(attitudes, times, at.joints + own[:, 3:])
+    return Nodes(times=times, attitudes=attitudes, joints=pursuit.unwrapped(joints))

@@ -1,0 +1,119 @@
+"""A timeline under way: what is planned so far, and the state in which that ends."""
+
+import time as clock
+from copy import copy
+from dataclasses import replace
+from typing import Self
+
+import numpy as np
+
+from jaxplan.certificate import Certificate
+from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.status import Status
+from jaxplan.model.timeline import Segment, Timeline
+from jaxplan.planner.validity import start_breaches
+from jaxplan.schema.timelines import take_in_timeline
+from jaxplan.timeline import curves, proving
+from jaxplan.timeline.choices import Choice
+from jaxplan.timeline.record import PlannedActivity, TimelinePlan
+from jaxplan.timeline.stored import holding, total_in
+from jaxplan.timeline.tracking import State
+from jaxplan.trajectory import Trajectory
+
+
+class SoFar:
+    """What is planned of a timeline so far.
+
+    Attributes:
+        timeline: that is planned.
+        scene: spacecraft, zones and settings, in the timeline's times.
+        state: in which it ends.
+        time: s, when.
+        total: (3,) N m s, momentum of platform and wheels in inertial axes; None without wheels.
+        parts: of the motion, each with the time, s, at which it begins.
+        proofs: likewise, with their certificates.
+        segments: slews and what activities do.
+        activities: what became of each.
+        choices: how each that is planned came to begin.
+        seconds: that were spent, by step.
+        broken: what the start breaks.
+    """
+
+    def __init__(self, timeline: Timeline) -> None:
+        timeline = take_in_timeline(timeline)
+        scene, start = timeline.scene, timeline.scene.start
+        self.timeline, self.scene = timeline, scene
+        zero = np.zeros(len(start.joints))
+        self.state = State(
+            attitude=start.attitude,
+            joints=start.joints,
+            velocity=np.asarray(start.angular_velocity, float),
+            rates=np.asarray(start.joint_rates, float),
+            acceleration=np.zeros(3),
+            bends=zero,
+        )
+        self.time = 0.0
+        self.total = total_in(scene.spacecraft, self.state)
+        self.parts: list[tuple[float, Trajectory]] = []
+        self.proofs: list[tuple[float, Trajectory, Certificate]] = []
+        self.segments: list[Segment] = []
+        self.activities: list[PlannedActivity] = []
+        self.choices: list[Choice] = []
+        self.seconds = {"motions": 0.0, "slews": 0.0, "proof": 0.0}
+        self.broken = start_breaches(replace(scene, goal=start))
+
+    def _copied(self) -> Self:
+        """A day that is planned as far as this one, and goes its own way from there."""
+        own = copy(self)
+        own.parts, own.proofs, own.segments = list(self.parts), list(self.proofs), list(self.segments)
+        own.activities, own.choices = list(self.activities), list(self.choices)
+        return own
+
+    def _mark(self) -> tuple[State, float, int]:
+        """How far the plan is, to come back to by `_back_to`."""
+        return self.state, self.time, len(self.parts)
+
+    def _back_to(self, mark: tuple[State, float, int]) -> None:
+        """Take away what was added after a mark."""
+        self.state, self.time, kept = mark
+        del self.parts[kept:], self.proofs[kept:], self.segments[kept:]
+
+    def _add(self, name: str, kind: str, trajectory: Trajectory, proof: Certificate) -> None:
+        """Append a part of the motion with its certificate, and go on from its end."""
+        self.parts.append((self.time, trajectory))
+        self.proofs.append((self.time, trajectory, proof))
+        end = self.time + trajectory.duration
+        self.segments.append(Segment(name=name, kind=kind, start=self.time, end=end))
+        self.state, self.time = State.of(trajectory, trajectory.duration), end
+
+    def _craft(self, further: Trajectory | None = None) -> Spacecraft:
+        """The spacecraft with what its wheels hold now, or at the end of a further part."""
+        state = self.state if further is None else State.of(further, further.duration)
+        return holding(self.scene.spacecraft, self.total, state)
+
+    def result(self) -> TimelinePlan:
+        """The plan of all that was done, with its proof."""
+        failed = next((one for one in self.activities if not one.ok), None)
+        trajectory = certificate = None
+        status, message = Status.OK, ""
+        if self.parts:
+            begun = clock.monotonic()
+            trajectory = curves.joined(self.parts)
+            certificate = proving.merged(self.proofs)
+            self.seconds["proof"] += clock.monotonic() - begun
+            if not certificate.certified:
+                status, message = Status.UNCERTIFIED, "; ".join(certificate.faults)
+        if failed is not None:
+            told = f"activity {failed.name}: {failed.message}"
+            status, message = failed.status, "; ".join(filter(None, (told, message)))
+        return TimelinePlan(
+            timeline=self.timeline,
+            status=status,
+            message=message,
+            activities=tuple(self.activities),
+            segments=tuple(self.segments),
+            trajectory=trajectory,
+            certificate=certificate,
+            choices=tuple(self.choices),
+            timings=dict(self.seconds),
+        )
