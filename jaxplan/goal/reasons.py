@@ -1,7 +1,6 @@
 """Messages that say why no attitude lets devices point at their targets.
 
-They describe the best attitude there is, see `Decomposition`, with angles in degrees; or what holds of all of
-them, such as that a target lies in a zone that its own device must keep out of.
+They describe the best attitude there is, see `Decomposition`, with angles in degrees.
 """
 
 from itertools import combinations
@@ -11,10 +10,7 @@ import numpy as np
 from jaxplan.geometry.vectors import separation
 from jaxplan.goal.aims import AZIMUTH, goal_ranges
 from jaxplan.model.goals import Targets
-from jaxplan.model.outlines import corner_angle
-from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.zones import KeepIn, KeepOut
 
 _AS_BAD = 0.5  # share of the worst excess from which on others are named, too: often several are as bad
 
@@ -35,52 +31,6 @@ def apart(craft: Spacecraft, asked: Targets) -> str | None:
                 f"{np.rad2deg(targets):.6g} deg"
             )
     return None
-
-
-def in_own_zone(scenario: Scenario, asked: Targets, time: float) -> str | None:
-    """Text on devices whose targets lie where a zone that binds the same device lets them not point.
-
-    That holds at every attitude. A zone that counts from a field of view is broken for certain by an axis
-    that is as near to the boresight, which is in the field, or so far away that no corner reaches it.
-
-    Args:
-        scenario: whose spacecraft and zones count; zones of groups do not.
-        asked: targets, wherever they are.
-        time: s, at which targets and zones are looked at.
-
-    Returns:
-        A phrase for each device and zone; None where there is none.
-    """
-    craft = scenario.spacecraft
-    cones: tuple[KeepOut | KeepIn, ...] = (*scenario.keep_out, *scenario.keep_in)
-    zones = [zone for zone in cones if zone.is_inertial and zone.any_of is None]
-    found = []
-    for name, path in zip(asked.names(craft), asked.paths, strict=True):
-        for zone in zones:
-            if zone.of_field and not zone.devices:
-                bound = craft.devices[craft.device_names.index(name)].field_of_view is not None
-            else:
-                bound = zone.binds_all or name in zone.devices
-            if bound:
-                deep = _depth(craft, name, zone, float(separation(path.at(time), zone.axis_at(time))))
-                if deep > asked.tolerance:
-                    called = f", {path.target}" * bool(path.target)
-                    side = "outside keep-in" if isinstance(zone, KeepIn) else "inside keep-out"
-                    where = f"{np.rad2deg(deep):.4g} deg {side} zone {zone.name}"
-                    found.append(f"{name} is {where} at every attitude that points it at its target{called}")
-    return "; ".join(found) or None
-
-
-def _depth(craft: Spacecraft, name: str, zone: KeepOut | KeepIn, away: float) -> float:
-    """How deep, rad, the boresight of a device is at least where a zone lets it not be; negative if clear.
-
-    `away` is the angle, rad, from its target to the axis of the zone.
-    """
-    if isinstance(zone, KeepOut):
-        return float(zone.half_angle) - away
-    if not zone.of_field:
-        return away - float(zone.half_angle)
-    return away - float(corner_angle(craft.devices[craft.device_names.index(name)].field_of_view))
 
 
 def off(craft: Spacecraft, asked: Targets, excesses: np.ndarray) -> str:

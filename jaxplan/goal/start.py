@@ -16,8 +16,8 @@ from jax.typing import ArrayLike
 from jaxplan import so3
 from jaxplan.goal import Decomposition, decompose
 from jaxplan.goal.rates import least_rates
-from jaxplan.goal.reasons import apart, in_own_zone, off
-from jaxplan.model.breaches import ROUNDING, constraint_breaches
+from jaxplan.goal.reasons import apart, off
+from jaxplan.model.breaches import ROUNDING, constraint_breaches, in_own_zone
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.goals import GivenState, Targets, Wish
 from jaxplan.model.hidden import hidden_words
@@ -181,7 +181,7 @@ def _in_the_way(scenario: Scenario, asked: Targets, broken: Sequence[Sequence[st
 
     `broken` has the phrases of what some of these attitudes break, the nearest first.
     """
-    certain = in_own_zone(scenario, asked, 0.0)
+    certain = in_own_zone(scenario.spacecraft, scenario.cones, asked, 0.0)
     if certain is not None:
         return certain
     tube = "" if scenario.robust is None else f", with {scenario.robust.words} about it"

@@ -1,9 +1,10 @@
-"""Messages on the pointing constraints that a state breaks, with angles in degrees."""
+"""Messages on the pointing constraints that a state breaks, or targets at any, with angles in degrees."""
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from jaxplan.geometry.vectors import separation
 from jaxplan.model.bound import body_axis_name
 from jaxplan.model.constraints import (
     INERTIAL,
@@ -14,6 +15,8 @@ from jaxplan.model.constraints import (
     chosen_entries,
     state_margins,
 )
+from jaxplan.model.goals import Targets
+from jaxplan.model.outlines import corner_angle
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import KeepIn, KeepOut, Mask, Zone
 
@@ -81,3 +84,50 @@ def _where(rows: Constraints, row: int, zone: Zone, name: str, axes: Sequence[st
     if rows.frame[row] == SIGHT:
         return f"{side} cone {name}, about {axes[rows.partner[row]]}"
     return f"{side} cone {name}, about {body_axis_name(rows.axis[row])}"
+
+
+def in_own_zone(
+    craft: Spacecraft, cones: Sequence[KeepOut | KeepIn], asked: Targets, time: float
+) -> str | None:
+    """Text on devices whose targets lie where a zone that binds the same device lets them not point.
+
+    That holds at every attitude. A zone that counts from a field of view is broken for certain by an axis
+    that is as near to the boresight, which is in the field, or so far away that no corner reaches it.
+
+    Args:
+        craft: whose devices have the targets.
+        cones: zones; those of groups do not count.
+        asked: targets, wherever they are.
+        time: s, at which targets and zones are looked at.
+
+    Returns:
+        A phrase for each device and zone; None where there is none.
+    """
+    zones = [zone for zone in cones if zone.is_inertial and zone.any_of is None]
+    found = []
+    for name, path in zip(asked.names(craft), asked.paths, strict=True):
+        for zone in zones:
+            if zone.of_field and not zone.devices:
+                bound = craft.devices[craft.device_names.index(name)].field_of_view is not None
+            else:
+                bound = zone.binds_all or name in zone.devices
+            if bound:
+                deep = _depth(craft, name, zone, float(separation(path.at(time), zone.axis_at(time))))
+                if deep > asked.tolerance:
+                    called = f", {path.target}" * bool(path.target)
+                    side = "outside keep-in" if isinstance(zone, KeepIn) else "inside keep-out"
+                    where = f"{np.rad2deg(deep):.4g} deg {side} zone {zone.name}"
+                    found.append(f"{name} is {where} at every attitude that points it at its target{called}")
+    return "; ".join(found) or None
+
+
+def _depth(craft: Spacecraft, name: str, zone: KeepOut | KeepIn, away: float) -> float:
+    """How deep, rad, the boresight of a device is at least where a zone lets it not be; negative if clear.
+
+    `away` is the angle, rad, from its target to the axis of the zone.
+    """
+    if isinstance(zone, KeepOut):
+        return float(zone.half_angle) - away
+    if not zone.of_field:
+        return away - float(zone.half_angle)
+    return away - float(corner_angle(craft.devices[craft.device_names.index(name)].field_of_view))

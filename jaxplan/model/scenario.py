@@ -258,6 +258,11 @@ class Scenario:
         return replace(self.goal, criterion=LEAST_TIME if shortest else LEAST_ROTATION)
 
     @property
+    def cones(self) -> tuple[KeepOut | KeepIn, ...]:
+        """The zones to keep out of, then those to stay in."""
+        return (*self.keep_out, *self.keep_in)
+
+    @property
     def zones(self) -> tuple[Zone, ...]:
         """All pointing constraints with the masks of terminals, in the order of `constraints`."""
         return (*self.keep_out, *self.keep_in, *self.joint_bounds, *masks(self.spacecraft))

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from jaxplan.goal import Decomposition
-from jaxplan.goal.reasons import apart, in_own_zone, off
+from jaxplan.goal.reasons import apart, off
+from jaxplan.model.breaches import in_own_zone
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.goals import LEAST_TIME, GivenState, Targets
 from jaxplan.model.hidden import rounded_up
@@ -63,9 +64,10 @@ def unreachable(
         return (
             f"at best {off(craft, asked, found.aim_excesses)} at the goal: change goal.targets or the limits"
         )
-    own = in_own_zone(scenario, scenario.goal, time) if isinstance(scenario.goal, Targets) else None
-    if own is not None:
-        return f"{own}: change goal.targets or the zone"
+    if isinstance(scenario.goal, Targets):
+        own = in_own_zone(craft, scenario.cones, scenario.goal, time)
+        if own is not None:
+            return f"{own}: change goal.targets or the zone"
     if found.worst_zone is not None and found.worst_device is not None and found.zone_excess > 0:
         sight = scenario.sight_names[found.worst_device]
         zone = rows.zone[found.worst_zone]

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxplan.goal.reasons import in_own_zone
-from jaxplan.model.breaches import ROUNDING, constraint_breaches
+from jaxplan.model.breaches import ROUNDING, constraint_breaches, in_own_zone
 from jaxplan.model.goals import Targets
 from jaxplan.model.hidden import hidden_words
 from jaxplan.model.kinematics import Kinematics
@@ -192,7 +191,7 @@ def contradictions(scenario: Scenario) -> tuple[str, ...]:
     if not isinstance(scenario.goal, Targets) or (isinstance(given, str) and moves(scenario)):
         return ()
     time = 0.0 if isinstance(given, str) else float(given)
-    own = in_own_zone(scenario, scenario.goal, time)
+    own = in_own_zone(scenario.spacecraft, scenario.cones, scenario.goal, time)
     return hidden_targets(scenario, time) or (() if own is None else (own,))
 
 

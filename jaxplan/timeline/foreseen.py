@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxplan.goal.reasons import in_own_zone
+from jaxplan.model.breaches import in_own_zone
 from jaxplan.model.goals import Targets
 from jaxplan.model.hidden import Hidden, after_hidden
 from jaxplan.model.scenario import Scenario
@@ -56,7 +56,7 @@ def _of_one(activity: Activity, scene: Scenario, until: float | None) -> Iterato
     if activity.targets is None:
         return
     if not activity.targets.moves:
-        own = in_own_zone(scene, activity.targets, 0.0)
+        own = in_own_zone(scene.spacecraft, scene.cones, activity.targets, 0.0)
         yield from () if own is None else (own,)
     latest = until if activity.latest is None else activity.latest
     if latest is not None:

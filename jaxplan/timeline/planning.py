@@ -31,6 +31,7 @@ from jaxplan.timeline.tracking import State
 
 _GENTLE = 6.0  # times the strict bound: how long a slew takes at most where there is time
 _USUAL = 60.0  # s: a slew that long is gentle in any case, and less time is not worth a rest
+_TRIES, _MORE = 3, 1.05  # slews from a rest that are tried, and the factor on what one needs for the next
 _SAME = 1e-9  # s, below which there is no time for a slew
 
 
@@ -357,15 +358,19 @@ class _Day(SoFar):
         if slew.duration <= _USUAL:
             return slew
         quick = departure.shortest(lambda _: (motion.state, motion), lambda time: time)
-        if quick.trajectory is None or slew.duration - quick.duration <= _USUAL:
-            return slew
-        mark = self._mark()
-        if self._wait(doing.activity.name, motion.begin - quick.duration):
+        lasts = None if quick.trajectory is None else quick.duration
+        for _ in range(_TRIES):
+            if lasts is None or slew.duration - lasts <= _USUAL:
+                break
+            mark = self._mark()
+            if not self._wait(doing.activity.name, motion.begin - lasts):
+                break
             departure = replace(departure, craft=self._craft(), state=self.state, time=self.time)
             late = departure.in_time(motion.state, motion.begin - self.time)
             if late.trajectory is not None:
                 return late
-            self._back_to(mark)
+            self._back_to(mark)  # from where it rests the way may be a longer one
+            lasts = None if late.needed is None else max(_MORE * late.needed, _MORE * lasts)
         return slew
 
     def _calm(self, departure: Departure, doing: Doing, opens: float) -> tuple[Slew, Motion]:

@@ -7,7 +7,8 @@ from builders import make_observer
 
 import jaxplan as jp
 from jaxplan.goal import decompose
-from jaxplan.goal.reasons import apart, in_own_zone, off
+from jaxplan.goal.reasons import apart, off
+from jaxplan.model.breaches import in_own_zone
 from jaxplan.model.tabulation import tabulate
 from jaxplan.planner.steps import find_goals
 from jaxplan.planner.validity import contradictions
@@ -72,7 +73,7 @@ def test_a_target_in_a_zone_of_its_own_device_is_told_whatever_the_attitude():
         (jp.KeepOut(name="z", direction=axis, half_angle=deg(31.0), outside=field), "1 deg inside keep-out"),
         (jp.KeepOut(name="z", direction=axis, half_angle=deg(25.0), outside=field), None),
     ):
-        told = in_own_zone(replace(scene, keep_out=(out,)), scene.goal, 0.0)
+        told = in_own_zone(craft, (out,), scene.goal, 0.0)
         assert told == (
             None
             if deep is None
@@ -83,7 +84,7 @@ def test_a_target_in_a_zone_of_its_own_device_is_told_whatever_the_attitude():
         (jp.KeepIn(name="z", direction=axis, half_angle=deg(31.0), devices=(name,)), None),
         (jp.KeepIn(name="z", direction=axis, half_angle=0.0, devices=(name,), inside=field), 30 - corner),
     ):
-        told = in_own_zone(replace(scene, keep_in=(zone,)), scene.goal, 0.0)
+        told = in_own_zone(craft, (zone,), scene.goal, 0.0)
         assert (
             (told is None)
             if by is None

@@ -32,6 +32,7 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan.model.timeline import in_order
 from jaxplan.timeline import proving
+from jaxplan.timeline.slews import Departure
 from jaxplan.timeline.tables import interruptions_csv
 
 TOLERANCE = deg(0.01)
@@ -295,6 +296,27 @@ def test_the_shortest_slew_to_an_instant_comes_after_a_rest():
     assert np.ptp(attitudes_of(day.trajectory, time), axis=0).max() < 1e-12
     own = day.choices[0].departure
     assert done.slew == end - left <= 1.5 * own.bound(day.choices[0].goal)
+
+
+def test_a_rest_ends_earlier_where_the_slew_from_it_takes_longer_than_one_without(monkeypatch):
+    shortest, told = Departure.shortest, []
+
+    def hasty(departure, *asked):
+        found = shortest(departure, *asked)
+        told.append(found.duration)
+        return found if found.duration > 200 else replace(found, duration=0.3 * found.duration)
+
+    monkeypatch.setattr(Departure, "shortest", hasty)
+    glance = activity("glance", what="point", earliest=400.0)
+    day = jp.plan_timeline(
+        replace(images_day(), activities=(glance,), until=500.0, slew="shortest"), progress=False
+    )
+    assert day.certificate.certified
+    assert day.activities[0].start == pytest.approx(400.0, abs=1e-9)
+    (_, begin, rested), (_, left, end) = spans(day, "idle")[0], spans(day, "slew")[1]
+    assert begin < 1.0
+    assert rested == left
+    assert min(told) <= end - left <= 1.5 * day.choices[0].departure.bound(day.choices[0].goal)
 
 
 def test_a_day_is_planned_again_from_an_activity_on():
