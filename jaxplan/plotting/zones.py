@@ -142,7 +142,7 @@ def name_zones(
         axes: where to.
         projection: of the axes.
         zones: that are named; few ones, but on the globe, with what they bind, if that is not all devices
-            and all of them have room for it.
+            and all of them have room for it. Those that bind vectors alone say so wherever few are named.
         devices: names of all devices.
         tracks: (k, 3) directions of drawn curves, which names should not cover.
         ends: (m, 3) directions of starts and goals, which names cover only where there is no other place.
@@ -153,15 +153,18 @@ def name_zones(
         marks += [(place, projection.letter * [len(text), 1]) for text, place in projection.ring_names()]
     # What is in front first, and of that the smallest, as it has the least room; of equals as they come.
     zones = sorted(zones, key=lambda zone: (-projection.opacity(zone.axis_at()), zone.half_angle))
-    names, texts = [[zone.name] for zone in zones], list[Artist]()
+    texts = list[Artist]()
     edges = [circle(zone.axis_at(), zone.half_angle)[::_EDGE_STEP] for zone in zones[:_CROWD]]
     points = projection.project(np.concatenate([tracks, *edges]))
-    told = [[zone.name, *_bound(zone, devices), *_group(zone)] for zone in zones]
-    spots: list[np.ndarray] | None = None
-    if not crowded and len(zones) <= _TOLD[type(projection)]:
+    bound = [_bound(zone, devices) for zone in zones]
+    told = [[zone.name, *words, *_group(zone)] for zone, words in zip(zones, bound, strict=True)]
+    few, spots = not crowded and len(zones) <= _TOLD[type(projection)], None
+    if few:
         spots = _spots(projection, zones, told, Labels(points, list(marks)), must=False)
-    if spots is None:  # one way for all, lest a name without seem to mean something else
-        spots, told = _spots(projection, zones, names, Labels(points, list(marks)), must=True), names
+    if spots is None:  # one way for all that bind devices, lest a name without seem to mean something else
+        alone = [few and not _binds_devices(zone) for zone in zones]
+        told = [[zone.name, *words * only] for zone, words, only in zip(zones, bound, alone, strict=True)]
+        spots = _spots(projection, zones, told, Labels(points, list(marks)), must=True)
     assert spots is not None
     for zone, spot, lines in zip(zones, spots, told, strict=True):
         near = projection.opacity(zone.axis_at()) == 1
