@@ -13,6 +13,7 @@ A *row* is an inequality of the fit: of a joint, a node in its tube, a load of t
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import jax
 import numpy as np
@@ -23,7 +24,6 @@ from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.trajectory import program, sqp
 from jaxplan.trajectory.binding import ActiveSet, BindingLinear, BindingLoads, BindingMargins
-from jaxplan.trajectory.chart import Chart
 from jaxplan.trajectory.constraints import SIGNS, ConstraintBlock, Index, LoadBlock
 from jaxplan.trajectory.derivative import gather_inputs
 from jaxplan.trajectory.ladder import Attempt, finished
@@ -274,6 +274,22 @@ class FitRecord:
         start = space.fixed + at.duration[0] * space.by_time
         return np.linalg.lstsq(space.free, at.coefficients[0] - start, rcond=None)[0]
 
+    @cached_property
+    def _of_own_curves(self) -> dict[str, np.ndarray]:
+        """What `_of_curves` says of the curves of the fit."""
+        return _of_curves(self.attempt.discrete.space)
+
+    @cached_property
+    def _windings(self) -> np.ndarray:
+        """(m + 1,) whole turns that the nodes' coordinates have more than the shortest logarithm."""
+        chart, places = self.attempt.discrete.chart, self.attempt.discrete.mesh.places
+        nodes = self.problem.attitudes, self.problem.turns, places
+        eta = chart.coordinates(*nodes) - places[:, None] * chart.turn
+        short = chart.departures(*nodes)[0]
+        angles = np.linalg.norm(short, axis=1)
+        along = np.sum(eta * short, axis=1) / np.where(angles > 0, angles, 1)
+        return np.asarray(np.round((along - angles) / (2 * np.pi)))
+
     def _held(self, at: Iterates, rows: Rows, multipliers: Masks, share: float, nodes: int) -> ActiveSet:
         """The active set of a curve.
 
@@ -285,7 +301,7 @@ class FitRecord:
             nodes: the smallest number that the path's nodes are padded to.
         """
         problem, discrete = self.problem, self.attempt.discrete
-        chart, of_curves = discrete.chart, _of_curves(discrete.space)
+        chart, of_curves = discrete.chart, self._of_own_curves
         inner = np.arange(1, len(problem.attitudes) - 1) if self._exact else np.zeros(0, int)
         mesh = discrete.mesh
         linear, loads, zones = _gathered(discrete, mesh, rows)
@@ -299,7 +315,7 @@ class FitRecord:
             least_length=np.array(problem.least_length),
             by_flank={},
             given=np.concatenate([[0, len(problem.attitudes) - 1], inner]),
-            windings=padded(_windings(chart, problem, mesh.places), nodes),
+            windings=padded(self._windings, nodes),
             long_way=np.array(float(np.linalg.norm(chart.turn) > np.pi)),
             share=np.array(discrete.share),
             widened=np.array(self._widened()),
@@ -428,19 +444,3 @@ def _broken(block: ConstraintBlock) -> np.ndarray:
         around = np.pad(slack, [(0, 0), (1, 1), *[(0, 0)] * (slack.ndim - 2)], constant_values=np.inf)
         broken &= (slack <= around[:, :-2]) & (slack <= around[:, 2:])
     return broken
-
-
-def _windings(chart: Chart, problem: FitProblem, places: np.ndarray) -> np.ndarray:
-    """(m + 1,) whole turns that each node's coordinates in a chart have more than the shortest logarithm.
-
-    Args:
-        chart: of the platform.
-        problem: gives the nodes.
-        places: (m + 1,) of the nodes.
-    """
-    nodes = problem.attitudes, problem.turns, places
-    eta = chart.coordinates(*nodes) - places[:, None] * chart.turn
-    short = chart.departures(*nodes)[0]
-    angles = np.linalg.norm(short, axis=1)
-    along = np.sum(eta * short, axis=1) / np.where(angles > 0, angles, 1)
-    return np.round((along - angles) / (2 * np.pi))

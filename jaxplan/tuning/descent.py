@@ -291,7 +291,8 @@ class _Descent:
         clear_if_full()  # not while kernels are compiled
         rehearsal = self._first_held if len(given) >= _MANY else None
         with ahead([self._first_valued] if rehearsal else []):
-            self._slope = mean_slope(pairs, aim, tuned, often=self._often, rehearsal=rehearsal)
+            begin = self._state.free
+            self._slope = mean_slope(pairs, aim, tuned, begin, often=self._often, rehearsal=rehearsal)
         self._fits.clear()  # they take room, and what is held has all that is needed
         seen = self._look(self._state)
         if seen is None:
@@ -411,7 +412,7 @@ class _Descent:
                 return
             plans.append(now)
             pairs.append((held, now.scenario))
-        self._slope = mean_slope(pairs, self._aim, self._tuned, often=self._often)
+        self._slope = mean_slope(pairs, self._aim, self._tuned, state.free, often=self._often)
         self._row, self._gradient = self._look(state) or (self._row, self._gradient)
         self._state = replace(state, plans=tuple(plans), checkpoints=(*state.checkpoints, self._stop))
 

@@ -6,7 +6,7 @@ change as `derivatives.replan` has it.
 
 import os
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any
@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from jaxplan.derivatives import Held, held_end, replan_to
 from jaxplan.model.scenario import Scenario
@@ -167,18 +168,20 @@ def mean_slope(
     pairs: Iterable[tuple[Held, Scenario]],
     aim: Objective,
     tuned: tuple[Parameter, ...],
+    begin: ArrayLike,
     *,
     often: bool,
     rehearsal: Callable[[], tuple[Held, Scenario]] | None = None,
 ) -> Slope:
     """Make the function from free parameters to the mean objective of plans and its gradient.
 
-    Its kernels are compiled now.
+    Its kernels are compiled now, and slopes at the beginning are computed while other plans are held.
 
     Args:
         pairs: what is held of each plan, with its scenario.
         aim: the objective.
         tuned: the numbers that the parameters stand for.
+        begin: free parameters for which the function is called first.
         often: whether it is called so often that a kernel pays which takes twice as long to compile, and runs
             in half of the time.
         rehearsal: finds a pair like the first one, for which kernels are compiled while `pairs` are found;
@@ -186,9 +189,8 @@ def mean_slope(
     """
     kernel = _slope if often else _slope_soon
     held: list[Any] = []
-    first: dict[Any, int] = {}
-
-    begin = np.array([one.free() for one in tuned])
+    first: dict[Any, int] = {}  # of each shape, for which kernels are compiled
+    start = np.asarray(begin)
 
     def at(free: Any, pair: Any) -> tuple[np.ndarray, np.ndarray]:
         with jax.enable_x64(True):  # a thread has its own setting
@@ -198,26 +200,31 @@ def mean_slope(
     def of(number: int, free: Any) -> tuple[np.ndarray, np.ndarray]:
         return at(free, held[number])
 
-    with ThreadPoolExecutor(1) as ahead:  # compiles while the other plans are held
+    begun: list[Future[tuple[np.ndarray, np.ndarray]]] = []
+    with one_thread(), ThreadPoolExecutor(1) as ahead:  # works while the other plans are held
         if rehearsal is not None:
-            ahead.submit(lambda: at(begin, _plain(*rehearsal())))
+            ahead.submit(lambda: at(start, _plain(*rehearsal())))
         for number, (own, scenario) in enumerate(pairs):
             held.append(_plain(own, scenario))
             shapes = tuple(leaf.shape for leaf in jax.tree.leaves(held[-1]))
             kind = jax.tree.structure(held[-1]), shapes
-            if kind not in first:
-                first[kind] = number
-                ahead.submit(of, number, begin)
+            first.setdefault(kind, number)
+            begun.append(ahead.submit(of, number, start))
+        for number, one in enumerate(begun):
+            if number not in first.values():
+                one.cancel()  # what is left all threads compute together
+    done = {n: one.result() for n, one in enumerate(begun) if not (one.cancelled() or one.exception())}
     others = [number for number in range(len(held)) if number not in first.values()]
 
     def slope(free: Array) -> tuple[float, np.ndarray]:
         # One by one: a stack would be compiled for each number of plans of a shape, and solves its systems of
         # hundreds of equations no faster. The first of each shape come first, so that each kernel is compiled
         # once.
-        found: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        found = done.copy() if np.array_equal(np.asarray(free), start) else {}
         with one_thread(), ThreadPoolExecutor(os.cpu_count()) as pool:
             for numbers in (list(first.values()), others):
-                found |= zip(numbers, pool.map(partial(of, free=np.asarray(free)), numbers), strict=True)
+                left = [number for number in numbers if number not in found]
+                found |= zip(left, pool.map(partial(of, free=np.asarray(free)), left), strict=True)
         values, slopes = zip(*(found[number] for number in range(len(held))), strict=True)
         return float(np.mean(values)), np.mean(slopes, axis=0)
 
