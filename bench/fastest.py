@@ -241,6 +241,9 @@ def warm(first: int, count: int) -> None:
     groups["the paper's cases"] = in_the_shortest_time(jp.paper_case(number) for number in range(1, 5))
     for kind in ("keep_out", "keep_in", "hard_keep_in"):
         groups[kind] = in_the_shortest_time(jp.random_scenario(seed, kind) for seed in seeds)
+    for kind in ("keep_out", "keep_in"):
+        nearest = [replace(own, goal=replace(own.goal, criterion="least_rotation")) for own in groups[kind]]
+        groups[f"{kind}, nearest goal"] = nearest
     switch = jp.link_switch(jp.walker("53:1584/72/39", 550.0), sun_direction=SUN)
     groups["satellites"] = in_the_shortest_time(switch.scenarios(range(0, 1584, 1584 // count)))
     by_limits: dict[bool, list[float]] = {True: [], False: []}
