@@ -26,7 +26,7 @@ from jaxplan.runtime.jit import quick_jit
 _OPTIMAL = 1e-6  # rad, largest distance of a plan's goal from the optimum whose derivative is taken
 _AT_A_BOUND = "its goal leans on a bound of joints or a vector that these turn"
 AS_A_STATE = "give the goal as a state"
-"""What always helps, as doubts on a goal end; a timeline has other words for it."""
+"""Advice that helps wherever a goal has no slopes; timelines put it in words of their own."""
 _BY_A_WISH = f"its goal leans on what a device prefers: leave the wish out, or {AS_A_STATE}"
 _NEAR = 2e-6  # rad; a wish that is as near is met, as step 1 leaves it less than this to give others room
 _NEAR_WISHES = 1e-5  # rad, as `_OPTIMAL`, where wishes are met no better than that

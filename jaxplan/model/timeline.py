@@ -19,7 +19,7 @@ from jaxplan.runtime.display import shown
 
 SHORTEST, CALM = SLEWS = ("shortest", "calm")
 LOOK_AHEAD = "whether the platform turns to where the next slew leads, as far as tracking leaves it free"
-"""What the manual says of the key of that name."""
+"""Meaning of the key `look_ahead`, for the manual and for messages."""
 REST = "rest until the end"
 """Name of the rest that a plan has in the time that is left after all activities."""
 _SPAN = "[0, 86400]"  # s, of all times of a timeline

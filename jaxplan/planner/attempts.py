@@ -143,7 +143,7 @@ class Attempts:
             self.plan = self.plan or found
             self._next_time()
         else:
-            if self.plan is None or self.plan.status not in _FOR_GOOD:
+            if self.plan is not None and self.plan.status not in _FOR_GOOD:
                 self.plan = None  # that there was no goal at another time no longer matters
             self._paths.clear()
             # Where no path avoids all that moving zones sweep, one may still avoid them at each instant.
@@ -226,7 +226,7 @@ class Attempts:
         self._next_rung(self._ladder)
 
     def _may_be_met_otherwise(self) -> bool:
-        """Whether targets that move may be met at a time not yet tried, where all tried ask for too much."""
+        """Whether moving targets may be met at another end time, as goals at those tried ask for too much."""
         failed = self.plan is not None and self.plan.status in _FOR_GOOD
         return failed and bool(self._times) and not self._over and self.scenario.goal.moves
 

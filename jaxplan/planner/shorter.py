@@ -160,9 +160,8 @@ class Shorter:
         self._bent = plan.scenario.trajectory.first_guesses
         self._so_far, self._looked = plan, self._own  # the plan, and the way, of what is needed
         self._found: list[tuple[_Way, SearchResult, Path]] = []  # by other searches of the round
-        self._ranked: list[
-            tuple[float, _Way, SearchResult, Path]
-        ] = []  # by the s that the path looks to take
+        # The same by the time, s, that a motion along the path looks to take.
+        self._ranked: list[tuple[float, _Way, SearchResult, Path]] = []
         self._searches: list[_Way] = []  # to which the round still searches
         self._fits_left = self._bends_left = 0
         self._rough = False  # whether the fit under way only tells whether a better one is worth it

@@ -19,7 +19,6 @@ from jaxplan.planner.steps import find_goals
 from jaxplan.planner.validity import contradictions
 
 _WITHOUT_GOAL = (Status.INVALID_GOAL, Status.GOAL_UNREACHABLE)
-_WITHOUT_MOTION = (Status.LIMITS_TOO_TIGHT, Status.INFEASIBLE, Status.UNCERTIFIED)
 _HALVINGS = 5  # of the share of the errors with which there is a goal
 _AWAY = {"start": "begin", "goal": "end"}
 _NARROW = np.deg2rad(1.0)  # rad: where a tube leaves less at an end it may be what is in the way
@@ -33,8 +32,9 @@ def with_advice(plan: Plan) -> Plan:
     words = [plan.message]
     if plan.status in _WITHOUT_GOAL:
         words.append(_for_a_goal(plan, robust))
-    if plan.status in _WITHOUT_MOTION or words[-1]:
-        words.append(_at_the_ends(plan, robust))
+        if not words[-1]:  # there is none without a tube either
+            return plan
+    words.append(_at_the_ends(plan, robust))
     return replace(plan, message="; ".join(filter(None, words)))
 
 

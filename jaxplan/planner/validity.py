@@ -180,7 +180,7 @@ def hidden_targets(scenario: Scenario, time: float) -> tuple[str, ...]:
 
 
 def contradictions(scenario: Scenario) -> tuple[str, ...]:
-    """What is certain to be wrong at a goal with targets, without looking for one.
+    """Tell why no goal can meet a scenario's targets, as far as that is certain without looking for one.
 
     Returns:
         A phrase for each target that is hidden when the motion ends, or else one on targets that lie in zones

@@ -70,7 +70,7 @@ def parse(text: str, largest: int = LARGEST_FILE) -> dict[str, Any]:
 
 
 def _advice(line: str, index: int) -> str:
-    """What may be meant in a line that is no TOML from an index on: words to end a sentence, perhaps none."""
+    """Words to end a message on a line that is no TOML from an index on: what may be meant; perhaps none."""
     dated = _DATED.match(line)
     if dated is not None:
         return _of_date(dated)
@@ -83,7 +83,10 @@ def _advice(line: str, index: int) -> str:
 
 
 def _of_date(dated: re.Match[str]) -> str:
-    """What is wrong with a date or date-time, of which no second but all else may be missing."""
+    """Words to end a message on a date or date-time that is no TOML: the part that there is not, or the form.
+
+    A date-time without its seconds is no TOML either.
+    """
     year, month, day, hour, minute, second = (None if own is None else int(own) for own in dated.groups())
     wrong = ""
     if month is not None and not 1 <= month <= 12:

@@ -95,7 +95,7 @@ class TableCertificate:
 
     @property
     def misses_goal(self) -> bool:
-        """Whether the last row is off the goal by more than 0.01 deg; False where that is not known.
+        """Tell whether the last row is more than 0.01 deg off the goal; False where that is not known.
 
         The proof is of zones, ranges and limits: a table that misses the goal may be certified.
         """

@@ -1,4 +1,4 @@
-"""What is asked of an activity that is planned: that it ends in its window, and devices point well enough."""
+"""Checks of an activity that is planned: it must end in its window, and its devices point well enough."""
 
 import numpy as np
 

@@ -153,7 +153,8 @@ class _Day(SoFar):
         """The day with an activity planned from the state so far on, or why it cannot be.
 
         Where the one before was led to it, the day in which it was not is planned, too, unless that cannot
-        have a shorter slew: so nothing ends later, or is refused, because of what was led.
+        have a shorter slew: so this activity ends no later, and is not refused, because of what was led.
+        Those after it begin from another state, and may end later.
         """
         otherwise, self.otherwise = self.otherwise, None
         done = self._do_or_tell(activity)
