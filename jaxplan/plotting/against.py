@@ -20,17 +20,16 @@ from jaxplan.model.epochs import seconds_between
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.planner import Plan
+from jaxplan.plotting.limit_lines import both_sides, limit_lines
 from jaxplan.plotting.style import (
     GREY,
     TEXT,
     Canvas,
     Entries,
     Look,
-    both_sides,
     curve,
     device_style,
     legend_beside,
-    limit_lines,
     panels,
     plain,
     time_span,

@@ -18,6 +18,7 @@ from matplotlib.ticker import Locator
 
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner import Plan
+from jaxplan.plotting.limit_lines import barrier
 from jaxplan.plotting.style import (
     GREY,
     HALO,
@@ -30,7 +31,6 @@ from jaxplan.plotting.style import (
     Labels,
     Look,
     Motion,
-    barrier,
     curve,
     device_entries,
     device_style,

@@ -21,6 +21,7 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.planner import Plan
 from jaxplan.plotting.against import against
 from jaxplan.plotting.day import as_plan
+from jaxplan.plotting.limit_lines import both_sides, limit_lines
 from jaxplan.plotting.style import (
     AXIS_STYLES,
     GREY,
@@ -29,13 +30,11 @@ from jaxplan.plotting.style import (
     Canvas,
     Entries,
     Look,
-    both_sides,
     curve,
     device_style,
     expect_mapping,
     expect_trajectories,
     legend_beside,
-    limit_lines,
     panels,
     plain,
     time_span,

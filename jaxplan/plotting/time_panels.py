@@ -21,6 +21,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheel_shares import wheel_loads
 from jaxplan.planner import Plan
+from jaxplan.plotting.limit_lines import both_sides, limit_lines
 from jaxplan.plotting.style import (
     AXIS_STYLES,
     GREY,
@@ -31,13 +32,11 @@ from jaxplan.plotting.style import (
     Entries,
     Look,
     Motion,
-    both_sides,
     curve,
     device_entries,
     device_style,
     expect_plan,
     legend_beside,
-    limit_lines,
     motion,
     note,
     panels,

@@ -17,6 +17,7 @@ from jaxplan.geometry.vectors import separation
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.plotting import margin_panels
 from jaxplan.plotting.followings import followings
+from jaxplan.plotting.limit_lines import barrier
 from jaxplan.plotting.margin_panels import margins_over_time
 from jaxplan.plotting.schedule import (
     draw_rows,
@@ -38,7 +39,6 @@ from jaxplan.plotting.style import (
     Entries,
     Look,
     Motion,
-    barrier,
     curve,
     device_style,
     expect_plan,

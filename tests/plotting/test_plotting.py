@@ -26,6 +26,7 @@ from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.planner import Plan
 from jaxplan.plotting import margin_panels, projections, sky, style, write_png, zones
+from jaxplan.plotting.limit_lines import both_sides, limit_lines
 from jaxplan.plotting.projections import FlatMap
 from jaxplan.trajectory.zone_margins import ZoneMargins
 
@@ -493,7 +494,7 @@ def test_limits_say_whose_they_are_unless_all_have_one(highest: float) -> None:
     def told(limits: list[float]) -> list[str]:
         axes = Figure().subplots()
         axes.set_ylim(-4, 4)
-        style.limit_lines(axes, style.both_sides(np.array(limits)), looks, highest, far=4.0, owners=names)
+        limit_lines(axes, both_sides(np.array(limits)), looks, highest, far=4.0, owners=names)
         return [text.get_text() for text in axes.texts]
 
     far = highest < 1
