@@ -29,6 +29,7 @@ from tqdm import tqdm
 import jaxplan as jp
 from jaxplan.derivatives import Held
 from jaxplan.planner.steps import wanted_fit
+from jaxplan.runtime.jit import known_options
 from jaxplan.trajectory import fit_batch
 from jaxplan.trajectory.measures import time_factors
 from jaxplan.trajectory.outcome import NOT_OPTIMAL
@@ -54,7 +55,7 @@ def compiled(measure: Measure) -> Callable[..., Any]:
 
     return jax.jit(
         jax.value_and_grad(measured, has_aux=True, allow_int=True),
-        compiler_options=QUICKLY if jax.default_backend() == "cpu" else {},
+        compiler_options=known_options(**QUICKLY),
     )
 
 

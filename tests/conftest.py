@@ -4,6 +4,7 @@ What one worker, notebook or run has compiled the others read from the user's ca
 that uses the package does, or from the one that JAX_COMPILATION_CACHE_DIR names.
 """
 
+import importlib.metadata
 import os
 
 # Before jax and matplotlib are imported; a test run on another device names it in JAX_PLATFORMS.
@@ -11,7 +12,13 @@ os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ.setdefault("MPLBACKEND", "Agg")
 # Most of the time goes to compiling what runs for milliseconds, so kernels are compiled without optimisation
 # here: in a third of the time, to run at two thirds of the speed. XLA_FLAGS= asks for what users get.
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false")
+# Where XLA is of jaxlib 0.11 or later a process ends at once that has the second flag.
+os.environ.setdefault(
+    "XLA_FLAGS",
+    "--xla_backend_optimization_level=0"
+    + " --xla_cpu_use_fusion_emitters=false"
+    * (tuple(map(int, importlib.metadata.version("jaxlib").split(".")[:2])) < (0, 11)),
+)
 
 import hypothesis
 import jax

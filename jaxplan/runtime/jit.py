@@ -12,10 +12,11 @@ and those that are used again are compiled again.
 **Kernels that are ready soon**: a first plan waits for their compilation much longer than for its results.
 XLA writes the loops of a fused computation on the CPU in one of two ways. The newer one, through a language
 of its own for loops, takes two to three times as long to compile kernels such as ours, and what it makes of
-them is no quicker. `quick_jit` asks for the older one where the installed XLA still has it, and is `jax.jit`
-otherwise. To compile a kernel in one part instead of many (``xla_cpu_parallel_codegen_split_count``) would
-save a sixth, and must not be done: with jaxlib 0.10.2 some slopes at rest come out as NaN. While JAX traces
-and lowers a kernel, Python looks for no cyclic garbage (`jaxplan.runtime.garbage`).
+them is no quicker. `quick_jit` asks for the older one where the installed XLA still has it; that of jaxlib
+0.11 and later has not. To compile a kernel in one part instead of many
+(``xla_cpu_parallel_codegen_split_count``) would save a sixth, and must not be done: with jaxlib 0.10.2 some
+slopes at rest come out as NaN. While JAX traces and lowers a kernel, Python looks for no cyclic garbage
+(`jaxplan.runtime.garbage`).
 
 What has been compiled is kept between processes (`jaxplan.runtime.executables`).
 """
@@ -104,7 +105,8 @@ def clear_if_full() -> bool:
 
 Answer = TypeVar("Answer")
 
-_SOON: dict[str, bool | int] = {"xla_cpu_use_fusion_emitters": False}
+# The second one, where loops are written the newer way, saves a twelfth: XLA then does not check itself.
+_SOON: dict[str, bool | int] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_emitter_verification_level": 0}
 
 
 _known_kernels: list[dict[Hashable, Callable[..., Any]]] = []  # compiled, of each function by its arguments
@@ -243,9 +245,9 @@ def _compiled(
         with executables.one_at_a_time(name, text):
             kept = executables.load(name, text)
             if kept is None:
-                quick = flags if _known() else None  # which JAX takes at the outermost level alone
+                known = known_options(**flags)  # which JAX takes at the outermost level alone
                 with uncollected():
-                    lowered = jax.jit(function, **options, compiler_options=quick).lower(*args, **kwargs)
+                    lowered = jax.jit(function, **options, compiler_options=known).lower(*args, **kwargs)
                 if not still_wanted():
                     raise NoLongerWantedError
                 return cast(Callable[..., Answer], executables.compile_and_keep(lowered, name, text))
@@ -270,13 +272,21 @@ def materialise(positive: ArrayLike, values: Any) -> Any:
     return jax.lax.cond(jnp.asarray(positive) > 0, lambda v: v, lambda v: jax.tree.map(never, v), values)
 
 
+def known_options(**options: bool | int) -> dict[str, bool | int]:
+    """Those of some compiler options, by name, that this XLA has for the processor; none on other devices.
+
+    They come and go with its releases, and a kernel that is compiled with one that is not known fails.
+    """
+    return {name: value for name, value in options.items() if _is_known(name, value)}
+
+
 @cache
-def _known() -> bool:
-    """Tell whether kernels run on the CPU, by an XLA that knows these options."""
+def _is_known(name: str, value: bool | int) -> bool:
+    """Tell whether kernels run on the processor, by an XLA that knows this option."""
     if jax.default_backend() != "cpu":
         return False
     try:
-        jax.jit(lambda: 0, compiler_options=_SOON).lower().compile()
+        jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()
     except jax.errors.JaxRuntimeError:
         return False
     return True

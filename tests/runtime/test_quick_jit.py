@@ -39,14 +39,12 @@ def test_static_arguments_are_static():
     assert power(2.0, 3) == 8
 
 
-def test_an_xla_that_knows_no_such_option_compiles_as_usual(monkeypatch):
+def test_options_that_an_xla_does_not_have_are_left_out_and_others_kept(monkeypatch):
     monkeypatch.setattr(quick, "_SOON", {"xla_no_such_option": False})
-    quick._known.cache_clear()
-    try:
-        assert quick_jit(lambda x: x + 1)(1.0) == 2
-        assert not quick._known()
-    finally:
-        quick._known.cache_clear()
+    assert quick_jit(lambda x: x + 1)(1.0) == 2
+    assert quick_jit(lambda x: x + 1, level=1)(1.0) == 2
+    some = {"xla_no_such_option": False, "xla_backend_optimization_level": 1}
+    assert quick.known_options(**some) == {"xla_backend_optimization_level": 1}
 
 
 @pytest.mark.parametrize("before", [True, False])
