@@ -20,9 +20,9 @@ from jaxplan.cases import paper_case
 from jaxplan.planner.steps import find_goals
 from jaxplan.search import PLANNERS, make_scene, mha
 from jaxplan.search.astar import Rules, Search, make_root
-from jaxplan.search.calls import Scenes
 from jaxplan.search.expansion import EDGE_INTERVALS, ONWARD_INTERVALS, expansion_call
 from jaxplan.search.fields import distance_fields
+from jaxplan.search.kernel_calls import Scenes
 
 
 def median_us(call: Callable[[], object], repeats: int) -> float:

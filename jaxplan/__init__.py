@@ -12,7 +12,7 @@ used, so that importing the package is quick.
 
 from typing import TYPE_CHECKING
 
-from jaxplan.runtime.late import late
+from jaxplan.runtime.lazy_imports import late
 from jaxplan.version import __version__ as __version__
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     )
     from jaxplan.derivatives import follow, hold, replan
     from jaxplan.exporting import export
-    from jaxplan.goal.start import point
+    from jaxplan.goal.pointing_start import point
     from jaxplan.gradients import differentiable
     from jaxplan.model.devices import Drive, Instrument, Mount, Terminal
     from jaxplan.model.directions import DirectionPath
@@ -138,7 +138,7 @@ _HOMES = {
     "plan_constellation": "jaxplan.constellation",
     "plan_fleet": "jaxplan.constellation",
     "plan_timeline": "jaxplan.timeline",
-    "point": "jaxplan.goal.start",
+    "point": "jaxplan.goal.pointing_start",
     "random_scenario": "jaxplan.cases",
     "replan": "jaxplan.derivatives",
     "report_html": "jaxplan.report",

@@ -3,11 +3,11 @@
 What a planner chooses has no derivative and is held fixed (`hold`): the goal among the local minima of step
 1 and the limits and zones that are active there, the corners of the path, and which limits, zones and nodes
 bind in step 3. All else follows the scenario (`replan`): first and last node are its start and its goal,
-nodes on straight motions next to these move with them (`jaxplan.model.leads`), in the global method nodes are
-passed as the pace along the path has it, and the trajectory is the optimum of step 3. Where targets or zones
-move, in a given duration, the goal is where they are then, and so are its rates. Where a choice is about to
-change, the derivative is that of the side that is held. After tuning, plan again: another path may have
-become better.
+nodes on straight motions next to these move with them (`jaxplan.model.moving_nodes`), in the global method
+nodes are passed as the pace along the path has it, and the trajectory is the optimum of step 3. Where targets
+or zones move, in a given duration, the goal is where they are then, and so are its rates. Where a choice is
+about to change, the derivative is that of the side that is held. After tuning, plan again: another path may
+have become better.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,12 +19,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxplan.goal.followed import Followed, followed_by, least_time_doubt
-from jaxplan.goal.free import MadeWay
-from jaxplan.goal.sensitivity import differentiable_goal, goal_in_time
+from jaxplan.goal.derivative import differentiable_goal, goal_in_time
+from jaxplan.goal.followed_goal import Followed, followed_by, least_time_doubt
+from jaxplan.goal.free_devices import MadeWay
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.goals import LEAST_TIME, GivenState, Targets
-from jaxplan.model.leads import Leads, leads_of
+from jaxplan.model.moving_nodes import Leads, leads_of
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import Scenario, moves
 from jaxplan.model.zones import Turns, masks

@@ -31,11 +31,11 @@ from jaxplan.model.status import Status
 from jaxplan.planner import Plan
 from jaxplan.planner.proving import prove
 from jaxplan.planner.steps import judged
-from jaxplan.runtime.ahead import Task, side_by_side
 from jaxplan.runtime.arguments import expect
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import is_traced, quick_jit
 from jaxplan.runtime.linear import linear_map
+from jaxplan.runtime.precompile import Task, side_by_side
 from jaxplan.trajectory import Trajectory
 
 Reached = tuple[End, Any]  # and derivatives (E, N), of its numbers by those of a scenario, see `_real`

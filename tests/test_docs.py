@@ -26,9 +26,9 @@ from jaxplan.cli import _parser, main
 from jaxplan.model.status import Status
 from jaxplan.schema.directions import TargetList
 from jaxplan.schema.faults import WRONG, Place, Reading
-from jaxplan.schema.kinds import FromZero
 from jaxplan.schema.layout import SCENARIO
 from jaxplan.schema.tables import Either, Rows, Table
+from jaxplan.schema.value_kinds import FromZero
 from jaxplan.search import PLANNERS, remove_planner
 
 ROOT = Path(__file__).parent.parent

@@ -5,7 +5,7 @@ import numpy as np
 import jaxplan as jp
 from jaxplan.schema import with_settings
 from jaxplan.search import add_planner
-from jaxplan.search.calls import Scenes
+from jaxplan.search.kernel_calls import Scenes
 from jaxplan.search.paths import straight_paths
 from jaxplan.search.scene import SearchResult
 from jaxplan.search.smoothing import smooth_results

@@ -15,10 +15,10 @@ from jaxplan.cli.questions import NOTHING, Dialog
 from jaxplan.model.scenario import MINIMUM, Scenario
 from jaxplan.schema import ScenarioError, scenario_from_dict
 from jaxplan.schema.arrays import Array
-from jaxplan.schema.declared import ANGLE_DEG
 from jaxplan.schema.directions import Axis
 from jaxplan.schema.faults import Place, Reading
 from jaxplan.schema.layout import SCENARIO, SCHEMA_VERSION, SPACECRAFT
+from jaxplan.schema.model_tables import ANGLE_DEG
 from jaxplan.schema.orbits import Orbit
 from jaxplan.schema.text import commented, table_at
 from jaxplan.sky import BODIES, LOCAL

@@ -16,10 +16,10 @@ from collections.abc import Callable, Sequence
 from typing import Any, TextIO
 
 from jaxplan.schema.faults import Place, Reading, ScenarioError
-from jaxplan.schema.kinds import Choice, Epoch, Integer, Interval, Kind, Name, Names, Text, YesNo
 from jaxplan.schema.layout import SCENARIO
 from jaxplan.schema.tables import Table
 from jaxplan.schema.text import comment_on, parse, table_at, value_text
+from jaxplan.schema.value_kinds import Choice, Epoch, Integer, Interval, Kind, Name, Names, Text, YesNo
 
 _AXES = {
     f"{sign}{letter}": [factor * float(letter == axis) + 0.0 for axis in "xyz"]

@@ -26,7 +26,7 @@ from jaxplan.schema import ScenarioError, load_scenario
 from jaxplan.schema.faults import plural
 from jaxplan.schema.text import template
 from jaxplan.schema.timelines import timeline_template
-from jaxplan.timeline.foreseen import foreseen
+from jaxplan.timeline.impossibilities import foreseen
 
 _COUNTED = {  # what a scene, its spacecraft or a timeline has several of, and what one of them is called
     "terminals": "terminal",

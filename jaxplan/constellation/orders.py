@@ -21,7 +21,7 @@ import numpy as np
 from jaxplan import sky, so3
 from jaxplan.constellation.schedule import LONGEST, LinkSchedule, Span
 from jaxplan.constellation.switch import nominal_attitudes
-from jaxplan.goal.start import NotPointingError, point
+from jaxplan.goal.pointing_start import NotPointingError, point
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.goals import GivenState, Targets
 from jaxplan.model.scenario import Scenario

@@ -10,7 +10,7 @@ scenario's, and files that must name one call it J2000 or EME2000 unless `Export
 
 from jaxplan.exporting.flight import Day, DaySegment, UncertifiedError, ending
 from jaxplan.exporting.formats import FORMATS, default_path, export, free_place, needed_by
-from jaxplan.exporting.held import SPARSEST
+from jaxplan.exporting.table_proof import SPARSEST
 
 __all__ = [
     "FORMATS",

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxplan.exporting.flight import Segment
 from jaxplan.exporting.sampled import Sampling
-from jaxplan.exporting.texts import plain, table_lines
+from jaxplan.exporting.text_lines import plain, table_lines
 from jaxplan.model.epochs import utc_texts
 
 _BODY = "SC_BODY_1"  # name of the body's frame where the user gives none

@@ -27,7 +27,7 @@ from jaxplan.exporting.text_kernels import (
     instrument_kernel,
     ticks,
 )
-from jaxplan.exporting.texts import plain
+from jaxplan.exporting.text_lines import plain
 from jaxplan.geometry import quaternion
 from jaxplan.model.epochs import ephemeris_time, utc_texts
 

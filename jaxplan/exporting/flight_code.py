@@ -16,7 +16,7 @@ import numpy as np
 from jaxplan.exporting.flight import Flight
 from jaxplan.exporting.pieces import Pieces, pieces_of
 from jaxplan.exporting.sampled import Sampling
-from jaxplan.exporting.texts import plain
+from jaxplan.exporting.text_lines import plain
 from jaxplan.version import __version__
 
 LONGEST_PREFIX = 18  # characters: C99 tells external names apart by 31, of which _evaluate has 9

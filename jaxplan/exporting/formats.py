@@ -24,11 +24,11 @@ from jaxplan.exporting.flight import (
     scene_of,
 )
 from jaxplan.exporting.flight_code import what_is_needed, write_code
-from jaxplan.exporting.held import SPARSEST, SPARSEST_DEG, Readings, expect_held, sparsest
 from jaxplan.exporting.instants import chosen_instants, steady_instants, step_fault, tolerance_fault
 from jaxplan.exporting.pieces import write_pieces
 from jaxplan.exporting.sampled import Sampling
 from jaxplan.exporting.stk import write_stk
+from jaxplan.exporting.table_proof import SPARSEST, SPARSEST_DEG, Readings, expect_held, sparsest
 from jaxplan.exporting.tables import write_basilisk, write_csv, write_npz
 from jaxplan.model.epochs import parse_epoch
 from jaxplan.model.export_names import ExportNames
@@ -37,8 +37,8 @@ from jaxplan.runtime.arguments import expect, expect_any, file_path
 from jaxplan.runtime.files import replacing_file, replacing_folder
 from jaxplan.schema.faults import closest
 from jaxplan.sky import Satellite
-from jaxplan.tables.forgiven import FORGIVE_DEG, FORGIVE_PERCENT, forgiven
 from jaxplan.tables.table import HERMITE, RODRIGUES, SLERP
+from jaxplan.tables.tolerances import FORGIVE_DEG, FORGIVE_PERCENT, forgiven
 
 STEP_S = 0.1
 """s: between samples of a plan, unless told."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxplan.exporting.flight import Segment
 from jaxplan.exporting.sampled import Sampling, continued, device_frames
-from jaxplan.exporting.texts import table_lines
+from jaxplan.exporting.text_lines import table_lines
 from jaxplan.tables.devices import sensor_files
 
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")

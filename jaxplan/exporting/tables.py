@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan.exporting.sampled import Sampled, Sampling
-from jaxplan.exporting.texts import table_lines
+from jaxplan.exporting.text_lines import table_lines
 from jaxplan.model.epochs import utc_texts
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.tables.table import column_name

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxplan.exporting.sampled import instrument_frames
-from jaxplan.exporting.texts import plain
+from jaxplan.exporting.text_lines import plain
 from jaxplan.model.export_names import LONGEST_FRAME, ExportNames, labels
 from jaxplan.model.outlines import UP
 from jaxplan.model.spacecraft import Spacecraft

@@ -9,8 +9,8 @@ that platform and joints reach soonest.
 `aims` tells what must point where and what is known then; `caps` writes what the attitude decides on in one
 form; `descent` finds local minima from many
 starts at once; `multistart` rules out where there is no solution, and makes the global minimum of the local
-ones; `least_time` finds those that are reached soonest, by the descents of `minimax`; `beside` finds goals
-beside what the attitude does not decide on. `sensitivity` has the goals'
+ones; `least_time` finds those that are reached soonest, by the descents of `minimax`; `open_constraints`
+finds goals beside what the attitude does not decide on. `derivative` has the goals'
 derivatives. Attitudes are body to inertial, angles in radians, joints as of `jaxplan.model.spacecraft`.
 """
 
@@ -22,12 +22,12 @@ import numpy as np
 
 from jaxplan.geometry import quaternion
 from jaxplan.goal import least_time, multistart
-from jaxplan.goal.beside import beyond, goals_beside
 from jaxplan.goal.caps import Caps, assemble, deepest_row
-from jaxplan.goal.free import settled
+from jaxplan.goal.derivative import goal_in_time
+from jaxplan.goal.free_devices import settled
+from jaxplan.goal.open_constraints import beyond, goals_beside
 from jaxplan.goal.pairs import cleared
 from jaxplan.goal.problem import GoalProblem, Wished
-from jaxplan.goal.sensitivity import goal_in_time
 from jaxplan.goal.wishes import SPARE, with_wishes
 from jaxplan.model.constraints import Constraints, constraint_margins
 from jaxplan.model.goals import LEAST_TIME, Targets

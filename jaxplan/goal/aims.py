@@ -6,7 +6,7 @@ a range of azimuth, and of elevation none but its tilt; an instrument has neithe
 its boresight. What has no range is an equation, met to a tolerance.
 
 A device without a target either stays as it is, *held*, so that its boresight is an axis of the body; or it
-is *free* to move, and nothing is known of it before its joints are chosen (`jaxplan.goal.free`).
+is *free* to move, and nothing is known of it before its joints are chosen (`jaxplan.goal.free_devices`).
 
 A *sight* is a direction that constraints bind, such as a device's boresight or an axis of the body, numbered
 as in `jaxplan.model.directions.Sights`. Shapes: k devices with targets, J joints, S sights. All of it

@@ -20,9 +20,9 @@ from jaxplan.goal import multistart
 from jaxplan.goal.aims import Aims
 from jaxplan.goal.caps import Caps
 from jaxplan.goal.descent import CLEAR
+from jaxplan.goal.distances import Platform, Pointers, legendre
 from jaxplan.goal.minimax import TIMES, Soonest, soonest_ends
 from jaxplan.goal.problem import GoalProblem, Wished
-from jaxplan.goal.ways import Platform, Pointers, legendre
 from jaxplan.model.duration_bound import rest_bounds
 from jaxplan.model.gimbals import angles_along, in_range, stacked
 from jaxplan.model.limits import limits, longest

@@ -12,8 +12,8 @@ that are as quick the small second term prefers the one nearest to the start. It
 quadratic programming in four unknowns, as in `jaxplan.goal.descent`, with which it shares caps, lanes and
 programs; ``E = R0^T R`` is a unit quaternion that is turned by ``exp(d^)``.
 
-Ways with their slopes and bends are those of `jaxplan.goal.ways`. Time is in units of about that of half a
-turn. Shapes: w ways, m caps, K lanes (problems side by side, the last axis).
+Ways with their slopes and bends are those of `jaxplan.goal.distances`. Time is in units of about that of half
+a turn. Shapes: w ways, m caps, K lanes (problems side by side, the last axis).
 """
 
 from functools import partial
@@ -46,7 +46,7 @@ from jaxplan.goal.descent import (
     sum_of_squares,
     turned,
 )
-from jaxplan.goal.ways import Platform, Pointers, reach, speed_limits, ways
+from jaxplan.goal.distances import Platform, Pointers, reach, speed_limits, ways
 from jaxplan.runtime.jit import quick_jit
 
 STEPS = 14  # of each descent
@@ -94,7 +94,7 @@ def soonest_ends(
 ) -> Array:
     """Where the descents from starts (4, K) and times (K,) end: the fields of `Soonest` as rows (7, K).
 
-    Axis to group are the arrays of `Caps`; pointers and platform are what moves (`jaxplan.goal.ways`).
+    Axis to group are the arrays of `Caps`; pointers and platform are what moves (`jaxplan.goal.distances`).
     """
     rates = speed_limits(pointers, platform)
     caps, count = len(axis), len(rates[0])

@@ -7,8 +7,8 @@ import jax
 import numpy as np
 
 from jaxplan.geometry.vectors import AnyArray, arrays
+from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.gimbals import frame_about_z, frame_of, stacked
-from jaxplan.model.keys import key, keyed
 from jaxplan.model.outlines import FORWARD, UP, field_edges
 from jaxplan.runtime.display import shown
 

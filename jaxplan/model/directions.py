@@ -25,9 +25,9 @@ from jax.typing import ArrayLike
 
 from jaxplan.geometry import vectors
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, separation
+from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.gimbals import Gimbals
 from jaxplan.model.hidden import UNNAMED, Hidden
-from jaxplan.model.keys import key, keyed
 from jaxplan.runtime.arguments import floats
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once

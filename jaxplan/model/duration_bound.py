@@ -5,7 +5,7 @@ angle. Along each the motion has a speed, whose magnitude limits keep below a *t
 they keep below a *growth*, its largest acceleration. So a way takes at least the time of a trapezoid of the
 speed, or of a triangle. Every way gives a lower bound of the duration, and the largest of them is used.
 
-`jaxplan.model.platform_ways` has those of the platform, by rates, accelerations, torque, wheels and inertia;
+`jaxplan.model.platform_turns` has those of the platform, by rates, accelerations, torque, wheels and inertia;
 that of a joint's angle has its rate for speed, and the joint's own limits.
 
 No zone is in these bounds, nor jerk, nor that accelerations be continuous: they only add to the time.
@@ -20,10 +20,10 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.geometry.vectors import AnyArray, arrays
-from jaxplan.model.platform_ways import Ends, ways_of_platform
+from jaxplan.model.minimum_times import Way
+from jaxplan.model.platform_turns import Ends, ways_of_platform
 from jaxplan.model.quadratic import greatest_of
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.ways import Way
 
 _TELLING = 0.01  # share of the duration below which a bound says nothing, as of a path that ends at its start
 

@@ -15,7 +15,7 @@ from jax.typing import ArrayLike
 from jaxplan import so3
 from jaxplan.geometry.vectors import AnyArray, array_module
 from jaxplan.model.directions import DirectionPath, as_path
-from jaxplan.model.keys import key, keyed
+from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once

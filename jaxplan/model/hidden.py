@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jaxplan.model.keys import key
+from jaxplan.model.file_keys import key
 from jaxplan.runtime.display import shown
 
 UNNAMED = "target"

@@ -28,8 +28,8 @@ import numpy as np
 
 from jaxplan.geometry.vectors import AnyArray, arrays
 from jaxplan.model.devices import Drive, Terminal
+from jaxplan.model.file_keys import keyed
 from jaxplan.model.gimbals import stacked
-from jaxplan.model.keys import keyed
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import shown
 

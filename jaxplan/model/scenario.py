@@ -15,11 +15,11 @@ import numpy as np
 
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.directions import DirectionPath, as_path
+from jaxplan.model.equality import same
+from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.goals import LEAST_ROTATION, LEAST_TIME, GivenState, Targets
 from jaxplan.model.hidden import after_hidden
-from jaxplan.model.keys import key, keyed
 from jaxplan.model.robust import Robust, usable
-from jaxplan.model.sameness import same
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.tabulation import bound_by, tabulate
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Turns, Zone, masks

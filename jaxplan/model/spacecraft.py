@@ -14,8 +14,8 @@ from jax.typing import ArrayLike
 
 from jaxplan.geometry.vectors import AnyArray, arrays
 from jaxplan.model.devices import Drive, Instrument, Terminal
+from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.gimbals import Gimbals, angles_toward, stacked
-from jaxplan.model.keys import key, keyed
 from jaxplan.model.stages import Stages, matrix_of, stages_of
 from jaxplan.model.wheels import ALLOCATIONS, PSEUDO_INVERSE, Wheel, WheelArray, wheel_array
 from jaxplan.runtime.arguments import expect_numbers

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 import jax
 import numpy as np
 
+from jaxplan.model.equality import same
 from jaxplan.model.export_names import ExportNames
+from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.goals import GivenState, Targets
-from jaxplan.model.keys import key, keyed
-from jaxplan.model.sameness import same
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import shown

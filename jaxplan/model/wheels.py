@@ -32,8 +32,8 @@ import jax
 import numpy as np
 
 from jaxplan.geometry.vectors import AnyArray, arrays
+from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.gimbals import stacked
-from jaxplan.model.keys import key, keyed
 from jaxplan.runtime.display import shown
 
 PSEUDO_INVERSE, MINIMAX = ALLOCATIONS = ("pseudo_inverse", "minimax")

@@ -21,7 +21,7 @@ import numpy as np
 
 from jaxplan.model import outlines
 from jaxplan.model.directions import DirectionPath, as_path
-from jaxplan.model.keys import key, keyed
+from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import shown
 

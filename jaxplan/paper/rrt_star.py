@@ -22,7 +22,7 @@ import numpy as np
 
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
-from jaxplan.search.calls import Call, Scenes
+from jaxplan.search.kernel_calls import Call, Scenes
 from jaxplan.search.paths import ARRIVED, between
 from jaxplan.search.rrt_connect import LEAST
 from jaxplan.search.scene import SearchResult

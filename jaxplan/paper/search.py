@@ -21,9 +21,9 @@ import numpy as np
 
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.search.astar import Node, Rules, search_by, unrotated
-from jaxplan.search.calls import Scenes
 from jaxplan.search.expansion import Expansion, Moves, chosen
 from jaxplan.search.fields import Fields
+from jaxplan.search.kernel_calls import Scenes
 from jaxplan.search.scene import Scene, SearchResult
 
 # Up to three terminals all 2^(2n) joint moves are tried, beyond that a sample of as many as three have.

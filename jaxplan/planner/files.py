@@ -29,7 +29,8 @@ from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import ScenarioError, scenario_from_dict, scenario_to_dict
 from jaxplan.schema.arrays import Array, not_falling, rotations
 from jaxplan.schema.faults import Place, Reading
-from jaxplan.schema.kinds import (
+from jaxplan.schema.tables import Field, Table
+from jaxplan.schema.value_kinds import (
     ByName,
     Choice,
     Integer,
@@ -42,7 +43,6 @@ from jaxplan.schema.kinds import (
     Text,
     YesNo,
 )
-from jaxplan.schema.tables import Field, Table
 from jaxplan.search import SearchResult
 from jaxplan.trajectory import Trajectory
 from jaxplan.trajectory.splines import SMOOTHNESS

@@ -12,17 +12,17 @@ from typing import Any, TypeVar
 
 from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Scenario
-from jaxplan.planner.ahead import further_tasks, usual_tasks
 from jaxplan.planner.attempts import Attempts
 from jaxplan.planner.clock import Clock
-from jaxplan.planner.in_time import InTime
+from jaxplan.planner.duration_attempts import InTime
+from jaxplan.planner.precompile import further_tasks, usual_tasks
 from jaxplan.planner.proving import ProofQuery, prove_batch
 from jaxplan.planner.record import Plan
 from jaxplan.planner.steps import GoalQuery, SearchQuery, find_goals
-from jaxplan.runtime.ahead import Ahead, ahead
 from jaxplan.runtime.batching import Seconds
 from jaxplan.runtime.garbage import seldom_collected
 from jaxplan.runtime.jit import clear_if_full, working_time
+from jaxplan.runtime.precompile import Ahead, ahead
 from jaxplan.search import search_batch
 from jaxplan.trajectory import Fit, FitQuery, fit_batch
 

@@ -23,7 +23,7 @@ from jaxplan.model.status import Status
 from jaxplan.planner import messages, remedies
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.validity import breaches, hidden_targets
-from jaxplan.runtime.ahead import Task
+from jaxplan.runtime.precompile import Task
 from jaxplan.search import Scene
 from jaxplan.trajectory import Fit, FitQuery, Trajectory, fit_batch
 

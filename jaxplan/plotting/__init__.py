@@ -14,23 +14,23 @@ is out of bounds. `animate` returns a film, `figures` goes through all figures o
 and seconds, torques in N m, spectra in Hz and N m s.
 """
 
-from jaxplan.plotting.comparison import comparison_figure as comparison_figure
-from jaxplan.plotting.comparison import durations, table4
 from jaxplan.plotting.constellation_figure import constellation
 from jaxplan.plotting.film import animate
 from jaxplan.plotting.ground_track import ground_track
 from jaxplan.plotting.joint_map import joint_map
 from jaxplan.plotting.margin_panels import margins
+from jaxplan.plotting.method_comparison import comparison_figure as comparison_figure
+from jaxplan.plotting.method_comparison import durations, table4
 from jaxplan.plotting.mounting import spacecraft
 from jaxplan.plotting.mounting import spacecraft_figure as spacecraft_figure
 from jaxplan.plotting.orbital import attitude
-from jaxplan.plotting.side_by_side import compare, segments
 from jaxplan.plotting.sky import globe, sphere
 from jaxplan.plotting.spectrum import spectrum
 from jaxplan.plotting.study_figures import distribution, outcomes, study, success_rates
 from jaxplan.plotting.study_figures import study_figure as study_figure
 from jaxplan.plotting.time_panels import accelerations, angles, rates, torque
 from jaxplan.plotting.timeline import timeline
+from jaxplan.plotting.trajectory_columns import compare, segments
 from jaxplan.plotting.tuning_panels import tuning
 from jaxplan.plotting.whole_plan import FIGURE_NAMES as FIGURE_NAMES
 from jaxplan.plotting.whole_plan import drawings as drawings

@@ -15,7 +15,7 @@ from jaxplan.model.goals import GivenState
 from jaxplan.model.path import Goal
 from jaxplan.model.timeline import Segment
 from jaxplan.planner import Plan
-from jaxplan.plotting.followings import followings
+from jaxplan.plotting.target_spans import followings
 from jaxplan.runtime.display import shown
 from jaxplan.timeline.record import TimelinePlan
 

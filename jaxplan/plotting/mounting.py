@@ -1,11 +1,11 @@
 """A spacecraft in space: how its devices are mounted, what they can reach, and where they look.
 
 The platform is a cube, since nothing is known of its shape, and devices stand on the sides to which they look
-(`jaxplan.plotting.feet`). Each is drawn about its foot: a terminal with its yaw axis and the part of a sphere
-that its ranges reach, masks cut out of it; a drive with its axis and the fan of its boresight; a field of
-view as a pyramid; a reaction wheel as a ring in the cube, across its axis (`jaxplan.plotting.flywheels`).
-Lengths mean nothing, directions are in body axes. An arrow on what a joint reaches points to where its angle
-grows.
+(`jaxplan.plotting.device_places`). Each is drawn about its foot: a terminal with its yaw axis and the part of
+a sphere that its ranges reach, masks cut out of it; a drive with its axis and the fan of its boresight; a
+field of view as a pyramid; a reaction wheel as a ring in the cube, across its axis
+(`jaxplan.plotting.wheel_picture`). Lengths mean nothing, directions are in body axes. An arrow on what a
+joint reaches points to where its angle grows.
 """
 
 from collections.abc import Sequence
@@ -27,9 +27,9 @@ from jaxplan.model.devices import Drive, Instrument, Terminal
 from jaxplan.model.gimbals import TURN
 from jaxplan.model.outlines import FORWARD, UP, field_corners, turns
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.plotting import flywheels
-from jaxplan.plotting.feet import feet
-from jaxplan.plotting.reach import (
+from jaxplan.plotting import wheel_picture
+from jaxplan.plotting.device_places import feet
+from jaxplan.plotting.joint_reach import (
     cells_of,
     middles_of,
     once_around,
@@ -69,7 +69,7 @@ _LINES, _KINDS = 34, 12  # lines of text in a column of the legend, and of those
 _FILLED = 0.84  # share of the axes' width or height that the picture fills
 _LETTER = np.array([0.75, 1.8])  # width of a letter and height of a line, in sizes of the font
 _HEAD = 0.07  # length of an arrow's head, in the picture's units
-_RING: Look = {"color": flywheels.COLOUR, "markerfacecolor": to_rgba(*flywheels.FILL)}
+_RING: Look = {"color": wheel_picture.COLOUR, "markerfacecolor": to_rgba(*wheel_picture.FILL)}
 _FACES = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # corners of a square
 
 
@@ -164,7 +164,7 @@ class _Picture:
         own = [turn_by(*pair) for pair in zip(azimuth, elevation, strict=True)]
         # body from the moving part of each gimbal: boresight, left, up
         self.moved = [frame @ turn for frame, turn in zip(craft.gimbals.frames, own, strict=True)]
-        self.hubs = flywheels.hubs(craft.wheels)
+        self.hubs = wheel_picture.hubs(craft.wheels)
         self.zero = craft.boresights(np.eye(3), np.zeros(craft.joint_count))
         self.now = craft.boresights(np.eye(3), joints)
 
@@ -194,13 +194,13 @@ class _Picture:
 
     def _draw_wheels(self) -> None:
         """Draw each reaction wheel as a ring across its axis, with an arrow along that."""
-        look: Look = {"color": flywheels.COLOUR, "linewidth": 1.3}
+        look: Look = {"color": wheel_picture.COLOUR, "linewidth": 1.3}
         for wheel, hub in zip(self.craft.wheels, self.hubs, strict=True):
-            ring = flywheels.ring(wheel, hub)
+            ring = wheel_picture.ring(wheel, hub)
             hubs = np.broadcast_to(hub, ring[2::2].shape)
-            self._fill(np.stack([hubs, ring[:-2:2], ring[1:-1:2], ring[2::2]], axis=1), *flywheels.FILL)
+            self._fill(np.stack([hubs, ring[:-2:2], ring[1:-1:2], ring[2::2]], axis=1), *wheel_picture.FILL)
             self._line(ring, look)
-            self._arrow(_from(hub, flywheels.SPIN * np.asarray(wheel.axis)), look)
+            self._arrow(_from(hub, wheel_picture.SPIN * np.asarray(wheel.axis)), look)
 
     def _draw_device(self, number: int, device: Terminal | Drive | Instrument, foot: np.ndarray) -> None:
         """Draw the device of a number from its foot (3,): reach, boresights and field of view."""
@@ -318,8 +318,8 @@ class _Picture:
         letter = letter * SMALL / (SMALL + 1)
         labels.taken.extend((self._seen(hub), np.full(2, float(letter[1]))) for hub in self.hubs)
         for wheel, hub in zip(self.craft.wheels, self.hubs, strict=True):
-            places = flywheels.name_places(wheel, hub)
-            self._place(labels, wheel.name, places, letter, (flywheels.COLOUR, SMALL))
+            places = wheel_picture.name_places(wheel, hub)
+            self._place(labels, wheel.name, places, letter, (wheel_picture.COLOUR, SMALL))
 
     def _place(
         self, labels: Labels, name: str, places: list[np.ndarray], letter: np.ndarray, look: tuple[str, float]
@@ -406,7 +406,7 @@ class _Picture:
             (
                 bool(self.craft.wheels),
                 Line2D([], [], marker="o", markersize=8, linestyle="none", **_RING),
-                flywheels.label(self.craft.wheels),
+                wheel_picture.label(self.craft.wheels),
             ),
         ]
         return found + [(handle, text) for there, handle, text in kinds if there]

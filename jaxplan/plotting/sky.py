@@ -22,9 +22,9 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.planner import Plan
 from jaxplan.plotting.day import DayPlan
-from jaxplan.plotting.discs import draw_discs
 from jaxplan.plotting.frames import INERTIAL, Inertial, Orbital, frame_of
 from jaxplan.plotting.joint_map import field_outlines
+from jaxplan.plotting.orbital_discs import draw_discs
 from jaxplan.plotting.projections import FlatMap, GlobeView, Projection, TwoDiscs, circle, grid_lines
 from jaxplan.plotting.style import (
     GREY,

@@ -16,8 +16,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, LogLocator
 
 from jaxplan.model.status import Status
-from jaxplan.plotting.comparison import planner_colour
 from jaxplan.plotting.margin_panels import open_near_zero
+from jaxplan.plotting.method_comparison import planner_colour
 from jaxplan.plotting.style import (
     COLOURS,
     GREY,

@@ -16,7 +16,6 @@ from matplotlib.lines import Line2D
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.plotting import margin_panels
-from jaxplan.plotting.followings import followings
 from jaxplan.plotting.limit_lines import barrier
 from jaxplan.plotting.margin_panels import margins_over_time
 from jaxplan.plotting.schedule import (
@@ -50,6 +49,7 @@ from jaxplan.plotting.style import (
     plain,
     time_axis,
 )
+from jaxplan.plotting.target_spans import followings
 from jaxplan.plotting.time_panels import draw_platform_rate, draw_wheel_momenta, joint_panels
 from jaxplan.runtime.arguments import expect
 from jaxplan.timeline.record import TimelinePlan

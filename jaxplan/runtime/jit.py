@@ -35,8 +35,8 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxplan.runtime import executables
-from jaxplan.runtime.ahead import still_wanted
 from jaxplan.runtime.garbage import uncollected
+from jaxplan.runtime.precompile import still_wanted
 
 _EVENTS = (
     "/jax/core/compile/jaxpr_trace_duration",

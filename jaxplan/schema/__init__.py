@@ -1,6 +1,6 @@
 """Scenario and timeline files: reading, writing and checking; their dataclasses are those of `jaxplan.model`.
 
-What a file may hold is declared with the fields of these dataclasses. `kinds` and `arrays` read single
+What a file may hold is declared with the fields of these dataclasses. `value_kinds` and `arrays` read single
 values, `tables` makes tables of dataclasses, and `layout` adds what no field can say. `checks` knows what
 must go together, `sky` what bodies and satellites stand for. `reading` and `timelines` have the entry points,
 `text` is TOML and has words for every key, `observers` reads [sky] alone, and `numbers` finds numbers that

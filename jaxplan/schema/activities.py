@@ -18,13 +18,13 @@ from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.timeline import Activity, in_order
 from jaxplan.schema.checks import RATES, check_targets, check_unique
-from jaxplan.schema.declared import KINDS, declared
 from jaxplan.schema.directions import TargetList
 from jaxplan.schema.faults import WRONG, Place, Reading, nearest
-from jaxplan.schema.kinds import Choice, Epoch, Interval
+from jaxplan.schema.model_tables import KINDS, declared
 from jaxplan.schema.sky import Followed
 from jaxplan.schema.states import STATE, TARGETS, StateOf, make_state, make_targets, split_state
 from jaxplan.schema.tables import Field, Table
+from jaxplan.schema.value_kinds import Choice, Epoch, Interval
 
 TRACKED = float(np.deg2rad(0.01))
 """rad, the tolerance of an activity that tracks, if the file does not say."""

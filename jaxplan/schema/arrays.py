@@ -15,7 +15,7 @@ from jaxplan.geometry import quaternion
 from jaxplan.model import outlines
 from jaxplan.runtime.arguments import as_floats
 from jaxplan.schema.faults import WRONG, Place, Reading
-from jaxplan.schema.kinds import NUMBER, Kind, Number
+from jaxplan.schema.value_kinds import NUMBER, Kind, Number
 
 UNIT_TOLERANCE = 1e-3  # by which the length of a unit vector may differ from one
 _ROUNDING = 8 * np.finfo(float).eps  # by which a unit vector's length may differ from one and keep its bits

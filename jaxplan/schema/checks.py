@@ -11,14 +11,14 @@ import numpy as np
 
 from jaxplan.model.devices import NEAREST_TO_POLE
 from jaxplan.model.directions import DirectionPath
-from jaxplan.model.sameness import same
+from jaxplan.model.equality import same
 from jaxplan.model.scenario import MINIMUM, STRETCHED, Scenario
 from jaxplan.model.wheel_shares import shared_out
 from jaxplan.model.wheels import FLAT, MINIMAX, PSEUDO_INVERSE
 from jaxplan.schema.arrays import PerAxis
 from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.inertias import NO_BODY
-from jaxplan.schema.kinds import NUMBER, shortest_degrees
+from jaxplan.schema.value_kinds import NUMBER, shortest_degrees
 
 MOST_ZONES = 1000  # number of zones of a scenario; more are refused before they are read
 ZONES = {"keep_out": "keep_out", "keep_in": "keep_in", "joint_bound": "joint_bounds"}

@@ -9,11 +9,11 @@ import numpy as np
 from jaxplan.model.directions import DirectionPath
 from jaxplan.model.hidden import Hidden
 from jaxplan.schema.arrays import DIRECTION, Array, units
-from jaxplan.schema.declared import KINDS, declared
 from jaxplan.schema.faults import WRONG, Place, Reading, nearest
-from jaxplan.schema.kinds import Kind, Names
+from jaxplan.schema.model_tables import KINDS, declared
 from jaxplan.schema.sky import Followed
 from jaxplan.schema.tables import Field, Table
+from jaxplan.schema.value_kinds import Kind, Names
 
 _SLOPE_ROUNDING = 1e-3  # rad between two samples, by which slopes of fewer digits may be off
 

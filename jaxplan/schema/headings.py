@@ -4,12 +4,12 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from jaxplan.model.export_names import REFERENCE_FRAMES, ExportNames, name_faults
-from jaxplan.model.keys import keyed
+from jaxplan.model.file_keys import keyed
 from jaxplan.model.timeline import LOOK_AHEAD, SHORTEST, SLEWS
-from jaxplan.schema.declared import KINDS
 from jaxplan.schema.faults import WRONG, Place
-from jaxplan.schema.kinds import Epoch, Kind
+from jaxplan.schema.model_tables import KINDS
 from jaxplan.schema.tables import Field, table
+from jaxplan.schema.value_kinds import Epoch, Kind
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxplan.runtime.arguments import as_floats
 from jaxplan.schema.arrays import Array, shown_value
 from jaxplan.schema.faults import Place
-from jaxplan.schema.kinds import Kind, Number
+from jaxplan.schema.value_kinds import Kind, Number
 
 NO_BODY = "no principal moment above the sum of the other two, as no body has"
 """What inertias are refused for that no distribution of mass has."""

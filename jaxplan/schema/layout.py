@@ -2,7 +2,7 @@
 
 Key, range and meaning of an attribute stand with the attribute. Here is what no single field can say, and
 what files hold in other ways than the model does: of zones, and of the whole. Of directions that is in
-`directions`, of start and goal in `states`; kinds of values that have a name are in `declared`.
+`directions`, of start and goal in `states`; kinds of values that have a name are in `model_tables`.
 """
 
 from dataclasses import replace
@@ -18,14 +18,14 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import Wheel
 from jaxplan.model.zones import FixedVector, JointBound, KeepIn, KeepOut
 from jaxplan.schema.checks import check_drive, check_mount, check_spacecraft, check_terminal, check_wheel
-from jaxplan.schema.declared import declared
 from jaxplan.schema.directions import PATH, path_of
 from jaxplan.schema.faults import WRONG, Place
-from jaxplan.schema.fields import check_field
-from jaxplan.schema.kinds import Choice, Interval, Number, Text, YesNo, shortest_degrees
+from jaxplan.schema.fields_of_view import check_field
+from jaxplan.schema.model_tables import declared
 from jaxplan.schema.sky import SKY, Followed
 from jaxplan.schema.states import StateOf
 from jaxplan.schema.tables import Field
+from jaxplan.schema.value_kinds import Choice, Interval, Number, Text, YesNo, shortest_degrees
 from jaxplan.sky import BODIES
 
 SCHEMA_VERSION = 1

@@ -23,11 +23,11 @@ from jaxplan.schema.arrays import Array, PerAxis, range_of, within_a_turn
 from jaxplan.schema.directions import Axis, TargetList
 from jaxplan.schema.faults import nearest
 from jaxplan.schema.inertias import Moments
-from jaxplan.schema.kinds import ANY, Integer, Interval, Number
 from jaxplan.schema.layout import SCENARIO
 from jaxplan.schema.reading import scenario_to_dict
 from jaxplan.schema.states import STATE, TARGETS, Goal, Start
 from jaxplan.schema.tables import Field, Rows, Table
+from jaxplan.schema.value_kinds import ANY, Integer, Interval, Number
 
 Held = TypeVar("Held", Scenario, Timeline)
 

@@ -9,8 +9,8 @@ from typing import Any
 from jaxplan import sky
 from jaxplan.schema.arrays import Array, rising
 from jaxplan.schema.faults import WRONG, Place
-from jaxplan.schema.kinds import Choice, Integer, Interval, Kind, Number
 from jaxplan.schema.tables import Either, Field, Table
+from jaxplan.schema.value_kinds import Choice, Integer, Interval, Kind, Number
 from jaxplan.sky.ephemeris import FRAMES
 from jaxplan.sky.orbits import EARTH_RADIUS
 

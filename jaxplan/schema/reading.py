@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxplan.model.keys import unit_of
+from jaxplan.model.file_keys import unit_of
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.arguments import as_floats, expect, file_path, show
@@ -27,18 +27,18 @@ from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import text as texts
 from jaxplan.schema.checks import ZONES, check_count, check_parts, check_paths
 from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError, Spelled, quote, spell_path
-from jaxplan.schema.fields import check_zones
-from jaxplan.schema.kinds import Epoch, Kind
+from jaxplan.schema.fields_of_view import check_zones
 from jaxplan.schema.layout import SCENARIO, SPACECRAFT
 from jaxplan.schema.local_frame import in_inertial
 from jaxplan.schema.robust import check_robust
 from jaxplan.schema.sky import View, resolve
 from jaxplan.schema.states import Pointing
 from jaxplan.schema.tables import Table
+from jaxplan.schema.value_kinds import Epoch, Kind
 
 Read = TypeVar("Read")
 
-_POINTING = "jaxplan.goal.start:pointing_state"  # of a package that this one may not import
+_POINTING = "jaxplan.goal.pointing_start:pointing_state"  # of a package that this one may not import
 SETTINGS_TABLES = ("search", "trajectory", "robust")
 
 

@@ -14,14 +14,14 @@ import numpy as np
 
 from jaxplan import sky
 from jaxplan.model.directions import DirectionPath
+from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.goals import Targets
-from jaxplan.model.keys import key, keyed
 from jaxplan.model.scenario import Scenario
 from jaxplan.schema.checks import check_unique, placed
 from jaxplan.schema.faults import WRONG, Place, nearest
-from jaxplan.schema.kinds import Epoch, shortest_degrees
 from jaxplan.schema.orbits import Orbit
 from jaxplan.schema.tables import table
+from jaxplan.schema.value_kinds import Epoch, shortest_degrees
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,10 @@ from jaxplan.model.goals import GivenState, Targets, Wish
 from jaxplan.runtime.display import shown
 from jaxplan.schema.arrays import QUATERNION, Array, each_drive, each_terminal
 from jaxplan.schema.checks import check_targets
-from jaxplan.schema.declared import ANGLE, ANGLE_DEG, KINDS, declared
 from jaxplan.schema.faults import WRONG, Place, Reading, nearest
-from jaxplan.schema.kinds import Choice, Kind
+from jaxplan.schema.model_tables import ANGLE, ANGLE_DEG, KINDS, declared
 from jaxplan.schema.tables import Either, Field, Table
+from jaxplan.schema.value_kinds import Choice, Kind
 
 INERTIAL, LOCAL = "inertial", "local"
 _JOINT_PARTS = ("yaws", "pitches", "drives")

@@ -1,9 +1,9 @@
 """Tables of a file: which keys they have, and what part of the model they make.
 
-A table follows from a dataclass of the model whose fields say their keys (`jaxplan.model.keys`). Reading,
-writing and the reference of the file all follow from it: unknown and missing keys are found by it, and a
-default is that of the dataclass. An object that was made in Python is read by the same table, attribute by
-attribute.
+A table follows from a dataclass of the model whose fields say their keys (`jaxplan.model.file_keys`).
+Reading, writing and the reference of the file all follow from it: unknown and missing keys are found by it,
+and a default is that of the dataclass. An object that was made in Python is read by the same table, attribute
+by attribute.
 """
 
 import re
@@ -16,10 +16,10 @@ from numbers import Real
 from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
-from jaxplan.model.keys import Key, unit_of
+from jaxplan.model.file_keys import Key, unit_of
 from jaxplan.runtime.arguments import a_or_an
 from jaxplan.schema.faults import WRONG, Place, nearest
-from jaxplan.schema.kinds import ANY, Choice, Epoch, Integer, Interval, Kind, Number, Text, YesNo
+from jaxplan.schema.value_kinds import ANY, Choice, Epoch, Integer, Interval, Kind, Number, Text, YesNo
 
 _SECOND = "stands in the place of {}, only one of them can be given"
 _CHECKED = "_schema_checked"  # attribute that is set on objects whose numbers and texts were found good
@@ -277,7 +277,7 @@ def _declared(part: Any, hint: Any, kinds: Mapping[Any, Any]) -> Field:
 
 
 def _kind(told: Key, hint: Any, kinds: Mapping[Any, Any]) -> Kind:
-    """The kind of a field's values: of `kinds`, by `Key.kind` or the field's type, or a usual one."""
+    """The kind of a field's values: of `value_kinds`, by `Key.kind` or the field's type, or a usual one."""
     types = [each for each in get_args(hint) or (hint,) if each is not NoneType]
     if told.kind or types[0] in kinds:
         found = kinds[told.kind or types[0]]

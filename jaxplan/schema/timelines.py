@@ -34,18 +34,18 @@ from jaxplan.schema.activities import (
     with_paths,
 )
 from jaxplan.schema.checks import ZONES, check_count, check_parts, check_unique, placed
-from jaxplan.schema.declared import declared
 from jaxplan.schema.directions import PATH, path_of
 from jaxplan.schema.faults import WRONG, Place, Reading, ScenarioError
-from jaxplan.schema.fields import check_zones
+from jaxplan.schema.fields_of_view import check_zones
 from jaxplan.schema.headings import HEADING, Heading
-from jaxplan.schema.kinds import Choice, Text
 from jaxplan.schema.layout import SCENARIO, split_scenario
 from jaxplan.schema.local_frame import in_inertial
+from jaxplan.schema.model_tables import declared
 from jaxplan.schema.reading import PythonReading, count_terminals, read_file, with_epoch, with_start
 from jaxplan.schema.robust import check_robust
 from jaxplan.schema.sky import Aim, Followed, Lasting, View, looked_up_names, resolve_all
 from jaxplan.schema.tables import Field, Rows, Table
+from jaxplan.schema.value_kinds import Choice, Text
 
 KIND = "timeline"
 MOST_ACTIVITIES = 5000  # more are refused before they are read

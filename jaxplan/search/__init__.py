@@ -18,8 +18,8 @@ from jaxplan.model.status import Status
 from jaxplan.runtime.batching import Seconds, grouped, parts
 from jaxplan.runtime.garbage import uncollected
 from jaxplan.search.barriers import Barrier, find_barrier, most_obstructive
-from jaxplan.search.calls import POOL, Scenes, SearchRun, picked
 from jaxplan.search.joint_barriers import JointBarrier, find_joint_barrier, narrowest, short_of
+from jaxplan.search.kernel_calls import POOL, Scenes, SearchRun, picked
 from jaxplan.search.scene import Scene, SearchResult, derived_seed, make_scene
 
 Planner = Callable[[Scene, SearchSettings], SearchResult]
@@ -60,8 +60,8 @@ def add_planner(method: str, search: Callable[[Scene, SearchSettings], SearchRes
     Args:
         method: its name.
         search: from a scene and settings to the result; or to a `jaxplan.runtime.batching.Run` with
-            ``result()``, which asks for one `jaxplan.search.calls.Call` after the other, so that the calls
-            of many searches are answered together.
+            ``result()``, which asks for one `jaxplan.search.kernel_calls.Call` after the other, so that the
+            calls of many searches are answered together.
 
     Raises:
         ValueError: if there is a planner of that name.

@@ -17,7 +17,6 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.runtime.jit import working_time
-from jaxplan.search.calls import Call, Scenes
 from jaxplan.search.expansion import (
     EDGE_INTERVALS,
     ONWARD_INTERVALS,
@@ -28,6 +27,7 @@ from jaxplan.search.expansion import (
     expansion_call,
 )
 from jaxplan.search.fields import Fields, distance_fields, no_fields
+from jaxplan.search.kernel_calls import Call, Scenes
 from jaxplan.search.paths import ARRIVED, subdivide
 from jaxplan.search.queues import Block, ExplorationQueue, LazyQueue
 from jaxplan.search.scene import Scene, SearchResult, tapered

@@ -24,9 +24,9 @@ from jaxplan.model import constraints
 from jaxplan.model.constraints import SIGHT
 from jaxplan.model.scores import edge_bound, score_curvature, scores, thresholds
 from jaxplan.runtime.jit import materialise
-from jaxplan.search.calls import Call, Kernel
 from jaxplan.search.edges import LinesOfSight, Tables, axes_at, fold, lines_of_sight
 from jaxplan.search.fields import look_up
+from jaxplan.search.kernel_calls import Call, Kernel
 from jaxplan.search.scene import Scene
 
 EDGE_INTERVALS = 8

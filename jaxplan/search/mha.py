@@ -43,9 +43,9 @@ from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.runtime.jit import working_time
 from jaxplan.search.astar import Node, Rules, Search, unrotated
-from jaxplan.search.calls import Scenes, SearchRun, completed, picked
 from jaxplan.search.expansion import Expansion, Moves
 from jaxplan.search.fields import Fields
+from jaxplan.search.kernel_calls import Scenes, SearchRun, completed, picked
 from jaxplan.search.paths import straight_paths
 from jaxplan.search.rrt_connect import Connect
 from jaxplan.search.scene import JOINT_RESERVE, Scene, SearchResult, derived_seed

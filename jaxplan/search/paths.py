@@ -19,8 +19,8 @@ from jaxplan.geometry import quaternion, rotations
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays
 from jaxplan.model.path import Path, step_cost
 from jaxplan.model.scenario import SearchSettings
-from jaxplan.search.calls import Call, Kernel, Scenes
 from jaxplan.search.edges import interval_slacks, motion_margins, straight_lines
+from jaxplan.search.kernel_calls import Call, Kernel, Scenes
 from jaxplan.search.scene import Scene, steps_between, tapered
 
 # A node this near to the goal, in steps, is the goal.

@@ -18,7 +18,7 @@ import numpy as np
 
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
-from jaxplan.search.calls import Call, Scenes
+from jaxplan.search.kernel_calls import Call, Scenes
 from jaxplan.search.paths import between
 from jaxplan.search.scene import SearchResult
 from jaxplan.search.trees import FEW, Space, Tree, reached, search_by_trees

@@ -1,7 +1,7 @@
 """Path smoothing after the search: shorter paths with smoother nodes, as clear as before.
 
-Elastic bands (`jaxplan.search.band`) descend from paths. Their ends are cut anew into equal edges of at most
-one step, whose margins are computed from the attitudes and joints that are returned, edge by edge.
+Elastic bands (`jaxplan.search.elastic_band`) descend from paths. Their ends are cut anew into equal edges of
+at most one step, whose margins are computed from the attitudes and joints that are returned, edge by edge.
 
 The straight motion is the first start, zones or not: the descent often pushes it out of them, and to a
 shorter way than the search has found. Where that fails, or is not near the shortest there can be, the other
@@ -21,8 +21,8 @@ from jaxplan.geometry import quaternion
 from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.runtime.batching import padded_count
-from jaxplan.search import band as elastic
-from jaxplan.search.calls import Call, Kernel, Scenes, picked
+from jaxplan.search import elastic_band as elastic
+from jaxplan.search.kernel_calls import Call, Kernel, Scenes, picked
 from jaxplan.search.paths import (
     ARRIVED,
     edge_costs,

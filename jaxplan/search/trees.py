@@ -22,8 +22,8 @@ from jaxplan.model.path import Path
 from jaxplan.model.scenario import SearchSettings
 from jaxplan.model.status import Status
 from jaxplan.runtime.jit import working_time
-from jaxplan.search.calls import Call, Kernel, Scenes, SearchRun, completed, picked
 from jaxplan.search.edges import interval_slacks, straight_lines, turns_between
+from jaxplan.search.kernel_calls import Call, Kernel, Scenes, SearchRun, completed, picked
 from jaxplan.search.paths import straight_paths, subdivide
 from jaxplan.search.scene import Scene, SearchResult, steps_between, tapered
 from jaxplan.search.smoothing import smooth_results

@@ -25,9 +25,9 @@ from jax.typing import ArrayLike
 
 from jaxplan import so3
 from jaxplan.model.goals import LEAST_ROTATION, GivenState, Targets
-from jaxplan.model.later import later, later_goal
 from jaxplan.model.scenario import Scenario, paths
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.time_shift import later, later_goal
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Zone
 from jaxplan.planner.record import Plan, end_rates
 from jaxplan.planner.runs import as_filed

@@ -16,11 +16,11 @@ from jaxplan import so3
 from jaxplan.certificate import Certificate, Claim, certify_batch, margin_and_peaks
 from jaxplan.model.epochs import seconds_between
 from jaxplan.model.goals import GivenState
-from jaxplan.model.later import later
 from jaxplan.model.limits import limits
 from jaxplan.model.robust import Robust
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
+from jaxplan.model.time_shift import later
 from jaxplan.model.timeline import Timeline
 from jaxplan.planner.messages import FOR_LONGER
 from jaxplan.runtime.arguments import expect_any
@@ -28,11 +28,11 @@ from jaxplan.runtime.display import aligned, as_table, shown
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.tables.devices import OtherDevicesError
 from jaxplan.tables.files import load_attitude
-from jaxplan.tables.forgiven import FORGIVE_DEG, FORGIVE_PERCENT, NOTHING, Forgiven, forgiven
 from jaxplan.tables.interpolation import Reading, needs, reading
-from jaxplan.tables.joined import joined_proof, with_margins
-from jaxplan.tables.known import as_known
+from jaxplan.tables.joined_certificates import joined_proof, with_margins
 from jaxplan.tables.table import HERMITE, INTERPOLATIONS, RATE, AttitudeTable
+from jaxplan.tables.table_scene import as_known
+from jaxplan.tables.tolerances import FORGIVE_DEG, FORGIVE_PERCENT, NOTHING, Forgiven, forgiven
 
 TOLERANCE = np.deg2rad(1e-4)
 """rad: by which the pieces that are proved may be off a reader's motion; it is taken off margins."""

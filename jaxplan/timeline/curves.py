@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.timeline.least_motion import Nodes
+from jaxplan.timeline.least_energy import Nodes
 from jaxplan.trajectory import Trajectory
 
 DEGREE = 5

@@ -19,7 +19,7 @@ from jaxplan.model.directions import DirectionPath
 from jaxplan.model.zones import Zone
 from jaxplan.sky import RADII
 from jaxplan.sky.orbits import EARTH_MU
-from jaxplan.timeline.crossings import Changes, changes
+from jaxplan.timeline.sign_changes import Changes, changes
 
 _NAMES = {"sun": ("sun",), "earth": ("earth", "nadir")}
 _MISFIT = 1e-3  # of the square root of the rate, that the orbit may leave

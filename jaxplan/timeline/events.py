@@ -20,9 +20,9 @@ from jaxplan.model.wheel_shares import wheel_loads
 from jaxplan.model.zones import KeepOut
 from jaxplan.runtime.arguments import expect, number
 from jaxplan.runtime.display import shown
-from jaxplan.timeline.crossings import changes, least
 from jaxplan.timeline.eclipses import eclipses, paths_of
 from jaxplan.timeline.record import TimelinePlan
+from jaxplan.timeline.sign_changes import changes, least
 from jaxplan.trajectory import Trajectory, total_momentum
 from jaxplan.trajectory.zone_margins import ZoneMargins
 

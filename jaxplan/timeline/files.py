@@ -30,7 +30,7 @@ from jaxplan.runtime.arguments import file_path
 from jaxplan.runtime.files import replacing_file
 from jaxplan.schema import ScenarioError, timeline_from_dict, timeline_to_dict
 from jaxplan.schema.faults import Place, Reading
-from jaxplan.schema.kinds import Choice, Interval, Name, Nullable, Number, Several, Text
+from jaxplan.schema.value_kinds import Choice, Interval, Name, Nullable, Number, Several, Text
 from jaxplan.trajectory import Trajectory
 
 SCHEMA_VERSION = 1

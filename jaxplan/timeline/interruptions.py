@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxplan.geometry.vectors import separation
 from jaxplan.model.directions import DirectionPath, as_path
-from jaxplan.model.sameness import same
+from jaxplan.model.equality import same
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.runtime.display import shown

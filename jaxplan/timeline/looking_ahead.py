@@ -24,12 +24,12 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.model.duration_bound import DurationBound
 from jaxplan.timeline import curves
-from jaxplan.timeline.least_motion import LeastMotion, Nodes
+from jaxplan.timeline.least_energy import LeastMotion, Nodes
 from jaxplan.timeline.motions import Doing, Motion, Refused, keeps_all
 from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.timeline.slews import FIRST, LEAST, Departure
-from jaxplan.timeline.stored import holding
 from jaxplan.timeline.tracking import State, tracked_through
+from jaxplan.timeline.wheel_momentum import holding
 
 _OVER = (4.0, 20.0, 100.0)  # s, times over which the way ahead counts, the first of which breaks nothing
 _ROUNDS = 3  # in which the next state follows the end of the motion

@@ -13,7 +13,7 @@ import numpy as np
 from jaxplan import so3
 from jaxplan.geometry.vectors import array_module
 from jaxplan.goal import Decomposition, decompose
-from jaxplan.goal.followed import with_wishes_met
+from jaxplan.goal.followed_goal import with_wishes_met
 from jaxplan.goal.rates import least_rates
 from jaxplan.model.breaches import constraint_breaches
 from jaxplan.model.constraints import Constraints
@@ -29,7 +29,7 @@ from jaxplan.model.timeline import Activity
 from jaxplan.planner import messages
 from jaxplan.planner.validity import breaches
 from jaxplan.timeline import curves
-from jaxplan.timeline.least_motion import Nodes, Wanted
+from jaxplan.timeline.least_energy import Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.timeline.tracking import State, Tracked, led_back, overrun, roomiest, track
 from jaxplan.trajectory import Trajectory

@@ -19,14 +19,14 @@ from jaxplan.model.timeline import CALM, REST, Activity, Timeline, in_order
 from jaxplan.runtime.progress import progress_bar
 from jaxplan.runtime.workers import one_thread
 from jaxplan.timeline import curves, proving
+from jaxplan.timeline.activity_checks import expect_in_time, expect_near
 from jaxplan.timeline.choices import Choice
-from jaxplan.timeline.expected import expect_in_time, expect_near
 from jaxplan.timeline.looking_ahead import led_ahead
 from jaxplan.timeline.motions import Doing, Motion, Refused
-from jaxplan.timeline.planned_again import first_again
+from jaxplan.timeline.partial_plan import SoFar
 from jaxplan.timeline.record import PlannedActivity, TimelineError, TimelinePlan
+from jaxplan.timeline.replanning import first_again
 from jaxplan.timeline.slews import Departure, Slew
-from jaxplan.timeline.so_far import SoFar
 from jaxplan.timeline.tracking import State
 
 _GENTLE = 6.0  # times the strict bound: how long a slew takes at most where there is time

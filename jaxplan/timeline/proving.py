@@ -18,16 +18,16 @@ import numpy as np
 from jaxplan.certificate import Certificate, Claim, EndState, certify, faults_later, prove_margins
 from jaxplan.certificate.limits import TOLERANCE
 from jaxplan.model.goals import Targets
-from jaxplan.model.later import later
 from jaxplan.model.scenario import Scenario
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.tabulation import tabulate
+from jaxplan.model.time_shift import later
 from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.model.zones import KeepIn
 from jaxplan.timeline import curves
-from jaxplan.timeline.fulfilled import Done, unmet
-from jaxplan.timeline.stored import holding, total_in
+from jaxplan.timeline.compliance import Done, unmet
 from jaxplan.timeline.tracking import State
+from jaxplan.timeline.wheel_momentum import holding, total_in
 from jaxplan.trajectory import Trajectory
 
 _CONE = 2.0  # times the tolerance: half angle of the cone about a target in which devices are proved to be

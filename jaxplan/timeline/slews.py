@@ -18,11 +18,11 @@ from jaxplan import so3
 from jaxplan.certificate import LIMIT_ALLOWANCE, Certificate, faults_later
 from jaxplan.model.duration_bound import DurationBound, duration_bound
 from jaxplan.model.goals import GivenState
-from jaxplan.model.later import later
 from jaxplan.model.path import Goal, Path
 from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.status import Status
+from jaxplan.model.time_shift import later
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan
 from jaxplan.planner.rounds import plan_in_rounds

@@ -1,6 +1,6 @@
 """The motion with which devices follow their targets for a while, as a trajectory.
 
-The nodes of least energy (`least_motion`) are looked for from two first guesses: an attitude that stays as it
+The nodes of least energy (`least_energy`) are looked for from two first guesses: an attitude that stays as it
 is, and one that is carried along by the targets, which is near the answer where these go round. Between the
 nodes lies a spline. It is brought to where all targets are met at nodes twice as close together, with joints
 that follow, until every device points within a small part of its tolerance everywhere between; that holds at
@@ -18,7 +18,7 @@ from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import shown
 from jaxplan.timeline import curves
-from jaxplan.timeline.least_motion import LeastMotion, Nodes, Wanted
+from jaxplan.timeline.least_energy import LeastMotion, Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.trajectory import Samples, Trajectory
 

@@ -26,8 +26,8 @@ from jaxplan.model.scenario import TrajectorySettings
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.stages import Stages
 from jaxplan.model.wheels import WheelArray
-from jaxplan.runtime.ahead import Task
 from jaxplan.runtime.jit import materialise, quick_jit
+from jaxplan.runtime.precompile import Task
 from jaxplan.trajectory.curve import chart_motion
 
 _TOGETHER = 256  # places that a kernel takes in one call, always as many; 8 on each of 32 intervals

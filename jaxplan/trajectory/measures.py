@@ -27,8 +27,8 @@ from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheel_shares import wheel_loads
 from jaxplan.trajectory.curve import Samples, Trajectory, evaluate, total_momentum
-from jaxplan.trajectory.measured import at_once, of_plans
 from jaxplan.trajectory.peaks import SAFETY
+from jaxplan.trajectory.plan_measures import at_once, of_plans
 from jaxplan.trajectory.spectrum import expect_frequencies, magnitude, transform
 
 Quantity = Callable[[Samples], Array]

@@ -16,7 +16,7 @@ import numpy as np
 
 from jaxplan.derivatives import own_arrays
 from jaxplan.gradients import differentiable
-from jaxplan.model.keys import unit_of
+from jaxplan.model.file_keys import unit_of
 from jaxplan.planner import Plan
 from jaxplan.runtime.display import as_table, in_columns, shown
 from jaxplan.runtime.progress import progress_bar

@@ -21,10 +21,10 @@ import numpy as np
 
 from jaxplan import so3
 from jaxplan.derivatives import own_arrays
-from jaxplan.goal.followed import AS_A_STATE, followed_by
-from jaxplan.goal.free import MadeWay
+from jaxplan.goal.derivative import differentiable_goal
+from jaxplan.goal.followed_goal import AS_A_STATE, followed_by
+from jaxplan.goal.free_devices import MadeWay
 from jaxplan.goal.rates import differentiable_rates
-from jaxplan.goal.sensitivity import differentiable_goal
 from jaxplan.model.directions import as_path
 from jaxplan.model.goals import LEAST_ROTATION, Targets
 from jaxplan.model.path import Goal
@@ -32,8 +32,8 @@ from jaxplan.model.scenario import MINIMUM, Scenario, moves
 from jaxplan.model.timeline import Activity
 from jaxplan.model.zones import Turns, masks
 from jaxplan.timeline.choices import Choice
-from jaxplan.timeline.followed_track import Track, ends_of, track_of
 from jaxplan.timeline.motions import Motion, with_room
+from jaxplan.timeline.track_derivative import Track, ends_of, track_of
 from jaxplan.timeline.tracking import State
 
 _LEAST_ENERGY = "set trajectory.optimal = true, or give it an attitude"

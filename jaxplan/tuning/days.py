@@ -36,8 +36,8 @@ from jaxplan.timeline import TimelinePlan, plan_timeline
 from jaxplan.timeline.choices import BOUND, FIXED, NEEDED, SEEN, Choice, SlewTime
 from jaxplan.timeline.motions import Motion
 from jaxplan.timeline.slews import FIRST, LEAST, Departure
-from jaxplan.timeline.stored import holding, total_in
 from jaxplan.timeline.tracking import State
+from jaxplan.timeline.wheel_momentum import holding, total_in
 from jaxplan.trajectory import measures
 from jaxplan.tuning.day_states import (
     Ends,

@@ -17,9 +17,9 @@ from jax import Array
 
 from jaxplan.model.scenario import Scenario
 from jaxplan.schema import ScenarioError
-from jaxplan.schema.kinds import Integer
 from jaxplan.schema.layout import ROBUST, SEARCH, TRAJECTORY
 from jaxplan.schema.numbers import NumberPlace, find_number
+from jaxplan.schema.value_kinds import Integer
 from jaxplan.study.task import Task, make_task
 
 _DIGITS = 4  # significant digits of a number tried, so that settings found can be written down

@@ -14,8 +14,8 @@ from jaxplan.cli.questions import value_of
 from jaxplan.model.epochs import ephemeris_time
 from jaxplan.schema import dump_scenario, parse_scenario
 from jaxplan.schema.directions import Axis
-from jaxplan.schema.kinds import Choice, Epoch, Names, Number, Text, YesNo
 from jaxplan.schema.text import commented
+from jaxplan.schema.value_kinds import Choice, Epoch, Names, Number, Text, YesNo
 
 EPOCH = "2024-03-19T02:00:00"
 TLE = """1 25544U 98067A   24079.07757601  .00016717  00000-0  30270-3 0  9992

@@ -12,8 +12,8 @@ from reference import direction, unit
 import jaxplan as jp
 from jaxplan import so3
 from jaxplan.goal import decompose
-from jaxplan.goal.followed import with_wishes_met
-from jaxplan.goal.sensitivity import differentiable_goal
+from jaxplan.goal.derivative import differentiable_goal
+from jaxplan.goal.followed_goal import with_wishes_met
 
 AGREE = 1e-6  # relative, of a slope and a difference of timelines planned anew
 # Its slews are tried in multiples of a shortest motion, which differences know to a hundred-thousandth.

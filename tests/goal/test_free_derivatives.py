@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan import so3
 from jaxplan.goal.aims import goal_ranges
-from jaxplan.goal.free import SPARE, places, preferred, settled
+from jaxplan.goal.free_devices import SPARE, places, preferred, settled
 from jaxplan.goal.problem import GoalProblem, Wished
 from jaxplan.model.tabulation import tabulate
 

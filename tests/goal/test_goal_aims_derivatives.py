@@ -13,7 +13,7 @@ from reference import assert_each
 from scipy.spatial.transform import Rotation
 
 from jaxplan import so3
-from jaxplan.goal.sensitivity import differentiable_goal
+from jaxplan.goal.derivative import differentiable_goal
 from jaxplan.model.devices import Mount
 
 STEP, TOLERANCE = 1e-4, 1e-6

@@ -12,7 +12,7 @@ from reference import state_margins
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.goal.sensitivity import differentiable_goal
+from jaxplan.goal.derivative import differentiable_goal
 from jaxplan.model.constraints import constraint_margins
 from jaxplan.model.constraints import state_margins as margins_of
 from jaxplan.model.scores import room

@@ -18,9 +18,9 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan import so3
 from jaxplan.geometry.vectors import pointing
-from jaxplan.goal import sensitivity
+from jaxplan.goal import derivative as goal_derivative
+from jaxplan.goal.derivative import differentiable_goal
 from jaxplan.goal.descent import active_terms
-from jaxplan.goal.sensitivity import differentiable_goal
 from jaxplan.model.constraints import JOINTS
 from jaxplan.model.path import Goal
 from jaxplan.model.tabulation import tabulate
@@ -323,7 +323,7 @@ def test_without_the_curvature_of_caps_derivatives_are_wrong(monkeypatch):
     stacked = jax.tree.map(
         lambda *leaf: np.stack(leaf), *[(*row, way) for row, way in zip(rows, directions, strict=True)]
     )
-    monkeypatch.setattr(sensitivity, "active_terms", flat)
+    monkeypatch.setattr(goal_derivative, "active_terms", flat)
     without = np.asarray(quick_jit(jax.vmap(slope))(*stacked))
     right = np.stack([along(group.forward, row, way) for row, way in enumerate(directions)])
     errors = np.abs(without - right).max(axis=1) / np.abs(right).max(axis=1)

@@ -11,8 +11,8 @@ import jaxplan as jp
 from jaxplan import so3
 from jaxplan.cases import paper_case
 from jaxplan.goal import Decomposition, least_time
+from jaxplan.goal.derivative import differentiable_goal
 from jaxplan.goal.minimax import soonest_ends
-from jaxplan.goal.sensitivity import differentiable_goal
 from jaxplan.model.duration_bound import rest_bounds
 from jaxplan.model.path import Goal
 from jaxplan.planner.steps import find_goals, soonest_task

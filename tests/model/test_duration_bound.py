@@ -15,8 +15,8 @@ from wheels import random_wheels, wheels
 
 from jaxplan import so3
 from jaxplan.model.duration_bound import duration_bound, moving_bound, rest_bounds
+from jaxplan.model.minimum_times import shortest_time
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.model.ways import shortest_time
 
 
 def brute_force(distance, first, last, rate, acceleration):

@@ -7,8 +7,8 @@ import pytest
 from builders import avoids, make_scenario
 
 import jaxplan as jp
-from jaxplan.model.later import later
 from jaxplan.model.scenario import known_until
+from jaxplan.model.time_shift import later
 from jaxplan.schema.reading import dump_scenario, parse_scenario
 
 ASIDE = avoids("sun", 200.0, -60.0, 5.0)

@@ -13,8 +13,8 @@ from processes import fresh_python
 from jaxplan.goal.descent import descent_ends
 from jaxplan.runtime import executables
 from jaxplan.runtime.jit import quick_jit
-from jaxplan.search.calls import Layout
 from jaxplan.search.expansion import _EXPANSIONS, _expand
+from jaxplan.search.kernel_calls import Layout
 from jaxplan.search.paths import edge_table
 
 PLAN = """

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 import jaxplan.schema as sc
-from jaxplan.schema.kinds import shortest_degrees
 from jaxplan.schema.layout import (
     INSTRUMENT,
     JOINT_BOUND,
@@ -29,6 +28,7 @@ from jaxplan.schema.layout import (
 )
 from jaxplan.schema.sky import SKY
 from jaxplan.schema.states import STATE, TARGETS
+from jaxplan.schema.value_kinds import shortest_degrees
 
 EVERY_KEY = Path(__file__).parents[1] / "scenarios" / "every_key.toml"
 MINIMAL = """

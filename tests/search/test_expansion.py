@@ -12,7 +12,6 @@ from jaxplan.paper import search as paper
 from jaxplan.search import PLANNERS, mha
 from jaxplan.search import expansion as kernels
 from jaxplan.search.astar import Node, make_root
-from jaxplan.search.calls import Call, Scenes
 from jaxplan.search.expansion import (
     EDGE_INTERVALS,
     ONWARD_INTERVALS,
@@ -22,6 +21,7 @@ from jaxplan.search.expansion import (
     expansion_call,
 )
 from jaxplan.search.fields import SIZE, distance_fields, look_up, no_fields
+from jaxplan.search.kernel_calls import Call, Scenes
 from jaxplan.search.paths import STRAIGHT_INTERVALS, straight_call
 from jaxplan.search.scene import Scene, steps_between
 from jaxplan.study.table4 import make_problem

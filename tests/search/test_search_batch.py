@@ -18,7 +18,7 @@ from jaxplan.planner.steps import find_goals
 from jaxplan.runtime.batching import Seconds
 from jaxplan.search import PLANNERS, Scene, SearchResult, add_planner, mha, remove_planner, search_batch
 from jaxplan.search.astar import Search
-from jaxplan.search.calls import CPU_CALLS, POOL, Call, Kernel, Scenes, SearchRun
+from jaxplan.search.kernel_calls import CPU_CALLS, POOL, Call, Kernel, Scenes, SearchRun
 from jaxplan.search.rrt_connect import Connect
 from jaxplan.search.trees import Space
 

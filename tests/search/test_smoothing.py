@@ -12,7 +12,7 @@ from jaxplan.model.status import Status
 from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.search import PLANNERS, Scene, SearchResult, astar, mha, smoothing
 from jaxplan.search.astar import make_root
-from jaxplan.search.calls import Call, Scenes
+from jaxplan.search.kernel_calls import Call, Scenes
 from jaxplan.search.paths import edge_table, make_path, subdivide
 from jaxplan.search.scene import JOINT_RESERVE, TAPER_STEPS, steps_between
 from jaxplan.search.smoothing import LENGTHENING

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import jaxplan as jp
-from jaxplan.model.later import later
+from jaxplan.model.time_shift import later
 from jaxplan.slew_matrix.matrix import MATRIX
 from jaxplan.slew_matrix.problem import make_problem
 from jaxplan.study.store import StudyFolderError

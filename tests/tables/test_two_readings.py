@@ -8,7 +8,7 @@ from exports import EPOCH
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.exporting import held
+from jaxplan.exporting import table_proof
 from jaxplan.tables.table import HERMITE, SLERP
 
 TURN, STEP = np.deg2rad(40.0), 40.0  # about y from row to row, and s between
@@ -68,7 +68,7 @@ def test_a_zone_that_one_of_them_enters_is_told_with_the_reading():
 
 def test_a_margin_that_is_no_number_is_never_lost(monkeypatch):
     from jaxplan.certificate import Certificate
-    from jaxplan.tables.joined import with_margins
+    from jaxplan.tables.joined_certificates import with_margins
 
     good = Certificate(certified=True, faults=(), min_margin=0.1, worst_time=1.0)
     lost = replace(good, min_margin=np.nan)
@@ -82,13 +82,13 @@ def test_messages_with_rates_are_read_in_both_ways_and_exported_for_both(tmp_pat
     place, seen = scene(10.0), []
     goal = replace(place.start, rotation_vector=np.array([0.0, TURN, 0.0]))
     plan = jp.plan(replace(place, goal=goal))
-    proved = held.certify_rows
+    proved = table_proof.certify_rows
 
     def noted(*given, **more):
         seen.append(more["other"])
         return proved(*given, **more)
 
-    monkeypatch.setattr(held, "certify_rows", noted)
+    monkeypatch.setattr(table_proof, "certify_rows", noted)
     path = jp.export(plan, tmp_path / "a.aem", format="aem", epoch=EPOCH)
     assert set(seen) == {HERMITE}
     table = jp.load_attitude(path)

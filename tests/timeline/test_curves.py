@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxplan import so3
 from jaxplan.timeline import curves
-from jaxplan.timeline.least_motion import Nodes
+from jaxplan.timeline.least_energy import Nodes
 from jaxplan.trajectory import Trajectory
 
 

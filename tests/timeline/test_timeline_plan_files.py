@@ -13,7 +13,7 @@ from jaxplan.model.status import Status
 from jaxplan.schema import parse_timeline
 from jaxplan.timeline import PlannedActivity, Segment, TimelinePlan, curves
 from jaxplan.timeline.files import is_plan
-from jaxplan.timeline.least_motion import Nodes
+from jaxplan.timeline.least_energy import Nodes
 from jaxplan.timeline.proving import certify_segments
 
 FILE = """

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxplan.timeline import tracking
-from jaxplan.timeline.least_motion import Nodes, Wanted
+from jaxplan.timeline.least_energy import Nodes, Wanted
 from jaxplan.timeline.tracking import Tracked
 
 

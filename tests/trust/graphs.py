@@ -24,8 +24,8 @@ from jaxplan.model.zones import KeepIn, KeepOut
 from jaxplan.runtime.batching import padded_count
 from jaxplan.search import Scene, find_barrier
 from jaxplan.search.astar import Rules, search_by
-from jaxplan.search.calls import Scenes
 from jaxplan.search.expansion import Moves
+from jaxplan.search.kernel_calls import Scenes
 
 SIZE = np.array([5, 7, 5])  # values of turn, yaw and pitch
 STEPS = np.array([0.25, 0.3, 0.12])  # rad, of a move

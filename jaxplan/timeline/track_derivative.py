@@ -1,6 +1,6 @@
 """A motion of least energy as a function of what it depends on: its ends' states, with derivatives.
 
-The nodes found by `least_motion` are turned by ``R_k exp(x_k^)`` such that, with what targets ask of the
+The nodes found by `least_energy` are turned by ``R_k exp(x_k^)`` such that, with what targets ask of the
 attitudes, ``c_k``, and multipliers ``l_k``,
 
     d/dx (|r|^2 / 2 + sum of l_k . c_k) = 0,        c_k = 0
@@ -46,7 +46,7 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.implicit import Equations, implicit_root
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.timeline import curves
-from jaxplan.timeline.least_motion import Leaning, LeastMotion, Nodes, rate_bounds, wish_weight
+from jaxplan.timeline.least_energy import Leaning, LeastMotion, Nodes, rate_bounds, wish_weight
 from jaxplan.timeline.motions import SLEW_TIME, Motion
 from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.timeline.tracking import State

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
+from jaxplan.goal.distances import Platform, Pointers, speed_limits, ways
 from jaxplan.goal.least_time import platform
-from jaxplan.goal.ways import Platform, Pointers, speed_limits, ways
 
 RNG = np.random.default_rng(3)
 LIKE = {"rate_limit": 0.02, "acceleration_limit": 0.004}

@@ -11,12 +11,12 @@ from builders import make_scenario
 
 import jaxplan as jp
 from jaxplan import gradients, warming
-from jaxplan.planner import ahead as planner_ahead
+from jaxplan.planner import precompile as planner_ahead
 from jaxplan.planner.steps import find_goals
 from jaxplan.runtime import jit
-from jaxplan.runtime.ahead import ahead, cores, side_by_side
 from jaxplan.runtime.jit import kernel_count
-from jaxplan.search import ahead as search_ahead
+from jaxplan.runtime.precompile import ahead, cores, side_by_side
+from jaxplan.search import precompile as search_ahead
 
 KINDS = ("keep_out", "keep_in", "hard_keep_out", "hard_keep_in", "held_links")
 DURATIONS = ("stretched", "minimum", 60.0)

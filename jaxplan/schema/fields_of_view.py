@@ -15,8 +15,8 @@ from jaxplan.model.tabulation import MOST_WAYS
 from jaxplan.schema.arrays import UNIT_TOLERANCE
 from jaxplan.schema.checks import placed
 from jaxplan.schema.faults import WRONG, Place
-from jaxplan.schema.kinds import shortest_degrees
 from jaxplan.schema.sky import Followed
+from jaxplan.schema.value_kinds import shortest_degrees
 
 _CONES = ("keep_out", "keep_in")
 

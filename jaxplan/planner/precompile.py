@@ -16,11 +16,11 @@ from jaxplan.model.path import Goal
 from jaxplan.model.scenario import Scenario, moves
 from jaxplan.planner.moving import swept
 from jaxplan.planner.steps import find_goals, soonest_task
-from jaxplan.runtime.ahead import Task
+from jaxplan.runtime.precompile import Task
 from jaxplan.search import Scene, make_scene
-from jaxplan.search.ahead import band_task, smoothing_tasks
-from jaxplan.search.ahead import further_tasks as further_search
-from jaxplan.search.ahead import usual_tasks as usual_search
+from jaxplan.search.precompile import band_task, smoothing_tasks
+from jaxplan.search.precompile import further_tasks as further_search
+from jaxplan.search.precompile import usual_tasks as usual_search
 from jaxplan.trajectory import kernel_tasks
 
 _SOME_ARE_HARD = 16  # scenarios of a kind, among which the search of some will not end with the elastic band
@@ -94,7 +94,7 @@ def every_task(scenario: Scenario, *, many: bool) -> list[Task]:
 
 
 def usual_search_of(scenario: Scenario, many: bool) -> list[Task]:
-    """`jaxplan.search.ahead.usual_tasks` of a scenario, with `many` as there; none for methods but "mha"."""
+    """`jaxplan.search.precompile.usual_tasks` of a scenario and `many`; none for methods other than "mha"."""
     if scenario.search.method != "mha":
         return []
     return usual_search(_scene(scenario), scenario.search, many=many)

@@ -25,7 +25,7 @@ from jaxplan.geometry.vectors import AnyArray, array_module, arrays
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.limits import longest
 from jaxplan.model.spacecraft import Spacecraft
-from jaxplan.timeline.priced_step import priced_step
+from jaxplan.timeline.elastic_qp import priced_step
 from jaxplan.timeline.pursuit import Pursuit
 
 _STEPS = 12  # most steps; some four are usual

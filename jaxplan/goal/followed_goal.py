@@ -1,6 +1,6 @@
 """How the goal of a plan follows its scenario, or why it has no derivative that is known.
 
-Goals are held to be the optimum of step 1 that `jaxplan.goal.sensitivity` differentiates; whether one is that
+Goals are held to be the optimum of step 1 that `jaxplan.goal.derivative` differentiates; whether one is that
 optimum is checked here.
 """
 
@@ -12,10 +12,10 @@ import jax
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.goal.free import MadeWay, settled
+from jaxplan.goal.derivative import differentiable_goal
+from jaxplan.goal.free_devices import MadeWay, settled
 from jaxplan.goal.pairs import cleared
 from jaxplan.goal.problem import GoalProblem, Wished, leaves_open
-from jaxplan.goal.sensitivity import differentiable_goal
 from jaxplan.model.constraints import Constraints
 from jaxplan.model.goals import LEAST_ROTATION, LEAST_TIME, GivenState, Targets
 from jaxplan.model.path import Goal

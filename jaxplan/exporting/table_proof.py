@@ -1,7 +1,7 @@
 """Prove of a table, before it is written, that it keeps zones, ranges and rates as its readers fly it.
 
-How far it may fall short without being refused is the rule of `jaxplan.tables.forgiven`, by which tables are
-checked, too.
+How far it may fall short without being refused is the rule of `jaxplan.tables.tolerances`, by which tables
+are checked, too.
 """
 
 from dataclasses import replace
@@ -15,9 +15,9 @@ from jaxplan.exporting.sampled import Sampling
 from jaxplan.geometry import quaternion
 from jaxplan.planner import Plan
 from jaxplan.tables import AttitudeTable
-from jaxplan.tables.forgiven import Forgiven
 from jaxplan.tables.proof import certify_rows
 from jaxplan.tables.table import RODRIGUES
+from jaxplan.tables.tolerances import Forgiven
 
 SPARSEST = "sparsest"
 """The step of a table with the fewest rows."""

@@ -4,8 +4,9 @@ With ``E exp(d^)`` and the time ``t`` it is where, with the ways and caps that b
 
     slopes by d and t of  t^2 / 2 + STILLNESS theta^2 / 2 + sum of m_i c_i = 0       and      c_i = 0
 
-with ``c`` the way less its reach, or the excess over a cap. Which bind is held fixed, as in `sensitivity`.
-A *way* is the distance that a joint or the platform has to go (`jaxplan.goal.ways`). Shapes: m caps, w ways.
+with ``c`` the way less its reach, or the excess over a cap. Which bind is held fixed, as in `derivative`.
+A *way* is the distance that a joint or the platform has to go (`jaxplan.goal.distances`). Shapes: m caps, w
+ways.
 """
 
 from typing import Any, NamedTuple
@@ -17,8 +18,8 @@ from jax import Array
 
 from jaxplan.goal import descent
 from jaxplan.goal.descent import MET, angle_terms, cap_terms, turned
+from jaxplan.goal.distances import Platform, Pointers, reach, speed_limits, ways
 from jaxplan.goal.minimax import STILLNESS
-from jaxplan.goal.ways import Platform, Pointers, reach, speed_limits, ways
 from jaxplan.runtime.implicit import Equations, implicit_root
 
 

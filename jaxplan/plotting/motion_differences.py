@@ -247,7 +247,7 @@ def against(
     *,
     legend: bool = True,
 ) -> list[Axes]:
-    """Draw motions with tables among them; see `jaxplan.plotting.side_by_side.compare`."""
+    """Draw motions with tables among them; see `jaxplan.plotting.trajectory_columns.compare`."""
     motions = _motions(given, craft)
     named = next(iter(motions))
     first = motions[named]

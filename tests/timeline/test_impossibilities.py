@@ -13,7 +13,7 @@ from reference import unit
 import jaxplan as jp
 from jaxplan.cases import case_path
 from jaxplan.model.hidden import Hidden
-from jaxplan.timeline.foreseen import _seen, foreseen
+from jaxplan.timeline.impossibilities import _seen, foreseen
 
 CASES = impossible_places.CASES | impossible_times.CASES
 

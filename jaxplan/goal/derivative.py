@@ -28,10 +28,10 @@ from jax.typing import ArrayLike
 from jaxplan import so3
 from jaxplan.geometry import quaternion
 from jaxplan.geometry.vectors import array_module, length
-from jaxplan.goal import descent, soonest
+from jaxplan.goal import descent, least_time_derivative
 from jaxplan.goal.aims import AZIMUTH, ELEVATION, Aims, Known, aims_of, goal_ranges, known_sights, pointed
 from jaxplan.goal.descent import MET, Active, active_terms, angle_terms, cap_terms, turned
-from jaxplan.goal.free import MadeWay, places, preferred
+from jaxplan.goal.free_devices import MadeWay, places, preferred
 from jaxplan.goal.least_time import platform, pointers, time_unit
 from jaxplan.goal.pairs import cleared, pairs_at_goal, single_yaws
 from jaxplan.model.constraints import Constraints, chosen_entries, state_margins
@@ -73,8 +73,8 @@ def differentiable_goal(
         cones: all constraints, for the devices of the spacecraft; axes of any length.
         start_joints: (J,) rad, that devices without a target have, those of the goal by default; from which
             all others move to a goal of least time, zero by default.
-        moves: how devices without a target make way, of `free.settled`, so that they follow what they prefer
-            and what is in their way; None where they stay as they are at the goal.
+        moves: how devices without a target make way, of `free_devices.settled`, so that they follow what they
+            prefer and what is in their way; None where they stay as they are at the goal.
         met: places in `targets.prefer` of the wishes that the goal meets, which then bind the attitude as
             targets do: an instrument's by two equations, a drive's by one, and ranges of joints.
 
@@ -174,8 +174,8 @@ def _optimum(
         moving = pointers(spacecraft, state.aims, (), start, began, unit)
         of_caps = caps.axis, caps.direction, caps.half_angle
         none = jnp.zeros(4, int)
-        own = soonest.Conditions(turn, of_caps, moving, platform(spacecraft, unit), none)
-        optimum = soonest.soonest_turn(own, matter, _of_equations(state.asked))
+        own = least_time_derivative.Conditions(turn, of_caps, moving, platform(spacecraft, unit), none)
+        optimum = least_time_derivative.soonest_turn(own, matter, _of_equations(state.asked))
     else:
         number, multiplier = _active_caps(turn, jax.lax.stop_gradient(caps), matter, state.asked)
         conditions = _Conditions(turn, _Caps(*(part[jnp.maximum(number, 0)] for part in caps)), number >= 0)

@@ -47,6 +47,7 @@ from jaxplan.geometry.vectors import AnyArray, array_module, arrays, length, sep
 from jaxplan.model.inertia_bounds import InertiaBounds, inertia_bounds, most_by
 from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.limits import limits, longest
+from jaxplan.model.minimum_times import Way
 from jaxplan.model.quadratic import (
     greatest_of,
     inverse_of,
@@ -57,7 +58,6 @@ from jaxplan.model.quadratic import (
 )
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.turn_table import turn_table
-from jaxplan.model.ways import Way
 from jaxplan.model.wheel_reach import WheelSpeeds, reaches
 
 _SAME = 1e-9  # relative difference below which the axes' ratios of acceleration to rate count as equal

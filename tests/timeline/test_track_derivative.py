@@ -11,8 +11,8 @@ from reference import direction
 
 import jaxplan as jp
 from jaxplan import so3
-from jaxplan.timeline.followed_track import ends_of, track_of
 from jaxplan.timeline.motions import Doing
+from jaxplan.timeline.track_derivative import ends_of, track_of
 from jaxplan.timeline.tracking import State
 
 STEP = 1e-4  # s or rad, to either side

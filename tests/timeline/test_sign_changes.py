@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxplan.timeline.crossings import changes, least
+from jaxplan.timeline.sign_changes import changes, least
 
 PERIODS = np.array([7.0, 13.0, 100.0])
 

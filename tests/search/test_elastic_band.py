@@ -13,7 +13,7 @@ from reference import assert_each
 from scipy.spatial.transform import Rotation
 
 from jaxplan.model.constraints import SIGHT
-from jaxplan.search import band
+from jaxplan.search import elastic_band as band
 from jaxplan.search.scene import Scene
 
 SCENES = {

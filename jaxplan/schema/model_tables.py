@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from jaxplan.model.keys import Key
+from jaxplan.model.file_keys import Key
 from jaxplan.schema.arrays import (
     PLANE_DIRECTION,
     Array,
@@ -22,8 +22,8 @@ from jaxplan.schema.arrays import (
     within_a_turn,
 )
 from jaxplan.schema.inertias import Moments
-from jaxplan.schema.kinds import ByName, Epoch, FromZero, Interval, Kind, Name, Names, Number, Text
 from jaxplan.schema.tables import Table, table
+from jaxplan.schema.value_kinds import ByName, Epoch, FromZero, Interval, Kind, Name, Names, Number, Text
 
 ANGLE = Number(Interval("[-1e3, 1e3]"))
 """rad, or rad/s: any number of turns that a file may mean."""
@@ -68,7 +68,7 @@ KINDS: dict[Any, Any] = {
         lambda each: Array(("sample",), each, noun="rising numbers, the first at most 0", rule=rising)
     ),
 }
-"""Kinds by name, as `jaxplan.model.keys.Key.kind` has it, or by the class that makes a table."""
+"""Kinds by name, as `jaxplan.model.file_keys.Key.kind` has it, or by the class that makes a table."""
 
 
 def declared(model: type, **more: Any) -> Table:

@@ -5,7 +5,8 @@ numbers, the rotation vector ``eta`` of equation (2). Random attitudes around go
 else everywhere, show where all of it holds, and by which entries. From the nearest of these, sequential
 quadratic programming (SLSQP of scipy) goes to the least ``|eta|`` beside the same entries; wishes come before
 that, one after the other. It proves nothing: there may be a goal that is nearer. What concerns a device
-without a target is left aside until the attitude is found, since the device makes way (`jaxplan.goal.free`).
+without a target is left aside until the attitude is found, since the device makes way
+(`jaxplan.goal.free_devices`).
 
 Here ``eta`` is the rotation vector from the start, rad, as in ``R = R0 exp(eta^)``.
 """
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from jaxplan import so3
-from jaxplan.goal.free import settled
+from jaxplan.goal.free_devices import settled
 from jaxplan.goal.problem import GoalProblem
 from jaxplan.model.constraints import SIGHT, chosen_entries, constraint_margins
 from jaxplan.model.path import Goal

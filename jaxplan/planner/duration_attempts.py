@@ -7,7 +7,7 @@ along it. Else the answer says how long it takes, which is certified.
 
 Where something moves, goals and durations depend on each other (`jaxplan.planner.moving`), and the paper's
 method has no shortest motion: there the first answer stands. The shortest motion to targets that move is then
-looked for among given durations, too (`jaxplan.planner.sooner`).
+looked for among given durations, too (`jaxplan.planner.shorter_to_moving`).
 """
 
 from dataclasses import replace
@@ -21,9 +21,9 @@ from jaxplan.model.status import Status
 from jaxplan.planner import messages
 from jaxplan.planner.attempts import Attempts
 from jaxplan.planner.clock import Clock
-from jaxplan.planner.nearest import shorter_of, to_the_nearest
+from jaxplan.planner.nearest_goal import shorter_of, to_the_nearest
 from jaxplan.planner.record import Plan, end_rates
-from jaxplan.planner.sooner import Sooner, may_be_sooner
+from jaxplan.planner.shorter_to_moving import Sooner, may_be_sooner
 from jaxplan.planner.tube_room import with_advice
 
 # Outcomes after which another goal, or another path, may give a plan in the same time.

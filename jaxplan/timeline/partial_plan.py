@@ -16,8 +16,8 @@ from jaxplan.schema.timelines import take_in_timeline
 from jaxplan.timeline import curves, proving
 from jaxplan.timeline.choices import Choice
 from jaxplan.timeline.record import PlannedActivity, TimelinePlan
-from jaxplan.timeline.stored import holding, total_in
 from jaxplan.timeline.tracking import State
+from jaxplan.timeline.wheel_momentum import holding, total_in
 from jaxplan.trajectory import Trajectory
 
 

@@ -9,11 +9,11 @@ from functools import partial
 import numpy as np
 
 from jaxplan.model.scenario import SearchSettings
-from jaxplan.runtime.ahead import Task
+from jaxplan.runtime.precompile import Task
 from jaxplan.search.astar import make_root
-from jaxplan.search.calls import Call, Scenes
 from jaxplan.search.expansion import EDGE_INTERVALS, ONWARD_INTERVALS, Moves, expansion_call
 from jaxplan.search.fields import no_fields
+from jaxplan.search.kernel_calls import Call, Scenes
 from jaxplan.search.mha import propose
 from jaxplan.search.paths import (
     STRAIGHT_INTERVALS,

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan.certificate import Certificate
 from jaxplan.cli import main
-from jaxplan.tables.forgiven import Forgiven
-from jaxplan.tables.joined import joined_proof
+from jaxplan.tables.joined_certificates import joined_proof
+from jaxplan.tables.tolerances import Forgiven
 
 RATE = np.deg2rad(1.0)
 

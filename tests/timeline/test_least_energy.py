@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import jaxplan as jp
 from jaxplan.model.directions import DirectionPath, as_path
 from jaxplan.model.tabulation import tabulate
-from jaxplan.timeline.least_motion import LeastMotion, Nodes, Wanted
+from jaxplan.timeline.least_energy import LeastMotion, Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
 
 TIMES = np.linspace(200.0, 320.0, 7)

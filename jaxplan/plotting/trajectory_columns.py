@@ -19,9 +19,9 @@ from matplotlib.lines import Line2D
 from jaxplan.model.limits import timed_limits
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.planner import Plan
-from jaxplan.plotting.against import against
 from jaxplan.plotting.day import as_plan
 from jaxplan.plotting.limit_lines import both_sides, limit_lines
+from jaxplan.plotting.motion_differences import against
 from jaxplan.plotting.style import (
     AXIS_STYLES,
     GREY,

@@ -10,7 +10,7 @@ from reference import angle, in_body
 from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
-from jaxplan.goal.start import NotPointingError
+from jaxplan.goal.pointing_start import NotPointingError
 
 TIMES = np.linspace(0.0, 400.0, 81)
 
