@@ -3,15 +3,20 @@
     >>> jp.plot.sphere(plan)
     >>> jp.plot.margins(plan, ax=axes).figure.savefig("margins.png")
 
-Every figure takes a plan, also that of a timeline, but `compare` and `segments` several trajectories,
-`durations` their durations and `table4` the rows of a comparison; `study` and its panels `success_rates`,
-`outcomes` and `distribution` take studies, `constellation` satellites that are planned, `timeline` the plan
-of a timeline, `spacecraft` a spacecraft, `tuning` what tuning found. All take, with ``ax``, where to draw:
-axes (several for a figure of several panels), a figure to put them in, or None for a new one. They return the
-axes, leave matplotlib's global settings alone and never call ``plt.show()``. A device has one colour and line
-style in all figures of plans, a planner one colour in all comparisons, and a limit has ticks on the side that
-is out of bounds. `animate` returns a film, `figures` goes through all figures of a plan. Axes are in degrees
-and seconds, torques in N m, spectra in Hz and N m s.
+Most figures take a plan, also one of a timeline. The others are `compare` and `segments`, which take several
+trajectories by name, `durations` (their durations), `table4` (rows of a comparison of planners), `study` and
+its panels `success_rates`, `outcomes` and `distribution` (studies), `constellation` (a planned
+constellation), `timeline` (the plan of a timeline), `spacecraft` (a spacecraft) and `tuning` (the result of
+tuning).
+
+The argument ``ax`` says where to draw: axes (a sequence of them for a figure of several panels), a figure to
+put the axes in, or None for a new figure. All functions but two return the axes; `animate` returns a film,
+and `figures` yields all figures of a plan by name. Matplotlib's global settings are left alone, and
+``plt.show()`` is never called.
+
+A device has one colour and line style in all figures of plans, and a planner one colour in all comparisons. A
+line at a limit has ticks on the side that is out of bounds. Axes are in degrees and seconds, torques in N m,
+spectra in Hz and N m s.
 """
 
 from jaxplan.plotting.constellation_figure import constellation

@@ -1,11 +1,11 @@
-"""The outlines of land, for maps of the Earth, so that one sees over what the spacecraft flies.
+"""Outlines of land for maps of the Earth, in degrees of longitude (east) and latitude.
 
-They are those of Natural Earth (public domain), simplified, in two files beside this one, which say how:
-coast.json for maps of all the Earth, off by up to 0.3 deg, and coast_fine.json for those of a region, off by
-up to 0.07 deg. Smaller islands are not there. Degrees of longitude and latitude.
+They are those of Natural Earth (public domain), simplified, in two files beside this one, whose heads give
+details: coast.json for maps of the whole Earth, with errors of up to 0.3 deg, and coast_fine.json for maps of
+a region, with errors of up to 0.07 deg. Smaller islands are missing.
 
-An outline that passes the meridian at the edges of a map goes on beyond it, and is there twice, a turn apart;
-what is beyond the edges of a map is not seen. That of Antarctica goes once around.
+An outline that crosses longitude 180 deg continues beyond it, and is given twice, 360 deg apart, so that the
+part inside the map is seen at both edges. The outline of Antarctica goes once around the Earth and is open.
 """
 
 import json
@@ -16,13 +16,16 @@ from pathlib import Path
 import numpy as np
 
 FILE, FINE = (Path(__file__).with_name(f"{name}.json") for name in ("coast", "coast_fine"))
-_UNITS = {FILE: 0.1, FINE: 0.01}  # deg of a file's whole numbers
-_EDGE, _TURN = 180.0, 360.0  # deg of longitude
+_UNITS = {FILE: 0.1, FINE: 0.01}  # deg: unit of the whole numbers in each file
+_EDGE, _TURN = 180.0, 360.0  # deg of longitude: right edge of a map, and a full turn
 
 
 @cache
 def coasts(file: Path = FILE) -> tuple[np.ndarray, ...]:
-    """Lines (k, 2) deg of all coasts in a file, for maps from -180 to 180 deg of longitude."""
+    """Return the coast lines of a file, (k, 2) longitude and latitude in deg, for a map from -180 to 180 deg.
+
+    Lines that cross an edge of the map are given at both edges; those parts have longitudes beyond 180 deg.
+    """
     rings = json.loads(file.read_text(encoding="utf-8"))["rings"]
     found = list[np.ndarray]()
     for ring in rings:
@@ -34,23 +37,23 @@ def coasts(file: Path = FILE) -> tuple[np.ndarray, ...]:
 
 @cache
 def land(file: Path = FILE) -> tuple[np.ndarray, ...]:
-    """Closed outlines (k, 2) deg of land likewise; of Antarctica with the edge of the map."""
+    """Return closed outlines of land as `coasts` does; Antarctica is closed along latitude -90 deg."""
     return tuple(line if _closed(line) else _to_the_pole(line) for line in coasts(file))
 
 
 def within(lines: Iterable[np.ndarray], low: np.ndarray, high: np.ndarray) -> list[np.ndarray]:
-    """The lines (k, 2) that may touch a region from one corner (2,) deg to the other."""
+    """Return those of the lines (k, 2) whose bounding box meets a region between two corners (2,), deg."""
     return [
         line for line in lines if np.all(np.max(line, axis=0) >= low) and np.all(np.min(line, axis=0) <= high)
     ]
 
 
 def _closed(line: np.ndarray) -> bool:
-    """Whether a coast (k, 2) is closed, as all are but that of Antarctica."""
+    """Return whether a coast line (k, 2) is closed, as all but that of Antarctica are."""
     return bool(np.allclose(line[0], line[-1]))
 
 
 def _to_the_pole(line: np.ndarray) -> np.ndarray:
-    """The outline of what is between a line (k, 2) once around the Earth and the south pole."""
+    """Close a line (k, 2) deg that goes once around the Earth by way of the south pole."""
     corners = np.array([[line[-1, 0], -90.0], [line[0, 0], -90.0], line[0]])
     return np.concatenate([line, corners])

@@ -1,8 +1,9 @@
-"""A timeline's plan as the other figures take it, and the instants at which it is drawn.
+"""A timeline's plan in the form that figures of plans take, and the instants at which it is drawn.
 
-The figures of a plan draw a `DayPlan`, made by `as_plan`, as they do any other. Between the many hours of a
-day lie slews of seconds, so its instants are shared out by segments: half of them evenly, half by duration.
-Slews have some more, so that their ways are no polygons.
+A *day* is the whole motion of a timeline, however long. The figures of a plan draw it as a `DayPlan`, made by
+`as_plan`, in the same way as a single manoeuvre. Slews of seconds lie between hours of other segments, so
+instants are shared out by segments: half of them evenly, half in proportion to duration. Slews get some more,
+so that their curves do not look like polygons.
 """
 
 from collections.abc import Sequence
@@ -19,19 +20,19 @@ from jaxplan.plotting.target_spans import followings
 from jaxplan.runtime.display import shown
 from jaxplan.timeline.record import TimelinePlan
 
-_INSTANTS = 3072  # of a day, about, as long as it has not more segments than a quarter of this
-_FEWEST = 4  # instants of a segment
-_OF_SLEWS, _MOST_OF_SLEW = 3072, 24  # instants of all slews that they have at least, and of one of them
+_INSTANTS = 3072  # approximate number of instants of a day, if it has fewer segments than a quarter of this
+_FEWEST = 4  # least number of instants of a segment
+_OF_SLEWS, _MOST_OF_SLEW = 3072, 24  # instants shared out evenly among slews; most that one slew gets of them
 
 
 @shown("status", "message", heading="Plan of {0.scenario.name}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DayPlan(Plan):
-    """A timeline's plan as a manoeuvre from its start to its end.
+    """A timeline's plan presented as one manoeuvre from its start to its end.
 
     Attributes:
         instants: (k,) s, rising, at which it is drawn.
-        followed: number of a device, and from when until when, s, it follows a target; by time.
+        followed: for each time that a device follows a target: number of the device, start and end in s.
     """
 
     instants: np.ndarray = field(default_factory=lambda: np.zeros(1))
@@ -39,9 +40,10 @@ class DayPlan(Plan):
 
 
 def as_plan(plan: Plan | TimelinePlan) -> Plan:
-    """A plan as it is, and that of a timeline as a manoeuvre to the state in which it ends.
+    """Return a plan as it is, or a timeline's plan as a `DayPlan`.
 
-    Its name is that of the timeline.
+    The goal of the latter is the state in which its motion ends, its scenario has the timeline's name, and
+    without a trajectory its goal is None.
     """
     if not isinstance(plan, TimelinePlan):
         return plan
@@ -77,12 +79,12 @@ def as_plan(plan: Plan | TimelinePlan) -> Plan:
 
 
 def _within(times: np.ndarray, end: float) -> np.ndarray:
-    """Times (k,) s, those beyond the end, s, by rounding brought to it."""
+    """Clip times to [0, end], s, since rounding may take them beyond, and return them sorted, each once."""
     return np.unique(np.clip(times, 0.0, end))
 
 
 def instants(segments: Sequence[Segment]) -> np.ndarray:
-    """Times (k,) s at which a day is drawn: both ends of each segment, and some between."""
+    """Choose the times (k,) s at which a day is drawn: both ends of each segment, and some between."""
     spans = np.array([segment.end - segment.start for segment in segments])
     whole = max(float(np.sum(spans)), np.finfo(float).tiny)
     each = _INSTANTS / 2 / len(spans) + _INSTANTS / 2 * spans / whole

@@ -1,10 +1,10 @@
-"""Where devices stand on the platform in pictures: a spacecraft says how they are mounted, but not where.
+"""Where devices stand on the platform in pictures: a spacecraft knows how they are mounted, but not where.
 
-A device stands where its side, a body-frame direction from the cube's middle, meets the surface: at its
-*foot*. The side of a terminal or a drive is the mean of all directions that it can reach, that of an
-instrument its boresight. Where this mean is too short to tell, a terminal's side is its boresight at zero
-angles, a drive's its axis, or the opposite where something stands already. The platform is a cube with half
-edges of 1.
+The platform is drawn as a cube with half edges of 1. Each device has a *side*, a direction from the middle of
+the cube in body axes, and stands where this direction meets the surface: at its *foot*. The side of a
+terminal or a drive is the mean of all directions that its boresight can reach, that of an instrument its
+boresight. Where this mean is too short to tell a direction, the side of a terminal is its boresight at zero
+angles, and that of a drive its axis, or the opposite of the axis where another device stands already.
 """
 
 from itertools import product
@@ -21,7 +21,7 @@ _ASIDE = 0.65  # half edges from a foot to the places beside it that are tried
 
 
 def feet(craft: Spacecraft) -> np.ndarray:
-    """Points (D, 3) of the platform's surface at which its D devices are drawn, in body axes."""
+    """Choose the points (D, 3) on the surface of the cube at which the D devices are drawn, in body axes."""
     taken: list[np.ndarray] = []
     for wanted in _sides(craft):
         places = [_places(side) for side in wanted]
@@ -32,7 +32,7 @@ def feet(craft: Spacecraft) -> np.ndarray:
 
 
 def _sides(craft: Spacecraft) -> list[list[np.ndarray]]:
-    """For each device the body-frame directions (3,) of the sides on which it may stand, the best first."""
+    """Return for each device the sides on which it may stand, best first: directions (3,) in body axes."""
     frames, ranges = craft.gimbals.frames, craft.joint_ranges
     n, found = len(craft.terminals), list[list[np.ndarray]]()
     for number in range(n):
@@ -47,7 +47,11 @@ def _sides(craft: Spacecraft) -> list[list[np.ndarray]]:
 
 
 def _middle(yaws: np.ndarray, pitches: np.ndarray) -> np.ndarray:
-    """Mean (3,) of the boresights on an even grid over ranges (2,) of yaw and pitch, rad, in mount axes."""
+    """Average the boresights over ranges (2,) of yaw and pitch, rad.
+
+    Returns the mean (3,) in mount axes, whose length is less than one. Of a range of yaw of a turn or more
+    only its last turn counts.
+    """
     low = yaws[0] if yaws[1] - yaws[0] < TURN else yaws[1] - TURN
     yaw, pitch = np.meshgrid(np.linspace(low, yaws[1], 73), np.linspace(pitches[0], pitches[1], 19))
     mean: np.ndarray = np.mean(pointing(yaw, pitch), axis=(0, 1))
@@ -55,7 +59,7 @@ def _middle(yaws: np.ndarray, pitches: np.ndarray) -> np.ndarray:
 
 
 def _places(side: np.ndarray) -> list[np.ndarray]:
-    """Points of the cube's surface where a device may stand: in the direction `side`, then beside it."""
+    """Return points (3,) of the surface where a device may stand: in the direction `side`, then beside it."""
     foot = side / np.max(np.abs(side))
     across = [axis for axis in np.eye(3) if abs(axis @ foot) < 1]
     beside = []

@@ -43,13 +43,13 @@ from jaxplan.timeline.record import TimelinePlan
 
 SIZE = (6.8, 5.6)  # inches
 
-_PLAY = 8.0  # s that a film lasts, however long the manoeuvre
-_PLAYER = 120  # most pictures of the player that a notebook shows
+_PLAY = 8.0  # s: playing time of a film, however long the manoeuvre
+_PLAYER = 120  # most pictures in the player that a notebook shows
 _COLOURS = 64  # colours of a picture in a player: a quarter of the bytes, and no difference to be seen
-_LARGEST = 200.0  # MB that all pictures of a player may have before their colours are reduced
+_LARGEST = 200.0  # MB: limit given to matplotlib for all pictures of a player, before colours are reduced
 _STILLS, _VIDEOS = (".gif", ".png", ".webp"), (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi")
 _BODY = np.array([0.15, 0.15, 0.19])  # half edges of the platform, in radii of the sphere
-_PALEST, _DARKEST = 0.93, 0.62  # greys of its faces, square to the eye and edgewise
+_PALEST, _DARKEST = 0.93, 0.62  # grey levels of the platform's faces: facing the eye, and edgewise
 
 
 def animate(
@@ -59,19 +59,19 @@ def animate(
     view: tuple[float, float] | None = None,
     frames: int = 80,
 ) -> "Film":
-    """Make a film of a manoeuvre on the globe.
+    """Make a film of a manoeuvre on the globe, where the platform turns and the devices' beams move.
 
-    As the last line of a notebook's cell it shows a player. ``.save("slew.gif")`` writes a file, as ``.mp4``
-    where ffmpeg is installed.
+    As the last expression of a notebook's cell it shows a player. ``.save("slew.gif")`` writes a file;
+    ``.mp4`` and the like need ffmpeg.
 
     Args:
-        plan: with a trajectory; perhaps that of a timeline.
+        plan: a plan with a trajectory, also one of a timeline.
         ax: axes, a figure to put them in, or None for a new one.
-        view: inertial azimuth and elevation of the eye, deg; None for one that most boresights face.
-        frames: pictures, evenly over the manoeuvre.
+        view: inertial azimuth and elevation of the eye, deg; None for a view with most boresights in front.
+        frames: number of pictures, spread evenly over the manoeuvre.
 
     Returns:
-        The film; its figure keeps it, so that it plays in a window.
+        The film. Its figure holds a reference to it, so that it keeps playing in a window.
 
     Raises:
         TypeError: if it is no plan.
@@ -106,7 +106,13 @@ def animate(
 
 @shown("pictures", "duration s", heading="Film of {0.picture.scenario.name}")
 class Film(FuncAnimation):
-    """An animation of matplotlib that a notebook plays, with progress where it is saved."""
+    """An animation of matplotlib that shows a player in notebooks and a progress bar while it is saved.
+
+    Args:
+        figure: the figure that is drawn on; it gets an attribute ``film``.
+        picture: draws the state at an index of the motion's times.
+        instants: (k,) indices of the motion's times, one for each picture.
+    """
 
     def __init__(self, figure: Figure, picture: "_Picture", instants: np.ndarray) -> None:
         self.figure, self.picture, self.instants = figure, picture, instants
@@ -115,12 +121,12 @@ class Film(FuncAnimation):
 
     @property
     def pictures(self) -> int:
-        """Number of pictures."""
+        """Number of pictures in the film."""
         return len(self.instants)
 
     @property
     def duration(self) -> float:
-        """Duration of the manoeuvre, s."""
+        """Duration of the manoeuvre, s; not the playing time of the film."""
         return float(self.picture.motion.times[-1])
 
     def __del__(self) -> None:
@@ -129,19 +135,19 @@ class Film(FuncAnimation):
     def save(
         self, filename: str | os.PathLike[str], writer: Any = None, *arguments: Any, **settings: Any
     ) -> None:
-        """Write a film, with a bar on stderr once it takes longer than a second.
+        """Write the film to a file, with a progress bar on stderr once it takes longer than a second.
 
         Args:
             filename: ends in .gif, .png or .webp, or, where ffmpeg is installed, in .mp4, .m4v, .mov, .mkv,
                 .webm or .avi. The file appears whole or not at all, and its folder is made.
-            writer: of matplotlib, for any other ending.
-            *arguments: of matplotlib's ``Animation.save``.
-            **settings: of the same.
+            writer: a writer of matplotlib, needed for any other ending; None to choose one by the ending.
+            *arguments: passed to matplotlib's ``Animation.save``.
+            **settings: likewise; a ``progress_callback`` replaces the progress bar.
 
         Raises:
-            ValueError: if the file's name has another ending.
+            ValueError: if the file's name has another ending and no writer is given.
             RuntimeError: if ffmpeg is needed and not installed.
-            OSError: if there can be no file of that name, such as where it is a folder.
+            OSError: if the file cannot be written there, such as where the name is that of a folder.
         """
         target = Path(filename)
         writer = _writer(target) if writer is None else writer
@@ -155,14 +161,14 @@ class Film(FuncAnimation):
             super().save(str(fresh), writer, *arguments, **settings)
 
     def to_jshtml(self, *arguments: Any, **settings: Any) -> str:
-        """A player with buttons as HTML, with the pictures in it; arguments are those of matplotlib."""
+        """Return an HTML player with all pictures in it; arguments are those of matplotlib's method."""
         with mpl.rc_context({"animation.embed_limit": _LARGEST}):
             return re.sub(
                 r'(data:image/png;base64,)([^"]+)', _smaller, super().to_jshtml(*arguments, **settings)
             )
 
     def _repr_html_(self) -> str:
-        """The player for a notebook, which leaves out pictures of a long film."""
+        """Return the player for a notebook; of a long film it shows only every n-th picture."""
         step = -(-len(self.instants) // _PLAYER)
         if step == 1:
             return self.to_jshtml()
@@ -170,7 +176,7 @@ class Film(FuncAnimation):
 
 
 def _writer(target: Path) -> str:
-    """Choose the writer of matplotlib by the ending of a file's name."""
+    """Choose matplotlib's writer by the ending of a file's name; raises as `Film.save` does."""
     suffix = target.suffix.lower()
     if suffix in _STILLS:
         return "pillow"
@@ -187,7 +193,7 @@ def _writer(target: Path) -> str:
 
 
 def _check_place(target: Path) -> None:
-    """Raise, before pictures are drawn for minutes, where a file cannot be written."""
+    """Raise an OSError if a file cannot be written, before drawing takes minutes."""
     if target.is_dir():
         raise IsADirectoryError(f"{target} is a folder: a film needs the name of a file")
     folder = next(parent for parent in target.absolute().parents if parent.exists())
@@ -198,7 +204,14 @@ def _check_place(target: Path) -> None:
 
 
 def _smaller(found: re.Match[str]) -> str:
-    """The PNG ``data:`` address of a match with its colours reduced, so that it takes fewer bytes."""
+    """Reduce the colours of a PNG picture so that it takes fewer bytes.
+
+    Args:
+        found: match of a ``data:`` address, with its head as group 1 and the base64 text as group 2.
+
+    Returns:
+        The new address.
+    """
     picture = Image.open(io.BytesIO(base64.b64decode(found[2].replace("\\\n", ""))))
     file = io.BytesIO()
     picture.convert("RGB").quantize(_COLOURS).save(file, "png")
@@ -206,7 +219,14 @@ def _smaller(found: re.Match[str]) -> str:
 
 
 class _Picture:
-    """Artists of a film that move; a call with the index of a time of the motion moves them to it."""
+    """The moving artists of a film; calling it with an index of the motion's times moves them to that time.
+
+    Args:
+        axes: to draw on, with the globe in it.
+        plan: whose spacecraft and zones are drawn.
+        moves: the sampled motion.
+        view: projection of the globe.
+    """
 
     def __init__(self, axes: Axes, plan: Plan, moves: Motion, view: GlobeView) -> None:
         self.axes, self.motion, self.view = axes, moves, view
@@ -229,7 +249,7 @@ class _Picture:
         self.clock = axes.text(-1.06, 1.27, "", fontsize=SMALL + 1, ha="left", va="top")
 
     def __call__(self, number: int) -> list[Artist]:
-        """Move all artists to the motion's time of an index; returns those that have changed."""
+        """Move all artists to the motion's time of index `number`; returns the artists that have changed."""
         attitude = self.motion.values.attitude[number]
         self._turn_platform(attitude)
         feet, tips = self.feet @ attitude.T, self.motion.boresights[number]
@@ -247,7 +267,7 @@ class _Picture:
         return [*self.moving, self.faces, *chain(*self.trails), *self.beams, *self.spots, self.clock]
 
     def _move_zones(self, time: float) -> None:
-        """Draw the zones that move where they are at a time, s, in place of those drawn before."""
+        """Redraw the moving zones where they are at a time, s, and remove those drawn before."""
         for artist in self.moving:
             artist.remove()
         zones = zones_at(self.scenario, time, moving=True)
@@ -270,7 +290,7 @@ class _Picture:
         self.faces.set_facecolor(shades)
 
     def _words(self, number: int) -> str:
-        """Time and smallest margin at the motion's time of an index, as text."""
+        """Return the time and the smallest margin of any device at the motion's time of an index, as text."""
         times = self.motion.times
         words = f"{times[number]:.1f} of {times[-1]:.1f} s"
         found = [values[number] for values in self.margins if not np.isnan(values[number])]

@@ -1,9 +1,10 @@
 """The axes in which directions are drawn: inertial ones, or the local orbital frame of a spacecraft.
 
-The local orbital frame is that of `jaxplan.sky.local_axes`: z to nadir, y against the orbit's normal, and
-x = y x z, about along the velocity. It turns with the spacecraft, so what stands still in space moves in it.
-On the globe nadir is below, as for somebody who looks ahead with the Earth under the feet and y to the right;
-elsewhere its half spheres are two discs (`jaxplan.plotting.projections.TwoDiscs`).
+The local orbital frame is that of `jaxplan.sky.local_axes`: z points to nadir, y against the orbit's normal,
+and x = y x z about along the velocity. It turns with the spacecraft, so a direction that is fixed in space
+moves in it. On the globe it is drawn with nadir below, as seen by somebody who looks ahead with the Earth
+under the feet and y to the right; elsewhere its two half spheres are drawn as two discs
+(`jaxplan.plotting.projections.TwoDiscs`).
 """
 
 from dataclasses import dataclass
@@ -19,52 +20,62 @@ from jaxplan.plotting.projections import GlobeView
 from jaxplan.runtime.arguments import expect_any
 from jaxplan.sky.orbits import EARTH_RADIUS
 
-_UPRIGHT = np.array([1.0, -1.0, -1.0])  # takes the frame's axes to those with x ahead and z to the zenith
+_UPRIGHT = np.array([1.0, -1.0, -1.0])  # signs that turn the frame's axes to x ahead, y left, z to the zenith
 
-_FASTEST = 1.2e-3  # rad/s: of a spacecraft in low orbit
+_FASTEST = 1.2e-3  # rad/s: rate at which the frame of a spacecraft in low orbit turns
 
 
 class Inertial:
-    """Axes that stand still."""
+    """Inertial axes; also the base class of axes that move.
+
+    Attributes:
+        moves: whether the axes turn in space.
+        words: what titles say about the axes; empty for inertial ones.
+    """
 
     moves: ClassVar[bool] = False
     words: ClassVar[str] = ""
 
     @property
     def rate(self) -> float:
-        """About how fast what stands still in space turns in these axes, rad/s."""
+        """Estimated rate, rad/s, at which a direction that is fixed in space turns in these axes."""
         return 0.0
 
     def end(self, plan: Plan) -> float:
-        """When a plan's goal is met, s; in axes that stand still only of one that moves."""
+        """Return the time, s, at which directions at the end of a plan are taken.
+
+        It is the time at which the goal is met; 0 where no goal was found.
+        """
         return 0.0 if plan.goal is None else plan.goal.time
 
     def seen(self, directions: np.ndarray, times: ArrayLike) -> np.ndarray:
-        """Directions (..., 3) in these axes; they do not depend on times."""
+        """Return inertial directions (..., 3) in these axes, which are the same directions at all times."""
         del times
         return directions
 
     def attitude(self, attitude: np.ndarray, time: float) -> np.ndarray:
-        """The rotation (3, 3) from the body to these axes at a time, s."""
+        """Turn an attitude (3, 3), body to inertial, at a time, s, into one from the body to these axes."""
         del time
         return attitude
 
     def view(self, azimuth: float, elevation: float) -> GlobeView:
-        """The globe seen from an azimuth and elevation of the eye, rad."""
+        """Return the globe as seen from an azimuth and an elevation of the eye in these axes, rad."""
         return GlobeView.from_angles(azimuth, elevation)
 
     def facing(self, directions: np.ndarray) -> GlobeView:
-        """The globe with most of the directions (k, 3) in front."""
+        """Return the globe turned so that most of the directions (k, 3), in these axes, are in front."""
         return GlobeView.facing(directions)
 
 
 @dataclass(frozen=True)
 class Orbital(Inertial):
-    """The local orbital frame.
+    """The local orbital frame of a spacecraft over the time of a plan.
 
     Attributes:
         observer: the spacecraft's orbit.
-        epoch: UTC of the plan's start.
+        epoch: UTC of the plan's start, time zero.
+        moves: whether the axes turn in space.
+        words: what titles say about the axes.
     """
 
     observer: sky.Satellite
@@ -75,31 +86,32 @@ class Orbital(Inertial):
 
     @property
     def rate(self) -> float:
-        """About how fast what stands still in space turns in the frame, rad/s."""
+        """Estimated rate, rad/s, at which a direction that is fixed in space turns in this frame."""
         return _FASTEST
 
     def end(self, plan: Plan) -> float:
-        """When a plan's motion ends, s."""
+        """Return when a plan's motion ends, s; 0 without a trajectory."""
         return 0.0 if plan.trajectory is None else plan.trajectory.duration
 
     def limb(self) -> float:
-        """Angle of the Earth's limb from nadir at the epoch, rad, of an Earth that is a sphere."""
+        """Return the angle, rad, between nadir and the Earth's limb at the epoch, for a spherical Earth."""
         place = sky.positions(self.observer, epoch=self.epoch, times=0.0)
         return float(np.arcsin(min(1.0, EARTH_RADIUS / float(np.linalg.norm(place)))))
 
     def turn(self, times: ArrayLike) -> np.ndarray:
-        """The rotations (..., 3, 3) that take inertial directions to the frame at times (...), s."""
+        """Return rotations (..., 3, 3) from inertial axes to the frame at times (...), s from the epoch."""
         return sky.local_axes(self.observer, epoch=self.epoch, times=times)
 
     def seen(self, directions: np.ndarray, times: ArrayLike) -> np.ndarray:
-        """Directions in the frame.
+        """Turn inertial directions into the frame.
 
         Args:
-            directions: (3,) or (k, ..., 3) inertial; one for all times, or one for each of them.
-            times: () or (k,) s.
+            directions: (3,) one direction for all times, or (k, ..., 3) with its own directions for each
+                time; of any shape (..., 3) at a single time.
+            times: () or (k,) s after the epoch.
 
         Returns:
-            (..., 3) or (k, ..., 3).
+            (..., 3) for a single time, (k, ..., 3) for several.
         """
         turn = self.turn(times)
         if np.ndim(times) == 0:
@@ -108,15 +120,15 @@ class Orbital(Inertial):
         return np.asarray(np.einsum("kij,k...j->k...i", turn, every))
 
     def attitude(self, attitude: np.ndarray, time: float) -> np.ndarray:
-        """The rotation (3, 3) from the body to the frame at a time, s."""
+        """Turn an attitude (3, 3), body to inertial, at a time, s, into one from the body to the frame."""
         return np.asarray(self.turn(time) @ attitude)
 
     def view(self, azimuth: float, elevation: float) -> GlobeView:
-        """The globe seen from an azimuth and elevation of the eye in the frame, rad, with the zenith up."""
+        """Return the globe, zenith up, seen from an azimuth and elevation of the eye in the frame, rad."""
         return _over(GlobeView.from_angles(-azimuth, -elevation))
 
     def facing(self, directions: np.ndarray) -> GlobeView:
-        """The globe with most of the directions (k, 3) in front, and the zenith up."""
+        """Return the globe, zenith up, turned so that most directions (k, 3) in the frame are in front."""
         return _over(GlobeView.facing(directions * _UPRIGHT))
 
 
@@ -124,7 +136,7 @@ INERTIAL = Inertial()
 
 
 def _over(view: GlobeView) -> GlobeView:
-    """A view of upright axes as one of the frame's, with the zenith up in the picture."""
+    """Turn a view given in axes with z to the zenith into one for directions in the orbital frame."""
     left, above = np.rad2deg(azimuth_elevation(view.axes[2]))
     where = "below" if above < 0 else "above"
     told = f"seen from azimuth {0 - left:.0f}, {abs(above):.0f} deg {where} the horizontal"
@@ -132,16 +144,17 @@ def _over(view: GlobeView) -> GlobeView:
 
 
 def frame_of(plan: Plan, frame: object, observer: object) -> Inertial:
-    """The axes that a figure's arguments ask for.
+    """Return the axes that a figure's arguments `frame` and `observer` ask for.
 
     Args:
-        plan: that is drawn.
+        plan: the plan that is drawn.
         frame: "inertial" or "orbital".
-        observer: the spacecraft's orbit, of the latter alone.
+        observer: the spacecraft's orbit, needed for "orbital"; None for "inertial".
 
     Raises:
         TypeError: if the observer is no orbit.
-        ValueError: if there is no such frame, or what it needs is not known.
+        ValueError: if there is no such frame, an orbit is given for "inertial", or the orbit, the plan's
+            epoch or its trajectory is missing for "orbital".
     """
     if frame not in ("inertial", "orbital"):
         raise ValueError(f"frame = {frame!r}: must be 'inertial' or 'orbital'")
@@ -153,7 +166,13 @@ def frame_of(plan: Plan, frame: object, observer: object) -> Inertial:
 
 
 def orbit_of(plan: Plan, observer: object, asked: str) -> Orbital:
-    """The local orbital frame of a plan, for what is `asked`; raises as `frame_of` does."""
+    """Return the local orbital frame of a plan; raises as `frame_of` does for "orbital".
+
+    Args:
+        plan: the plan that is drawn.
+        observer: the spacecraft's orbit.
+        asked: what needs the frame, for the messages of errors.
+    """
     if observer is None:
         raise ValueError(
             f"{asked}: needs observer, the spacecraft's orbit, since a plan does not hold it: one of jp.sky, "

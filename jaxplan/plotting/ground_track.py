@@ -1,13 +1,13 @@
 """The ground track: where on the turning Earth the spacecraft is overhead, and what its boresights look at.
 
-Places are geodetic, on the ellipsoid of WGS 84, whose axes turn with the Earth as `jaxplan.sky.frames` says.
-A boresight meets the ellipsoid at its first crossing; while it looks past the Earth its track has a gap, and
-the legend says for which share of the time it meets. Nothing hides the ground: clouds, night and terrain do
-not count. The map is plain (longitude against latitude) with a grid and coasts, of the whole Earth or,
-where all is near together, of the region.
+Places are geodetic, on the ellipsoid of WGS 84, whose axes turn with the Earth (`jaxplan.sky.frames`). A
+boresight meets the ellipsoid at its first crossing; while it looks past the Earth its track has a gap, and
+the legend gives the fraction of time in which it meets. Clouds, night and terrain hide nothing. The map is
+plain (longitude against latitude) with a grid and coasts, of the whole Earth or, if everything is close
+together, of the region.
 
-A target whose lines of sight meet in one point of the turning Earth, near its surface, is a place on the
-ground; a plan holds directions alone, and so these are found again.
+A plan holds only directions to its targets. A *site* is a target on the ground: it is recognised by its lines
+of sight, which meet in one point of the turning Earth near its surface.
 """
 
 from collections.abc import Iterator, Sequence
@@ -60,19 +60,19 @@ _SITE: Look = {"marker": "^", "markersize": 7, "linestyle": "none", "color": "#1
 _LAND: Look = {"facecolor": "#EFE6D3", "edgecolor": "none", "zorder": 0.3}
 _COAST: Look = {"color": "0.55", "linewidth": 0.6, "zorder": 0.5}
 _NIGHT: Look = {"facecolor": "black", "alpha": 0.13}
-_REGION = np.array([120.0, 80.0])  # deg of longitude and latitude within which not all of the Earth is drawn
-_NEAR = 80.0  # deg of longitude below which the finer coasts are drawn
-_LEAST, _PAD = 8.0, 0.12  # of a region: deg that it has at least, and share of it that is added to each side
+_REGION = np.array([120.0, 80.0])  # deg: largest extents in longitude and latitude of a map of a region
+_NEAR = 80.0  # deg: width of the map in longitude, below which the finer coasts are drawn
+_LEAST, _PAD = 8.0, 0.12  # of a region: its least extent, deg, and fraction of it that is added to each side
 _SAMPLES = 65  # lines of sight by which a place on the ground is found
-_OFF = 1.0  # km by which these may miss it
-_ALTITUDES = (-10.0, 100.0)  # km above the ellipsoid within which it may lie
-_PARALLAX = 1e-6  # least eigenvalue of the sum of their projections, a line, from which on they tell a place
-_GRID = 0.5  # deg of the grid on which the night is found
+_OFF = 1.0  # km: distance by which these may miss it
+_ALTITUDES = (-10.0, 100.0)  # km: range of heights above the ellipsoid in which it may lie
+_PARALLAX = 1e-6  # least eigenvalue of the mean projection across them, below which they are nearly parallel
+_GRID = 0.5  # deg: step of the grid on which the night is computed
 _LETTER, _GAP = 0.075, 0.09  # inches: width of a letter, at most, and between a mark's middle and its name
 
 
 class _Site(NamedTuple):
-    """A place on the ground with its name, (2,) deg of longitude and latitude."""
+    """A target on the ground: its name and its place, (2,) longitude (east) and geodetic latitude, deg."""
 
     name: str
     place: np.ndarray
@@ -88,17 +88,18 @@ def ground_track(
     """Draw the ground track of an Earth observer, and where its boresights meet the Earth.
 
     Devices are instruments and terminals; drives, such as solar arrays, are left out. A track has a gap while
-    its boresight looks past the Earth, and the legend has the share of the time in which it meets. Targets on
-    the ground stand with their names; it is night where the map is grey, in the middle of the plan's time.
+    its boresight looks past the Earth, and the legend gives the fraction of time in which it meets the Earth.
+    Targets on the ground are marked with their names. It is night where the map is grey, at the middle of the
+    plan's time.
 
     Args:
-        plan: with a trajectory, or that of a timeline.
-        observer: the spacecraft's orbit, one of `jaxplan.sky`, since a plan does not hold it.
+        plan: a plan with a trajectory, also one of a timeline.
+        observer: the spacecraft's orbit, one of `jaxplan.sky`; required, since a plan does not hold it.
         ax: axes, a figure to put them in, or None for a new one.
         legend: whether to name what is drawn beside the map.
 
     Returns:
-        The axes: longitude to the east against geodetic latitude, deg.
+        The axes: longitude, positive to the east, and geodetic latitude, deg.
 
     Raises:
         TypeError: if it is no plan, or the observer no orbit.
@@ -168,19 +169,25 @@ def ground_track(
 
 
 def _places(orbit: Orbital, times: np.ndarray, to_earth: np.ndarray) -> np.ndarray:
-    """Positions (k, 3) km of the spacecraft along axes that are fixed to the Earth."""
+    """Return the spacecraft's positions (k, 3), km, in axes fixed to the Earth.
+
+    Args:
+        orbit: of the spacecraft.
+        times: (k,) s after its epoch.
+        to_earth: (k, 3, 3) rotations from inertial axes to those of the Earth at these times.
+    """
     there = sky.positions(orbit.observer, epoch=orbit.epoch, times=times)
     return np.asarray(np.einsum("kij,kj->ki", to_earth, there))
 
 
 def _on_map(places: np.ndarray) -> np.ndarray:
-    """Longitude and geodetic latitude (..., 2) deg of places (..., 3) km; NaN of a NaN."""
+    """Return longitude and geodetic latitude (..., 2) deg of places (..., 3) km; NaN where they are NaN."""
     latitude, longitude, _ = geodetic(places)
     return np.rad2deg(np.stack([longitude, latitude], axis=-1))
 
 
 def _share(times: np.ndarray, there: np.ndarray) -> float:
-    """Share of the time in which something is there, from whether it is at times (k,) s."""
+    """Return the fraction of time in which something is there, given whether it is at times (k,) s."""
     if len(times) == 1 or np.all(there) or not np.any(there):
         return float(np.mean(there))
     both = (there[1:].astype(float) + there[:-1]) / 2
@@ -188,13 +195,19 @@ def _share(times: np.ndarray, there: np.ndarray) -> float:
 
 
 def _percent(share: float) -> str:
-    """A share that is neither none nor all in percent, and not rounded to either."""
+    """Return a fraction between 0 and 1 as text in percent that is never rounded to 0 or 100 %."""
     percent = 100 * share
     return "less than 1 %" if percent < 1 else "over 99 %" if percent > 99 else f"{percent:.0f} %"
 
 
 def _sites(asked: Plan | TimelinePlan, plan: Plan, orbit: Orbital) -> Iterator[_Site]:
-    """Yield the targets of a plan or of a timeline that are places on the ground, each once."""
+    """Yield the targets of a plan or a timeline that are places on the ground, each once.
+
+    Args:
+        asked: the user's plan, which has the targets.
+        plan: the same as a plan of one manoeuvre, which has the trajectory.
+        orbit: of the spacecraft.
+    """
     assert plan.trajectory is not None
     seen: set[str] = set()
     for name, path in _targets(asked):
@@ -208,7 +221,7 @@ def _sites(asked: Plan | TimelinePlan, plan: Plan, orbit: Orbital) -> Iterator[_
 
 
 def _targets(asked: Plan | TimelinePlan) -> Iterator[tuple[str, DirectionPath]]:
-    """Yield all targets with their names, which may be empty."""
+    """Yield all targets of a plan or a timeline with their names, which may be empty, each path once."""
     if isinstance(asked, TimelinePlan):
         every = [one.targets for one in asked.timeline.activities if one.targets is not None]
     else:
@@ -219,10 +232,19 @@ def _targets(asked: Plan | TimelinePlan) -> Iterator[tuple[str, DirectionPath]]:
 
 
 def _ground(path: DirectionPath, orbit: Orbital, duration: float) -> np.ndarray | None:
-    """Where on the map, (2,) deg, the lines of sight to a target meet; None if it is not on the ground.
+    """Find the place on the ground, (2,) longitude and latitude in deg, at which all lines of sight meet.
 
-    It is the point nearest to all lines by least squares. Seen from a place that hardly moves over the
-    ground, as in a geostationary orbit, the lines are one, and the place is where that meets the Earth.
+    It is the point nearest to all lines by least squares. From a place that hardly moves over the ground, as
+    in a geostationary orbit, all lines are nearly one, and the place is where the first of them meets the
+    Earth.
+
+    Args:
+        path: inertial direction of the target over time.
+        orbit: of the spacecraft.
+        duration: s, of the plan.
+
+    Returns:
+        The place; None if the lines miss it by more than `_OFF`, or its height is not that of the ground.
     """
     first, last = max(0.0, float(path.times[0])), min(duration, float(path.times[-1]))
     times = np.linspace(first, max(first, last), _SAMPLES)
@@ -244,7 +266,7 @@ def _ground(path: DirectionPath, orbit: Orbital, duration: float) -> np.ndarray 
 
 
 def _limit(axes: Axes, points: np.ndarray) -> None:
-    """Show all of the Earth, or the region in which all points (k, 2) deg are."""
+    """Set the limits of the axes to the whole Earth, or to a region that holds all points (k, 2) deg."""
     low, high = np.min(points, axis=0), np.max(points, axis=0)
     if np.any(high - low > _REGION):
         axes.set(xlim=(-180, 180), ylim=(-90, 90), xticks=range(-180, 181, 60), yticks=range(-90, 91, 30))
@@ -260,7 +282,7 @@ def _limit(axes: Axes, points: np.ndarray) -> None:
 
 
 def _draw_land(axes: Axes) -> None:
-    """Draw land and coasts within the limits of the axes, more finely where these are near together."""
+    """Draw land and coasts within the limits of the axes, with the finer outlines if the region is small."""
     low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
     file = FINE if high[0] - low[0] < _NEAR else FILE
     axes.add_collection(PolyCollection(within(land(file), low, high), **_LAND), autolim=False)
@@ -268,9 +290,14 @@ def _draw_land(axes: Axes) -> None:
 
 
 def _name(axes: Axes, sites: Sequence[_Site], drawn: np.ndarray) -> None:
-    """Write the names of places beside their marks, where they cover as little as possible.
+    """Write the names of sites beside their marks, where they cover as little as possible.
 
-    A name ends or begins right at its mark; to one that stands above or below and beside it leads a line.
+    A name ends or begins right at its mark; a line leads to a name that stands diagonally off its mark.
+
+    Args:
+        axes: the map, with its limits set.
+        sites: to be named.
+        drawn: (k, 2) deg, points of all curves, which names should not cover; rows of NaN are ignored.
     """
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     width, height = GROUND_SIZE[0] * 0.62, GROUND_SIZE[1] * 0.75  # inches of the map, about
@@ -298,7 +325,7 @@ def _name(axes: Axes, sites: Sequence[_Site], drawn: np.ndarray) -> None:
 
 
 def _draw_night(axes: Axes, orbit: Orbital, time: float) -> bool:
-    """Fill where the Sun's centre is below the horizon at a time, s; returns whether it is anywhere."""
+    """Fill where the Sun's centre is below the horizon at a time, s; returns whether that is anywhere."""
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     east = np.arange(np.floor(left), np.ceil(right) + _GRID, _GRID)
     north = np.clip(np.arange(np.floor(low), np.ceil(high) + _GRID, _GRID), -90, 90)
@@ -313,18 +340,18 @@ def _draw_night(axes: Axes, orbit: Orbital, time: float) -> bool:
 
 
 def has_tracks(plan: Plan | TimelinePlan, observer: sky.Satellite | None) -> bool:
-    """Whether a plan has what figures along its orbit need: that, an epoch, a trajectory, and pyerfa."""
+    """Return whether figures along the orbit can be drawn: orbit, epoch, trajectory and pyerfa are there."""
     known = observer is not None and plan.trajectory is not None and plan.scenario.epoch is not None
     return known and find_spec("erfa") is not None
 
 
 def _stamp(epoch: np.datetime64, time: float) -> str:
-    """Date and time to a second, UTC, of a time, s."""
+    """Return the date and time in UTC, to a second, at a time in s after an epoch."""
     instant = epoch.astype("datetime64[ms]") + np.timedelta64(round(1e3 * time), "ms")
     return str(np.datetime_as_string(instant, unit="s")).replace("T", " ")
 
 
 def _clock(epoch: np.datetime64, time: float) -> str:
-    """The time alone, with the date where it is another than the epoch's."""
+    """Return the time of day in UTC as `_stamp` does, with the date where it differs from the epoch's."""
     stamp, first = _stamp(epoch, time), _stamp(epoch, 0.0)
     return stamp[11:] if stamp[:10] == first[:10] else stamp

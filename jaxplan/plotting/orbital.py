@@ -1,9 +1,9 @@
 """The attitude over time in the local orbital frame: roll, pitch and yaw of the body, and angles from nadir.
 
-The frame is that of `jaxplan.plotting.frames`: x ahead, y to the right, z to nadir. The body's axes come out
-of the frame's by a turn about z (yaw), then about the new y (pitch), then about the newest x (roll), sequence
-3-2-1, so that the rotation from the body to the frame is Rz(yaw) Ry(pitch) Rx(roll). Pitch is within 90 deg;
-at these ends roll and yaw turn about one axis, and only their sum or difference means anything.
+The frame is that of `jaxplan.plotting.frames`: x ahead, y to the right, z to nadir. Its axes become the
+body's by a rotation about z (yaw), then about the new y (pitch), then about the newest x (roll): sequence
+3-2-1, so that the rotation from the body to the frame is Rz(yaw) Ry(pitch) Rx(roll). Pitch lies within +-90
+deg; at these ends roll and yaw turn about the same axis, and only their sum or difference means anything.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
 
 _NAMES = ("roll, about x", "pitch, about y", "yaw, about z")
-_TICKS = [1, 1.5, 3, 4.5, 6, 9, 10]
+_TICKS = [1, 1.5, 3, 4.5, 6, 9, 10]  # steps between ticks, times powers of ten
 
 
 def attitude(
@@ -50,16 +50,17 @@ def attitude(
     """Draw roll, pitch and yaw of the body in the local orbital frame, and each boresight's angle from nadir.
 
     The frame has z to nadir, y against the orbit's normal and x about along the velocity; the sequence is yaw
-    about z, pitch about y, roll about x. A body whose axes are the frame's has all three at zero.
+    about z, pitch about y, roll about x. All three angles are zero where the body's axes are those of the
+    frame.
 
     Args:
-        plan: with a trajectory, or that of a timeline.
-        observer: the spacecraft's orbit, one of `jaxplan.sky`, since a plan does not hold it.
-        ax: two axes (one of a spacecraft without devices), a figure to put them in, or None for a new one.
+        plan: a plan with a trajectory, also one of a timeline.
+        observer: the spacecraft's orbit, one of `jaxplan.sky`; required, since a plan does not hold it.
+        ax: two axes (one for a spacecraft without devices), a figure to put them in, or None for a new one.
         legend: whether to name curves beside the panels.
 
     Returns:
-        The axes of the angles, and of the boresights.
+        The axes of the three angles and, if there are devices, of the angles from nadir.
 
     Raises:
         TypeError: if it is no plan, or the observer no orbit.
@@ -95,19 +96,19 @@ def attitude(
 
 
 def attitude_size(count: int) -> tuple[float, float]:
-    """Width and height of the figure in inches, of so many panels."""
+    """Return width and height in inches of a figure of `count` panels."""
     width, height = size(count)
     return width, height + 0.6
 
 
 def roll_pitch_yaw(rotation: np.ndarray) -> np.ndarray:
-    """Angles of the sequence 3-2-1.
+    """Compute roll, pitch and yaw of the sequence 3-2-1.
 
     Args:
         rotation: (k, 3, 3) from the body to the frame, Rz(yaw) Ry(pitch) Rx(roll).
 
     Returns:
-        (3, k) rad: roll and yaw in (-pi, pi], pitch in [-pi / 2, pi / 2].
+        (3, k) rad, rows roll, pitch and yaw: roll and yaw in [-pi, pi], pitch in [-pi / 2, pi / 2].
     """
     roll = np.arctan2(rotation[:, 2, 1], rotation[:, 2, 2])
     pitch = np.arctan2(-rotation[:, 2, 0], np.hypot(rotation[:, 2, 1], rotation[:, 2, 2]))
@@ -116,7 +117,7 @@ def roll_pitch_yaw(rotation: np.ndarray) -> np.ndarray:
 
 
 def _draw_angles(axes: Axes, times: np.ndarray, angles: Sequence[np.ndarray] | np.ndarray) -> None:
-    """Draw angles (3, k) deg over times (k,) s, taken apart where they pass half a turn."""
+    """Draw angles (3, k) deg over times (k,) s; curves are broken where they pass from 180 to -180 deg."""
     for values, look in zip(angles, AXIS_STYLES, strict=True):
         parts = cut(np.column_stack([values, times]))
         curve(axes, parts[:, 1], parts[:, 0], **look)

@@ -1,4 +1,4 @@
-"""The two empty discs of the local orbital frame: about nadir with the Earth, and about the zenith."""
+"""Background of the two discs of the local orbital frame: rings, directions, and the Earth about nadir."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,7 +22,7 @@ _RING_NAME: Look = {**HALO, "fontsize": SMALL - 1, "color": "0.5"}
 
 
 def draw_discs(axes: Axes, frame: Orbital) -> Entries:
-    """Draw the two empty discs with rings and azimuths, and the Earth; returns its legend entry."""
+    """Draw the two empty discs with rings, azimuth lines and the Earth; returns the Earth's legend entry."""
     projection = TwoDiscs()
     axes.set_aspect("equal", anchor="E")  # else the layout takes what is free beside it as the legend's room
     edge = projection.middle + 90

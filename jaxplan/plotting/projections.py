@@ -1,21 +1,21 @@
 """Three projections of the sphere of directions: a flat map, two discs, and the globe seen from outside.
 
-All answer the same questions, so that `jaxplan.plotting.sky` draws on any: where directions are in the
-picture and how strongly they show there, into which parts a line falls, and which directions the picture's
-points are, for areas and names.
+All have the same methods, so that `jaxplan.plotting.sky` draws on any of them: where directions are in the
+picture and how opaque marks are there, into which parts a line is cut, and which directions the points of the
+picture have, for areas and names. Directions are unit vectors in the axes of the figure.
 
-The flat map shows inertial directions as points ``(azimuth, elevation)`` in degrees on [-180, 180] x
-[-90, 90]. Its left and right edge are one meridian, its upper and lower edge one pole each. A line that
-crosses the meridian is cut there, with a row of NaN in between, so that one array holds the whole line. So is
-one that runs over a pole: there the azimuth jumps by half a turn, which is no way of anything.
+The flat map shows directions as points ``(azimuth, elevation)`` in degrees on [-180, 180] x [-90, 90]. Its
+left and right edge are one meridian, its upper and lower edge one pole each. A line that crosses this
+meridian is cut there, with a row of NaN in between, so that one array holds the whole line. So is one that
+runs over a pole, where the azimuth jumps by half a turn.
 
-The two discs are the half spheres about z and about -z, beside each other: in the local orbital frame those
-about nadir and about the zenith. Angles from the middle are true, as are azimuths about it (azimuthal
-equidistant). Both are seen from the zenith, so that x is up and y to the right on either.
+The two discs are the half spheres about z (left) and -z (right): in the local orbital frame those about nadir
+and the zenith. Angles from the middle and azimuths about it are true (azimuthal equidistant). Both are seen
+from the zenith, so that x is up and y to the right on either.
 
-The globe is the orthographic projection, seen from very far. Points of the picture are ``(right, up)`` in
-units of the sphere's radius. Up is north, the inertial z axis. What lies on the far side is seen through the
-sphere, and drawn paler.
+The globe is the orthographic projection, seen from infinitely far. Points of the picture are ``(right, up)``
+in units of the sphere's radius, with the z axis upward (the zenith in the orbital
+frame). The far side is seen through the sphere, paler.
 """
 
 from collections.abc import Iterator
@@ -28,37 +28,37 @@ import numpy as np
 
 from jaxplan.geometry.vectors import azimuth_elevation, frame, pointing, separation
 
-PALE = 0.28  # opacity of the far side of the globe, as a share of the near side's
+PALE = 0.28  # opacity of the far side of the globe, as a fraction of that of the near side
 
-# rad, angles along a circle from its northernmost point, where it begins. It may pass close to a pole only
+# rad: angles along a circle from its northernmost point, where it begins. It may pass close to a pole only
 # near there or opposite; there the azimuth changes fast, so points are dense.
 _NEAR = np.geomspace(1e-6, 0.02, 40)
 _ROUND = np.unique(
     [*np.linspace(0, 2 * np.pi, 721), *_NEAR, *(np.pi - _NEAR), *(np.pi + _NEAR), *(2 * np.pi - _NEAR)]
 )
-_ELEVATIONS = np.deg2rad([15, 0, -15, 30, -30, 45, -45])  # rad, elevations of the eye that are tried
-_LIMB = 0.2  # depth, in radii, below which a direction is too near to the limb to count as in front
-_POLE = 1.0  # deg from a pole within which a line runs over it, less than the width of a line
-_STRAIGHT = 4.0  # deg of azimuth between two points up to which a line between them is drawn straight
-_SHORT = np.deg2rad(1.0)  # rad between two points up to which it is, wherever they are
-_MOST_BETWEEN = 90  # points that are put between two
-# Lines of the grids on which areas are found: deg on the flat map, radii on the globe.
+_ELEVATIONS = np.deg2rad([15, 0, -15, 30, -30, 45, -45])  # rad: elevations of the eye that are tried
+_LIMB = 0.2  # radii: depth below which a direction is too near to the limb to count as in front
+_POLE = 1.0  # deg: distance from a pole within which a line counts as over it, less than its drawn width
+_STRAIGHT = 4.0  # deg: difference of azimuth up to which a line between two points is drawn straight
+_SHORT = np.deg2rad(1.0)  # rad: angle between two points up to which it is drawn straight in any case
+_MOST_BETWEEN = 90  # most steps into which a line between two points is divided
+# Coordinates of the grids on which areas are computed: deg on flat map and discs, radii on the globe.
 _AZIMUTHS, _ELEVATION_LINES = np.linspace(-180, 180, 361), np.linspace(-90, 90, 181)
 _GLOBE_LINES = np.linspace(-1.01, 1.01, 203)
 _DISC_LINES = np.linspace(-91.0, 91.0, 183)
-_SMALL = np.deg2rad(3.0)  # rad, half angle of a cone up to which the grid is made finer for it
-_ACROSS = np.linspace(-1.1, 1.1, 23)  # half widths of such a cone from its centre, where lines are added
+_SMALL = np.deg2rad(3.0)  # rad: half angle of a cone up to which the grid is made finer around it
+_ACROSS = np.linspace(-1.1, 1.1, 23)  # offsets of added coordinates from its centre, in its half widths
 
 
 def circle(axis: np.ndarray, half_angle: float) -> np.ndarray:
-    """Points along the edge of a cone on the sphere.
+    """Return points along the edge of a cone on the sphere, from its northernmost point around.
 
     Args:
         axis: (3,) unit vector.
         half_angle: rad.
 
     Returns:
-        (k, 3), the last of which is the first.
+        (k, 3) unit vectors, the last of which equals the first.
     """
     azimuth, elevation = azimuth_elevation(axis)
     _, left, up = frame(np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation))
@@ -68,25 +68,25 @@ def circle(axis: np.ndarray, half_angle: float) -> np.ndarray:
 
 
 def grid_lines() -> list[np.ndarray]:
-    """Meridians and parallels every 30 deg, each (k, 3)."""
+    """Return meridians and parallels every 30 deg, each as unit vectors (k, 3)."""
     meridians = [circle(pointing(angle, 0.0), np.pi / 2) for angle in np.deg2rad(range(0, 180, 30))]
     return meridians + [circle(np.array([0.0, 0.0, 1.0]), angle) for angle in np.deg2rad(range(30, 180, 30))]
 
 
 def unfold(directions: np.ndarray) -> np.ndarray:
-    """Points of directions on the flat map.
+    """Map directions to points of the flat map.
 
     Args:
         directions: (..., 3) of any length but zero.
 
     Returns:
-        (..., 2) azimuth in [-180, 180] and elevation, deg; the azimuth of a pole means nothing.
+        (..., 2) azimuth in [-180, 180] and elevation, deg; the azimuth of a pole is arbitrary.
     """
     return np.rad2deg(np.stack(azimuth_elevation(directions), axis=-1))
 
 
 def cut(points: np.ndarray) -> np.ndarray:
-    """A line on the flat map, taken apart where it crosses the meridian at its edges.
+    """Cut a line on the flat map where it crosses the meridian at the map's edges.
 
     Args:
         points: (k, 2) deg, successive points of the line; two are joined the shorter way round in azimuth.
@@ -107,14 +107,14 @@ def cut(points: np.ndarray) -> np.ndarray:
 
 
 def over_poles(points: np.ndarray) -> np.ndarray:
-    """A line on the flat map, taken apart where it runs over a pole.
+    """Cut a line on the flat map where it runs over a pole.
 
     Args:
         points: (k, 2) deg, successive points of the line.
 
     Returns:
-        (k', 2) deg: what is within `_POLE` of a pole is replaced by the pole at the azimuths before and
-        after, with a row of NaN between. A line that never leaves a pole is as it was.
+        (k', 2) deg: points within `_POLE` of a pole are replaced by the pole at the azimuths of the points
+        before and after, with a row of NaN between. A line that stays near a pole is returned as it is.
     """
     near = np.abs(points[:, 1]) > 90 - _POLE
     if not np.any(near) or np.all(np.abs(points[:, 1]) > 90 - 1.5 * _POLE):
@@ -135,15 +135,15 @@ def over_poles(points: np.ndarray) -> np.ndarray:
 
 
 def fine(line: np.ndarray, wide: np.ndarray) -> np.ndarray:
-    """A line with points along great circles put between those of its points that are far apart.
+    """Insert points along great circles between those points of a line that are far apart.
 
     Args:
         line: (k, 3) unit vectors.
-        wide: (k - 1,) how many steps there are to be between two points, 1 for none between.
+        wide: (k - 1,) number of steps wanted between each two points, 1 for no points between.
 
     Returns:
-        (k', 3), among them all of the line's points; between opposite ones, which no great circle joins
-        alone, none are put.
+        (k', 3), among them all of the line's points. None are put between points closer than `_SHORT`, and
+        between opposite ones, since those have no unique great circle.
     """
     apart = separation(line[:-1], line[1:])
     steps = np.where((apart > _SHORT) & (apart < np.pi - 1e-6), np.clip(wide, 1, _MOST_BETWEEN), 1).astype(
@@ -162,14 +162,14 @@ def fine(line: np.ndarray, wide: np.ndarray) -> np.ndarray:
 
 
 class Sheet(NamedTuple):
-    """One layer of a picture, on a grid of its points.
+    """One layer of a picture on a grid of picture points, from which filled areas are computed.
 
     Attributes:
-        across: (n,) horizontal coordinates in the picture: deg on the flat map, radii on the globe.
-        upward: (m,) vertical ones.
-        directions: (m, n, 3) inertial unit vectors at the grid's points.
-        strength: factor of an area's opacity.
-        limb: centre (2,) and radius of the circle that the layer ends at; None for a rectangle.
+        across: (n,) horizontal coordinates: deg on flat map and discs, radii on the globe.
+        upward: (m,) vertical coordinates.
+        directions: (m, n, 3) unit vectors of the directions at the grid's points.
+        strength: factor for the opacity of areas on this layer.
+        limb: centre (2,) and radius of the circle at which the layer ends; None for a rectangle.
     """
 
     across: np.ndarray
@@ -183,9 +183,9 @@ class FlatMap:
     """Projection of the sphere to azimuth and elevation in degrees.
 
     Attributes:
-        letter: deg that a letter of a name is wide and a line of it high.
-        mark: deg that a start or a goal takes.
-        gap: deg between a zone and a name beside it.
+        letter: deg, width of a letter of a name and height of its line.
+        mark: deg, size of the mark of a start or a goal.
+        gap: deg between the edge of a zone and a name beside it.
     """
 
     letter: ClassVar = np.array([4.6, 8.6])
@@ -193,15 +193,15 @@ class FlatMap:
     gap: ClassVar = 2.0
 
     def project(self, directions: np.ndarray) -> np.ndarray:
-        """Points (..., 2) of the picture, deg, of inertial directions (..., 3)."""
+        """Return points (..., 2) of the picture, deg, for directions (..., 3)."""
         return unfold(directions)
 
     def opacity(self, directions: np.ndarray) -> np.ndarray:
-        """Opacity (...) of marks and lines at directions (..., 3)."""
+        """Return the opacity (...) of marks and lines at directions (..., 3), which is 1 everywhere."""
         return np.ones(directions.shape[:-1])
 
     def parts(self, line: np.ndarray) -> list[tuple[np.ndarray, float]]:
-        """A line (k, 3) on the sphere as lines (k', 2) of the picture with their opacities."""
+        """Cut a line (k, 3) on the sphere into lines (k', 2) of the picture, each with its opacity."""
         if len(line) > 1:
             turned = np.abs(np.diff(unfold(line)[:, 0]))
             turned = np.minimum(turned, 360 - turned)
@@ -209,7 +209,7 @@ class FlatMap:
         return [(cut(over_poles(unfold(line))), 1.0)]
 
     def sheets(self, axis: np.ndarray, half_angle: float) -> Iterator[Sheet]:
-        """Yield the one layer of the map, on a grid that is fine enough for a cone."""
+        """Yield the only layer of the map, on a grid that is fine enough for the given cone."""
         if half_angle > _SMALL:
             yield _flat_sheet()
             return
@@ -220,47 +220,47 @@ class FlatMap:
         yield _sheet(across, upward)
 
     def extent(self, axis: np.ndarray, half_angle: float) -> tuple[float, float]:
-        """Half the width and height, deg, of a cone in the picture, at most those of a half sphere."""
+        """Return half the width and height, deg, of a cone in the picture, at most those of a half sphere."""
         angle = min(float(np.rad2deg(half_angle)), 90.0)
         return angle / np.cos(min(abs(azimuth_elevation(axis)[1]), np.pi / 3)), angle
 
     def fit(self, spots: np.ndarray, size: np.ndarray) -> np.ndarray:
-        """Centres (k, 2) of labels of a size (2,), moved so far that they are on the picture."""
+        """Move centres (k, 2) of labels of a size (2,) so far that the labels lie on the map."""
         room = np.maximum(np.array([180.0, 87.0]) - size / 2, 0)
         azimuth = (spots[:, 0] + 180) % 360 - 180
         return np.clip(np.stack([azimuth, spots[:, 1]], axis=-1), -room, room)
 
     def directions(self, spots: np.ndarray, _: np.ndarray) -> np.ndarray:
-        """Directions (k, 3) at points (k, 2) of the picture."""
+        """Return the directions (k, 3) at points (k, 2) of the picture."""
         return np.asarray(pointing(*np.deg2rad(spots.T)))
 
 
 def _sheet(across: np.ndarray, upward: np.ndarray) -> Sheet:
-    """The flat map on a grid of azimuths (n,) and elevations (m,), deg."""
+    """Make the layer of the flat map for azimuths (n,) and elevations (m,), deg."""
     return Sheet(across, upward, np.asarray(pointing(*np.deg2rad(np.meshgrid(across, upward)))), 1.0)
 
 
 @cache
 def _flat_sheet() -> Sheet:
-    """The flat map on its usual grid."""
+    """Return the layer of the flat map on its usual grid, computed once."""
     return _sheet(_AZIMUTHS, _ELEVATION_LINES)
 
 
 def _finer(lines: np.ndarray, centre: float, reach: float) -> np.ndarray:
-    """Grid coordinates (n,) with more of them within about `reach` of a centre, for what is small there."""
+    """Add coordinates within about `reach` of a centre to grid coordinates (n,), for a small cone there."""
     more = centre + reach * _ACROSS
     return np.union1d(lines, more[(more > lines[0]) & (more < lines[-1])])
 
 
 class TwoDiscs:
-    """Projection of the half spheres about z and -z to a disc each, with true angles from the middles.
+    """Projection of the half spheres about z and -z to one disc each, with true angles from the middles.
 
     Attributes:
-        middle: deg of the picture that the middles of the discs are to the left and to the right.
-        letter: deg that a letter of a name is wide and a line of it high.
-        mark: deg that a start or a goal takes.
-        gap: deg between a zone and a name beside it.
-        rings: deg from the middles, of rings that are drawn and named.
+        middle: deg in the picture; the discs' middles are that far left (z) and right (-z) of the origin.
+        letter: deg, width of a letter of a name and height of its line.
+        mark: deg, size of the mark of a start or a goal.
+        gap: deg between the edge of a zone and a name beside it.
+        rings: deg from the middles, radii of the rings that are drawn and named.
     """
 
     rings: ClassVar = (30, 60, 90)
@@ -270,11 +270,11 @@ class TwoDiscs:
     gap: ClassVar = 2.0
 
     def project(self, directions: np.ndarray) -> np.ndarray:
-        """Points (..., 2) of the picture, deg, of directions (..., 3) in the frame."""
+        """Return points (..., 2) of the picture, deg, for directions (..., 3) in the frame."""
         return self._on(directions, directions[..., 2] >= 0)
 
     def ring_names(self) -> list[tuple[str, np.ndarray]]:
-        """The names of rings with their places (2,), which no other name may cover."""
+        """Return the names of the rings with their places (2,), which no other name may cover."""
         found = []
         for middle, ring in product((-self.middle, self.middle), self.rings):
             off = (ring + 6 * (ring == 90)) * np.sqrt(0.5)  # that of the edge stands beside it
@@ -282,7 +282,7 @@ class TwoDiscs:
         return found
 
     def _on(self, directions: np.ndarray, first: np.ndarray) -> np.ndarray:
-        """Points (..., 2) of directions (..., 3) on the first disc, or on the second."""
+        """Map directions (..., 3) to points (..., 2) of the disc about z where `first`, else about -z."""
         across = np.hypot(directions[..., 0], directions[..., 1])
         off = np.rad2deg(np.arctan2(across, np.where(first, 1, -1) * directions[..., 2]))
         share = np.divide(off, across, out=np.zeros_like(off), where=across > 0)
@@ -290,11 +290,11 @@ class TwoDiscs:
         return np.stack([middle + share * directions[..., 1], share * directions[..., 0]], axis=-1)
 
     def opacity(self, directions: np.ndarray) -> np.ndarray:
-        """Opacity (...) of marks and lines at directions (..., 3)."""
+        """Return the opacity (...) of marks and lines at directions (..., 3), which is 1 everywhere."""
         return np.ones(directions.shape[:-1])
 
     def parts(self, line: np.ndarray) -> list[tuple[np.ndarray, float]]:
-        """A line (k, 3) on the sphere as lines (k', 2) of the picture, cut where they leave a disc."""
+        """Convert a line (k, 3) to a line (k', 2) of the picture, cut where it leaves a disc; opacity 1."""
         if len(line) > 1:
             line = fine(line, np.ceil(separation(line[:-1], line[1:]) / _SHORT))
         first = line[:, 2] >= 0
@@ -308,7 +308,7 @@ class TwoDiscs:
         return [(np.insert(self.project(line), np.repeat(before + 1, 3), extra, axis=0), 1.0)]
 
     def sheets(self, axis: np.ndarray, half_angle: float) -> Iterator[Sheet]:
-        """Yield the layers of both discs; points beyond their edges have directions of these."""
+        """Yield a layer for each disc; points beyond its edge have the directions of the edge."""
         own, (reach, _) = self.project(axis), self.extent(axis, half_angle)
         for side in (1, -1):
             middle = np.array([-side * self.middle, 0.0])
@@ -319,18 +319,18 @@ class TwoDiscs:
             yield Sheet(across + middle[0], upward, directions, 1.0, ((float(middle[0]), 0.0), 90.0))
 
     def extent(self, axis: np.ndarray, half_angle: float) -> tuple[float, float]:
-        """Half the width and height, deg, of a cone in the picture, at most those of a half sphere."""
+        """Return half the width and height, deg, of a cone in the picture, at most those of a half sphere."""
         size = min(float(np.rad2deg(half_angle)), 90.0)
         return size, size
 
     def fit(self, spots: np.ndarray, size: np.ndarray) -> np.ndarray:
-        """Centres (k, 2) of labels of a size (2,), moved so far that each is upon one disc's square."""
+        """Move centres (k, 2) of labels of a size (2,) so far that each lies in the square of one disc."""
         middle = np.where(spots[:, :1] < 0, -self.middle, self.middle) * (1, 0)
         room = np.maximum(np.array([94.0, 88.0]) - size / 2, 0)
         return np.asarray(middle + np.clip(spots - middle, -room, room))
 
     def directions(self, spots: np.ndarray, _: np.ndarray) -> np.ndarray:
-        """Directions (k, 3) at points (k, 2) of the picture; NaN beyond the discs."""
+        """Return the directions (k, 3) at points (k, 2) of the picture; NaN beyond the discs."""
         side = np.where(spots[:, 0] < 0, 1.0, -1.0)
         right, up = spots[:, 0] + side * self.middle, spots[:, 1]
         found = _off_middle(right, up) * np.stack([np.ones_like(side), np.ones_like(side), side], axis=-1)
@@ -338,7 +338,7 @@ class TwoDiscs:
 
 
 def _off_middle(right: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Directions (..., 3) about z at places of a disc, deg from its middle; beyond its edge those of that."""
+    """Return directions (..., 3) at places, deg from the middle of the disc about z; clipped to its edge."""
     off = np.hypot(right, up)
     angle = np.deg2rad(np.minimum(off, 90.0))
     across = np.sin(angle) / np.where(off > 0, off, 1.0)
@@ -347,14 +347,14 @@ def _off_middle(right: np.ndarray, up: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class GlobeView:
-    """Orthographic projection of the sphere, as it is seen from outside.
+    """Orthographic projection of the sphere as seen from outside.
 
     Attributes:
-        axes: (3, 3) rows right, up and toward the eye, inertial.
-        told: caption of axes that are not inertial.
-        letter: radii that a letter of a name is wide and a line of it high.
-        mark: radii that a start or a goal takes.
-        gap: radii between a zone and a name beside it.
+        axes: (3, 3) rows are the directions right, up and toward the eye.
+        told: caption for axes that are not inertial; empty for inertial ones.
+        letter: radii, width of a letter of a name and height of its line.
+        mark: radii, size of the mark of a start or a goal.
+        gap: radii between the edge of a zone and a name beside it.
     """
 
     axes: np.ndarray
@@ -366,13 +366,13 @@ class GlobeView:
 
     @classmethod
     def from_angles(cls, azimuth: float, elevation: float) -> Self:
-        """The view with the eye at an inertial azimuth and elevation, rad."""
+        """Make the view with the eye at an azimuth and an elevation, rad, and the z axis upward."""
         toward, right, up = frame(np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation))
         return cls(np.array([right, up, toward]))
 
     @classmethod
     def facing(cls, directions: np.ndarray) -> Self:
-        """The view with most of the directions (k, 3) in front; of equals, one from a low elevation."""
+        """Make the view with most of the directions (k, 3) in front, rather from a low elevation."""
         angles = [(a, e) for e in _ELEVATIONS for a in np.deg2rad(range(0, 360, 15))]
         views = [cls.from_angles(*pair) for pair in angles]
         shares = [
@@ -388,19 +388,19 @@ class GlobeView:
         return self.told or f"seen from azimuth {azimuth:.0f}, elevation {elevation:.0f} deg (inertial)"
 
     def project(self, directions: np.ndarray) -> np.ndarray:
-        """Points (..., 2) of the picture, radii, of inertial points (..., 3)."""
+        """Return points (..., 2) of the picture, radii, for points (..., 3) on or in the sphere."""
         return np.asarray(directions @ self.axes[:2].T)
 
     def depth(self, points: np.ndarray) -> np.ndarray:
-        """Depth (...) of points (..., 3) toward the eye; it is positive on the near side of the sphere."""
+        """Return the depth (...) of points (..., 3) toward the eye, positive on the near side."""
         return np.asarray(points @ self.axes[2])
 
     def opacity(self, directions: np.ndarray) -> np.ndarray:
-        """Opacity (...) of marks and lines at directions (..., 3), less on the far side."""
+        """Return the opacity (...) of marks and lines at directions (..., 3): 1 in front, `PALE` behind."""
         return np.where(self.depth(directions) >= 0, 1.0, PALE)
 
     def parts(self, line: np.ndarray) -> list[tuple[np.ndarray, float]]:
-        """A line (k, 3) on the sphere in front and behind, each (k, 2) with NaN elsewhere, with opacities."""
+        """Split a line (k, 3) into front and back: points (k, 2), NaN elsewhere, each with its opacity."""
         flat, near = self.project(line), self.depth(line) >= 0
         far = ~near
         far[1:] |= near[1:] & ~near[:-1]  # so that the two halves meet
@@ -408,7 +408,7 @@ class GlobeView:
         return [(np.where(side[:, None], flat, np.nan), alpha) for side, alpha in ((near, 1.0), (far, PALE))]
 
     def sheets(self, axis: np.ndarray, half_angle: float) -> Iterator[Sheet]:
-        """Yield the layers of the sphere's front and back; points beyond the limb have its directions."""
+        """Yield layers for front and back; grid points beyond the limb have directions of the limb."""
         across = upward = _GLOBE_LINES
         points = _whole_disc()
         if half_angle <= _SMALL:
@@ -419,16 +419,16 @@ class GlobeView:
             yield Sheet(across, upward, points * (1, 1, side) @ self.axes, strength, ((0.0, 0.0), 1.0))
 
     def extent(self, axis: np.ndarray, half_angle: float) -> tuple[float, float]:
-        """Half the width and height, radii, of a cone in the picture, as if it were seen along its axis."""
+        """Return half the width and height, radii, of a cone in the picture, as if seen along its axis."""
         size = float(np.sin(min(half_angle, np.pi / 2)))
         return size, size
 
     def fit(self, spots: np.ndarray, _: np.ndarray) -> np.ndarray:
-        """Centres (k, 2) of labels as they are: all of the picture has room around it."""
+        """Return centres (k, 2) of labels unchanged, since there is room all around the globe."""
         return spots
 
     def directions(self, spots: np.ndarray, beside: np.ndarray) -> np.ndarray:
-        """Directions (k, 3) at points (k, 2), on the side of a direction (3,); NaN beyond the limb."""
+        """Return directions (k, 3) at points (k, 2), on the side of `beside` (3,); NaN beyond the limb."""
         depth = np.sqrt(np.where(np.hypot(*spots.T) < 1, 1 - np.sum(spots**2, axis=-1), np.nan))
         side = 1 if self.depth(beside) >= 0 else -1
         return np.column_stack([spots, side * depth]) @ self.axes
@@ -438,7 +438,7 @@ Projection: TypeAlias = FlatMap | TwoDiscs | GlobeView
 
 
 def _disc(across: np.ndarray, upward: np.ndarray) -> np.ndarray:
-    """Points (m, n, 3) of the near half sphere at the lines of a grid about the unit disc."""
+    """Return points (m, n, 3) of the near half sphere, (right, up, depth), on a grid about the unit disc."""
     right, up = np.meshgrid(across, upward)
     radius = np.maximum(np.hypot(right, up), 1)
     right, up = right / radius, up / radius
@@ -447,5 +447,5 @@ def _disc(across: np.ndarray, upward: np.ndarray) -> np.ndarray:
 
 @cache
 def _whole_disc() -> np.ndarray:
-    """Points of the near half sphere at the globe's usual grid."""
+    """Return the points of the near half sphere on the globe's usual grid, computed once."""
     return _disc(_GLOBE_LINES, _GLOBE_LINES)

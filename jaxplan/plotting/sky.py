@@ -3,7 +3,7 @@
 One drawing serves all projections of `jaxplan.plotting.projections` (the paper's Figures 7 and 12 are flat
 maps). Directions are unit vectors in inertial axes, or in the local orbital frame, whose half spheres about
 nadir and the zenith are two discs: on a flat map the Earth would be a band across all of it. A *track* is the
-curve of a direction on the sphere over time.
+curve of a direction over time, a *wish* a direction that a device prefers, a *day* the motion of a timeline.
 """
 
 from collections.abc import Sequence
@@ -63,7 +63,7 @@ from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
 
 SPHERE_SIZE, DISCS_SIZE, GLOBE_SIZE = (WIDTH, 4.1), (WIDTH, 3.5), (WIDTH, 6.0)  # inches
-_ROWS = 24  # entries of a legend that is not higher than the map
+_ROWS = 24  # most entries in a column of the legend, which is then not higher than the map
 # The square is open, and the star fits into it, so that both show where a device does not move.
 _START: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgewidth": 0.5}
 _END: Look = {
@@ -86,10 +86,10 @@ _NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
 _FAINT: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}  # edge of a moving zone at its last place
 _FIELD: Look = {"linewidth": 1.0, "zorder": 3.1}  # outline of a field of view
 TRACK: Look = {"linewidth": 1.8, "zorder": 3}  # of a boresight
-BETWEEN: Look = {"linewidth": 0.75, "alpha": 0.55, "zorder": 2.8}  # the same on a day, beside what follows
-MOST_BETWEEN = 24  # times that a device follows targets, beyond which the ways between hide what is bold
+BETWEEN: Look = {"linewidth": 0.75, "alpha": 0.55, "zorder": 2.8}  # on a day, while no target is followed
+MOST_BETWEEN = 24  # spans of following targets, beyond which a device's thin tracks between are not drawn
 FOLLOWED: Look = {"linewidth": 2.6, "solid_capstyle": "round", "zorder": 3}
-_AT_POLE = np.deg2rad(0.5)  # rad within which the end of a track is at a pole of the flat map
+_AT_POLE = np.deg2rad(0.5)  # rad: distance from a pole within which the end of a track counts as at it
 
 
 def sphere(
@@ -104,34 +104,32 @@ def sphere(
     """Draw the zones and the track of every device's boresight on the unfolded sphere.
 
     Keep-out zones are hatched with a solid outline, keep-in zones have a dashed one, or a dotted one if they
-    are of a group of which any one holds; the small print under a zone's name says which devices it binds if
-    not all, and its group. One that moves is drawn where it is at first, with the track of its axis and,
-    fainter, its edge at last. Where the plan bears errors, dotted lines bound how far they may move each
-    boresight. Targets that devices have by their names are marked, and what devices without
-    a target would rather point at as wishes. A plan that failed is drawn as far as it came: the path instead
-    of the trajectory, start and goal without a path, and the targets where no goal was found. A timeline's
-    plan is drawn from its start to its end; of devices that follow many targets one after the other the ways
-    between these are left out.
+    are of a group of which any one has to hold; the small print under a zone's name says which devices it
+    binds, if not all, and its group. A zone that moves is drawn at its first place, with the track of its
+    axis and, fainter, its edge at its last place. Where the scenario allows for errors, dotted lines bound
+    how far they may move each boresight. Targets that are given by names of devices are marked, and so are
+    directions that devices without a target prefer ("wish"). A plan that failed is drawn as far as it got:
+    the path instead of the trajectory, start and goal without a path, and the targets where no goal was
+    found. On a timeline's plan a device that follows many targets has no track between them.
 
     Args:
-        plan: of any status, or that of a timeline.
+        plan: a plan of any status, also one of a timeline.
         ax: axes, a figure to put them in, or None for a new one.
-        at: s, an instant at which zones are drawn instead, with a dot where each device looks then.
+        at: s, when zones are drawn, with a dot where each device points then; None for the start, no dots.
         frame: "inertial" for the unfolded sphere, or "orbital" for two discs in the local orbital frame
             (`jaxplan.sky.local_axes`): the half sphere about nadir, with the Earth's limb as it is at first,
-            and that about the zenith, both with ahead up and the right to the right. What stands still in
-            space moves in it.
-        observer: the spacecraft's orbit, for the orbital frame, since a plan does not hold it.
+            and that about the zenith, both with ahead up. What stands still in space moves in it.
+        observer: the spacecraft's orbit, needed for the orbital frame, since a plan does not hold it.
         legend: whether to name devices and marks beside the map.
 
     Returns:
-        The axes: azimuth against elevation, deg; of the discs deg from their middles, of which nadir is at
+        The axes: azimuth and elevation, deg; for the discs angles from their middles, deg, where nadir is at
         (-104, 0) and the zenith at (104, 0).
 
     Raises:
         TypeError: if it is no plan, or the observer no orbit.
-        ValueError: if more than one axes is given, or the instant is not within the plan's trajectory; if
-            there is no such frame, or its orbit, epoch or trajectory is not known.
+        ValueError: if more than one axes is given, the instant is not within the plan's trajectory, there is
+            no such frame, or its orbit, epoch or trajectory is not known.
 
     Example:
         >>> jp.plot.sphere(plan, frame="orbital", observer=jp.load_observer("scene.toml"))
@@ -168,26 +166,25 @@ def globe(
     observer: Satellite | None = None,
     legend: bool = True,
 ) -> Axes:
-    """Draw the zones and the track of every device's boresight on the sphere of directions, seen in space.
+    """Draw the zones and the track of every device's boresight on a globe, the sphere seen from outside.
 
-    The looks are those of the unfolded sphere; what is on the far side is pale. A plan that failed is drawn
-    as far as it came.
+    Lines and marks are those of `sphere`; the far side is pale. A failed plan is drawn as far as it got.
 
     Args:
-        plan: of any status, or that of a timeline.
+        plan: a plan of any status, also one of a timeline.
         ax: axes, a figure to put them in, or None for a new one.
-        view: azimuth and elevation of the eye in the frame, deg; None for one that most of the tracks face.
+        view: azimuth and elevation of the eye in the frame, deg; None for one with most tracks in front.
         at: s, an instant, as of `sphere`.
         frame: "inertial" or "orbital", as of `sphere`; in the latter the zenith is up.
         observer: the spacecraft's orbit, as of `sphere`.
         legend: whether to name devices and marks beside the globe.
 
     Returns:
-        The axes: to the right and up in the picture, in radii.
+        The axes: right and up in the picture, in radii of the sphere.
 
     Raises:
         TypeError: if it is no plan, or the observer no orbit.
-        ValueError: as `sphere`.
+        ValueError: as `sphere`, and if the view is not two angles.
     """
     plan = expect_plan(plan)
     _expect_instant(plan, at)
@@ -200,7 +197,7 @@ def globe(
 
 
 def view_of(plan: Plan, angles: tuple[float, float] | None, frame: Inertial = INERTIAL) -> GlobeView:
-    """View from azimuth and elevation of the eye, deg; for None one that most of the tracks face."""
+    """Return the view from azimuth and elevation of the eye, deg; for None one facing most tracks."""
     if angles is not None:
         expect_view(angles)
         return frame.view(*np.deg2rad(angles))
@@ -210,7 +207,7 @@ def view_of(plan: Plan, angles: tuple[float, float] | None, frame: Inertial = IN
 
 
 def draw_ball(axes: Axes, view: GlobeView) -> None:
-    """Draw the empty globe with a grid, and a caption that says from where it is seen."""
+    """Draw the empty globe with a grid of 30 deg, and a caption that says from where it is seen."""
     axes.set_aspect("equal", anchor="E")  # else the layout takes what is free beside it as the legend's room
     axes.set(xlim=(-1.06, 1.06), ylim=(-1.06, 1.06))
     axes.set_axis_off()
@@ -222,7 +219,7 @@ def draw_ball(axes: Axes, view: GlobeView) -> None:
 
 
 def _expect_instant(plan: Plan, at: float | None) -> None:
-    """Raise a ValueError for an instant, s, that is not within the plan's trajectory."""
+    """Raise a ValueError if an instant, s, is not within the plan's trajectory; None is always accepted."""
     if at is None:
         return
     time, trajectory = number("at", at, "a number of s"), plan.trajectory
@@ -242,7 +239,10 @@ def _draw_plan(
     frame: Inertial,
     further: Entries | None = None,
 ) -> None:
-    """Draw all that a projection shows of a plan, with title and legend; zones perhaps at an instant, s."""
+    """Draw all that a projection shows of a plan, with its title and legend.
+
+    Zones are drawn at the instant `at`, s, or for None at the start; `further` are more legend entries.
+    """
     scenario, craft = plan.scenario, plan.scenario.spacecraft
     zones = zones_at(scenario, 0.0 if at is None else at, frame=frame)
     draw_zones(axes, plan, projection, zones, last=at is None, frame=frame)
@@ -276,12 +276,12 @@ def _draw_plan(
 
 
 def followed(plan: Plan) -> tuple[tuple[int, float, float], ...]:
-    """When each device follows a target on a day; nothing for any other plan."""
+    """Return when devices follow targets on a day, as of `DayPlan.followed`; () for any other plan."""
     return plan.followed if isinstance(plan, DayPlan) else ()
 
 
 def _draw_followed(axes: Axes, projection: Projection, plan: Plan, tracks: np.ndarray) -> Entries:
-    """Draw anew, bold, where devices follow targets on a day; returns a legend entry of all between."""
+    """Draw bold the parts of tracks (k, D, 3) on which devices follow targets; returns the legend entries."""
     spans = followed(plan)
     if not spans:
         return []
@@ -294,7 +294,7 @@ def _draw_followed(axes: Axes, projection: Projection, plan: Plan, tracks: np.nd
 
 
 def followed_entry(plan: Plan) -> Entries:
-    """The legend entries of what is bold while a device follows a target, and left out, of a day."""
+    """Return the legend entries for bold tracks and for tracks that are left out; none unless it is a day."""
     bold: Look = {**FOLLOWED, "color": GREY}
     entries: Entries = [(Line2D([], [], **bold), "while it follows a target")] if followed(plan) else []
     if left_out := crowded(plan):
@@ -307,7 +307,7 @@ def followed_entry(plan: Plan) -> Entries:
 
 
 def crowded(plan: Plan) -> list[int]:
-    """Numbers of devices that follow targets so often that their ways between these are not drawn."""
+    """Return the devices that follow targets so often that their tracks between them are not drawn."""
     devices = [device for device, *_ in followed(plan)]
     return [device for device in sorted(set(devices)) if devices.count(device) > MOST_BETWEEN]
 
@@ -326,7 +326,7 @@ def _draw_fields(axes: Axes, plan: Plan, projection: Projection, frame: Inertial
 
 
 def _draw_instant(axes: Axes, plan: Plan, projection: Projection, at: float, frame: Inertial) -> Entries:
-    """Mark where each device looks at an instant, s; returns the legend entry."""
+    """Mark where each device points at an instant, s; returns the legend entry, with UTC if known."""
     assert plan.trajectory is not None
     state = plan.trajectory.sample(at)
     looks = np.asarray(plan.scenario.spacecraft.boresights(frame.attitude(state.attitude, at), state.joints))
@@ -351,7 +351,7 @@ def draw_zones(
 ) -> None:
     """Draw zones with their names, the tracks of those that move, and the plan's title.
 
-    With `last` those that move have a fainter edge at their last places, too.
+    With `last` moving zones also get a fainter edge at their last places.
     """
     for zone in zones:
         draw_zone(axes, projection, zone)
@@ -370,7 +370,7 @@ def draw_zones(
 
 
 def _draw_points(axes: Axes, projection: Projection, directions: np.ndarray, look: Look) -> None:
-    """Draw marks at directions (k, 3)."""
+    """Draw marks of one look at directions (k, 3); a look without opacity gets that of the projection."""
     flat, opacity = projection.project(directions), projection.opacity(directions)
     for alpha in np.unique(opacity):
         axes.plot(*flat[opacity == alpha].T, **{"alpha": alpha, **look})
@@ -382,11 +382,11 @@ def draw_ends(
     """Mark boresights at start and goal, targets and preferred directions (wishes); returns legend entries.
 
     Args:
-        axes: where to.
+        axes: to draw on.
         plan: of any status.
         projection: of the axes.
-        frame: in which directions are drawn.
-        **fading: perhaps ``alpha``, instead of the projection's opacity.
+        frame: axes in which directions are drawn.
+        **fading: perhaps ``alpha``, which replaces the projection's opacity.
     """
     marks = end_marks(plan, frame)
     tracks = boresight_tracks(plan, frame)
@@ -403,10 +403,10 @@ def draw_ends(
 
 
 def _off_pole(point: np.ndarray, track: np.ndarray) -> np.ndarray:
-    """An end (3,) of a track at a pole, which has any azimuth, as a place right beside it on the track's way.
+    """Move an end of a track off a pole of the flat map, where the azimuth is arbitrary, along the track.
 
     Args:
-        point: unit vector; elsewhere it is returned as it is.
+        point: (3,) unit vector, the end; returned as it is unless at a pole.
         track: (k, 3) from that end on.
     """
     if abs(point[2]) < np.cos(_AT_POLE):
@@ -419,7 +419,7 @@ def _off_pole(point: np.ndarray, track: np.ndarray) -> np.ndarray:
 
 
 def boresight_tracks(plan: Plan, frame: Inertial = INERTIAL) -> np.ndarray | None:
-    """Boresights (k, D, 3) along the trajectory, or else along the path; None without both."""
+    """Return boresights (k, D, 3) along the trajectory, or without it along the path; None without both."""
     if plan.trajectory is not None:
         moves = motion(plan)
         return frame.seen(moves.boresights, moves.times)
@@ -427,7 +427,7 @@ def boresight_tracks(plan: Plan, frame: Inertial = INERTIAL) -> np.ndarray | Non
 
 
 def path_boresights(path: Path, craft: Spacecraft, points_an_edge: int = 24) -> np.ndarray:
-    """Inertial boresights (k, D, 3) along a path, whose edges are geodesics with linear joints."""
+    """Return inertial boresights (k, D, 3) along a path, whose edges are geodesics with linear joints."""
     attitudes, joints, edges = path.attitudes, path.joints, path.edges
     if edges:
         places = np.linspace(0, edges, points_an_edge * edges + 1)
@@ -439,7 +439,7 @@ def path_boresights(path: Path, craft: Spacecraft, points_an_edge: int = 24) -> 
 
 
 class Marks(NamedTuple):
-    """Directions (k, 3) of k devices, by their numbers, that have one mark with one name in the legend."""
+    """Marks of one kind: directions (k, 3) of k devices with one look and one name in the legend."""
 
     look: Look
     name: str
@@ -448,10 +448,10 @@ class Marks(NamedTuple):
 
 
 def end_marks(plan: Plan, frame: Inertial = INERTIAL) -> list[Marks]:
-    """Marks of boresights at start and goal, of targets and of wishes, as far as the plan has them.
+    """Return the marks of boresights at start and goal, of targets and of wishes that a plan has.
 
-    Targets are marked where no goal was found, and of a goal that has them by names of devices, since not
-    every device has one then. They and wishes are where they are at the goal.
+    Targets are marked if no goal was found, or if they name their devices, since then not every device has
+    one. They and wishes are drawn where they are at the time of the goal.
     """
     scenario, goal = plan.scenario, plan.scenario.goal
     craft = scenario.spacecraft
@@ -475,5 +475,5 @@ def end_marks(plan: Plan, frame: Inertial = INERTIAL) -> list[Marks]:
 
 
 def _given(scenario: Scenario, state: GivenState) -> np.ndarray:
-    """Inertial boresights (D, 3) of all devices in a state."""
+    """Return the inertial boresights (D, 3) of all devices in a state."""
     return np.asarray(scenario.spacecraft.boresights(state.attitude, state.joints))

@@ -1,9 +1,12 @@
-"""What all figures share: looks, legends, places of names, and where a figure is drawn.
+"""Helpers that all figures share: styles, legends, placement of names, and the axes to draw on.
 
-A device has one colour and line style in all figures. The colours keep apart for the kinds of colour
-blindness, above all those that share a line style, and the line styles keep apart in print without colour.
-There are 11 colours and 4 styles; as these have no common divisor, 44 devices differ in one or the other, and
-11 in the colour alone, which is all that dots and areas have.
+A *look* is a dict of matplotlib's keyword arguments that style a line, a mark or an area. An *entry* of a
+legend is a pair of a sample artist and its label. A *canvas* is what a user passes as ``ax``.
+
+A device has one colour and line style in all figures, chosen by its number. The colours can be told apart
+with the common kinds of colour blindness, above all those that share a line style; the line styles can be
+told apart in print without colour. There are 11 colours and 4 styles, which have no common divisor, so 44
+devices differ in one or the other; dots and areas have only the 11 colours.
 Legends stand beside the data. Nothing here changes matplotlib's global settings.
 
 A figure is drawn on given axes, in a given figure, or in a new one. A new one belongs to pyplot where pyplot
@@ -11,8 +14,8 @@ can show it: in a notebook it appears below its cell, with a window system after
 can be shown (the backends that only write files) it is a plain figure, which nobody has to close; save it
 with ``axes.figure.savefig(...)``.
 
-All figures of a page's width are `WIDTH` wide, so that text in them is as large as that of the page.
-A name stands at the first of some places where it covers no other name, and the fewest points of curves.
+All figures of a page's width are `WIDTH` wide, so that their text is as large as that of the page. A name is
+put at the candidate place where it covers no other name and the fewest points of curves (`Labels`).
 
 Arguments that cannot be drawn raise an error that names them.
 """
@@ -48,11 +51,11 @@ from jaxplan.timeline.record import TimelinePlan
 from jaxplan.trajectory import Trajectory
 from jaxplan.trajectory.curve import Samples
 
-Look: TypeAlias = dict[str, Any]  # what matplotlib is told about a line, a mark or an area
-Entry: TypeAlias = tuple[Artist, str]  # of a legend
+Look: TypeAlias = dict[str, Any]  # keyword arguments of matplotlib that style a line, a mark or an area
+Entry: TypeAlias = tuple[Artist, str]  # of a legend: a sample of the line or mark, and its label
 Entries: TypeAlias = list[Entry]
 Canvas: TypeAlias = Axes | Sequence[Axes] | np.ndarray | Figure | SubFigure | None
-Box: TypeAlias = tuple[np.ndarray, np.ndarray]  # centre and size, (2,) each, in any unit
+Box: TypeAlias = tuple[np.ndarray, np.ndarray]  # centre (2,) and full size (2,), in the unit of the points
 
 LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (1.5, 1.2)))
 AXIS_STYLES: tuple[Look, ...] = (  # of the body axes; no device has these colours
@@ -60,7 +63,7 @@ AXIS_STYLES: tuple[Look, ...] = (  # of the body axes; no device has these colou
     {"color": "#D55E00", "linestyle": LINE_STYLES[1]},
     {"color": "#009E73", "linestyle": LINE_STYLES[3]},
 )
-LENGTH_STYLE: Look = {"color": "#8C510A", "linestyle": LINE_STYLES[2]}  # of a vector, beside its components
+LENGTH_STYLE: Look = {"color": "#8C510A", "linestyle": LINE_STYLES[2]}  # of a vector's norm beside components
 GREY = "0.35"
 WIDTH = 8.0
 """Inches of a figure's width. Pages show it at some 700 pixels, where `SMALL` is 8 points."""
@@ -70,39 +73,39 @@ HALO: Look = {  # of a name at a place
     "va": "center",
     "path_effects": [withStroke(linewidth=2.5, foreground="white")],
 }
-_BELOW = -0.24  # heights of axes below them where a legend begins, under the label of the axis
-_LONGEST = 30  # letters of a line of a legend
+_BELOW = -0.24  # top of a legend below axes, in heights of the axes: under the label of the time axis
+_LONGEST = 30  # letters in a line of a legend, beyond which it is broken
 _LEGEND_ROWS = 14  # entries in a column of a legend, beyond which it gets another column
-INSTANTS = 1024  # times of the grid of a motion; the paper's manoeuvres have 14 to 50 nodes
+INSTANTS = 1024  # times at which a manoeuvre is sampled; the paper's manoeuvres have 14 to 50 nodes
 
 
 def device_style(number: int) -> Look:
-    """Colour and line style of a device, the same in every figure.
+    """Return the colour and line style of a device, the same in every figure.
 
     Args:
-        number: place among the spacecraft's devices.
+        number: index of the device among those of the spacecraft; styles repeat after 44.
     """
     return {"color": COLOURS[number % len(COLOURS)], "linestyle": LINE_STYLES[number % len(LINE_STYLES)]}
 
 
 def plain(text: Text) -> Text:
-    """Have a text shown letter by letter, as a ``$`` in a name is no formula; returns the text."""
+    """Show a text literally, so that a ``$`` in a name starts no formula; returns the same text."""
     text.set_parse_math(False)
     return text
 
 
 def note(axes: Axes, text: str) -> None:
-    """Write in an empty panel why it is empty."""
+    """Write in the middle of an empty panel why it is empty."""
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)
 
 
 def titled(axes: Axes, plan: Plan, words: str) -> None:
-    """Write above a panel which plan it is of, and what one sees."""
+    """Set the title of a panel to the name of the plan's scenario and `words`, which say what is drawn."""
     plain(axes.set_title(f"{plan.scenario.name}: {words}", fontsize=TEXT + 1, loc="left"))
 
 
 def tidy(axes: Axes) -> None:
-    """Give a panel a light grid and small tick labels, without frame above and to the right."""
+    """Give a panel a light grid and small tick labels, and remove its frame above and to the right."""
     axes.grid(True, color="0.9", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=TEXT)
@@ -110,7 +113,16 @@ def tidy(axes: Axes) -> None:
 
 
 def name_lines(axes: Axes, names: Sequence[str], *, shown: bool = True) -> list[Text]:
-    """Give a panel a line for each name at heights 0, 1, ... downward; returns the labels that are shown."""
+    """Prepare a panel with one horizontal line for each name: the first at height 0, the next at 1 below it.
+
+    Args:
+        axes: the panel; its vertical axis points downward afterwards.
+        names: of the lines, written as tick labels.
+        shown: whether the names are written.
+
+    Returns:
+        The tick labels with the names; none if they are not shown.
+    """
     tidy(axes)
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.set_yticks(range(len(names)), list(names))
@@ -119,7 +131,7 @@ def name_lines(axes: Axes, names: Sequence[str], *, shown: bool = True) -> list[
 
 
 def plain_numbers(axis: Axis) -> None:
-    """Write the numbers of major ticks without powers, and none at minor ticks."""
+    """Write the numbers at major ticks without powers of ten, and no numbers at minor ticks."""
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\N{MINUS SIGN}")))
     axis.set_minor_formatter(NullFormatter())
 
@@ -130,33 +142,33 @@ def legend_beside(
     """Put a legend to the right of the axes, so that it covers no data.
 
     Args:
-        axes: that it stands beside.
-        entries: of the legend; long labels are broken, lest they take the width of the data.
-        columns: of the legend; None for as many as are needed.
-        rows: entries that a column may then have.
+        axes: beside which the legend stands.
+        entries: of the legend; long labels are broken into lines, or they would take width from the data.
+        columns: number of columns; None for as many as `rows` demands.
+        rows: most entries in a column, used where `columns` is None.
     """
     columns = -(-len(entries) // rows) if columns is None else columns
     _legend(axes, entries, {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "ncols": columns})
 
 
 def legend_height(entries: Entries) -> float:
-    """Inches that a legend of one column takes, about."""
+    """Estimate the height in inches of a legend of one column."""
     lines = [1 + label.count("\n") for _, label in entries]
     return SMALL / 72 * sum(1.0 + 1.2 * (count - 1) + 0.5 for count in lines)
 
 
 def legend_below(axes: Axes, entries: Sequence[Entry]) -> None:
-    """Put a legend below the axes and what is written there, where there is no room beside them."""
+    """Put a legend below the axes and their labels, for figures without room beside the axes."""
     _legend(axes, entries, {"loc": "upper left", "bbox_to_anchor": (-0.1, _BELOW)})
 
 
 def legend_at_foot(axes: Axes, entries: Sequence[Entry], columns: int) -> None:
-    """Put a legend of so many columns at the foot of the axes' figure, where it is that of many panels."""
+    """Put one legend of `columns` columns at the foot of the whole figure that the axes are in."""
     _legend(axes.figure, entries, {"loc": "outside lower center", "ncols": columns})
 
 
 def _legend(axes: Axes | Figure | SubFigure, entries: Sequence[Entry], place: Look) -> None:
-    """Give axes, or a figure, a legend at a place, if there is anything to tell."""
+    """Add a legend to axes or a figure at a place (matplotlib's arguments); without entries do nothing."""
     if not entries:
         return
     labels = ["\n".join(map(_broken, label.split("\n"))) for _, label in entries]
@@ -176,18 +188,20 @@ def _legend(axes: Axes | Figure | SubFigure, entries: Sequence[Entry], place: Lo
 
 
 def _broken(line: str) -> str:
-    """A line of a label, broken between words where it is long."""
+    """Break a line of a label between words where it is longer than `_LONGEST`, and indent what follows."""
     indent = line[: len(line) - len(line.lstrip())]
     return line if len(line) <= _LONGEST else textwrap.fill(line, _LONGEST, subsequent_indent=f"{indent}  ")
 
 
 def device_entries(names: Sequence[str]) -> Entries:
-    """Legend entries of devices by their names, the first of which is device 0."""
+    """Return legend entries for devices with the given names; the first name is that of device 0."""
     return [(Line2D([], [], linewidth=1.8, **device_style(i)), name) for i, name in enumerate(names)]
 
 
 def new_figure(size: tuple[float, float]) -> Figure:
-    """Make an empty figure that leaves room for legends beside its axes.
+    """Make an empty figure whose layout leaves room for legends beside its axes.
+
+    It belongs to pyplot unless matplotlib's backend can only write files.
 
     Args:
         size: width and height in inches.
@@ -210,22 +224,25 @@ def panels(
     shared: bool = True,
     alone: int = 0,
 ) -> list[Axes]:
-    """Make the axes of a figure's panels, or check given ones: row by row, each from left to right.
+    """Make the axes of a figure's panels or check given ones, ordered row by row from left to right.
 
     Args:
-        where: as many axes as panels, a figure to put them in, or None for a new one.
-        count: of panels.
-        size: of a new figure, inches.
-        columns: panels a row.
-        heights: of the rows, in proportion; equal if None.
-        widths: of the columns likewise.
-        shared: whether new panels share their horizontal axis with those above and below, and their vertical
-            one with those of their row.
-        alone: of the columns, so many last ones have a vertical axis of their own.
+        where: as many axes as panels, a figure to put them in, or None for a new figure.
+        count: number of panels.
+        size: width and height of a new figure, inches.
+        columns: number of panels in a row.
+        heights: relative heights of the rows; None for equal ones.
+        widths: relative widths of the columns; None for equal ones.
+        shared: whether new panels share the horizontal axis within a column and the vertical axis within a
+            row. Panels that share a vertical axis have its numbers in the first column alone.
+        alone: number of columns, counted from the right, that keep vertical axes of their own.
+
+    Returns:
+        The axes of the panels.
 
     Raises:
-        TypeError: if something else than axes is given.
-        ValueError: if another number of axes is given.
+        TypeError: if something other than axes is given.
+        ValueError: if the number of given axes is wrong.
     """
     if where is None:
         where = new_figure(size)
@@ -251,26 +268,30 @@ def panels(
 
 @dataclass(frozen=True)
 class Labels:
-    """The labels of one panel, as they are placed one after the other.
+    """Chooses places for the labels of one panel, one after the other, so that they do not overlap.
 
     Attributes:
-        points: (k, 2) of what is drawn, which labels should not cover.
-        taken: boxes that no label may touch; those of the labels placed are added.
+        points: (k, 2) what is drawn, which labels should not cover, in any one unit for both coordinates.
+        taken: boxes that no label may touch, in the same unit; each label placed is added to them.
     """
 
     points: np.ndarray
     taken: list[Box] = field(default_factory=list)
 
     def place(self, places: Iterable[ArrayLike], size: ArrayLike, *, must: bool = False) -> np.ndarray | None:
-        """Choose a place and take it.
+        """Choose a place for a label and add its box to `taken`.
+
+        Of the candidates that touch no taken box, the one that covers the fewest points is chosen; among
+        equals the first.
 
         Args:
-            places: centres that the label may have, the best first.
+            places: candidates for the centre of the label, (2,) each, the best first.
             size: width and height of the label.
-            must: whether the label has to stand somewhere, be it upon another one.
+            must: whether the label has to stand somewhere, even if it overlaps another one.
 
         Returns:
-            (2,) the centre; None if there is no room.
+            (2,) the centre; None if every candidate touches a taken box and `must` is False, or there are no
+            candidates.
         """
         every, extent = [np.asarray(place, dtype=float) for place in places], np.asarray(size, dtype=float)
         free = [place for place in every if not any(_touch((place, extent), box) for box in self.taken)]
@@ -282,7 +303,7 @@ class Labels:
         return best
 
     def _covered(self, centre: np.ndarray, size: np.ndarray) -> int:
-        """Number of drawn points that a label of a size (2,) at a centre (2,) would cover."""
+        """Count the drawn points that a label of size (2,) with its centre at (2,) would cover."""
         return int(np.sum(np.all(np.abs(self.points - centre) < size / 2, axis=-1)))
 
 
@@ -292,7 +313,11 @@ def _touch(one: Box, other: Box) -> bool:
 
 
 def expect_plan(plan: object) -> Plan:
-    """Return a plan of any status as figures take it, see `as_plan`; raise a TypeError for anything else."""
+    """Check that the argument is a plan, of any status, and return it.
+
+    The plan of a timeline is returned as `as_plan` makes it a plan of one manoeuvre. Raises a TypeError for
+    anything else.
+    """
     if isinstance(plan, TimelinePlan):
         return as_plan(plan)
     advice = "jp.plan makes one, jp.load_plan reads one, jp.plan_timeline makes that of a timeline"
@@ -300,7 +325,7 @@ def expect_plan(plan: object) -> Plan:
 
 
 def expect_trajectories(given: object, spacecraft: object) -> None:
-    """Raise a TypeError unless these are trajectories by their names, and a spacecraft."""
+    """Raise a TypeError unless `given` maps names to trajectories and `spacecraft` is a spacecraft."""
     for name, trajectory in expect_mapping("trajectories", given).items():
         advice = "a plan has one as plan.trajectory"
         expect(f"trajectories[{name!r}]", trajectory, Trajectory, advice)
@@ -308,14 +333,14 @@ def expect_trajectories(given: object, spacecraft: object) -> None:
 
 
 def expect_mapping(name: str, value: object) -> Mapping[Any, Any]:
-    """Return a mapping as it is; raise a TypeError that calls it `name` for anything else."""
+    """Return a mapping unchanged; for anything else raise a TypeError that calls the argument `name`."""
     if isinstance(value, Mapping):
         return value
     raise TypeError(f"{name} must be a dict by names, not {type(value).__name__}")
 
 
 def expect_view(view: object) -> None:
-    """Raise a ValueError unless a view is two angles."""
+    """Raise a ValueError unless a view is a pair of numbers, azimuth and elevation of the eye."""
     angles = as_floats(view)
     if angles is None or angles.shape != (2,):
         raise ValueError(f"view = {show(view)}: must be azimuth and elevation of the eye, deg, or None")
@@ -323,15 +348,15 @@ def expect_view(view: object) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """A trajectory on a grid of times.
+    """A trajectory sampled on a grid of times, as figures draw it.
 
     Attributes:
-        times: (k,) s; a single one if the manoeuvre takes no time.
-        values: the trajectory there.
-        boresights: (k, D, 3) inertial unit vectors of the D devices.
-        node_times: (m + 1,) s, at which it passes the nodes of a path of m edges.
-        day: whether it is that of a timeline, whose axis of time is that of `day_axis`.
-        epoch: UTC of the start of a timeline; None where it is not known.
+        times: (k,) s from the start, rising; a single one if the manoeuvre takes no time.
+        values: attitude, joints and their derivatives at these times.
+        boresights: (k, D, 3) inertial unit vectors of the boresights of the D devices.
+        node_times: (m + 1,) s, at which the nodes of a path of m edges are passed.
+        day: whether it is the motion of a timeline, whose time axis is drawn by `day_axis`.
+        epoch: UTC of the start of a timeline; None where it is not known, and for single manoeuvres.
     """
 
     times: np.ndarray
@@ -343,10 +368,12 @@ class Motion:
 
 
 def motion(plan: Plan | TimelinePlan) -> Motion:
-    """Sample a plan's trajectory at `INSTANTS` equidistant times, a timeline's at the instants of its day.
+    """Sample the trajectory of a plan for drawing.
+
+    A manoeuvre is sampled at `INSTANTS` equidistant times, the plan of a timeline at `DayPlan.instants`.
 
     Raises:
-        TypeError: if it is no plan.
+        TypeError: if the argument is no plan.
         ValueError: if the plan has no trajectory.
     """
     plan = expect_plan(plan)
@@ -371,13 +398,17 @@ def motion(plan: Plan | TimelinePlan) -> Motion:
 
 
 def curve(axes: Axes, times: np.ndarray, values: np.ndarray, **style: Any) -> None:
-    """Draw one curve; a manoeuvre that takes no time is a dot."""
+    """Draw values (k,) over times (k,) as one curve; a manoeuvre that takes no time is drawn as a dot."""
     marker = "o" if len(times) == 1 else None
     axes.plot(times, values, **{"linewidth": 1.6, "marker": marker, "markersize": 5, **style})
 
 
 def time_axis(grid: Sequence[Axes], moves: Motion) -> None:
-    """Let panels, from top to bottom, show the time of a motion, s, as `time_span` or `day_axis` does."""
+    """Give panels, ordered from top to bottom, the time axis of a motion.
+
+    It is that of `day_axis` for a timeline, with hours and minutes, and else that of `time_span`, with
+    seconds.
+    """
     if moves.day:
         for axes in grid:
             tidy(axes)
@@ -387,9 +418,14 @@ def time_axis(grid: Sequence[Axes], moves: Motion) -> None:
 
 
 def time_span(grid: Sequence[Axes], end: float, node_times: ArrayLike = ()) -> None:
-    """Let panels show the time from zero to an end, s, with minor ticks at nodes.
+    """Give panels a time axis from zero to `end`, s, with marks at the nodes of a path.
 
     The label stands under the lowest panel, and under those that do not share its axis.
+
+    Args:
+        grid: the panels, from top to bottom.
+        end: s; if it is zero the axis shows time zero in its middle.
+        node_times: s, at which nodes are passed; none by default.
     """
     lowest = grid[-1]
     for axes in grid:

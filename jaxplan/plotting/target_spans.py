@@ -1,4 +1,4 @@
-"""When devices follow targets on a day, for its figures."""
+"""Spans of time in which devices follow targets on a day, the motion of a timeline, for its figures."""
 
 from dataclasses import dataclass
 
@@ -8,14 +8,15 @@ from jaxplan.timeline.record import PlannedActivity, TimelinePlan
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Following:
-    """A device that follows a target for an activity.
+    """A span of time in which one device follows a target for one activity.
 
     Attributes:
         planned: the activity as it is planned, with its times.
         device: number of the device.
-        path: of the target.
-        begin: s, from when on the device follows it, perhaps before the activity's window opens.
-        tolerance: rad, that was asked for.
+        path: inertial direction of the target over time.
+        begin: s, when the device begins to follow it; may be before `start`, while the window is not yet
+            open.
+        tolerance: rad, largest pointing error that the activity allows.
     """
 
     planned: PlannedActivity
@@ -26,24 +27,24 @@ class Following:
 
     @property
     def start(self) -> float:
-        """When the activity begins, s."""
+        """When the activity begins, s from the timeline's start."""
         assert self.planned.start is not None
         return self.planned.start
 
     @property
     def end(self) -> float:
-        """When it ends, s."""
+        """When the activity ends, s from the timeline's start."""
         assert self.planned.end is not None
         return self.planned.end
 
     @property
     def name(self) -> str:
-        """Name of the target where its path has one, else nothing."""
+        """Name of the target; empty where its path has none."""
         return self.path.target
 
 
 def followings(plan: TimelinePlan) -> list[Following]:
-    """All that devices follow on a day, in order; those of planned activities alone."""
+    """Return the spans in which devices follow targets, for planned activities in their order."""
     asked = {activity.name: activity.targets for activity in plan.timeline.activities}
     begins = {
         segment.name: segment.start for segment in plan.segments if segment.kind not in ("slew", "idle")

@@ -1,6 +1,6 @@
-"""Axes of time: seconds of a manoeuvre with its end, and UTC, or hours and minutes, of a day.
+"""Time axes: in seconds for a manoeuvre, with a tick at its end, and in UTC or hours and minutes for a day.
 
-Labels of a day in UTC do not count a leap second in it.
+A *day* is the motion of a timeline, however long. Labels in UTC ignore a leap second within the day.
 """
 
 import math
@@ -14,22 +14,23 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 from matplotlib.transforms import IdentityTransform
 
 _NODE_TICK, _DOWNWARD = 3.0, Path([(0, 0), (0, -1)])  # length of the mark of a node in points, and its shape
-_STEPS = (  # s between ticks, of which the shortest with no more ticks than there is room for is taken
+_STEPS = (  # s between ticks; the shortest that gives no more than `_MOST` ticks is taken
     *(1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800),
     *(3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800),
 )
-_MOST = 9  # ticks of an axis
+_MOST = 9  # most ticks of an axis of a day
 _GREY = "0.35"  # of the marks of nodes
 _TEXT = 9.5  # points, of labels
 
 
 def day_axis(grid: Sequence[Axes], end: float, epoch: np.datetime64 | None) -> None:
-    """Let panels, from top to bottom, show the time of a day from zero to an end, s.
+    """Give panels, ordered from top to bottom, the time axis of a day, with labels in hours and minutes.
 
     Args:
-        grid: the panels; the label stands under the lowest.
-        end: s.
-        epoch: UTC of the start; None for times from the start on.
+        grid: the panels; the label of the axis stands under the lowest, and under those that do not share its
+            axis.
+        end: s from the start, right end of the axis; the left end is the start.
+        epoch: UTC of the start, for labels in UTC; None for labels that count from the start.
     """
     start = np.datetime64(0, "ns") if epoch is None else epoch.astype("datetime64[ns]")
     midnight = start.astype("datetime64[D]").astype("datetime64[ns]")
@@ -61,7 +62,7 @@ def day_axis(grid: Sequence[Axes], end: float, epoch: np.datetime64 | None) -> N
 
 
 def mark_nodes(axes: Axes, times: np.ndarray) -> None:
-    """Mark times (k,) s below a panel, by one artist: minor ticks would take half of the time to draw it."""
+    """Mark times (k,) s below a panel by one artist; drawing them as minor ticks would double the time."""
     marks = PathCollection(
         [_DOWNWARD],
         sizes=[_NODE_TICK**2],
@@ -78,20 +79,20 @@ def mark_nodes(axes: Axes, times: np.ndarray) -> None:
 
 
 class EndLocator(MaxNLocator):
-    """Locator of ticks at round times and at the duration."""
+    """Locator of ticks at round times and at the end of a manoeuvre, s."""
 
     def __init__(self, end: float) -> None:
         super().__init__(nbins=8, steps=[1, 2, 2.5, 5, 10])
         self.end = end
 
     def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
-        """The ticks of a view, less those whose labels would run into that of the end."""
+        """Return the ticks of a view, without those whose labels would run into that of the end."""
         ticks = np.asarray(super().tick_values(vmin, vmax), dtype=float)
         return [*ticks[np.abs(ticks - self.end) > 0.08 * (vmax - vmin)].tolist(), self.end]
 
 
 def seconds(end: float, time: float, _: int | None = None) -> str:
-    """Label of a tick at a time, s; that of the duration `end` has three digits, or whole seconds."""
+    """Return the label of a tick at `time`, s; that of the end has three digits, or else whole seconds."""
     if time != end:
         return f"{time:.6g}"
     text = f"{end:.{max(0, 2 - math.floor(math.log10(end)))}f}"

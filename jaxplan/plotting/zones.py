@@ -1,8 +1,9 @@
-"""Zones on the sphere of directions, on either projection: areas, edges, names, and tracks of moving ones.
+"""Zones on the sphere of directions, on any projection: areas, edges, names, and tracks of moving ones.
 
-Keep-out zones are hatched with a solid edge, keep-in zones have a dashed one, or a dotted one if they are of
-a group of which any one holds. Directions are inertial unit vectors; the track of a zone that moves is the
-curve of its axis on the sphere over time.
+A zone is a cone about an axis. Keep-out zones are hatched with a solid edge, keep-in zones have a dashed
+edge, and zones of an ``any_of`` group, of which any one has to hold, a dotted one. Directions are unit
+vectors in the axes of the figure (`jaxplan.plotting.frames`). The *track* or *way* of a zone that moves is
+the curve of its axis on the sphere over time.
 """
 
 from collections.abc import Sequence
@@ -37,26 +38,26 @@ from jaxplan.plotting.style import (
 Cone = KeepOut | KeepIn
 
 _EDGE: Look = {"linewidth": 1.1, "zorder": 1.6}  # of a zone's edge
-_TRACK_POINTS, _MOST_POINTS = 33, 2000  # of the track of a zone's axis
-_TRACK_TURN = 0.05  # rad between them, as far as they are not too many
-_STANDS = 1e-3  # rad that the axis of a zone turns in a moving frame, below which it stands still
+_TRACK_POINTS, _MOST_POINTS = 33, 2000  # least and largest number of points of the track of a zone's axis
+_TRACK_TURN = 0.05  # rad: angle between them, within these numbers
+_STANDS = 1e-3  # rad: turn of a zone's axis in a moving frame, below which it counts as standing still
 _CROWD = 20  # number of zones beyond which their names are smaller and do not say what they bind
 # Where a zone's name may stand, the best first: shares of the zone's half width and half height.
 _SPOTS = np.array([(across, up) for across in (0, 0.6, -0.6, 1.2, -1.2) for up in (0, 0.5, -0.5, 0.8, -0.8)])
-_EDGE_STEP = 8  # of the points of a zone's edge that names should not cover either
-_APART = np.array([1.0, 0.5])  # letters and lines between names of several lines
-_NAME = 3.6  # order of names: upon lines, so that a halo keeps these off, and under marks
+_EDGE_STEP = 8  # every so many points of a zone's edge count as drawn, which names should not cover either
+_APART = np.array([1.0, 0.5])  # gap between names that say what their zones bind, in letters and in lines
+_NAME = 3.6  # zorder of names: above lines, which their halos cover, and below marks
 _WAY: Look = {"linewidth": 0.7, "zorder": 1.7}  # of a zone's axis, lighter than those of boresights
-_AGAIN = np.deg2rad(3.0)  # rad: a way nearer than that to an earlier part of it is not drawn again
-_INSIDE = 0.9  # share of a zone's half angle within which the middle of its name stands
-_LARGE = np.deg2rad(45.0)  # half angle of a zone from which on no name stands beside it
-_TOLD = {FlatMap: _CROWD, TwoDiscs: 4, GlobeView: -1}  # most zones whose names say what they bind
+_AGAIN = np.deg2rad(3.0)  # rad: a track that comes nearer than that to an earlier part is not drawn again
+_INSIDE = 0.9  # fraction of a zone's half angle within which the middle of a name inside it lies
+_LARGE = np.deg2rad(45.0)  # rad: half angle of a zone from which on its name is not put beside it
+_TOLD = {FlatMap: _CROWD, TwoDiscs: 4, GlobeView: -1}  # most zones for which names say what they bind
 _SIDES = ((0, 1), (0, -1), (1, 0), (-1, 0), (0.7, 1), (-0.7, 1), (0.7, -1), (-0.7, -1), (0, 1.8), (0, -1.8))
 NOTHING = np.zeros((0, 3))
 
 
 def draw_line(axes: Axes, projection: Projection, line: np.ndarray, look: Look) -> list[Line2D]:
-    """Draw a line (k, 3) on the sphere, in the parts into which the projection cuts it."""
+    """Draw a line (k, 3) on the sphere, cut into parts by the projection; returns the artists."""
     drawn = []
     for flat, alpha in projection.parts(line):
         faded = look if alpha == 1 else {**look, "alpha": alpha * look.get("alpha", 1)}
@@ -65,16 +66,16 @@ def draw_line(axes: Axes, projection: Projection, line: np.ndarray, look: Look) 
 
 
 def draw_way(axes: Axes, projection: Projection, zone: Cone, track: np.ndarray) -> None:
-    """Draw the way (k, 3) of a zone's axis, of turn upon turn only what is new; else these make a bar."""
+    """Draw the track (k, 3) of a zone's axis without parts close to earlier ones, which would form a bar."""
     for part in fresh_parts(track):
         draw_line(axes, projection, part, {"color": zone_outline(zone)["color"], **_WAY})
 
 
 def fresh_parts(track: np.ndarray) -> list[np.ndarray]:
-    """Parts (m, 3) of a track (k, 3) that are not beside an earlier one.
+    """Return the parts (m, 3) of a track (k, 3) that do not run close to an earlier part.
 
-    What came just before is beside all points of a track, so that it counts only where the track was away
-    since.
+    "Close" is within `_AGAIN`. A point is always close to those just before it, so an earlier point counts
+    only if the track has been away from the place in between.
     """
     near = track @ track.T > np.cos(_AGAIN)
     kept = np.ones(len(track), bool)
@@ -87,7 +88,7 @@ def fresh_parts(track: np.ndarray) -> list[np.ndarray]:
 
 
 def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
-    """Draw a zone with its edge, hatched for keep-out and pale if it binds no device; returns the artists."""
+    """Draw a zone's area and edge: hatched for keep-out, pale if it binds no device; returns the artists."""
     axis, drawn = zone.axis_at(), list[Artist]()
     fill = _zone_fill(zone)
     for across, upward, directions, strength, limb in projection.sheets(axis, zone.half_angle):
@@ -107,14 +108,14 @@ def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
 
 
 def zone_outline(zone: Cone) -> Look:
-    """Colour and line of a zone's edge: dashed for keep-in, dotted for one of a group."""
+    """Return the colour and line style of a zone's edge: dashed for keep-in, dotted for one of a group."""
     inside = isinstance(zone, KeepIn)
     style = (0, (1, 1.5)) if zone.any_of is not None else (0, (5, 2.5)) if inside else "-"
     return {"color": KEEP_IN if inside else KEEP_OUT, "linestyle": style}
 
 
 def _zone_fill(zone: Cone) -> Look:
-    """Colours and hatch of a zone's area."""
+    """Return the colours and the hatch of a zone's area."""
     colour = KEEP_IN if isinstance(zone, KeepIn) else KEEP_OUT
     if not _binds_devices(zone):
         return {"facecolor": to_rgba(colour, 0.03), "edgecolor": "none"}
@@ -124,7 +125,7 @@ def _zone_fill(zone: Cone) -> Look:
 
 
 def _binds_devices(zone: Cone) -> bool:
-    """True if a zone binds a device, False if it binds only other vectors."""
+    """Return True if a zone binds a device, False if it binds only other vectors."""
     return zone.binds_all or bool(zone.devices)
 
 
@@ -138,12 +139,15 @@ def name_zones(
 ) -> list[Artist]:
     """Write each zone's name in it, or above or below a keep-in zone; returns the texts.
 
+    Names also say what their zones bind, where that is not all devices, if there are few zones, all have room
+    for it, and the projection is not the globe. Zones that bind vectors alone say so wherever few zones are
+    named.
+
     Args:
-        axes: where to.
+        axes: to write on.
         projection: of the axes.
-        zones: that are named; few ones, but on the globe, with what they bind, if that is not all devices
-            and all of them have room for it. Those that bind vectors alone say so wherever few are named.
-        devices: names of all devices.
+        zones: to be named, at their places.
+        devices: names of all devices of the spacecraft.
         tracks: (k, 3) directions of drawn curves, which names should not cover.
         ends: (m, 3) directions of starts and goals, which names cover only where there is no other place.
     """
@@ -190,7 +194,18 @@ def _spots(
     *,
     must: bool,
 ) -> list[np.ndarray] | None:
-    """Where names of zones stand, one after the other; None where one has no room, unless all must stand."""
+    """Find places for the names of zones, one after the other.
+
+    Args:
+        projection: of the axes.
+        zones: to be named.
+        names: lines of the name of each zone.
+        labels: what may not be covered; the names placed are added to it.
+        must: whether every name has to stand somewhere, if need be beside its zone or upon another name.
+
+    Returns:
+        The centre (2,) of each name; None if one has no room and `must` is False.
+    """
     found = list[np.ndarray]()
     for zone, lines in zip(zones, names, strict=True):
         size = projection.letter * (max(map(len, lines)), len(lines))
@@ -205,10 +220,11 @@ def _spots(
 
 
 def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.ndarray]:
-    """Points (2,) of the picture where a zone's name of a size (2,) may stand, the best first; never none.
+    """Return points (2,) of the picture where the name of a zone, of size (2,), may stand, the best first.
 
-    These are over and under a keep-in zone, as the tracks are inside of it, and else in the zone. Of one that
-    is more than half the sphere the outside is the smaller part, so its name stays inside, too.
+    They are above and below a keep-in zone, since tracks run inside it, and else inside the zone. If a
+    keep-in zone is more than half the sphere, its outside is the smaller part, so its name stays inside. The
+    zone's centre is always the last of them.
     """
     axis, angle = zone.axis_at(), zone.half_angle
     centre, extent = projection.project(axis), projection.extent(axis, angle)
@@ -224,7 +240,7 @@ def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.nda
 
 
 def _about(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.ndarray]:
-    """Points (2,) of the picture beside a small zone, where its name of a size (2,) is all outside."""
+    """Return points (2,) of the picture where a name of size (2,) stands wholly outside a small zone."""
     if zone.half_angle >= _LARGE:
         return []
     axis = zone.axis_at()
@@ -235,7 +251,7 @@ def _about(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.ndar
 
 
 def _bound(zone: Cone, names: Sequence[str]) -> list[str]:
-    """Lines that say which devices and vectors a zone binds; none if these are all devices and no vector."""
+    """Return lines on which devices and vectors a zone binds; none if it binds just all devices."""
     bound = [name for name in names if zone.binds_all or name in zone.devices]
     others = [name for name in names if name not in bound]
     lines = []
@@ -252,13 +268,16 @@ def _bound(zone: Cone, names: Sequence[str]) -> list[str]:
 
 
 def _group(zone: Cone) -> list[str]:
-    """Lines that name a zone's group and its entry there; none if it is in none."""
+    """Return lines that name a zone's group and its entry in the group; none if it is in no group."""
     lines = [] if zone.any_of is None else [f"any of {zone.any_of}"]
     return lines if zone.entry is None else [*lines, f"with all of {zone.entry}"]
 
 
 def zone_entries(scenario: Scenario, frame: Inertial = INERTIAL) -> Entries:
-    """Legend entries: one of each kind of zones that the scenario has."""
+    """Return legend entries: one for each kind of zone that the scenario has, and one for tracks of axes.
+
+    The latter is there if a zone moves, or `frame` does.
+    """
 
     def kind(zone: Cone) -> tuple[bool, bool, bool]:
         return isinstance(zone, KeepIn), not _binds_devices(zone), zone.any_of is not None
@@ -279,16 +298,23 @@ def zone_entries(scenario: Scenario, frame: Inertial = INERTIAL) -> Entries:
 def zones_at(
     scenario: Scenario, time: float, *, moving: bool | None = None, frame: Inertial = INERTIAL
 ) -> list[Cone]:
-    """Inertial zones at their places at a time, s: all, those that move, or those that stand still."""
+    """Return the scenario's zones with inertial axes where they are at a time, s, in the axes of `frame`.
+
+    With `moving` True only those that move in space are returned, with False only those that stand still.
+    """
     cones: tuple[Cone, ...] = (*scenario.keep_out, *scenario.keep_in)
     wanted = [zone for zone in cones if zone.is_inertial and moving in (None, zone.moves)]
     return [replace(zone, direction=frame.seen(zone.axis_at(time), time)) for zone in wanted]
 
 
 def zone_tracks(plan: Plan, frame: Inertial = INERTIAL) -> list[tuple[Cone, np.ndarray]]:
-    """Inertial zones that move in a frame, at their last places, each with the track of its axis (k, 3).
+    """Find the tracks of the zones whose inertial axes move in the axes of `frame`.
 
-    The last instant is that of the goal; of a plan without one, the last that is known.
+    Tracks last from time zero to that of the goal or, in a moving frame, of the motion's end. Without a goal
+    they last in inertial axes as long as the zone's axis is known.
+
+    Returns:
+        Each such zone, at its last place, with the track (k, 3) of its axis.
     """
     tracks: list[tuple[Cone, np.ndarray]] = []
     zones: tuple[Cone, ...] = (*plan.scenario.keep_out, *plan.scenario.keep_in)
