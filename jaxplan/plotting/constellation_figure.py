@@ -1,4 +1,8 @@
-"""A constellation on the globe, satellites coloured by manoeuvre times, and a histogram of these."""
+"""A constellation on the globe, with satellites coloured by manoeuvre times, and a histogram of these times.
+
+A *shell* is a set of satellites on circular orbits of one altitude, in several planes. A *switch* is the
+change of the links between them that they all turn for.
+"""
 
 from collections.abc import Sequence
 
@@ -28,7 +32,7 @@ from jaxplan.plotting.style import (
 )
 from jaxplan.runtime.arguments import expect_any
 
-_TOLD, _TALL = 0.4, 0.15  # shares of the width and height of the histogram that a text in it takes
+_TOLD, _TALL = 0.4, 0.15  # fractions of the histogram's width and height that a text in it takes
 _SIZE = (WIDTH, 4.5)  # inches
 _EARTH: Look = {"facecolor": "#EAF1F6", "edgecolor": "0.6", "linewidth": 0.8}
 _SUN = "#E69F00"
@@ -39,9 +43,9 @@ _RING: Look = {"marker": "o", "markersize": 6, "color": "black", "fillstyle": "n
 _LOST: Look = {"color": KEEP_OUT, "marker": "x", "linewidths": 1.2, "zorder": 5}
 _CROSS: Look = {"marker": "x", "markersize": 5, "color": KEEP_OUT}
 _COLOURS = "viridis"  # of manoeuvre times, on the globe and in the histogram
-_MOST = 0.99  # share of the satellites whose times the colours span
-_FAR = 1.5  # multiple of the longest of these times, beyond which times are written instead of drawn
-_FEW_PLANES = 12  # up to so many planes are drawn as lines
+_MOST = 0.99  # fraction of the satellites, by rising time, whose times the colours span
+_FAR = 1.5  # multiple of the longest of these times; if a time is beyond, the axis is cut and that is written
+_FEW_PLANES = 12  # largest number of planes whose orbits are drawn as lines
 _BINS = 28  # of the histogram
 _BESIDE = np.deg2rad((-65.0, 20.0))  # rad: azimuth from the Sun's and elevation of the eye
 
@@ -54,25 +58,25 @@ def constellation(
     view: tuple[float, float] | None = None,
     legend: bool = True,
 ) -> list[Axes]:
-    """Draw the shell around the Earth, satellites coloured by the times of their manoeuvres, and a histogram.
+    """Draw a shell around the Earth, its satellites coloured by manoeuvre times, and a histogram of these.
 
-    Satellites behind the Earth are not seen, and those beyond its limb on the far side are paler. The bars of
-    the histogram have the colours of the globe.
+    Satellites behind the Earth are not drawn, and those on the far side beyond its limb are paler. The bars
+    of the histogram have the colours of the satellites.
 
     Args:
         result: of `plan_constellation`.
         ax: two axes, a figure to put them in, or None for a new one.
-        minimum: the same switch planned in the shortest time, for all or a sample of the satellites: its
-            histogram is drawn as a line.
-        view: inertial azimuth and elevation of the eye, deg; None for one with the Sun to the side.
-        legend: whether to name marks and histograms beside the panels.
+        minimum: the same switch planned in the shortest time, for all satellites or a sample of them: its
+            histogram is drawn as a line. None for none.
+        view: inertial azimuth and elevation of the eye, deg; None for a view with the Sun to the side.
+        legend: whether to explain marks and histograms below the histogram.
 
     Returns:
         The axes of globe and histogram.
 
     Raises:
         TypeError: if it is no constellation.
-        ValueError: if nothing is planned, or another number of axes is given.
+        ValueError: if nothing is planned, another number of axes is given, or the view is not two angles.
 
     Example:
         >>> jp.plot.constellation(jp.plan_constellation(switch))
@@ -92,7 +96,7 @@ def constellation(
 
 
 def _view(result: Constellation, angles: tuple[float, float] | None) -> GlobeView:
-    """View from azimuth and elevation of the eye, deg; for None one that has the Sun to the side."""
+    """Return the view from azimuth and elevation of the eye, deg; for None with the Sun to the side."""
     if angles is not None:
         expect_view(angles)
         return GlobeView.from_angles(*np.deg2rad(angles))
@@ -102,7 +106,10 @@ def _view(result: Constellation, angles: tuple[float, float] | None) -> GlobeVie
 
 
 def _draw_globe(axes: Axes, result: Constellation, norm: Normalize, view: GlobeView) -> Entries:
-    """Draw the Earth in units of its radius with the satellites that can be seen; returns legend entries."""
+    """Draw the Earth, of radius 1, with the satellites that can be seen; returns legend entries.
+
+    `norm` maps manoeuvre times in s to colours.
+    """
     shell = result.switch.shell
     radius = shell.radius / (shell.radius - shell.altitude)
     places = shell.positions(result.switch.time)[result.planned] / (shell.radius - shell.altitude)
@@ -133,7 +140,7 @@ def _draw_globe(axes: Axes, result: Constellation, norm: Normalize, view: GlobeV
 
 
 def _draw_earth(axes: Axes, view: GlobeView, radius: float) -> None:
-    """Draw the Earth with its grid, and scale the axes to a shell's radius, in radii of the Earth."""
+    """Draw the Earth with its grid, and fit the axes to a shell of a radius in radii of the Earth."""
     reach = 1.16 * radius
     axes.set_aspect("equal", anchor="N")
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
@@ -147,7 +154,7 @@ def _draw_earth(axes: Axes, view: GlobeView, radius: float) -> None:
 
 
 def _draw_planes(axes: Axes, result: Constellation, view: GlobeView) -> None:
-    """Draw the orbits of all planes, where the Earth is not in front of them."""
+    """Draw the orbit of each plane, without its part behind the Earth."""
     shell = result.switch.shell
     period = np.linspace(0, shell.period, 181)
     orbits = np.stack([shell.positions(time)[:: shell.slots] for time in period], axis=1)
@@ -158,9 +165,15 @@ def _draw_planes(axes: Axes, result: Constellation, view: GlobeView) -> None:
 
 
 def _draw_sun(axes: Axes, sun: np.ndarray | None, view: GlobeView, radius: float) -> None:
-    """Draw an arrow toward the Sun, a unit vector (3,), at the edge of the picture of a shell of a radius.
+    """Draw an arrow toward the Sun at the edge of the picture.
 
-    There is none without a Sun, or where the Sun is right in front or behind.
+    Nothing is drawn without a Sun, or if it is nearly in front of the eye or opposite.
+
+    Args:
+        axes: the globe.
+        sun: (3,) unit vector, inertial, or None.
+        view: of the globe.
+        radius: of the shell, in radii of the Earth.
     """
     if sun is None:
         return
@@ -179,7 +192,7 @@ def _draw_sun(axes: Axes, sun: np.ndarray | None, view: GlobeView, radius: float
 def _draw_histogram(
     axes: Axes, result: Constellation, minimum: Constellation | None, norm: Normalize
 ) -> Entries:
-    """Draw the histogram of manoeuvre times; returns legend entries."""
+    """Draw the histogram of manoeuvre times, s, in percent of the satellites; returns legend entries."""
     tidy(axes)
     times = result.duration[np.isfinite(result.duration)]
     shortest = np.zeros(0) if minimum is None else minimum.duration[np.isfinite(minimum.duration)]
@@ -208,7 +221,10 @@ def _draw_histogram(
 
 
 def _tell_longer(axes: Axes, text: str, shares: Sequence[np.ndarray]) -> None:
-    """Write a text to the right, above what is drawn there: shares (b,) in percent of each histogram."""
+    """Write a text at the right end of a histogram, above the bars there.
+
+    `shares` are the heights (b,) of the bars of each histogram, percent; the axis is raised if needed.
+    """
     below = [own[-round(_TOLD * len(own)) :] for own in shares]
     low, high = axes.get_ylim()
     foot = max(float(np.max(own)) for own in below) + 0.03 * high
@@ -218,11 +234,11 @@ def _tell_longer(axes: Axes, text: str, shares: Sequence[np.ndarray]) -> None:
 
 
 def _shares(times: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Percentage of all times (k,) that falls in each bin between edges (b + 1,), (b,)."""
+    """Return the percentage (b,) of all times (k,) that falls in each bin between edges (b + 1,)."""
     return 100 * np.histogram(times, edges)[0] / len(times)
 
 
 def _described(result: Constellation, times: np.ndarray) -> str:
-    """Legend text of a histogram: the setting of the duration, the number of satellites, and the median."""
+    """Return the legend text of a histogram of times (k,), s: setting of the duration, count and median."""
     word = result.study.settings.get("trajectory.duration_s", "stretched")
     return f"{word}: {len(times)} satellites,\nmedian {np.median(times):.1f} s"

@@ -1,7 +1,7 @@
-"""Yaw against pitch of every terminal over a manoeuvre, among masks and ranges; outlines of fields of view.
+"""Yaw against pitch of every terminal over a manoeuvre, with masks and ranges; outlines of fields of view.
 
-A map shows what no sphere can: a mask is a polygon of joint angles, wherever the platform is turned. Where a
-range of yaw spans more than a turn, a mask is drawn at each turn at which it is met.
+Such a map shows what the sphere cannot: a mask is a polygon of joint angles, however the platform is turned.
+Where a range of yaw spans more than a turn, a mask is drawn at each turn at which it lies in the range.
 """
 
 from collections.abc import Iterator
@@ -51,19 +51,19 @@ _END: Look = {
     "markeredgewidth": 1.8,
 }
 _NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
-_EDGE = np.linspace(0, 1, 33)[:-1, None]  # fractions of a field's edge at which its outline has points
+_EDGE = np.linspace(0, 1, 33)[:-1, None]  # positions of an outline's points along an edge of the field
 
 
 def joint_map(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     """Draw the yaw of each terminal against its pitch over the manoeuvre, with its range and its masks.
 
     Args:
-        plan: of any status; without a trajectory the nodes of its path, or start and goal alone, are drawn.
-        ax: axes, one a terminal, a figure to put them in, or None for a new one.
-        legend: whether to say beside the first map what is what.
+        plan: a plan of any status; without a trajectory the nodes of its path, or start and goal, are drawn.
+        ax: as many axes as terminals, a figure to put them in, or None for a new one.
+        legend: whether to explain lines and marks beside the first map.
 
     Returns:
-        The axes: yaw against pitch, deg.
+        The axes: yaw horizontally, pitch vertically, deg.
 
     Raises:
         TypeError: if it is no plan.
@@ -85,7 +85,7 @@ def joint_map(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axe
 
 
 def _draw(axes: Axes, plan: Plan, number: int) -> None:
-    """Draw the map of the terminal of a number."""
+    """Draw the map of terminal `number`."""
     craft, colour = plan.scenario.spacecraft, device_style(number)["color"]
     own = [number, number + len(craft.terminals)]
     tidy(axes)
@@ -114,7 +114,7 @@ def _draw(axes: Axes, plan: Plan, number: int) -> None:
 
 
 def _draw_mask(axes: Axes, mask: Mask, low: np.ndarray, high: np.ndarray) -> None:
-    """Fill a mask at every turn of the yaw, and name it between `low` and `high`, (2,) deg, of the range."""
+    """Fill a mask at every turn of yaw, and write its name within the range `low` to `high`, (2,) deg."""
     for turn in mask.turns:
         corners = np.rad2deg(mask.corners) + np.array([360.0 * turn, 0.0])
         axes.add_patch(Polygon(corners, **_MASK))
@@ -126,7 +126,7 @@ def _draw_mask(axes: Axes, mask: Mask, low: np.ndarray, high: np.ndarray) -> Non
 
 
 def _entries(plan: Plan) -> Entries:
-    """Legend entries of what the maps of a plan show."""
+    """Return legend entries for what the maps of a plan show."""
     drawn: Entries = [(Line2D([], [], color=GREY, linewidth=1.8), "trajectory")] if plan.trajectory else []
     drawn += [(Line2D([], [], color=GREY, **_NODE), "node of the path")] if plan.path is not None else []
     drawn.append((Line2D([], [], color=GREY, **_START), "start"))
@@ -140,12 +140,12 @@ def _entries(plan: Plan) -> Entries:
 def field_outlines(
     scenario: Scenario, attitude: np.ndarray, joints: np.ndarray
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield the number of each device with a field of view, and the field's outline in a state.
+    """Yield the outline of each device's field of view in a state, for devices that have a field.
 
     Args:
         scenario: whose devices are meant.
         attitude: (3, 3) body to inertial.
-        joints: (J,) rad.
+        joints: (J,) rad, angles of all joints.
 
     Yields:
         The device's number, and (k, 3) inertial unit vectors, the last of which is the first.

@@ -1,4 +1,8 @@
-"""Lines at limits in panels over time: how they look, whose they are, and those too far away to be drawn."""
+"""Lines at limits in panels over time: their look, their owners, and limits too far away to be drawn.
+
+A limit belongs to one or several curves of a panel, its *owners*. A limit that is much larger than all curves
+is not drawn but written above the panel, since the curves would shrink to a line.
+"""
 
 from collections.abc import Sequence
 
@@ -9,14 +13,14 @@ from matplotlib.patheffects import withTickedStroke
 
 from jaxplan.plotting.style import GREY, HALO, SMALL, Entries, Look, plain
 
-_MOST_OWNERS = 3  # names of curves that a limit has beside it
-_STILL = 1e-3  # share of a limit below which curves count as standing still
+_MOST_OWNERS = 3  # most names of curves beside a limit; of more curves two names and a count
+_STILL = 1e-3  # fraction of a limit below which curves count as standing still
 
 
 def barrier(side: int) -> Look:
-    """Look of a solid line with ticks on the side that is out of bounds: above for 1, below for -1.
+    """Return the look of a solid line with ticks on the side out of bounds: above for 1, below for -1.
 
-    Curves have no ticks, so whatever its colour a limit is not taken for one of them.
+    Curves have no ticks, so a limit of any colour is not mistaken for a curve.
     """
     ticks = withTickedStroke(angle=side * 60, spacing=7, length=0.6)
     return {"linewidth": 1, "linestyle": "-", "path_effects": [ticks]}
@@ -33,24 +37,24 @@ def limit_lines(
     look: Look | None = None,
     owners: Sequence[str] = (),
 ) -> Entries:
-    """Draw least and largest values as lines, or write those far from the curves above the panel.
+    """Draw the limits of a panel's curves as lines, and write those far from the curves above the panel.
 
-    Where limits differ, what is written, and a line of several curves, say whose they are.
+    Where limits differ between curves, what is written, and a line for several curves, name these.
 
     Args:
-        axes: where to.
-        ends: (c, 2) the least and the largest value of each curve of the panel, in its unit; an infinite one
-            is none.
-        styles: of the curves. A limit of one curve among several has its colour, one of more curves is grey.
+        axes: the panel.
+        ends: (c, 2) least and largest allowed value of each of the c curves, in the panel's unit; an infinite
+            one is no limit.
+        styles: of the curves. A limit of one curve among several has the curve's colour, any other is grey.
         highest: largest magnitude of the curves.
-        far: a limit beyond this multiple of `highest` is written, since the curves would shrink to a line.
-            Where nearly nothing moves every limit is drawn, or the panel would show rounding errors.
-        name: what to call the limit.
-        look: of its lines in place of a `barrier`.
-        owners: names of the curves; none for those that nobody has to tell apart.
+        far: a limit beyond this multiple of `highest` is written instead of drawn. Where nearly nothing moves
+            every limit is drawn, or the panel would show rounding errors.
+        name: what the limit is called.
+        look: of its lines; None for a `barrier`.
+        owners: names of the curves; empty if they need not be told apart.
 
     Returns:
-        Entry for a legend; none where no limit is drawn.
+        One legend entry, or none if no limit is drawn.
     """
     several = len(np.unique(np.round(ends, 9), axis=0)) > 1
     drawn, told, named = False, dict[float, list[int]](), set[float]()
@@ -77,7 +81,10 @@ def limit_lines(
 
 
 def _name_limit(axes: Axes, value: float, side: int, words: str) -> None:
-    """Say whose a limit is, at the right end of its line and on the side of the curves."""
+    """Write whose a limit is at the right end of its line, on the side of the curves.
+
+    `side` is 1 for an upper limit and -1 for a lower one.
+    """
     place: Look = {"xytext": (-2, -side * 2), "textcoords": "offset points", "ha": "right"}
     height: Look = {"va": "top" if side > 0 else "bottom", "color": GREY, "fontsize": SMALL - 1, "zorder": 3}
     where: Look = {"xycoords": ("axes fraction", "data"), "path_effects": HALO["path_effects"]}
@@ -85,12 +92,12 @@ def _name_limit(axes: Axes, value: float, side: int, words: str) -> None:
 
 
 def _listed(names: Sequence[str], own: Sequence[int]) -> str:
-    """Names of curves by their numbers in a few words."""
+    """Join the names of curves `own`, by number, to a short text; of many it ends in "and 5 more"."""
     few = [names[number] for number in own[: _MOST_OWNERS - (len(own) > _MOST_OWNERS)]]
     more = len(own) - len(few)
     return " and ".join([", ".join(few), f"{more} more"]) if more else " and ".join(few)
 
 
 def both_sides(limits: np.ndarray) -> np.ndarray:
-    """Least and largest values (c, 2) that limits (c,) of magnitudes allow."""
+    """Return least and largest values (c, 2) that limits (c,) on magnitudes allow."""
     return np.stack([-limits, limits], axis=-1)

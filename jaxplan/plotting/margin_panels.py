@@ -1,7 +1,10 @@
 """Margins over time: how far every device is from breaking a constraint, and what the certificate proves.
 
-The scale of a margin in degrees is ``asinh(margin / width)``: linear near the limit at zero, where margins
-matter, and logarithmic beyond, so that half a degree and 130 deg are both read off one panel.
+A margin is an angle, positive where the constraint is kept. A zone *binds* a device at an instant if it is
+the one to which the device has its smallest margin; a *stretch* is a time over which this is one zone.
+
+The scale of margins in degrees is ``asinh(margin / width)``: linear near the limit at zero, where margins
+matter, and logarithmic beyond, so that half a degree and 130 deg can both be read off one panel.
 """
 
 from collections.abc import Iterable, Sequence
@@ -46,31 +49,32 @@ from jaxplan.plotting.style import (
 )
 from jaxplan.trajectory.zone_margins import ZoneMargins
 
-_WIDTHS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0])  # deg, within which the scale may be linear
+_WIDTHS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0])  # deg: possible widths of the linear part of the scale
 _DEGREES = [digit * 10.0**power for power in (-2, -1, 0, 1, 2) for digit in range(1, 10)]
 _TICKS = [
     0.0,
     *(sign * value for value in _DEGREES if value <= 180 for sign in (-1, 1)),
 ]  # nearest to zero first
-_MINOR = 0.2  # least distance of ticks without a label, in widths of a label, lest they run together
+_MINOR = 0.2  # least distance of ticks without a label, in widths of a label
 SIZE = (WIDTH, 4.2)  # inches
 _PROVED: Look = {"marker": "^", "color": "black", "markersize": 7, "linestyle": "none"}
 # Offsets of a name's centre from the lowest point of its curve, in halves of the name's size, the best first.
 _BESIDE = [(0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)]
 _OFFSETS = np.array([*_BESIDE, (0, 2.5), (1, 2.5), (-1, 2.5), (2, 0), (-2, 0), (2, 2.5), (-2, 2.5)])
-_LEVEL = 1.0  # points: what is so little higher than the lowest point of a curve is as low to the eye
+_LEVEL = 1.0  # points: parts of a curve that are higher than its lowest point by less count as lowest, too
 _BROKEN: Look = {"facecolor": to_rgba(KEEP_OUT, 0.12), "edgecolor": "none", "zorder": 0.6}
 _CROWD = 60  # number of curves beyond which they are drawn fainter
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Margin:
-    """Margin of a device to a zone, or to a group of them, over time.
+    """Margin of a device to a zone, or to an ``any_of`` group of zones, over time.
 
     Attributes:
-        device: number of the device, or beyond these of a further direction that zones bind.
+        device: number of the device; higher numbers are further directions that zones bind, in the order of
+            `Scenario.sight_names`.
         zone: name of the zone or of the group.
-        values: (k,) rad, >= 0 is clear; NaN while the group's best zone does not bind the device.
+        values: (k,) rad, >= 0 where it is kept; NaN while the group's best entry does not bind the device.
     """
 
     device: int
@@ -83,9 +87,9 @@ def open_near_zero(axes: Axes, which: Literal["x", "y"], lowest: float) -> None:
 
     Args:
         axes: the panel.
-        which: of its axes.
-        lowest: deg, the smallest margin of the panel: the scale is linear up to about there, and at least up
-            to a degree.
+        which: of its axes, "x" or "y".
+        lowest: deg, smallest margin of the panel; the scale is linear up to about there, at least up to 1
+            deg.
     """
     width = float(np.max(_WIDTHS[lowest >= _WIDTHS], initial=_WIDTHS[0]))
     axis: Axis = getattr(axes, f"{which}axis")
@@ -100,7 +104,7 @@ class _DegreeLocator(Locator):
     """Locator of ticks at round numbers of degrees, as many as there is room for.
 
     Args:
-        digits: first digits that ticks may have, in the order in which ticks are tried.
+        digits: first digits that ticks may have, in the order in which ticks are tried; 0 stands for zero.
         room: least distance of two ticks, in widths of a label.
     """
 
@@ -112,7 +116,7 @@ class _DegreeLocator(Locator):
         return self.tick_values(*self.axis.get_view_interval())
 
     def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
-        """The ticks of a view, so far apart that their labels do not touch."""
+        """Return the ticks in a view, so far apart that their labels do not touch."""
         axis: Any = self.axis
         low, high, *places = axis.get_transform().transform(np.array([vmin, vmax, *_TICKS])).tolist()
         apart = self._room * abs(high - low) / max(axis.get_tick_space(), 1)
@@ -128,26 +132,26 @@ class _DegreeLocator(Locator):
 
 @cache
 def _first_digit(value: float) -> int:
-    """First significant digit of a number, 0 of zero."""
+    """Return the first significant digit of a number, 0 for zero."""
     return int(f"{abs(value):e}"[0])
 
 
 def margins(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
     """Draw the margin over time of every device, and every vector that zones bind, to each of its zones.
 
-    The bold line of a device is its smallest margin, with the name of the zone that binds at its lowest point
-    and, where there is room, of those that bind elsewhere. The vertical
-    axis holds every line: it is linear near zero, for a degree or up to the smallest margin, and logarithmic
-    beyond. Below zero, where it is red, a constraint is broken. Zones of an ``any_of`` group count as the
-    best of them. A triangle marks the lower bound over all time that the certificate proves.
+    The bold line of a device is its smallest margin. It has the name of the zone that binds at its lowest
+    point and, where there is room, of those that bind elsewhere. The vertical axis is linear near zero, for a
+    degree or up to the smallest margin, and logarithmic beyond, so that it holds every line. Below zero,
+    where it is red, a constraint is broken. Zones of an ``any_of`` group count as the best of them. A
+    triangle marks the lower bound for all margins at all times that the certificate proves.
 
     Args:
-        plan: with a trajectory.
+        plan: a plan with a trajectory.
         ax: axes, a figure to put them in, or None for a new one.
         legend: whether to name devices and the proved bound beside the panel.
 
     Returns:
-        The axes.
+        The axes, in s and deg.
 
     Raises:
         TypeError: if it is no plan.
@@ -164,7 +168,10 @@ def margins(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
 
 
 def draw(axes: Axes, plan: Plan, moves: Motion) -> tuple[Entries, Entries]:
-    """Draw margins over time on one panel; returns the legend entries of the devices, and of all else."""
+    """Draw margins over time on one panel; returns legend entries of devices, and those of everything else.
+
+    Both are empty if the scenario has no zones, which the panel then says.
+    """
     axes.set_ylabel("margin to zones (deg)", fontsize=TEXT)
     found = margins_over_time(plan.scenario, moves)
     if not found:
@@ -197,7 +204,7 @@ def draw(axes: Axes, plan: Plan, moves: Motion) -> tuple[Entries, Entries]:
 
 
 class _Stretch(NamedTuple):
-    """A time over which one zone binds a device: its first, last and lowest instants, as numbers of them."""
+    """A stretch: its zone, and the indices of its first and last instants and of the smallest margin."""
 
     zone: str
     first: int
@@ -206,14 +213,14 @@ class _Stretch(NamedTuple):
 
 
 class _Smallest(NamedTuple):
-    """A device's smallest margin over time, deg, and the stretches of it with the zone that binds in each."""
+    """A device's smallest margin at each time, (k,) deg, and the stretches in which one zone binds."""
 
     values: np.ndarray
     stretches: list[_Stretch]
 
 
 def _smallest(own: Sequence[Margin]) -> _Smallest:
-    """The smallest of a device's margins, at each time."""
+    """Combine the margins of one device to its smallest margin; NaN where it has none."""
     table = np.rad2deg([margin.values for margin in own])
     values = np.fmin.reduce(table)
     binding = np.argmin(np.where(np.isnan(table), np.inf, table), axis=0)
@@ -227,7 +234,10 @@ def _smallest(own: Sequence[Margin]) -> _Smallest:
 
 
 def span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
-    """Scale the vertical axis to all values drawn, deg, and draw the limit at zero and the red area below."""
+    """Fit the vertical axis to all drawn values, deg, and draw the limit at zero and the red area below.
+
+    If the panel shares its vertical axis with one that is scaled already, the limits of that are kept inside.
+    """
     before = [] if axes.get_autoscaley_on() else axes.get_ylim()  # of a panel that shares the axis
     values = np.concatenate([np.ravel(one) for one in (*before, *drawn)])
     lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
@@ -243,16 +253,16 @@ def span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
 def _name_zones(
     axes: Axes, times: np.ndarray, smallest: dict[int, _Smallest], marks: list[tuple[float, float]]
 ) -> None:
-    """Name the zones that bind where they do, as far as there is room.
+    """Write names of binding zones where they bind, as far as there is room.
 
-    First each smallest margin has a name at its lowest point, the lowest first; then stretches that are as
-    long as their names. A name stands above or below its stretch, or a line leads to it; it stands in the
-    red only where the zone is broken.
+    First each device's smallest margin gets a name at its lowest point, the lowest device first; then
+    stretches that are as long as their names get theirs. A name stands above or below its stretch, or a line
+    leads to it; it stands in the red area only where the zone is broken.
 
     Args:
-        axes: the panel, scaled.
+        axes: the panel, with its scale set.
         times: (k,) s.
-        smallest: by number of the device.
+        smallest: smallest margins by number of the device.
         marks: places (time in s, margin in deg) of marks that no name may cover.
     """
     panel = axes.get_window_extent()
@@ -299,7 +309,10 @@ def _name_zones(
 
 
 def _by_depth(smallest: dict[int, _Smallest]) -> list[tuple[int, _Stretch, bool]]:
-    """All stretches with their devices, the lowest first, those that are a device's lowest before others."""
+    """List all stretches by smallest margin as (device, stretch, whether it is the device's lowest).
+
+    Those that are the lowest of their device come before all others.
+    """
     found: list[tuple[bool, float, int, _Stretch]] = []
     for device, line in smallest.items():
         depths = [float(line.values[own.lowest]) for own in line.stretches]
@@ -309,9 +322,9 @@ def _by_depth(smallest: dict[int, _Smallest]) -> list[tuple[int, _Stretch, bool]
 
 
 def _middle_of_lowest(heights: np.ndarray, stretch: _Stretch) -> int:
-    """Number of the instant amid those about a stretch's lowest that are as low, by heights (k,) in points.
+    """Return the index of the instant in the middle of the level part around a stretch's lowest point.
 
-    Else noise would choose a place on a level part.
+    Noise would otherwise choose a place on the level part. `heights` (k,) are those of the curve in points.
     """
     own = heights[stretch.first : stretch.last + 1]
     higher = np.flatnonzero(own > heights[stretch.lowest] + _LEVEL) + stretch.first
@@ -321,7 +334,10 @@ def _middle_of_lowest(heights: np.ndarray, stretch: _Stretch) -> int:
 
 
 def _name(axes: Axes, zone: str, colour: str, point: np.ndarray, offset: np.ndarray, *, led: bool) -> None:
-    """Write a zone's name at an offset (2,), points, from a point (time in s, margin in deg)."""
+    """Write a zone's name at an offset (2,), points, from a point (time in s, margin in deg).
+
+    With `led` a line leads from the name to the point.
+    """
     place: Look = {"xytext": tuple(offset), "textcoords": "offset points"}
     leader: Look = {"arrowstyle": "-", "color": colour, "linewidth": 0.7, "shrinkA": 0, "shrinkB": 1}
     look: Look = {**place, **HALO, **({"arrowprops": leader} if led else {})}
@@ -329,7 +345,10 @@ def _name(axes: Axes, zone: str, colour: str, point: np.ndarray, offset: np.ndar
 
 
 def _proved(plan: Plan) -> list[tuple[float, float, str]]:
-    """The proved bound of all margins as (time in s, margin in deg, legend text), if there is one."""
+    """Return the certificate's bound of all margins as (time in s, margin in deg, legend text).
+
+    The list has one element, or none without a finite bound.
+    """
     proof = plan.certificate
     if proof is None or proof.min_margin is None or proof.worst_time is None:
         return []
@@ -341,15 +360,18 @@ def _proved(plan: Plan) -> list[tuple[float, float, str]]:
 
 
 def margins_over_time(scenario: Scenario, moves: Motion) -> list[Margin]:
-    """Margins over time of devices and vectors to constraints that bind them, equations (11) and (12).
+    """Compute margins over time of devices and vectors to their zones, equations (11) and (12).
 
-    A group counts as the best of its entries: at every instant the one whose worst member has most margin.
-    So the smallest of all margins at an instant is that of the scene. A mask that repeats every turn of a yaw
+    Of a group only its best entry counts, at every instant the one whose worst member has most margin, so
+    that the smallest of all margins at an instant is that of the scene. A mask that repeats every turn of yaw
     counts once, where it is nearest.
 
     Args:
         scenario: whose zones are meant; one that moves is taken where it is at each instant.
         moves: the motion.
+
+    Returns:
+        One `Margin` for each device and zone that binds it at some time.
     """
     margins = ZoneMargins(scenario)
     table = margins.at(moves.times, moves.values.attitude, moves.values.joints)

@@ -1,11 +1,13 @@
-"""Motions of plans and of tables over time: joints, how far each is off the first, and rates.
+"""Motions of plans and tables compared over time: turns, differences from the first motion, and rates.
 
-A table moves between its rows as its readers fly it (`jaxplan.tables.interpolation`), and rates are those of
-that motion, so that jumps from row to row are strokes. A table with an epoch stands at its times where the
-first plan has one, too; else its first row is time zero, as where it is proved (`jaxplan.certify_table`).
+Between its rows a table moves as its readers interpolate it (`jaxplan.tables.interpolation`); rates are those
+of that motion, so a jump from row to row is drawn as a vertical stroke. A table that has an epoch is placed
+in time by it if a plan has one, too; otherwise its first row is at time zero, as it is where the table is
+proved (`jaxplan.certify_table`).
 
 Attitudes are compared by the rotation from the first motion to another, as a rotation vector in body axes.
-Inside are radians and seconds, on the axes degrees and seconds.
+Quaternions have their scalar first and turn body axes into inertial ones. J is the number of joints. Values
+are in radians and seconds, the axes in degrees and seconds.
 """
 
 from collections.abc import Mapping
@@ -39,27 +41,28 @@ from jaxplan.tables import AttitudeTable, sampled
 from jaxplan.tables.table import column_name
 from jaxplan.trajectory import Trajectory
 
-_INSTANTS = 880  # times of the grid, besides rows and breaks
-_MOST_ROWS = 20_000  # of a table that are drawn, with both sides each; of more the grid alone
-_SIDE = 1e-3  # of an interval, by which a rate is taken beside an instant
+_INSTANTS = 880  # times of the even grid, to which rows of tables and breaks are added
+_MOST_ROWS = 20_000  # rows of a table up to which all are drawn from both sides; else the even grid alone
+_SIDE = 1e-3  # half the step of difference quotients for rates, in intervals of the table
 _STILL = 1e-6  # rad: turns below which an axis is no axis
-_FAR = 1.5  # multiple of the highest value beyond which a limit is written and not drawn
-_RATE = 2  # number of the row of rates
+_FAR = 1.5  # multiple of the largest magnitude beyond which a limit is written and not drawn
+_RATE = 2  # index of the row of panels that shows rates
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Motion:
-    """A motion that can be asked for its state at any time of its span.
+    """A trajectory or a table, whose state can be computed at any time of its span; one of both is None.
 
     Attributes:
-        what: it is, for the legend.
-        first: s, its begin.
-        last: s, its end.
+        what: kind of motion, for the legend.
+        first: s, when it begins.
+        last: s, when it ends.
         corners: (c,) s at which its rates may jump.
-        trajectory: that it is; None of a table.
-        table: that it is, with times from its epoch; None of a trajectory.
-        shift: s, to be added to a table's times.
-        columns: (J,) numbers of the table's columns of the joints; None where it has none.
+        trajectory: the trajectory; None for a table.
+        table: the table; None for a trajectory.
+        shift: s, added to the table's times to get the time of the figure.
+        columns: (J,) indices of the table's columns in the order of the spacecraft's joints; None if it lacks
+            any of them.
     """
 
     what: str
@@ -73,11 +76,15 @@ class _Motion:
 
     @property
     def has_joints(self) -> bool:
-        """Whether its joints are known."""
+        """Whether the angles of its joints are known."""
         return self.table is None or self.columns is not None
 
     def state(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Quaternions (k, 4) and joints (k, J) rad, None where they are not known, at times (k,) s."""
+        """Compute the state at times (k,), s; a table is held constant beyond its ends.
+
+        Returns:
+            Quaternions (k, 4), and joints (k, J) in rad, None where they are not known.
+        """
         if self.trajectory is not None:
             values = self.trajectory.sample(times)
             return np.asarray(quaternion.from_matrix(values.attitude)), values.joints
@@ -87,7 +94,12 @@ class _Motion:
         return turned, None if joints is None or self.columns is None else joints[:, self.columns]
 
     def rates(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Angular velocity (k, 3) rad/s in body axes, and rates of joints (k, J) rad/s, at times (k,) s."""
+        """Compute rates at times (k,), s; those of a table by difference quotients.
+
+        Returns:
+            Angular velocity (k, 3) in rad/s, body axes, and joint rates (k, J) in rad/s, None where not
+            known.
+        """
         if self.trajectory is not None:
             values = self.trajectory.sample(times)
             return values.angular_velocity, values.joint_rates
@@ -99,7 +111,7 @@ class _Motion:
         return np.asarray(turn) / step, moved
 
     def _sides(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Instants (k,) s to either side, in the same interval of the table."""
+        """Return instants (k,), s, before and after times (k,), s, within the same interval of the table."""
         assert self.table is not None
         rows = self.table.times + self.shift
         own = np.clip(np.searchsorted(rows, times, side="right") - 1, 0, len(rows) - 2)
@@ -108,7 +120,10 @@ class _Motion:
         return middle - side, middle + side
 
     def grid(self, other: "_Motion") -> np.ndarray:
-        """Times (k,) s to draw it at: a grid, with both sides of its corners, and those of another."""
+        """Return times (k,), s, at which to draw this motion beside another one.
+
+        They are an even grid over its span, with both sides of the corners of both motions.
+        """
         even = np.linspace(self.first, self.last, _INSTANTS if self.last > self.first else 1)
         corners = np.concatenate([self.corners, other.corners])
         corners = corners[(corners > self.first) & (corners < self.last)]
@@ -116,19 +131,21 @@ class _Motion:
 
 
 def _shorter(turned: np.ndarray) -> np.ndarray:
-    """Quaternions (k, 4) of the same rotations, of half a turn at most."""
+    """Flip signs of quaternions (k, 4) so that their scalar is >= 0: turns of at most half a turn."""
     return np.where(turned[:, :1] < 0, -turned, turned)
 
 
 def _motions(given: Mapping[str, Trajectory | Plan | AttitudeTable], craft: Spacecraft) -> dict[str, _Motion]:
-    """Motions by name, in one time.
+    """Convert trajectories, plans and tables to motions by name, in a common time.
+
+    Time zero is the start of trajectories and plans, and for tables with an epoch the first epoch of a plan.
 
     Args:
         given: trajectories, plans with one, and tables.
         craft: whose joints are meant.
 
     Raises:
-        ValueError: if there are leap seconds between epochs, and pyerfa is not installed.
+        ValueError: if leap seconds between epochs matter, and pyerfa is not installed.
     """
     epochs = [each.scenario.epoch for each in given.values() if isinstance(each, Plan)]
     zero = next((epoch for epoch in epochs if epoch is not None), None)
@@ -138,7 +155,7 @@ def _motions(given: Mapping[str, Trajectory | Plan | AttitudeTable], craft: Spac
 def _motion_of(
     given: Trajectory | Plan | AttitudeTable, craft: Spacecraft, zero: np.datetime64 | None
 ) -> _Motion:
-    """One motion, see `_motions`; `zero` is the UTC of time zero, None where it is not known."""
+    """Convert one of them, see `_motions`; `zero` is the UTC of time zero, None where it is not known."""
     if isinstance(given, AttitudeTable):
         return _of_table(given, craft, zero)
     trajectory = given.trajectory if isinstance(given, Plan) else given
@@ -156,7 +173,7 @@ def _motion_of(
 
 
 def _of_table(table: AttitudeTable, craft: Spacecraft, zero: np.datetime64 | None) -> _Motion:
-    """The motion of a table."""
+    """Convert a table, see `_motions`."""
     shift = -float(table.times[0])
     if zero is not None and table.epoch is not None:
         shift = seconds_between(zero, table.epoch)
@@ -177,14 +194,16 @@ def _of_table(table: AttitudeTable, craft: Spacecraft, zero: np.datetime64 | Non
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Curves:
-    """What is drawn of a motion.
+    """What is drawn of a motion, at k times.
 
     Attributes:
         times: (k,) s.
-        turned: (k, 3) rad, rotation from the first attitude of the first motion, continuous.
-        off: (k, 3) rad, rotation from the first motion's attitude to its own; NaN outside of that's span.
-        spin: (k, 3) rad/s.
-        joints: (3, k, J) likewise, angles, how far they are off, and rates; NaN where they are not known.
+        turned: (k, 3) rad, rotation vector from the first attitude of the first motion, continuous.
+        off: (k, 3) rad, rotation vector from the first motion's attitude to its own; NaN outside the span of
+            the first motion.
+        spin: (k, 3) rad/s, angular velocity in body axes.
+        joints: (3, k, J) angles, differences from the first motion, rad, and rates, rad/s; NaN where not
+            known.
     """
 
     times: np.ndarray
@@ -195,7 +214,7 @@ class _Curves:
 
     @classmethod
     def of(cls, motion: _Motion, first: _Motion, joint_count: int) -> "_Curves":
-        """Sample a motion beside the first one."""
+        """Sample a motion and its difference from the first motion."""
         times = motion.grid(first)
         attitude, joints = motion.state(times)
         spin, joint_rates = motion.rates(times)
@@ -224,12 +243,15 @@ class _Curves:
 
 
 def _difference(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Rotation vectors (k, 3) rad in body axes from attitudes to others, the shorter way."""
+    """Return rotation vectors (k, 3), rad, in body axes, from attitudes `one` to attitudes `other`, (k, 4).
+
+    They take the shorter way, of half a turn at most.
+    """
     return np.asarray(quaternion.log(_shorter(quaternion.product(quaternion.conjugate(one), other))))
 
 
 def _continuous(turned: np.ndarray) -> np.ndarray:
-    """The same rotations with vectors that do not turn over where they pass half a turn, (k, 3) rad."""
+    """Return rotation vectors (k, 3), rad, of the same rotations, without jumps after half a turn."""
     found = turned.copy()
     for row in range(1, len(found)):
         before = found[row - 1]
@@ -247,7 +269,7 @@ def against(
     *,
     legend: bool = True,
 ) -> list[Axes]:
-    """Draw motions with tables among them; see `jaxplan.plotting.trajectory_columns.compare`."""
+    """Draw motions with tables among them, for `jaxplan.plotting.trajectory_columns.compare`, which see."""
     motions = _motions(given, craft)
     named = next(iter(motions))
     first = motions[named]
@@ -295,7 +317,10 @@ def against(
 
 
 def _most_off(curves: list[_Curves], limits: np.ndarray) -> int:
-    """Number of the joint that is farthest off in any motion; if none is off, the fastest for its limit."""
+    """Return the index of the joint that differs most from the first motion.
+
+    If none differs it is the joint that is fastest in relation to its limit, of `limits` (J,) in rad/s.
+    """
     off = np.max([_largest(own.joints[1]) for own in curves], axis=0)
     if not np.max(off, initial=0.0) > 0:
         off = np.max([_largest(own.joints[2]) for own in curves], axis=0) / limits
@@ -303,5 +328,5 @@ def _most_off(curves: list[_Curves], limits: np.ndarray) -> int:
 
 
 def _largest(values: np.ndarray) -> np.ndarray:
-    """Largest magnitudes (J,) of values (k, J) that are known; zero where none is."""
+    """Return the largest magnitudes (J,) of values (k, J), ignoring NaN; zero where all are NaN."""
     return np.asarray(np.max(np.nan_to_num(np.abs(values)), axis=0))

@@ -1,10 +1,10 @@
 """A spacecraft in space: how its devices are mounted, what they can reach, and where they look.
 
-The platform is a cube, since nothing is known of its shape, and devices stand on the sides to which they look
-(`jaxplan.plotting.device_places`). Each is drawn about its foot: a terminal with its yaw axis and the part of
-a sphere that its ranges reach, masks cut out of it; a drive with its axis and the fan of its boresight; a
-field of view as a pyramid; a reaction wheel as a ring in the cube, across its axis
-(`jaxplan.plotting.wheel_picture`). Lengths mean nothing, directions are in body axes. An arrow on what a
+The platform is a cube, since nothing is known of its shape, and devices stand on the sides to which they
+look, each at its foot (`jaxplan.plotting.device_places`). Around its foot a terminal is drawn with its yaw
+axis and the part of a sphere that its ranges reach, with masks cut out; a drive with its axis and the fan in
+which its boresight turns; a field of view as a pyramid. A reaction wheel is a ring in the cube, across its
+axis (`jaxplan.plotting.wheel_picture`). Lengths mean nothing; directions are in body axes. An arrow on what a
 joint reaches points to where its angle grows.
 """
 
@@ -64,13 +64,13 @@ its axis, its boresight, and its field of view."""
 _FRAME = 1.3  # length of the body axes, from the middle of the platform
 _VIEW = (24.0, -52.0)  # deg, elevation and azimuth of the eye
 _REACH, _MASKED, _SIDE = 0.20, 0.45, 0.10  # opacities: of what is reached, of masks, of the platform's faces
-_NARROW = 0.01  # width of the axes that the legend stands beside, in widths of the picture
-_LINES, _KINDS = 34, 12  # lines of text in a column of the legend, and of those on what lines mean
-_FILLED = 0.84  # share of the axes' width or height that the picture fills
-_LETTER = np.array([0.75, 1.8])  # width of a letter and height of a line, in sizes of the font
+_NARROW = 0.01  # width of the empty axes that the legend stands beside, in widths of the picture
+_LINES, _KINDS = 34, 12  # lines of text in a column of the legend; those kept for entries that are no devices
+_FILLED = 0.84  # fraction of the axes' width or height that the picture fills
+_LETTER = np.array([0.75, 1.8])  # width of a letter and height of a line, in units of the font size
 _HEAD = 0.07  # length of an arrow's head, in the picture's units
 _RING: Look = {"color": wheel_picture.COLOUR, "markerfacecolor": to_rgba(*wheel_picture.FILL)}
-_FACES = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # corners of a square
+_FACES = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # corners of a square, in order around it
 
 
 def spacecraft(
@@ -79,18 +79,19 @@ def spacecraft(
     """Draw a spacecraft in its body axes, so that a wrong mounting is seen.
 
     Args:
-        spacecraft: its devices and reaction wheels.
-        joints: (2n + d,) rad, at which boresights are drawn as well, with fields of view there; None for
-            zero angles alone.
+        spacecraft: whose devices and reaction wheels are drawn.
+        joints: (2n + d,) rad, yaws then pitches of its n terminals, then angles of its d drives: fields of
+            view are drawn there, and boresights there and at zero angles. None for zero angles alone.
         ax: 3-D axes, a figure to put them in, or None for a new one.
-        legend: whether to say beside the picture what is drawn, with the ranges unless devices are too many.
+        legend: whether to say beside the picture what is drawn, with ranges unless there are too many
+            devices.
 
     Returns:
-        The axes, to the right and up in the picture as the mouse turns it.
+        The 3-D axes, which the mouse turns in a window.
 
     Raises:
         TypeError: if it is no spacecraft, or the axes are flat.
-        ValueError: if there are other than 2n + d joints.
+        ValueError: if the number of joints is not 2n + d.
 
     Example:
         >>> jp.plot.spacecraft(scenario.spacecraft, joints=scenario.start.joints)
@@ -111,12 +112,7 @@ def spacecraft(
 
 
 def spacecraft_figure(craft: Spacecraft, joints: ArrayLike) -> Figure:
-    """Draw `spacecraft` on a page of its own, which does not belong to pyplot.
-
-    Args:
-        craft: its devices.
-        joints: (2n + d,) rad.
-    """
+    """Draw `spacecraft` in a new figure that does not belong to pyplot; arguments are as there."""
     figure = Figure(figsize=SIZE, layout="constrained")
     spacecraft(craft, joints, ax=figure)
     return figure
@@ -125,7 +121,7 @@ def spacecraft_figure(craft: Spacecraft, joints: ArrayLike) -> Figure:
 def _solid(where: Canvas) -> tuple[Axes3D, Axes]:
     """Make or check the 3-D axes to draw on; returns them, and the axes that the legend stands beside.
 
-    In a figure these are narrow ones of their own, since a layout does not know how wide 3-D axes are.
+    In a figure the latter are narrow axes of their own, since a layout does not know how wide 3-D axes are.
     """
     if where is None:
         where = new_figure(SIZE)
@@ -146,12 +142,12 @@ def _solid(where: Canvas) -> tuple[Axes3D, Axes]:
 
 
 class _Picture:
-    """Drawing of a spacecraft; surfaces are one collection, so that near ones cover far ones.
+    """Drawing of a spacecraft; its surfaces form one collection, so that near ones cover far ones.
 
     Args:
         craft: the spacecraft.
-        axes: 3-D, to draw on.
-        joints: (J,) rad.
+        axes: 3-D axes to draw on.
+        joints: (J,) rad, angles of all joints.
         turned: whether boresights are drawn at these angles, besides zero angles.
     """
 
@@ -169,7 +165,7 @@ class _Picture:
         self.now = craft.boresights(np.eye(3), joints)
 
     def draw(self) -> None:
-        """Draw the platform, its axes and all devices, with equal scales."""
+        """Draw the platform, its axes, wheels and devices with their names, at equal scales of all axes."""
         self._draw_body()
         self._draw_wheels()
         for number, (device, foot) in enumerate(
@@ -182,7 +178,7 @@ class _Picture:
         self._write_names()
 
     def _draw_body(self) -> None:
-        """Draw the platform as a cube, with the body axes."""
+        """Draw the platform as a cube, and the body axes as arrows with their names."""
         for axis, side in np.ndindex(3, 2):
             middle, first, second = np.roll(np.eye(3), -axis, axis=0) * _BODY
             square = np.array([(2 * side - 1) * middle + i * first + j * second for i, j in _FACES])
@@ -193,7 +189,7 @@ class _Picture:
             self._name(1.06 * _FRAME * axis, name, look["color"], TEXT + 2)
 
     def _draw_wheels(self) -> None:
-        """Draw each reaction wheel as a ring across its axis, with an arrow along that."""
+        """Draw each reaction wheel as a ring across its axis, with an arrow along the axis."""
         look: Look = {"color": wheel_picture.COLOUR, "linewidth": 1.3}
         for wheel, hub in zip(self.craft.wheels, self.hubs, strict=True):
             ring = wheel_picture.ring(wheel, hub)
@@ -203,7 +199,7 @@ class _Picture:
             self._arrow(_from(hub, wheel_picture.SPIN * np.asarray(wheel.axis)), look)
 
     def _draw_device(self, number: int, device: Terminal | Drive | Instrument, foot: np.ndarray) -> None:
-        """Draw the device of a number from its foot (3,): reach, boresights and field of view."""
+        """Draw device `number` at its foot (3,): what it reaches, its boresights and its field of view."""
         look = device_style(number)
         colour = look["color"]
         if isinstance(device, Terminal):
@@ -219,7 +215,7 @@ class _Picture:
             self._draw_field(number, device, device.field_of_view, foot)
 
     def _draw_reach(self, number: int, terminal: Terminal, foot: np.ndarray) -> None:
-        """Draw the part of a sphere that a terminal's ranges reach, without its masks, and its yaw axis."""
+        """Draw the part of a sphere that a terminal's ranges reach, its masks in red, and its yaw axis."""
         frame, colour = self.craft.gimbals.frames[number], device_style(number)["color"]
         ranges = np.asarray(terminal.ranges, float)
         yaws, pitches = once_around(ranges[0]), ranges[1]
@@ -251,7 +247,7 @@ class _Picture:
         self._line(_from(foot, _AXIS * frame[:, 2]), {"color": colour, "linewidth": 1, "linestyle": ":"})
 
     def _draw_fan(self, number: int, drive: Drive, foot: np.ndarray) -> None:
-        """Draw the fan in which a drive's boresight turns, and its axis."""
+        """Draw the fan in which the boresight of a drive turns, and the axis of the drive."""
         frame, colour = self.craft.gimbals.frames[number], device_style(number)["color"]
         angles = points_of(once_around(np.asarray(drive.range, float)))
         own = pointing(angles, np.full_like(angles, float(drive.tilt)))
@@ -264,7 +260,7 @@ class _Picture:
         self._line(foot + axis, {"color": colour, "linewidth": 1, "linestyle": ":"})
 
     def _draw_field(self, number: int, device: Any, full: np.ndarray, foot: np.ndarray) -> None:
-        """Draw a field of view of full angles (2,) rad as a pyramid, with an arrow up at its upper edge."""
+        """Draw a field of view of full angles (2,), rad, as a pyramid, with an arrow up at its upper edge."""
         colour = device_style(number)["color"]
         if isinstance(device, Terminal):
             up, turn = UP if device.up is None else device.up, self.moved[number]
@@ -283,7 +279,7 @@ class _Picture:
         self._arrow(np.array([middle, end]), {**thin, "linewidth": 1.2})
 
     def _fill_axes(self) -> None:
-        """Give all three axes one scale, by which the picture fills the page as it is seen at first."""
+        """Give all three axes one scale, with which the picture as first seen fills the page."""
         points = np.concatenate(self.drawn)
         limits = self.axes.set_xlim, self.axes.set_ylim, self.axes.set_zlim
         self.axes.set_box_aspect((1, 1, 1))
@@ -301,9 +297,9 @@ class _Picture:
         self.axes.set_box_aspect((1, 1, 1), zoom=_FILLED * np.min(room / (high - low)))
 
     def _write_names(self) -> None:
-        """Write each device's name at the end of its boresight, or of its axis, where it covers no other.
+        """Write the name of each device at the end of its boresight or axis, where it covers no other name.
 
-        So are those of wheels, at either side of them or at the end of their arrows.
+        Names of wheels stand beside their rings or at the ends of their arrows.
         """
         letter = _LETTER * (SMALL + 1) * self.axes.figure.dpi / 72  # pixels, before the final layout
         labels = Labels(np.zeros((0, 2)))
@@ -324,22 +320,25 @@ class _Picture:
     def _place(
         self, labels: Labels, name: str, places: list[np.ndarray], letter: np.ndarray, look: tuple[str, float]
     ) -> None:
-        """Write a name of a colour and size at one of some places (3,), with letters of a size in pixels."""
+        """Write a name at one of several places (3,) in body axes.
+
+        `letter` is the size (2,) of a letter in pixels, `look` the colour and size of the text.
+        """
         spots = [self._seen(place) for place in places]
         spot = labels.place(spots, letter * [len(name), 1.0], must=True)
         where = int(np.argmin([np.linalg.norm(one - spot) for one in spots]))
         self._name(places[where], name, *look)
 
     def _seen(self, point: np.ndarray) -> np.ndarray:
-        """Place (2,) in the picture, pixels, of a point (3,) in body axes."""
+        """Return the place (2,) in the picture, in pixels, of a point (3,) in body axes."""
         across, up, _ = proj_transform(*point, self.axes.get_proj())
         return np.asarray(self.axes.transData.transform((across, up)))
 
     def _fill(self, polygons: Sequence[np.ndarray] | np.ndarray, colour: str, alpha: float) -> None:
-        """Add triangles or squares, each (k, 3) in body axes, to the surfaces, which `draw` draws together.
+        """Add triangles or squares, each (k, 3) in body axes, to the surfaces that `draw` draws together.
 
-        All have four corners, perhaps one of them twice: matplotlib fills up shorter ones with what it finds,
-        and scales the axes to that.
+        All get four corners, a triangle one of them twice: matplotlib would pad shorter ones with arbitrary
+        values, and scale the axes to those.
         """
         corners = np.asarray(polygons)
         self.surfaces += list(corners if corners.shape[1] == 4 else corners[:, [0, 1, 2, 2]])
@@ -351,7 +350,10 @@ class _Picture:
         self.axes.plot(*points.T, zorder=3, **look)
 
     def _arrow(self, points: np.ndarray, look: Look) -> None:
-        """Draw a line with a head at its end, flat in the plane that the line leaves the platform in."""
+        """Draw a line through points (k, 3) with an arrowhead at its end.
+
+        The head is turned so that it lies flat on a surface around the middle of the platform.
+        """
         self._line(points, look)
         back = points[-1] - points[-2]
         back = back / np.linalg.norm(back)
@@ -368,7 +370,7 @@ class _Picture:
         plain(named)
 
     def entries(self) -> Entries:
-        """Legend entries: devices with their ranges, and what the lines are."""
+        """Return the legend entries: devices with their ranges, and the meanings of lines and surfaces."""
         devices = self.craft.devices
         crowded = sum(_device_label(device).count("\n") + 1 for device in devices) > _LINES - _KINDS
         found: Entries = [
@@ -413,7 +415,7 @@ class _Picture:
 
 
 def _device_label(device: Terminal | Drive | Instrument, *, short: bool = False) -> str:
-    """Legend text of a device: its name, its ranges and its field of view, deg; if short its name alone."""
+    """Return a device's legend text: its name and, unless `short`, its ranges and field of view, deg."""
     if short:
         return device.name
     lines = [device.name]
@@ -428,15 +430,15 @@ def _device_label(device: Terminal | Drive | Instrument, *, short: bool = False)
 
 
 def _span(ends: np.ndarray) -> str:
-    """Text of a range (2,) rad, in degrees."""
+    """Return a range (2,), rad, as text in degrees."""
     return "{} to {} deg".format(*map(_degrees, ends))
 
 
 def _degrees(angle: float) -> str:
-    """Text of an angle, rad, in degrees."""
+    """Return an angle, rad, as text in degrees."""
     return f"{np.rad2deg(angle):.4g}".replace("-", "\N{MINUS SIGN}")
 
 
 def _from(foot: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Both ends (2, 3) of a vector from a foot."""
+    """Return both ends (2, 3) of a vector (3,) that begins at a foot (3,)."""
     return np.array([foot, foot + vector])

@@ -1,14 +1,14 @@
-"""The rows of a timeline: what is done when, and which device follows which target.
+"""The rows of a timeline's figure: what is done when, and which device follows which target.
 
-The uppermost row has the activities by their names, the others have a device each, with a bar while it
-follows a target. A bar is pale while the target is followed before its activity's window opens. Hatched is
-when the target of the activity that is under way, or comes next, is hidden; after the last one it is that of
-the last. Activities that could not be planned have a row, in which they are outlined in red over the time in
-which they were allowed, each after the one before it.
+The top row has a bar for each activity; the others have a device each, with a bar while it follows a target.
+A bar is pale while the target is followed before the window of its activity opens. Hatching shows when a
+device's target is hidden: that of its activity under way or coming next, after the last one still that of the
+last. Activities that could not be planned have a row of their own, outlined in red over the time in which
+they were allowed, each after the one before it.
 
-A name stands in its bar or, where it does not fit, beside it. Activities without room for that have theirs
-turned by 90 deg above the rows, with lines to their bars. In a crowd names are turned in their rows; then not
-all bars are named, and those in a row that follow the same target are named together.
+A name stands in its bar or, where it does not fit, beside it. Activities without room for that have their
+names turned by 90 deg in a *lane* above the rows, with lines to their bars. In crowded rows of devices names
+are turned; then not all bars are named, and bars in a row that follow the same target share one name.
 """
 
 from collections.abc import Iterator, Sequence
@@ -30,20 +30,20 @@ from jaxplan.timeline.record import TimelinePlan
 
 Span = tuple[float, float]
 
-_BAR = 0.74  # of a row: height of bars
-_LETTER = 0.56  # width of a letter in units of its size
+_BAR = 0.74  # height of bars, in heights of a row
+_LETTER = 0.56  # width of a letter, in units of the font size
 _ROOM = 3.0  # points that a bar is longer than the name in it
 _TURNED, _SIZE = 8.0, 8.6  # points: size of names turned by 90 deg, and of upright ones
-_ENOUGH = 0.75  # of the names that have room where they are turned: so many make them upright
-_LOOSE = 1.12  # by which rows are higher than their names need, as the layout takes some of them
-_TALLEST = 80.0  # points of a name for which rows are made higher
-_PITCH = 9.6  # points from one name above the rows to the next
-_LEAD = 12.0  # points, of the lines from there to the bars
+_ENOUGH = 0.75  # a row's names are upright if at least that fraction of those with room when turned has room
+_LOOSE = 1.12  # factor by which rows are higher than their names need, since the layout shrinks them
+_TALLEST = 80.0  # points: longest turned name for which rows are made higher
+_PITCH = 9.6  # points: distance between names above the rows
+_LEAD = 12.0  # points: height for the lines from these names to the rows
 _TOP = -0.6  # upper end of the rows, whose middles are at 0, 1, ...
 _LINE: Look = {"color": "0.45", "linewidth": 0.6, "zorder": 0.9}
-_NEAR = 0.02  # of the day: bars of one target that are not farther apart are named together
-_BARE = 0.25  # of a name upon several bars: what may be between these
-_NARROW = 0.006  # of the day: shorter bars have no white edge
+_NEAR = 0.02  # fraction of the day: bars of one target that are not farther apart share one name
+_BARE = 0.25  # largest fraction of the length of a name on several bars that may lie between them
+_NARROW = 0.006  # fraction of the day: shorter bars have no white edge
 _PALE = 0.35  # opacity of bars before a window opens
 _NOT_PLANNED = "not planned"
 _KINDS: dict[str, str] = {"track": "0.35", "point": "0.35", "attitude": "0.55", "idle": "0.75"}
@@ -61,25 +61,25 @@ _POINT: Look = {"marker": "D", "markersize": 5.5, "linestyle": "none", "markered
 
 
 def device_rows(plan: TimelinePlan) -> dict[int, int]:
-    """Numbers of devices that have a row, with those of their rows."""
+    """Return a dict from the number of each device that has a row to the number of that row."""
     first = 1 + any(one.start is None for one in plan.activities)
     return {device: row for row, device in enumerate(devices(plan), first)}
 
 
 def row_count(plan: TimelinePlan) -> int:
-    """Number of rows: of activities, of those that are not planned if there are any, and of devices."""
+    """Return the number of rows: of activities, of those not planned if there are any, and of devices."""
     return 1 + any(one.start is None for one in plan.activities) + len(devices(plan))
 
 
 def slews(plan: TimelinePlan) -> list[Span]:
-    """Spans of all slews, s."""
+    """Return the start and end, s, of each slew."""
     return [(one.start, one.end) for one in plan.slews]
 
 
 def shade_slews(axes: Axes, plan: TimelinePlan, *, edges: bool = True) -> None:
     """Shade the slews behind the data of a panel.
 
-    With edges a short one on a long axis is a hairline; among curves that would look like one of them.
+    With edges a short slew on a long axis is a hairline; without them it cannot be mistaken for a curve.
     """
     spans = [(start, end - start) for start, end in slews(plan)]
     look = _SLEW if edges else {**_SLEW, "edgecolor": "none"}
@@ -87,16 +87,16 @@ def shade_slews(axes: Axes, plan: TimelinePlan, *, edges: bool = True) -> None:
 
 
 def devices(plan: TimelinePlan) -> list[int]:
-    """Numbers of the devices that any activity has a target for; each has a row."""
+    """Return the numbers of the devices for which any activity has a target; each has a row."""
     craft = plan.timeline.scene.spacecraft
     asked = [one.targets.numbers(craft) for one in plan.timeline.activities if one.targets is not None]
     return sorted(set(chain.from_iterable(asked)))
 
 
 def draw_rows(axes: Axes, plan: TimelinePlan, end: float, lane: float = 0.0) -> Entries:
-    """Draw the rows of a timeline, but for names, on a panel up to `end`, s; returns legend entries.
+    """Draw the rows of a timeline without names on a panel up to `end`, s; returns legend entries.
 
-    Above them is room for names, as much as so many rows take.
+    `lane` is the height of the lane for names above the rows, in rows.
     """
     craft, rows = plan.timeline.scene.spacecraft, device_rows(plan)
     failed = [_NOT_PLANNED] * (row_count(plan) - 1 - len(rows))
@@ -122,7 +122,7 @@ def draw_rows(axes: Axes, plan: TimelinePlan, end: float, lane: float = 0.0) -> 
 
 
 def row_entries(plan: TimelinePlan, end: float) -> Entries:
-    """Legend entries of what the rows of a timeline up to `end`, s, show."""
+    """Return legend entries for what the rows of a timeline show until `end`, s."""
     rows = device_rows(plan)
     done = {_KINDS[one.kind] for one in plan.activities if one.start is not None}
     entries: Entries = [
@@ -145,7 +145,7 @@ def row_entries(plan: TimelinePlan, end: float) -> Entries:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Bar:
-    """A bar in a row, from `start` to `end`, s, with a name in it."""
+    """A bar in a row from `start` to `end`, s, with a name; `waiting` before its activity's window opens."""
 
     row: int
     start: float
@@ -156,7 +156,7 @@ class _Bar:
 
 
 def _bars(plan: TimelinePlan, end: float) -> Iterator[_Bar]:
-    """Yield the bars of all rows."""
+    """Yield the bars of all rows until `end`, s."""
     asked = {activity.name: activity for activity in plan.timeline.activities}
     rows, before = device_rows(plan), 0.0
     for one in plan.activities:
@@ -181,7 +181,10 @@ def _bars(plan: TimelinePlan, end: float) -> Iterator[_Bar]:
 
 
 def _allowed(activity: Activity, before: float, end: float) -> Span:
-    """The time, s, in which an activity that is not planned was allowed, within the day."""
+    """Return the span, s, in which an activity that was not planned was allowed, within [0, `end`].
+
+    It begins at the earliest at `before`, s, the end of the activity in front.
+    """
     start = min(max(before, activity.earliest or 0.0), end)
     last = activity.latest
     if last is None:
@@ -190,7 +193,7 @@ def _allowed(activity: Activity, before: float, end: float) -> Span:
 
 
 def _draw_points(axes: Axes, plan: TimelinePlan) -> None:
-    """Mark the instants of activities that point at one."""
+    """Mark the instants of activities whose devices point at targets for one instant only."""
     rows = device_rows(plan)
     for own in followings(plan):
         if own.planned.kind == "point":
@@ -201,7 +204,7 @@ def _draw_points(axes: Axes, plan: TimelinePlan) -> None:
 
 
 def _hidden(plan: TimelinePlan, end: float) -> dict[int, list[Span]]:
-    """When the targets of devices are hidden, s, by numbers of their rows."""
+    """Return spans, s, in which targets of devices are hidden, by row; rows without any are left out."""
     every, found = followings(plan), dict[int, list[Span]]()
     for device, row in device_rows(plan).items():
         own, spans = [one for one in every if one.device == device], list[Span]()
@@ -220,14 +223,14 @@ def _hidden(plan: TimelinePlan, end: float) -> dict[int, list[Span]]:
 
 
 def write_names(axes: Axes, plan: TimelinePlan, end: float, size: tuple[float, float]) -> None:
-    """Write the names of bars into them or beside them, of a row all upright or all turned.
+    """Write the names of bars into or beside them; names without room are left out.
 
-    A name that has no room is left out; turned are those of rows where this names many more.
+    A row's names are upright, but for those in narrow bars, or all turned by 90 deg if many more fit so.
 
     Args:
         axes: with the rows.
         plan: of the timeline.
-        end: s, of the panel.
+        end: s, right end of the panel.
         size: width and height of the panel, points.
     """
     low, high = sorted(axes.get_ylim())
@@ -254,15 +257,15 @@ def write_names(axes: Axes, plan: TimelinePlan, end: float, size: tuple[float, f
 
 
 def lane_height(plan: TimelinePlan, width: float, end: float) -> float:
-    """Points that are needed above the rows for activities without room for their names in their row.
+    """Return the height, in points, needed above the rows for names of activities without room in their row.
 
     Args:
         plan: of the timeline.
-        width: points, of the panel.
-        end: s, of the panel.
+        width: of the panel, points.
+        end: s, right end of the panel.
 
     Returns:
-        Zero where no name needs it, or so many do that they would not stand beside each other.
+        Zero where no name needs it, or where so many do that they would not fit beside each other.
     """
     bars = next((own for own in _rows_of_bars(plan, end) if own[0].row == 0), [])
     lengths = [len(bar.name) * _LETTER * _TURNED for bar in _without_room(bars, width / max(end, 1e-9), end)]
@@ -271,19 +274,19 @@ def lane_height(plan: TimelinePlan, width: float, end: float) -> float:
 
 
 def _without_room(bars: Sequence[_Bar], width: float, end: float) -> list[_Bar]:
-    """Bars of a row, by time, whose names have no upright place; `width` is that of a second in points."""
+    """Return bars of a row, by time, whose names have no upright place; `width` is points per second."""
     placed = [one.bar for one in _placed(bars, width, np.inf, end, turned=False)]
     return [bar for bar in bars if bar.name and not any(bar is one for one in placed)]
 
 
 def _name_activities(axes: Axes, bars: Sequence[_Bar], width: float, top: float) -> bool:
-    """Name activities in their row, or above it up to `top`; returns whether all are named.
+    """Name activities in their row, or in the lane above it; returns whether all are named.
 
     Args:
         axes: with the rows.
-        bars: of the activities, by time.
-        width: points, of the panel.
-        top: of the panel.
+        bars: of the activities, in order of time.
+        width: of the panel, points.
+        top: upper end of the panel on the vertical axis.
     """
     end = axes.get_xlim()[1]
     for place in _placed(bars, width / end, np.inf, end, turned=False):
@@ -303,9 +306,9 @@ def _name_activities(axes: Axes, bars: Sequence[_Bar], width: float, top: float)
 
 
 def spread(places: np.ndarray, pitch: float, width: float) -> np.ndarray:
-    """The places (k,) nearest to given ones that are `pitch` apart, and half of that within 0 and `width`.
+    """Move rising places (k,) as little as possible so that they are at least `pitch` apart.
 
-    Those that are given rise, and there is room for all.
+    They also keep half of that from 0 and `width`, whose distance has to be enough for all of them.
     """
     if not len(places):
         return places
@@ -315,7 +318,7 @@ def spread(places: np.ndarray, pitch: float, width: float) -> np.ndarray:
 
 
 def _together(bars: Sequence[_Bar], near: float) -> Iterator[_Bar]:
-    """Yield bars of a row, by time, as one where they have the same name and are within `near`, s."""
+    """Yield bars of a row, by time; those of one name within `near`, s, of each other become one bar."""
     before: _Bar | None = None
     pale: _Bar | None = None  # the part before a bar's window, which does not part two of the same name
     for bar in bars:
@@ -333,9 +336,9 @@ def _together(bars: Sequence[_Bar], near: float) -> Iterator[_Bar]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Place:
-    """Where a bar's name stands: at a time, s, which is its left end, middle or right end (`side`).
+    """Where a bar's name stands: at a time, s, which is its left end, middle or right end.
 
-    `alone` says whether it stands all within its bar, and upon no neighbour.
+    `side` says which of these, as text alignment; `alone` whether the name lies wholly within its bar.
     """
 
     bar: _Bar
@@ -346,13 +349,13 @@ class _Place:
 
 
 def _placed(bars: Sequence[_Bar], width: float, height: float, end: float, turned: bool) -> Iterator[_Place]:
-    """Yield where names of bars of a row stand, of those that have room.
+    """Yield the places of the names of a row's bars, for those that have room.
 
     Args:
-        bars: of the row, by time.
+        bars: of the row, in order of time.
         width: points that a second takes.
-        height: points, of a bar.
-        end: s, of the panel.
+        height: of a bar, points.
+        end: s, right end of the panel.
         turned: whether names are turned by 90 deg.
     """
     taken = written = 0.0  # s, until when the row is, and until when its names are
@@ -384,7 +387,10 @@ def _placed(bars: Sequence[_Bar], width: float, height: float, end: float, turne
 
 
 def _amid(bars: Sequence[_Bar], middle: float, length: float, written: float) -> bool:
-    """Whether a name of a length, s, fits upon a bar and its neighbours, if they look the same."""
+    """Return whether a name fits upon a bar and its neighbours, `bars`, which must look the same.
+
+    `middle` and `length`, s, are those of the name; until `written`, s, the row has other names.
+    """
     first, last = middle - length / 2, middle + length / 2
     same = all(bar.look == bars[0].look for bar in bars)
     bare = sum(max(0.0, min(b.start, last) - max(a.end, first)) for a, b in pairwise(bars))
@@ -392,7 +398,7 @@ def _amid(bars: Sequence[_Bar], middle: float, length: float, written: float) ->
 
 
 def _write(axes: Axes, place: _Place) -> None:
-    """Write a bar's name, dark on light and light on dark."""
+    """Write a bar's name, light on dark bars and dark elsewhere."""
     bar = place.bar
     red, green, blue = to_rgb(bar.look["facecolor"])
     dark = place.side == "center" and bar.look is not _FAILED and 0.3 * red + 0.59 * green + 0.11 * blue < 0.6
@@ -416,12 +422,12 @@ def _write(axes: Axes, place: _Place) -> None:
 
 
 def row_height(plan: TimelinePlan, width: float, end: float) -> float:
-    """Points that a row needs, so that names that only fit where they are turned have room.
+    """Return the height in points that a row needs for names that fit only when turned; zero if none does.
 
     Args:
         plan: of the timeline.
-        width: points, of the panel.
-        end: s, of the panel.
+        width: of the panel, points.
+        end: s, right end of the panel.
     """
     needed = 0.0
     above = lane_height(plan, width, end) > 0
@@ -437,7 +443,7 @@ def row_height(plan: TimelinePlan, width: float, end: float) -> float:
 
 
 def _rows_of_bars(plan: TimelinePlan, end: float) -> Iterator[list[_Bar]]:
-    """Yield the bars of each row by time, in rows of devices those that follow one target together as one."""
+    """Yield the bars of each row by time; those of devices are joined where they follow one target."""
     bars = list(_bars(plan, end))
     for row in sorted({bar.row for bar in bars}):
         own = sorted((bar for bar in bars if bar.row == row), key=lambda bar: bar.start)

@@ -1,7 +1,8 @@
-"""The spectrum of what turns the platform: which frequencies a manoeuvre excites, and how much.
+"""The spectrum of the torque on the platform: which frequencies a manoeuvre excites, and how strongly.
 
-Amplitudes of the Fourier transform of the whole finite manoeuvre, at rest before and after, so their unit is
-N m s: torque times time, not a density. They are exact at every frequency, `jaxplan.trajectory.spectrum`.
+Drawn are amplitudes of the Fourier transform over the whole finite manoeuvre, with zero torque before and
+after. So their unit is N m s, torque times time; they are no density. They are exact at every frequency
+(`jaxplan.trajectory.spectrum`).
 """
 
 from collections.abc import Sequence
@@ -32,17 +33,19 @@ from jaxplan.trajectory import measures
 from jaxplan.trajectory.spectrum import expect_frequencies
 
 _POINTS = 800  # frequencies of a curve
-_LOWEST, _HIGHEST = 0.1, 100.0  # of a curve, over one over the duration
-_BEYOND = 3.0  # ratio to the highest frequency that is asked for
-_DECADES = 9  # below the highest amplitude, that are drawn at most
+_LOWEST, _HIGHEST = 0.1, 100.0  # frequencies at the ends of a curve, in units of 1 / duration
+_BEYOND = 3.0  # the curve goes on to that multiple of the highest frequency that is asked for
+_DECADES = 9  # most decades that are drawn below the highest amplitude
 _ASKED: Look = {"color": GREY, "linewidth": 1.0}
 _DASHES: Sequence[tuple[float, ...]] = ((4, 2), (1, 1.5), (6, 2, 1, 2), (2, 2))
 
 
 def amplitudes(plan: Plan, frequencies: np.ndarray) -> dict[str, np.ndarray]:
-    """Amplitudes (f, c) at frequencies (f,) Hz, by the name of the quantity, see `measures.torque_spectrum`.
+    """Compute amplitudes at frequencies (f,), Hz, for each quantity; see `measures.torque_spectrum`.
 
-    Torque in N m s, without an inertia the angular acceleration in deg/s; with wheels theirs, too.
+    Returns:
+        By name of the quantity (f, c): "torque" by body axis in N m s, without an inertia instead "angular
+        acceleration" in deg/s, and with wheels "wheel torques", by wheel, in N m s.
     """
     craft, trajectory = plan.scenario.spacecraft, plan.trajectory
     assert trajectory is not None
@@ -57,25 +60,26 @@ def amplitudes(plan: Plan, frequencies: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def unit_of(name: str) -> str:
-    """The unit of the amplitudes of a quantity of `amplitudes`."""
+    """Return the unit of the amplitudes of a quantity, by its name in `amplitudes`."""
     return "deg/s" if name == "angular acceleration" else "N m s"
 
 
 def spectrum(
     plan: Plan, frequencies: ArrayLike = (), ax: Canvas = None, *, legend: bool = True
 ) -> list[Axes]:
-    """Draw the spectrum of the platform's torque, and of what each wheel gives, with lines at frequencies.
+    """Draw the spectrum of the platform's torque, and of each wheel's torque, with lines at frequencies.
 
-    It is the amplitude of the Fourier transform of the whole manoeuvre, ``|integral of tau exp(-2 pi i f t)
-    dt|`` in N m s, by body axes and by wheels; without an inertia of the angular acceleration, in deg/s. A
-    mode of that frequency swings afterwards by that over 2 pi f, times its gain.
+    It is the amplitude of the Fourier transform over the whole manoeuvre, ``|integral of tau exp(-2 pi i f t)
+    dt|`` in N m s, by body axis and by wheel; without an inertia that of the angular acceleration, in deg/s.
+    An undamped mode of frequency f, at rest before, swings after the manoeuvre with an amplitude of this
+    value divided by 2 pi f, times the gain of the mode.
 
     Args:
-        plan: with a trajectory that takes time.
-        frequencies: () or (f,) Hz, at which there is a line each; the legend has the length of the vector, or
-            the most that a wheel has, there.
-        ax: an axes for the platform and, with wheels, one for them; a figure to put them in, or None for a
-            new one.
+        plan: a plan with a trajectory that takes time.
+        frequencies: () or (f,) Hz, positive, with a line at each; the legend gives the length of the vector
+            there or, for wheels, the largest value of a wheel.
+        ax: one axes for the platform and, with wheels, another for them; a figure to put them in, or None for
+            a new one.
         legend: whether to name curves and lines beside the panels.
 
     Returns:
@@ -117,7 +121,10 @@ def spectrum(
 
 
 def _draw_asked(axes: Axes, frequencies: np.ndarray, values: np.ndarray, name: str) -> Entries:
-    """Draw a line at each frequency (f,); returns legend entries with the amplitudes (f, c) there."""
+    """Draw a line at each frequency (f,), Hz; returns legend entries with the amplitudes (f, c) there.
+
+    `name` is that of the quantity in `amplitudes`.
+    """
     entries: Entries = []
     for number, (frequency, own) in enumerate(zip(frequencies, values, strict=True)):
         look = {**_ASKED, "linestyle": (0, _DASHES[number % len(_DASHES)])}

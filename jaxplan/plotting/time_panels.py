@@ -1,10 +1,15 @@
 """Angles, rates, accelerations and torques of a plan over time, with their limits.
 
-A figure of a plan is a table of `Panel`, each with curves, limits and labels; what there is, by which name
-and in which unit, is the list of `jaxplan.model.limits`. They are the paper's Figures 8 to 10 and 13 to 15.
+A figure of a plan is a column of `Panel`s, each with curves, limits and labels; which quantities there are,
+with their names and units, is listed in `jaxplan.model.limits`. These are the paper's Figures 8 to 10 and 13
+to 15. J is the number of joints.
+
+A *load* is a quantity other than rates and accelerations that a spacecraft may limit: torque, angular
+momentum, jerk, and the torques and momenta of wheels. A *reserve* is what a scenario keeps back of a limit
+(`Scenario.robust`).
 
 A limit far from all curves of its panel is written above it instead of drawn, since the curves would shrink
-to a line. Inside are radians and seconds, on the axes degrees and seconds.
+to a line. Values are in radians and seconds, the axes in degrees and seconds.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,8 +51,8 @@ from jaxplan.plotting.style import (
 from jaxplan.plotting.tube import band_entry, draw_band
 from jaxplan.trajectory import total_momentum
 
-_LONG = 10  # letters of a label's last word, beyond which the unit goes to a line of its own
-_HIGHEST = 10  # entries of a legend that is not higher than its panel
+_LONG = 10  # letters of a label's last word, beyond which the unit stands on a line of its own
+_HIGHEST = 10  # most entries of a legend column that is not higher than its panel
 _FAR = 4.0  # multiple of the highest value of a plan beyond which a limit is written and not drawn
 BODY = ("body x", "body y", "body z")
 AXIS_ENTRIES: Entries = [
@@ -64,18 +69,20 @@ _LENGTHS = {q.power: q for q in QUANTITIES if q.of_length}  # norms of these vec
 
 
 class Panel(NamedTuple):
-    """What one panel of a figure over time shows.
+    """What one panel of a figure over time shows: c curves at k times.
 
     Attributes:
         quantity: what is drawn.
         words: label of the vertical axis, without the unit.
         values: (c, k) a row for each curve, in SI units.
-        limits: (c, 2) likewise, least and largest; an infinite one is none.
+        limits: (c, 2) least and largest allowed value of each curve, in SI units; an infinite one is no
+            limit.
         styles: of the curves.
         names: of the curves.
-        nodes: (c, m) at the path's nodes, or none.
-        error: in SI units, of the tube about each curve; zero for none.
-        whole: (c, 2) as `limits`, of which these are what a reserve leaves; None without one.
+        nodes: (c, m) values at the m nodes of the path, in SI units; None for no dots.
+        error: half width of a band about each curve (`jaxplan.plotting.tube`), in SI units; zero for none.
+        whole: (c, 2) the whole limits where `limits` is what a reserve leaves of them; None without a
+            reserve.
     """
 
     quantity: Quantity
@@ -89,7 +96,7 @@ class Panel(NamedTuple):
     whole: np.ndarray | None = None
 
     def draw(self, axes: Axes, moves: Motion) -> Entries:
-        """Draw the panel; returns legend entries for limits, if there are any."""
+        """Draw the panel at the times of a motion; returns legend entries for the limits that are drawn."""
         if not self.styles:
             note(axes, "no joints")
         shown = self.quantity.in_unit(self.values)
@@ -117,7 +124,7 @@ class Panel(NamedTuple):
 
 
 class Joints(NamedTuple):
-    """A kind of joints: what their angles are called, their indices, and the number of the first device."""
+    """A kind of joints: the name of their angle, their indices, and the number of the first device."""
 
     name: str
     which: slice
@@ -125,14 +132,14 @@ class Joints(NamedTuple):
 
 
 def joint_kinds(craft: Spacecraft) -> list[Joints]:
-    """The kinds of joints that a spacecraft has: yaws, pitches and drives' angles."""
+    """Return the kinds of joints that a spacecraft has: yaws, pitches and drives' angles, in this order."""
     n, drives = len(craft.terminals), len(craft.drives)
     terminals = [Joints("yaw", slice(0, n), 0), Joints("pitch", slice(n, 2 * n), 0)] if n else []
     return terminals + ([Joints("drive", slice(2 * n, None), n)] if drives else [])
 
 
 def _joint_panel(craft: Spacecraft, values: Kinematics, power: int, kind: Joints) -> Panel:
-    """The panel of a kind of joints: their angles for power 0, or the derivative of that order."""
+    """Make the panel of a kind of joints, for their angles (`power` 0) or the derivative of that order."""
     (quantity,) = (
         each
         for each in QUANTITIES
@@ -149,9 +156,10 @@ def _joint_panel(craft: Spacecraft, values: Kinematics, power: int, kind: Joints
 
 
 def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -> Panel:
-    """The panel of a quantity: its components along the body axes and, where that is limited, its norm.
+    """Make the panel of a quantity of the platform or its wheels.
 
-    Of wheels there is a curve for each.
+    It has a curve for each body axis and, if the norm of the vector is limited, one for the norm; or for a
+    quantity of wheels one for each wheel.
     """
     ends = _ends(craft, quantity)
     if quantity.of_wheels:
@@ -166,13 +174,13 @@ def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -
 
 
 def _load_panel(scenario: Scenario, values: Kinematics, quantity: Quantity) -> Panel:
-    """The panel of a load of the platform or its wheels, with the limit that a plan keeps and the whole."""
+    """Make the panel of a load, with the limit less the reserve, which a plan keeps, and the whole one."""
     whole = _ends(scenario.spacecraft, quantity)
     return _platform_panel(scenario.usable, values, quantity)._replace(whole=whole)
 
 
 def _ends(craft: Spacecraft, quantity: Quantity) -> np.ndarray:
-    """Least and largest values (c, 2) of the curves of `_platform_panel`, in SI units."""
+    """Return least and largest allowed values (c, 2) of the curves of `_platform_panel`, in SI units."""
     if quantity.of_wheels:
         by_time = quantity.power == 2
         return both_sides(np.array([one.torque if by_time else one.momentum for one in craft.wheels]))
@@ -182,13 +190,13 @@ def _ends(craft: Spacecraft, quantity: Quantity) -> np.ndarray:
 
 
 def _limited_length(craft: Spacecraft, quantity: Quantity) -> Quantity | None:
-    """The quantity that is the norm of a vector, if the spacecraft limits that; else None."""
+    """Return the quantity that is the norm of a vector quantity, if the spacecraft limits that; else None."""
     length = _LENGTHS.get(quantity.power) if quantity in SPIN else None
     return None if length is None or length.given(craft) is None else length
 
 
 def _axis_entries(craft: Spacecraft, quantity: Quantity) -> Entries:
-    """Legend entries of the curves of a platform's panel."""
+    """Return legend entries for the curves of a panel of the platform: body axes and perhaps the norm."""
     length: Entries = [(Line2D([], [], linewidth=1.6, **LENGTH_STYLE), "length")]
     return [*AXIS_ENTRIES, *(length if _limited_length(craft, quantity) else [])]
 
@@ -201,9 +209,15 @@ def _figure(
     words: str,
     legend: bool,
 ) -> list[Axes]:
-    """Draw groups of panels from top to bottom, with title and legends if wanted; returns the axes.
+    """Draw groups of panels from top to bottom; returns the axes.
 
-    A group is the legend entries of its curves, and its panels.
+    Args:
+        plan: that is drawn.
+        ax: where to draw, as users say it.
+        groups: for each group the legend entries of its curves, and its panels.
+        moves: the sampled motion.
+        words: what is drawn, for the title.
+        legend: whether to draw title and legends.
     """
     count = sum(len(group) for _, group in groups)
     grid = panels(ax, count, size(count))
@@ -226,12 +240,12 @@ def _figure(
 def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     """Draw joint angles of terminals and drives over time, with their ranges and the path's nodes.
 
-    Where the plan bears errors of joints, a band about each curve shows them.
+    Where the scenario allows for errors of joints, a band about each curve shows them.
 
     Args:
-        plan: with a trajectory.
-        ax: an axes for each of yaws, pitches and drives' angles that there are, from top to bottom; a figure
-            to put them in, or None for a new one. Without joints there is one, which says so.
+        plan: a plan with a trajectory.
+        ax: one axes for each of yaws, pitches and drives' angles that the spacecraft has, from top to bottom;
+            a figure to put them in, or None for a new one. Without joints there is one, which says so.
         legend: whether to name the devices beside the panels, and the plan above them.
 
     Returns:
@@ -263,12 +277,12 @@ def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
 
 
 def rates(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Draw joint rates and the platform's angular velocity over time, with limits.
+    """Draw joint rates and the platform's angular velocity, in body axes, over time, with limits.
 
     Args:
-        plan: with a trajectory.
-        ax: an axes for each of yaws, pitches and drives that there are, and one for the platform, from top
-            to bottom; a figure to put them in; None for a new one.
+        plan: a plan with a trajectory.
+        ax: one axes for each of yaws, pitches and drives that the spacecraft has, and one for the platform,
+            from top to bottom; a figure to put them in, or None for a new one.
         legend: whether to name curves beside the panels, and the plan above them.
 
     Returns:
@@ -282,10 +296,10 @@ def rates(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
 
 
 def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Draw joint accelerations and the platform's angular acceleration over time, with limits.
+    """Draw joint accelerations and the platform's angular acceleration, in body axes, over time, with limits.
 
     Args:
-        plan: with a trajectory.
+        plan: a plan with a trajectory.
         ax: as for `rates`.
         legend: whether to name curves beside the panels, and the plan above them.
 
@@ -300,7 +314,7 @@ def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list
 
 
 def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]:
-    """Draw the derivative of order `power` of yaws, pitches, drives and attitude."""
+    """Draw the rates (`power` 1) or accelerations (2) of yaws, pitches, drives and the platform."""
     plan = expect_plan(plan)
     moves, craft = motion(plan), plan.scenario.spacecraft
     values = moves.values.kinematics(craft)
@@ -312,16 +326,16 @@ def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]
 
 
 def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
-    """Draw torque, angular momentum and jerk of the platform over time, and what wheels give and hold.
+    """Draw torque, angular momentum and jerk of the platform over time, and torques and momenta of wheels.
 
-    Where a plan keeps something back of the limits of torque and momentum (`Scenario.robust`), what is left
-    is drawn as "limit less the reserve", and the whole limit dashed beyond it.
+    Where a scenario keeps a reserve of the limits of torque and momentum (`Scenario.robust`), what is left is
+    drawn as "limit less the reserve", and the whole limit dashed beyond it.
 
     Args:
-        plan: with a trajectory.
-        ax: an axes for each of torque, momentum and jerk that the spacecraft limits, and for torques and
-            momenta of its wheels, from top to bottom; a figure to put them in; None for a new one. If it
-            limits none, torque and momentum are shown.
+        plan: a plan with a trajectory.
+        ax: one axes for each of torque, momentum and jerk that the spacecraft limits, and for the torques and
+            momenta of its wheels, from top to bottom; a figure to put them in, or None for a new one. If none
+            is limited, torque and momentum are shown.
         legend: whether to name curves beside the panels, and the plan above them.
 
     Returns:
@@ -329,8 +343,8 @@ def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
 
     Raises:
         TypeError: if it is no plan.
-        ValueError: if the plan has no trajectory, the spacecraft neither an inertia nor a limit of its jerk,
-            or another number of axes is given.
+        ValueError: if the plan has no trajectory, the spacecraft has neither an inertia nor a limit of its
+            jerk, or another number of axes is given.
     """
     plan = expect_plan(plan)
     moves, craft = motion(plan), plan.scenario.usable
@@ -354,7 +368,7 @@ def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
 
 
 def limited_loads(craft: Spacecraft) -> list[Quantity]:
-    """Quantities beside rates and accelerations that a spacecraft limits; `torque` has a panel of each."""
+    """Return the loads that a spacecraft limits; `torque` has a panel for each."""
     limited = (limit.quantity for limit in timed_limits(craft)[0])
     return [quantity for quantity in limited if quantity.by_inertia or quantity.power > 2]
 
@@ -366,7 +380,10 @@ def draw_platform_rate(axes: Axes, moves: Motion, craft: Spacecraft) -> Entries:
 
 
 def joint_panels(craft: Spacecraft, moves: Motion) -> list[Callable[[Axes], Entries]]:
-    """What draws the angles of each kind of joints with their ranges on one panel; returns legend entries."""
+    """Return for each kind of joints a function that draws their angles with ranges on a panel.
+
+    Each of the functions returns legend entries.
+    """
     values = moves.values.kinematics(craft)
     found: list[Callable[[Axes], Entries]] = []
     for kind in joint_kinds(craft):
@@ -377,7 +394,7 @@ def joint_panels(craft: Spacecraft, moves: Motion) -> list[Callable[[Axes], Entr
 
 
 def draw_wheel_momenta(axes: Axes, plan: Plan, moves: Motion) -> Entries:
-    """Draw what each wheel of a plan's spacecraft holds on one panel; returns its legend entries."""
+    """Draw the angular momentum of each wheel on one panel; returns its legend entries."""
     craft = plan.scenario.usable
     total = None if plan.trajectory is None else total_momentum(plan.trajectory, craft)
     values = moves.values.kinematics(craft, total)
@@ -387,17 +404,17 @@ def draw_wheel_momenta(axes: Axes, plan: Plan, moves: Motion) -> Entries:
 
 
 def _movers(craft: Spacecraft) -> Entries:
-    """Legend entries of the devices that have joints."""
+    """Return legend entries for the devices that have joints."""
     return device_entries(craft.device_names[: craft.gimbals.count])
 
 
 def labelled(words: str, quantity: Quantity) -> str:
-    """Label of a panel: words and unit, which stands on a line of its own below a long word."""
+    """Return the label of a panel: words, then the unit, on a line of its own after a long word."""
     below = len(words.split()[-1]) > _LONG and "\n" not in words
     between = "\n" if below else " "
     return f"{words}{between}({quantity.printed_unit})"
 
 
 def size(count: int) -> tuple[float, float]:
-    """Width and height in inches of a figure of so many panels."""
+    """Return width and height in inches of a figure of `count` panels."""
     return WIDTH, 0.8 + 1.75 * count

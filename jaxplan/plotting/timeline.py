@@ -1,8 +1,9 @@
-"""A timeline's plan as one figure: rows of what is done, and below them what it costs, on one axis of time.
+"""A timeline's plan as one figure: rows of what is done above panels of margins, rates, joints and so on.
 
-The panels from top to bottom: rows of activities and devices (`jaxplan.plotting.schedule`), the smallest
-margin to each zone, the pointing error of each device beside its tolerance, the platform's angular velocity,
-the angles of joints, and what wheels hold. Slews are grey in all of them.
+All share one axis of time. From top to bottom there are rows of activities and devices
+(`jaxplan.plotting.schedule`), the smallest margin to each zone, the pointing error of each device beside its
+tolerance, the platform's angular velocity, the angles of joints, and the momenta of wheels. Slews are grey in
+all of them.
 """
 
 from collections.abc import Callable
@@ -54,16 +55,16 @@ from jaxplan.plotting.time_panels import draw_platform_rate, draw_wheel_momenta,
 from jaxplan.runtime.arguments import expect
 from jaxplan.timeline.record import TimelinePlan
 
-_ROW, _HEAD, _PANEL, _FOOT = 0.3, 0.35, 1.4, 0.6  # inches of a row, above the rows, of a panel, below all
-_SHARE, _LAID_OUT = 0.66, 0.93  # of the figure's width and of its own height that the layout leaves a panel
-_LEAST = 0.75  # of its own height that it leaves it where legends of others are higher than their panels
+_ROW, _HEAD, _PANEL, _FOOT = 0.3, 0.35, 1.4, 0.6  # inches: least row, above rows, a panel, below all panels
+_SHARE, _LAID_OUT = 0.66, 0.93  # what the layout leaves a panel: of the figure's width, of its own height
+_LEAST = 0.75  # the same of its own height, where legends of other panels are higher than these
 _ZONES = ("#B2182B", "#0B6394", "#8C510A", "#7A3E9D", "#1B7837", "#E08214", "#000000", "#C51B7D")
 _NAMED = len(_ZONES)  # zones with the least margins that have a colour; others are grey
-_TIGHT = 1e-2  # share of the least error proved, or asked for, below which errors are not told apart
-_NOTHING = 1e-5  # the same of the least tolerance: a smaller error is none
-_WINDOWS = 40  # of a span of time that are as long as what a curve of errors shows the largest of
-# Shares of the day: what is followed for less than the first has a dot of its largest error, for less than
-# the second a level of it. Curves so narrow would be strokes up and down.
+_TIGHT = 1e-2  # times the least proved error or tolerance: smaller errors are drawn as that
+_NOTHING = 1e-5  # the same with the least tolerance alone; the larger of both counts
+_WINDOWS = 40  # a curve of errors shows the largest one within windows of 1 / 40 of its span
+# Fractions of the day: what is followed for less than the first has a dot of its largest error, for less than
+# the second a level line. Curves so narrow would be mere vertical strokes.
 _SHORT, _NARROW = 0.006, 0.1
 _TICKED = "limit, its ticks on\nthe side beyond it"
 _LEVEL: Look = {"linewidth": 2.4, "solid_capstyle": "butt", "linestyle": "-"}
@@ -73,7 +74,7 @@ _PROVED: Look = {"color": "black", "linewidth": 1.0, "linestyle": (0, (1, 1))}
 
 
 class _Panel(NamedTuple):
-    """A panel: its height in inches, and what draws it and returns legend entries."""
+    """A panel: its height in inches, and a function that draws it on axes and returns legend entries."""
 
     height: float
     draw: Callable[[Axes], Entries]
@@ -82,14 +83,14 @@ class _Panel(NamedTuple):
 def timeline(plan: TimelinePlan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     """Draw a timeline's plan: what is done, and margins, pointing, rates, joints and wheels over the day.
 
-    A row for each device has bars while it follows a target, with the target's name where it is known;
-    where the target is hidden the row is hatched. Slews are grey throughout. Below stand the smallest margin
-    to each zone, the pointing errors beside tolerances and what is proved of them, the platform's angular
-    velocity, the angles of joints with their ranges, and what wheels hold, as far as there are any. The axis
-    of time is in UTC where the scene has an epoch.
+    A row for each device has bars while it follows a target, with the target's name where it is known; where
+    the target is hidden the row is hatched. Slews are grey throughout. Below follow the smallest margin to
+    each zone, pointing errors beside their tolerances and proved bounds, the platform's angular velocity,
+    joint angles with their ranges, and the momenta of wheels, as far as there are any. The axis of time is in
+    UTC if the scene has an epoch.
 
     Args:
-        plan: of a timeline, of any status; without a trajectory the rows stand alone.
+        plan: a plan of a timeline, of any status; without a trajectory the rows stand alone.
         ax: as many axes as there are panels, a figure to put them in, or None for a new one.
         legend: whether to name curves beside the panels.
 
@@ -128,13 +129,13 @@ def timeline(plan: TimelinePlan, ax: Canvas = None, *, legend: bool = True) -> l
 
 
 def timeline_size(plan: TimelinePlan) -> tuple[float, float]:
-    """Width and height of the figure, inches."""
+    """Return width and height of the figure, inches."""
     moves = None if plan.trajectory is None else motion(plan)
     return WIDTH, _FOOT + sum(panel.height for panel in _panels(plan, moves))
 
 
 def _title(axes: Axes, plan: TimelinePlan) -> None:
-    """Write above the rows what the timeline is called, and how it ended."""
+    """Write above the rows the name of the timeline, how many activities are planned, and a failed status."""
     asked = {activity.name for activity in plan.timeline.activities}  # the rest after the last one was not
     done = sum(one.ok and one.name in asked for one in plan.activities)
     words = f"{plan.timeline.name}: {done} of {len(asked)} activities planned"
@@ -143,7 +144,7 @@ def _title(axes: Axes, plan: TimelinePlan) -> None:
 
 
 def _panels(plan: TimelinePlan, moves: Motion | None) -> list[_Panel]:
-    """The panels that a plan has."""
+    """Return the panels that a plan has, from top to bottom; `moves` is None without a trajectory."""
     end = _end(plan)
     row = max(_ROW, row_height(plan, _SHARE * WIDTH * 72, end) / 72)
     lane = lane_height(plan, _SHARE * WIDTH * 72, end) / 72
@@ -168,9 +169,13 @@ def _panels(plan: TimelinePlan, moves: Motion | None) -> list[_Panel]:
 
 
 def _extent(axes: Axes, share: float | None) -> tuple[float, float]:
-    """Width and height, points, of a panel as it is, or will be with a share of its figure's height.
+    """Return width and height, points, of a panel.
 
-    Where the panel is one of a figure that is laid out when it is drawn, it is laid out for this.
+    Args:
+        axes: the panel.
+        share: fraction of the figure's height that the panel will have once the figure is laid out; then the
+            layout is run first, or without one the size is estimated. None for a panel that is measured as it
+            is.
     """
     figure = axes.get_figure(root=False)
     assert figure is not None
@@ -182,7 +187,7 @@ def _extent(axes: Axes, share: float | None) -> tuple[float, float]:
 
 
 def _end(plan: TimelinePlan) -> float:
-    """When the day ends, s; of one without a trajectory when its last window closes."""
+    """Return when the day ends, s; without a trajectory when its last window closes, 1 s at least."""
     if plan.trajectory is not None:
         return plan.trajectory.duration
     ends = [one.latest for one in plan.timeline.activities if one.latest is not None]
@@ -190,7 +195,10 @@ def _end(plan: TimelinePlan) -> float:
 
 
 def _draw_margins(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
-    """Draw the smallest margin of any device to each zone; returns legend entries."""
+    """Draw the smallest margin of any device to each zone, deg; returns legend entries.
+
+    Margins are positive where the zone is kept.
+    """
     axes.set_ylabel("margin (deg)", fontsize=TEXT)
     of_zones: dict[str, np.ndarray] = {}
     for margin in margins_over_time(plan.timeline.scene, moves):
@@ -214,9 +222,9 @@ def _draw_margins(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
 
 
 def _draw_rate(axes: Axes, plan: TimelinePlan, moves: Motion, craft: Spacecraft) -> Entries:
-    """Draw the platform's angular velocity by body axes, thin in slews; returns legend entries.
+    """Draw the platform's angular velocity by body axis, thin in slews; returns legend entries.
 
-    On a long axis of time a slew is a stroke up and down, which would hide what is between.
+    On a long time axis a slew is a vertical stroke, which would hide the curve around it.
     """
     entries = draw_platform_rate(axes, moves, craft)
     axes.set_ylabel("platform rate (deg/s)", fontsize=TEXT)
@@ -234,7 +242,7 @@ def _draw_rate(axes: Axes, plan: TimelinePlan, moves: Motion, craft: Spacecraft)
 
 
 def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
-    """Draw the angle of each device from its target, with tolerances and what is proved."""
+    """Draw devices' angles from targets, tolerances and proved bounds, deg; returns legend entries."""
     axes.set_ylabel("pointing error (deg)", fontsize=TEXT)
     craft = plan.timeline.scene.spacecraft
     errors: dict[int, np.ndarray] = {}
@@ -288,14 +296,17 @@ def _draw_errors(axes: Axes, plan: TimelinePlan, moves: Motion) -> Entries:
 
 
 def _largest_about(errors: np.ndarray) -> np.ndarray:
-    """The largest of errors (k,) about each of them: between nodes they are zero, which would be strokes."""
+    """Return the running maximum of errors (k,), over windows of 1 / `_WINDOWS` of their number.
+
+    Errors vanish at nodes, so the curve itself would be vertical strokes.
+    """
     half = len(errors) // (2 * _WINDOWS)
     padded = np.pad(errors, half, mode="edge")
     return np.asarray(np.max(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=-1))
 
 
 def _steps(levels: list[tuple[float, float, float]]) -> tuple[Any, Any]:
-    """Times and values of level lines, each from a start to an end, with gaps between."""
+    """Convert levels (start in s, end in s, value) to times and values of one line with gaps between them."""
     starts, ends, values = np.array(levels).T
     gaps = np.full(len(levels), np.nan)
     return np.stack([starts, ends, gaps], axis=1).ravel(), np.stack([values, values, gaps], axis=1).ravel()

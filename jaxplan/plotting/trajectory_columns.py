@@ -1,9 +1,10 @@
 """Several trajectories side by side: rates, accelerations and jerks with their limits, and where pieces join.
 
-Several trajectories are given by their names; in `compare` the colour and line style of each are those of its
-place among the names. At a break a trajectory is drawn from both sides, so that a jump is a vertical stroke.
+Trajectories are given by names; in `compare` the colour and line style of each follow from its position among
+the names. A *break* is a time at which pieces of a trajectory meet; there it is sampled on both sides, so
+that a jump is drawn as a vertical stroke. A break at which the jerk may jump is a *join*.
 
-A limit far from all curves of its panel is written above it. Inside are radians and seconds, on the axes
+A limit far from all curves of its panel is written above it. Values are in radians and seconds, the axes in
 degrees and seconds.
 """
 
@@ -45,9 +46,9 @@ from jaxplan.tables import AttitudeTable
 from jaxplan.timeline.record import TimelinePlan
 from jaxplan.trajectory import Trajectory
 
-_FAR_OF_SEVERAL = 1.5  # multiple of the highest value beyond which a limit is written and not drawn
-_INSTANTS = 880  # times of the grid, besides both sides of some seventy breaks
-_SMOOTH = 3  # number of continuous derivatives of the attitude with which the jerk has no jumps
+_FAR_OF_SEVERAL = 1.5  # multiple of the largest magnitude beyond which a limit is written and not drawn
+_INSTANTS = 880  # times of the even grid, to which both sides of some seventy breaks are added
+_SMOOTH = 3  # number of continuous derivatives of the attitude from which on the jerk has no jumps
 _GREY: Look = {"color": GREY}
 _JOIN: Look = {"color": "0.7", "linewidth": 0.9, "linestyle": (0, (1, 2))}
 
@@ -64,22 +65,23 @@ def compare(
     There is a column for each body axis of the platform, and one, with a scale of its own, for a joint: the
     one that comes nearest to a limit of its rate or acceleration in any of the trajectories.
 
-    With a table of attitudes among them, as `jaxplan.load_attitude` reads one, the rows are how far each has
-    turned from the first attitude of the first, or the angle of the joint; how far it is off the first; and
-    rates, for tables those of the motion that their readers make. The joint is the one that is farthest off.
+    If a table of attitudes is among them, as `jaxplan.load_attitude` reads one, the rows are instead: how far
+    each motion has turned from the first attitude of the first motion, or the angle of the joint; how far it
+    is off the first motion; and rates, for tables those of the motion that their readers make of them. The
+    joint is then the one that is farthest off.
 
     Args:
         trajectories: trajectories, plans and tables by what they are called.
-        spacecraft: whose limits are meant; that of the first plan unless told.
-        ax: twelve axes in three rows of four, without joints nine in rows of three; a figure to put them
-            in, or None for a new one.
+        spacecraft: whose limits are meant; None for that of the first plan.
+        ax: twelve axes in three rows of four, without joints nine in rows of three; a figure to put them in,
+            or None for a new one.
         legend: whether to name the motions beside the panels; with tables it says what each is.
 
     Returns:
         The axes, row by row: rates, accelerations and jerks; or turns, differences and rates.
 
     Raises:
-        TypeError: if they are none of these by names, or it is no spacecraft.
+        TypeError: if they are not such motions by names, or the spacecraft is none.
         ValueError: if there are none, a plan has no trajectory, a spacecraft is needed, or another number of
             axes is given.
 
@@ -97,11 +99,9 @@ def compare(
 def _taken(
     given: object, spacecraft: object
 ) -> tuple[dict[str, Trajectory | Plan | AttitudeTable], Spacecraft]:
-    """Check the arguments of `compare`; plans of timelines come back as plans.
+    """Check the arguments of `compare` and return them; raises as `compare` does.
 
-    Raises:
-        TypeError: see `compare`.
-        ValueError: likewise.
+    Plans of timelines are replaced by plans of one manoeuvre, a missing spacecraft by that of the first plan.
     """
     taken: dict[str, Trajectory | Plan | AttitudeTable] = {}
     for name, each in expect_mapping("trajectories", given).items():
@@ -127,7 +127,7 @@ def _taken(
 def _of_trajectories(
     trajectories: Mapping[str, Any], spacecraft: Spacecraft, ax: Canvas, *, legend: bool
 ) -> list[Axes]:
-    """Draw what `compare` does of trajectories alone."""
+    """Draw what `compare` draws for trajectories without tables."""
     sampled = _sampled(trajectories, spacecraft)
     bounds = _spin_limits(spacecraft)
     titles, values = [*BODY], [one.platform for one in sampled.values()]  # each (3, k, 3)
@@ -168,9 +168,10 @@ def segments(
     *,
     legend: bool = True,
 ) -> list[Axes]:
-    """Draw angular acceleration and jerk of the platform, a trajectory a column, with joins (Figure 11).
+    """Draw angular acceleration and jerk of the platform, one trajectory per column, with joins (Figure 11).
 
-    Dotted lines are joins where the jerk may jump; the largest jump of a body axis is told above the jerks.
+    Dotted lines are joins, where the jerk may jump; the largest jump of a body axis is written above the
+    jerks.
 
     Args:
         trajectories: by what they are called, such as the number of their segments.
@@ -215,14 +216,14 @@ def segments(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Sampled:
-    """A trajectory on a grid with both sides of every break.
+    """A trajectory sampled on a grid that has both sides of every break.
 
     Attributes:
-        times: (k,) s, a single one if it takes no time.
-        platform: (3, k, 3) rad/s, rad/s^2, rad/s^3, by body axis.
-        joints: (3, k, 2n + d) likewise.
+        times: (k,) s, rising; a single one if it takes no time.
+        platform: (3, k, 3) angular velocity, acceleration and jerk, rad/s, rad/s^2, rad/s^3, in body axes.
+        joints: (3, k, 2n + d) rates, accelerations and jerks of joints, in the same units.
         joins: (j,) s, where the platform's jerk may jump.
-        jump: rad/s^3, the largest one there; 0 without joins.
+        jump: rad/s^3, largest jump of a component of the jerk at a join; 0 without joins.
     """
 
     times: np.ndarray
@@ -261,17 +262,21 @@ def _sampled(trajectories: Mapping[str, Trajectory], spacecraft: Spacecraft) -> 
 
 
 def _spin_limits(craft: Spacecraft) -> np.ndarray:
-    """Limits (3, 3) of rate, acceleration and jerk, rad/s^k, about each body axis; infinite without one."""
+    """Return limits of rate, acceleration and jerk about each body axis.
+
+    Returns:
+        (3, 3) rad/s, rad/s^2, rad/s^3, a row for each quantity; infinite where there is no limit.
+    """
     given = [quantity.given(craft) for quantity in SPIN]
     return np.stack([np.full(3, np.inf if limit is None else limit) for limit in given])
 
 
 def _limit(axes: Axes, limits: np.ndarray, styles: Sequence[Look], highest: float) -> Entries:
-    """Draw limits (c,) of the curves of a panel; returns their legend entry, or none.
+    """Draw limits of the curves of a panel; returns their legend entry, or none.
 
     Args:
         axes: the panel.
-        limits: magnitudes, in radians; infinite where there is none.
+        limits: (c,) largest magnitudes, in radians; infinite where there is no limit.
         styles: of the curves.
         highest: largest magnitude of the curves, in radians; limits far above it are written, not drawn.
     """
@@ -280,7 +285,7 @@ def _limit(axes: Axes, limits: np.ndarray, styles: Sequence[Look], highest: floa
 
 
 def _finish(every: list[Axes], titles: list[str], sampled: Mapping[str, _Sampled]) -> None:
-    """Put titles above the columns of panels and the time below."""
+    """Write titles above the columns of panels and give all panels the same time axis."""
     end = max(float(one.times[-1]) for one in sampled.values())
     for column, title in enumerate(titles):
         plain(every[column].set_title(title, fontsize=TEXT))

@@ -1,8 +1,9 @@
 """The tube about a plan in figures: how far errors of attitude and joints may move what is drawn.
 
-On the sphere the tube of a boresight is a band of the angle that the error of the attitude and those of its
-joints add up to, drawn by its two edges and a circle at either end; it is about inertial directions that this
-counts. Over joint angles it is a band of the error of joints.
+The errors are those that the scenario allows for (`Scenario.robust`). On the sphere the tube of a boresight
+is a band whose half width is the error of the attitude plus what errors of its joints add; it is drawn by its
+two edges and a circle at either end. It holds for directions as seen in inertial axes. Over joint angles the
+tube is a band of the error of joints.
 """
 
 from collections.abc import Iterator
@@ -21,13 +22,13 @@ from jaxplan.plotting.zones import draw_line
 
 NAME = "tube of errors"
 _EDGE: Look = {"linewidth": 0.8, "linestyle": (0, (1, 1.4)), "zorder": 2.9}
-_BAND = 0.22  # opacity
+_BAND = 0.22  # opacity of a band
 _STILL = 1e-9  # length of a chord below which a direction stands still
-_MOST = 400  # squares of which a band over two joints is made
+_MOST = 400  # most squares of which a band in a map of yaw and pitch is made
 
 
 def radii(scenario: Scenario) -> np.ndarray:
-    """How far each device's boresight may be off the plan as seen from inertial space, (D,) rad."""
+    """Return how far each boresight may be off the plan in inertial axes, (D,) rad; 0 without errors."""
     robust, devices = scenario.robust, scenario.spacecraft.devices
     if robust is None:
         return np.zeros(len(devices))
@@ -35,7 +36,7 @@ def radii(scenario: Scenario) -> np.ndarray:
 
 
 def draw_tubes(axes: Axes, projection: Projection, scenario: Scenario, tracks: np.ndarray) -> Entries:
-    """Draw the tube about the track of every boresight, (k, D, 3); returns its legend entry, if any."""
+    """Draw tubes about the tracks (k, D, 3) of D devices; returns one legend entry, or none without tubes."""
     found = radii(scenario)
     for device, radius in enumerate(found):
         for line in edges(tracks[:, device], radius) if radius > 0 else ():
@@ -44,16 +45,19 @@ def draw_tubes(axes: Axes, projection: Projection, scenario: Scenario, tracks: n
 
 
 def told(radii: np.ndarray | float) -> str:
-    """The tube's name with its radius, rad, or the least and the largest of several (D,).
+    """Return the legend text of a tube: its name and its radius, or the least and largest of radii (D,), rad.
 
-    At the size of a figure a tube of a tenth of a degree cannot be told from its track.
+    The numbers are needed since a tube of a tenth of a degree looks the same as its track.
     """
     least, largest = (f"{np.rad2deg(own):.3g}" for own in (np.min(radii), np.max(radii)))
     return f"{NAME},\n\N{PLUS-MINUS SIGN}{least if least == largest else f'{least} to {largest}'} deg"
 
 
 def edges(track: np.ndarray, radius: float) -> Iterator[np.ndarray]:
-    """Yield the lines (m, 3) that are `radius` rad to either side of a track (k, 3), and about its ends."""
+    """Yield lines (m, 3) at `radius` rad to either side of a track (k, 3), and circles about its ends.
+
+    A track that stands still has one circle.
+    """
     steps = np.diff(track, axis=0)
     moving = np.linalg.norm(steps, axis=1) > _STILL
     places, steps = track[1:][moving], steps[moving]
@@ -66,12 +70,12 @@ def edges(track: np.ndarray, radius: float) -> Iterator[np.ndarray]:
 
 
 def draw_band(axes: Axes, times: np.ndarray, values: np.ndarray, error: float, colour: str) -> None:
-    """Fill what lies within an error of values (k,) over times, in the units of the axes."""
+    """Fill the band within `error` of values (k,) over times (k,), all in the units of the axes."""
     axes.fill_between(times, values - error, values + error, color=colour, alpha=_BAND, linewidth=0)
 
 
 def draw_squares(axes: Axes, points: np.ndarray, error: float, colour: str) -> None:
-    """Fill what lies within an error of either coordinate of points (k, 2), in the units of the axes."""
+    """Fill a square of half width `error` about each of the points (k, 2), in the units of the axes."""
     own = points[np.linspace(0, len(points) - 1, min(len(points), _MOST)).astype(int)]
     squares = [Rectangle((x - error, y - error), 2 * error, 2 * error) for x, y in own.tolist()]
     pale = 1 - _BAND * (1 - np.array(to_rgb(colour)))
@@ -79,5 +83,5 @@ def draw_squares(axes: Axes, points: np.ndarray, error: float, colour: str) -> N
 
 
 def band_entry(error: float) -> Entries:
-    """The legend entry of a band of an error, rad."""
+    """Return the legend entry of the band of an error, rad."""
     return [(Patch(facecolor=GREY, alpha=_BAND, linewidth=0), told(error))]

@@ -1,4 +1,7 @@
-"""How numbers were tuned: the objective above, and below each number, by step or by trial."""
+"""The course of a tuning: the objective in the top panel and each number in one below, by step or by trial.
+
+A tuning by gradient proceeds in steps, one without gradient in trials.
+"""
 
 from collections.abc import Mapping, Sequence
 from itertools import accumulate
@@ -28,7 +31,7 @@ from jaxplan.tuning import SearchTuning, Tuning
 Row = Mapping[str, float]
 
 _WIDTH, _FIRST, _OTHERS = 8.0, 2.6, 1.7  # inches: of the figure, and heights of its panels
-_FAR = 10.0  # ratio of largest to least objective from which on their axis is logarithmic
+_FAR = 10.0  # ratio of largest to least positive objective from which on its axis is logarithmic
 _COUNTS = ("step", "trial")
 _NO_NUMBERS = (*_COUNTS, "objective", "slope", "success_rate")
 _LINE: Look = {"color": COLOURS[0], "linewidth": 1.8}
@@ -48,20 +51,21 @@ _FAILED: Look = {"color": KEEP_OUT, "linestyle": "", "marker": "x", "markersize"
 def tuning(result: Tuning | SearchTuning, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     """Draw the objective and the tuned numbers by step; or by trial, with the best so far as a line.
 
-    A ring marks the step or trial whose numbers are the answer. Trials are drawn as they were measured first:
-    of times the last measurement may choose another one. The objective of a step is that of trajectories
-    which are followed, the answer's own that of plans which are made anew.
+    A ring marks the step or trial whose numbers are the answer. Trials are drawn as they were first measured;
+    if times are the objective, the last measurement may choose another trial. The objective of a step is that
+    of trajectories that are followed from the first plans, that of the answer is that of new plans.
 
     Args:
         result: of `jaxplan.tuning.tune` or `jaxplan.tune_search`.
-        ax: as many axes as numbers were tuned and one, a figure to put them in, or None for a new one.
+        ax: one axes for the objective and one for each tuned number, a figure to put them in, or None for a
+            new one.
         legend: whether to name the marks beside the first panel.
 
     Returns:
         The axes, from top to bottom: the objective, then the numbers.
 
     Raises:
-        TypeError: if it is nothing that was tuned.
+        TypeError: if it is no result of tuning.
         ValueError: if there is nothing to draw, or another number of axes is given.
 
     Example:
@@ -98,7 +102,7 @@ def tuning(result: Tuning | SearchTuning, ax: Canvas = None, *, legend: bool = T
 
 
 def _trials(axes: Axes, rows: Sequence[Row], key: str) -> None:
-    """Draw a column `key` of all trials: the best until then as a line, a cross for those of `_failed`."""
+    """Draw column `key` of all trials: a line for the best so far, dots, crosses for failed trials."""
     best = list(accumulate(rows, _better))
     numbers = np.array([row["trial"] for row in rows])
     values = np.array([row[key] for row in rows], dtype=float)
@@ -109,18 +113,21 @@ def _trials(axes: Axes, rows: Sequence[Row], key: str) -> None:
 
 
 def _failed(rows: Sequence[Row]) -> np.ndarray:
-    """Which trials (k,) planned fewer scenes than the most successful one."""
+    """Return which trials (k,), bool, planned fewer scenes than the most successful one."""
     rates = np.array([row["success_rate"] for row in rows])
     return rates < np.max(rates)
 
 
 def _better(first: Row, second: Row) -> Row:
-    """The better of two trials: of the higher success rate, or else the lower objective."""
+    """Return the better of two trials: the higher success rate wins, then the lower objective."""
     return min(first, second, key=lambda row: (-row["success_rate"], row["objective"]))
 
 
 def _use_decades(axes: Axes, values: np.ndarray) -> None:
-    """Make the vertical axis logarithmic, and linear near zero, if values differ by a factor of `_FAR`."""
+    """Make the vertical axis logarithmic if values (k,) differ by a factor of `_FAR` or more.
+
+    If there are zeros the axis is linear up to the least positive value; negative values keep it linear.
+    """
     known = values[np.isfinite(values)]
     positive = known[known > 0]
     if not len(positive) or np.any(known < 0) or np.max(known) < _FAR * np.min(positive):
@@ -137,10 +144,10 @@ def _use_decades(axes: Axes, values: np.ndarray) -> None:
 
 
 class _WholeNumbers(ScalarFormatter):
-    """Formatter of ticks with all their digits, without an offset or power beside the axis."""
+    """Formatter of ticks that writes each number in full, without an offset or power beside the axis."""
 
     def format_ticks(self, values: Sequence[float]) -> list[str]:
-        """The labels of ticks at some values."""
+        """Return labels for ticks at the given values, with as many digits as tell them apart."""
         ticks = np.asarray(values, dtype=float)
         for digits in range(6, 17):
             texts = [f"{tick:.{digits}g}" for tick in ticks]
@@ -152,7 +159,7 @@ class _WholeNumbers(ScalarFormatter):
 
 
 def _entries(rows: Sequence[Row]) -> Entries:
-    """Legend entries of trials and the best of them."""
+    """Return legend entries for trials, the best so far, and failed trials if there are any."""
     entries: Entries = [(Line2D([], [], **_LINE), "best so far"), (Line2D([], [], **_TRIAL), "a trial")]
     return entries + [(Line2D([], [], **_FAILED), "fewer scenes\nplanned")] * bool(np.any(_failed(rows)))
 
