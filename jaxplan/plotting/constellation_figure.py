@@ -1,7 +1,7 @@
 """A constellation on the globe, with satellites coloured by manoeuvre times, and a histogram of these times.
 
-A *shell* is a set of satellites on circular orbits of one altitude, in several planes. A *switch* is the
-change of the links between them that they all turn for.
+A *shell* is a Walker pattern of satellites on circular orbits of one altitude, in several planes. At a
+*switch* they change their links to each other, for which each satellite makes a manoeuvre.
 """
 
 from collections.abc import Sequence

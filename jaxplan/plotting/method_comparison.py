@@ -1,8 +1,10 @@
-"""Planners and methods compared, a line each: the paper's Table 4 as figures, and durations beside a bound.
+"""Planners and methods compared, one per line: the paper's Table 4 as figures, and durations beside a bound.
 
-A planner has one colour in all panels, by its place in `jaxplan.search.PLANNERS`, whichever of them are
-compared. Rows that the paper prints ("printed" below) are grey. The first line of a panel stands at height 0
-of the vertical axis, the next at 1, downward.
+A *row* is the result of one planner on the scenes of one kind (`jaxplan.study.table4.Row`); a *printed* row
+is one that the paper prints, and is drawn in grey. A path is *found* when its planner says so, and *clear*
+when no zone is broken along its whole edges. A planner has one colour in all panels, by its position in
+`jaxplan.search.PLANNERS`, whichever planners are compared. The first line of a panel is at height 0 of the
+vertical axis, the next at 1 below it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -50,10 +52,10 @@ _MEAN: Look = {
 }
 _SPREAD: Look = {"linewidth": 1.4, "marker": "|", "markersize": 6, "color": GREY}
 _DOT: Look = {"marker": "o", "linestyle": "none", "markeredgewidth": 0.8}
-_LARGE, _SMALL_DOT, _FEW = 4.2, 1.6, 10  # points: size of a dot up to `_FEW` scenes, and the least size
-_APART = 0.17  # lines: half the distance of the marks of paths found and paths clear
+_LARGE, _SMALL_DOT, _FEW = 4.2, 1.6, 10  # points: size of a dot for up to `_FEW` scenes, and the least size
+_APART = 0.17  # lines: half the distance between the marks for paths found and for paths clear
 _BAND = 0.62  # lines: height over which dots are spread
-_ROW, _HEAD, _FOOT = 0.25, 0.45, 1.5  # inches: a planner, the title of a kind, the last labels and the legend
+_ROW, _HEAD, _FOOT = 0.25, 0.45, 1.5  # inches: heights of a planner, of a kind's title, and below all panels
 _LEGEND = 4  # columns of the legend
 _COLUMNS = {  # attributes of a row that have a panel, with the label of its axis
     "seconds": "search time (s)",
@@ -62,7 +64,7 @@ _COLUMNS = {  # attributes of a row that have a panel, with the label of its axi
 }
 _LEAST_SPAN = 4.0  # steps or nodes that an axis shows at least
 _MARKERS = ("o", "s", "D", "^", "v", "P", "X")  # of the methods whose durations are compared
-_HEIGHT, _METHOD = 1.0, 0.26  # inches around the panel of durations, and for each method of a scene
+_HEIGHT, _METHOD = 1.0, 0.26  # inches: height around the panel of durations, and of a method of a scene
 _GAP = 0.6  # lines of methods: free height between scenes
 _AREA: Look = {"color": "0.93", "linewidth": 0}
 _BOUND: Look = {"color": "black", "linewidth": 1.6}
@@ -71,19 +73,19 @@ _BOUND: Look = {"color": "black", "linewidth": 1.6}
 def table4(rows: Iterable[Row], ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     """Draw success rates, search times and path lengths of planners that searched the same scenes.
 
-    Each kind of scenes has four panels with a planner a line: the shares of scenes where a path was found and
-    where it is clear along whole edges; the times of all searches, logarithmic; and the lengths of the clear
-    paths, in steps and in interior nodes. A dot is a scene. Rows that are only known from print span
-    least to largest and stand last.
+    Each kind of scenes has four panels with one planner per line: the fractions of scenes in which a path was
+    found and is clear; the times of all searches, on a logarithmic axis; and the lengths of the clear paths,
+    in steps and in interior nodes. A dot is a scene. A printed row shows the span from least to largest with
+    the mean, and stands last.
 
     Args:
-        rows: what `jaxplan.study.table4.compare` returns, with `printed_rows` of the same module where they
-            are to be seen beside. Kinds and planners stand in the order in which they come first.
-        ax: four axes a kind, from left to right; a figure to put them in, or None for a new one.
+        rows: what `jaxplan.study.table4.compare` returns, perhaps with `printed_rows` of the same module.
+            Kinds and planners are drawn in the order in which they first appear.
+        ax: four axes per kind, from left to right; a figure to put them in, or None for a new one.
         legend: whether to explain the marks at the foot of the figure.
 
     Returns:
-        The axes, four a kind.
+        The axes, four per kind.
 
     Raises:
         TypeError: if they are no rows.
@@ -117,11 +119,7 @@ def table4(rows: Iterable[Row], ax: Canvas = None, *, legend: bool = True) -> li
 
 
 def comparison_figure(rows: Iterable[Row]) -> Figure:
-    """Draw `table4` on a page of its own, which does not belong to pyplot.
-
-    Args:
-        rows: see `table4`.
-    """
+    """Draw `table4` of `rows` in a new figure that does not belong to pyplot."""
     every = list(rows)
     figure = Figure(figsize=_size(_by_kind(every)), layout="constrained")
     table4(every, ax=figure)
@@ -129,18 +127,18 @@ def comparison_figure(rows: Iterable[Row]) -> Figure:
 
 
 def planner_colour(name: str) -> str:
-    """Colour of a planner in all figures; grey for one that is not ours."""
+    """Return the colour of a planner in all figures; grey for a name that is not in `PLANNERS`."""
     names = tuple(PLANNERS)
     return COLOURS[names.index(name) % len(COLOURS)] if name in names else GREY
 
 
 def _is_printed(row: Row) -> bool:
-    """True for a row of the paper, which has spreads instead of a value for each scene."""
+    """Return True for a printed row, which has least, largest and mean instead of a value for each scene."""
     return row.solved is None
 
 
 def _by_kind(rows: Iterable[Row]) -> list[list[Row]]:
-    """Check rows and group them by their kind of scenes; the printed ones stand last in each group."""
+    """Check rows and group them by their kind of scenes; printed rows come last in each group."""
     kinds: dict[str, list[Row]] = {}
     for number, row in enumerate(several("rows", rows, "rows, as jaxplan.study.table4.compare returns")):
         expect_any(f"rows[{number}]", row, (Row,), "a row of jaxplan.study.table4.compare")
@@ -149,12 +147,12 @@ def _by_kind(rows: Iterable[Row]) -> list[list[Row]]:
 
 
 def _size(kinds: Sequence[Sequence[Row]]) -> tuple[float, float]:
-    """Width and height of the page, inches."""
+    """Return width and height of the figure, inches."""
     return WIDTH, _FOOT + sum(_HEAD + _ROW * len(of_kind) for of_kind in kinds)
 
 
 def _title(rows: Sequence[Row]) -> str:
-    """Title of the panels of a kind: its name, and how many scenes its rows have, printed ones apart."""
+    """Return the title of a kind's panels: its name and the number of scenes, printed ones apart."""
     own, printed = ([row.scenes for row in rows if _is_printed(row) == of] for of in (False, True))
     told = [f"{_range(own)} scene{'s' * (set(own) != {1})}"] if own else []
     told += [f"{_range(printed)} as printed"] if printed else []
@@ -162,13 +160,13 @@ def _title(rows: Sequence[Row]) -> str:
 
 
 def _range(counts: Sequence[int]) -> str:
-    """Text of the least and the largest count, "5 to 20", or of the only one, "20"."""
+    """Return the least and the largest count as text, "5 to 20", or the only one, "20"."""
     low, high = min(counts), max(counts)
     return f"{low}" if low == high else f"{low} to {high}"
 
 
 def _success(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw the shares of scenes, percent, where a path was found and where it is clear."""
+    """Draw the percentages of scenes in which a path was found and is clear, with Wilson intervals."""
     for line, row in enumerate(rows):
         if row.scenes == 0:
             _remark(axes, line, "no scenes")
@@ -186,9 +184,9 @@ def _success(axes: Axes, rows: Sequence[Row]) -> None:
 
 
 def _spreads(axes: Axes, rows: Sequence[Row], column: str) -> None:
-    """Draw a column of `_COLUMNS` of each row: times of all searches, or lengths of the clear paths.
+    """Draw one column of `_COLUMNS` for each row: times of all searches, or lengths of the clear paths.
 
-    The dot of a search that led to no clear path is hollow.
+    In the panel of times the dot of a search that led to no clear path is hollow.
     """
     times = column == "seconds"
     if times:
@@ -208,10 +206,15 @@ def _spreads(axes: Axes, rows: Sequence[Row], column: str) -> None:
 
 
 def _values(axes: Axes, line: int, row: Row, values: np.ndarray, solved: np.ndarray | None = None) -> None:
-    """Draw a row's values on a line at a height: a dot for each scene and the mean.
+    """Draw a row's values on the line at height `line`: a dot for each scene, and the mean.
 
-    Of a printed row the values are (least, largest, mean), drawn as a bar with the mean. `solved` (k,) bool
-    says which dots are filled; None for all.
+    Args:
+        axes: the panel.
+        line: height of the line.
+        row: whose values they are.
+        values: (k,) one per scene; of a printed row (3,) least, largest and mean, drawn as a bar with the
+            mean.
+        solved: (k,) bool, which dots are filled; None for all.
     """
     if _is_printed(row):
         least, largest, mean = values
@@ -232,13 +235,13 @@ def _values(axes: Axes, line: int, row: Row, values: np.ndarray, solved: np.ndar
 
 
 def _remark(axes: Axes, line: int, text: str) -> None:
-    """Write on the line at a height why nothing is drawn there."""
+    """Write on the line at height `line` why nothing is drawn there."""
     place = axes.get_yaxis_transform()
     axes.text(0.02, line, text, transform=place, ha="left", va="center", color=GREY, fontsize=SMALL)
 
 
 def _entries(rows: Sequence[Row]) -> Entries:
-    """Legend entries of what the panels of these rows show."""
+    """Return legend entries for what the panels of these rows show."""
     drawn = any(row.scenes for row in rows)
     own = [row for row in rows if row.scenes and row.solved is not None]
     possible: list[tuple[bool, Look, str]] = [
@@ -258,7 +261,7 @@ def _entries(rows: Sequence[Row]) -> Entries:
 
 
 def _align(column: Sequence[Axes]) -> None:
-    """Give a column of panels one scale; where they share the axis, only the lowest has its label."""
+    """Give a column of panels the same limits; of those that share the axis only the lowest has its label."""
     decades = column[0].get_xscale() == "log"
     drawn = [axes for axes in column if axes.lines]
     spans = np.array([axes.dataLim.intervalx if decades else axes.get_xlim() for axes in drawn])
@@ -272,7 +275,7 @@ def _align(column: Sequence[Axes]) -> None:
 
 
 def _rounded(low: float, high: float, *, decades: bool) -> tuple[float, float]:
-    """Limits of an axis that span `low` to `high` and two ticks: whole decades, or at least `_LEAST_SPAN`."""
+    """Return axis limits that contain `low` and `high`: whole decades, or at least `_LEAST_SPAN` apart."""
     if decades:
         return 0.9 * 10 ** np.floor(np.log10(low)), 1.1 * 10 ** np.ceil(np.log10(high))
     missing = max(_LEAST_SPAN - (high - low), 0.0)
@@ -286,12 +289,12 @@ def durations(
     *,
     legend: bool = True,
 ) -> Axes:
-    """Draw durations of several methods for each scene, with their excess over the bound in percent.
+    """Draw durations of several methods for each scene, with their excess over a lower bound in percent.
 
     Args:
-        seconds: s, by method and then by name of the scene; a scene without a value has no mark.
-        bounds: s, no motion to the same goal is shorter, by the names of scenes (`Plan.duration_bound`);
-            they know no zones, and another goal that meets the same targets may be met sooner.
+        seconds: durations in s, by method and then by scene; a scene without a value has no mark.
+        bounds: by scene, in s: no motion to the same goal is shorter (`Plan.duration_bound`). Bounds ignore
+            zones, and another goal that meets the same targets may be reached sooner.
         ax: axes, a figure to put them in, or None for a new one.
         legend: whether to name the methods beside the panel.
 
@@ -344,7 +347,7 @@ def durations(
 
 
 def _draw_duration(axes: Axes, height: float, value: float, bound: float, look: Look) -> None:
-    """Draw a duration, s, as a mark at a height, with a line from its bound and the excess in percent."""
+    """Draw a duration, s, as a mark at a height, with a line from its bound and its excess in percent."""
     axes.plot([bound, value], [height] * 2, color=look["color"], linewidth=1, alpha=0.6)
     axes.plot([value], [height], **look)
     axes.annotate(

@@ -1,7 +1,8 @@
-"""Studies side by side: success rates, outcomes, and how time, length, duration and margin are spread.
+"""Studies side by side: success rates, outcomes, and distributions of time, length, duration and margin.
 
-Curves count all scenes of a study, also those without a plan: their values are not known, only that no plan
-was found, so a curve ends at the success rate and goes on as a thin dotted line.
+A study is a set of scenes with the plan of each; success means a certified plan. Curves count all scenes of a
+study, also those without a plan: since these have no values, a curve ends at the success rate and continues
+as a thin dotted line.
 """
 
 from collections import Counter
@@ -44,12 +45,12 @@ Named: TypeAlias = dict[str, Study]
 
 OK = Status.OK.name
 _SIZE = (WIDTH, 4.2)  # inches
-_ROW, _AROUND = 0.4, 1.1  # inches: height of a study's line, and of what is around the lines
+_ROW, _AROUND = 0.4, 1.1  # inches: height of a study's line, and around the lines
 _BAR = 0.6  # lines: height of a bar
-# Multiples of a power of ten whose ticks have a number, where largest over least value is below the key.
+# Multiples of powers of ten at which ticks have numbers, for ratios of largest to least value below the key.
 _SUBS = {4.0: (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), 50.0: (1.0, 2.0, 5.0), np.inf: (1.0,)}
 _FAINT: Look = {"linewidth": 0.9, "linestyle": ":"}
-# Colours of statuses: of scenes that nobody could plan in blue, of the planner's failures in red.
+# Colours of statuses: blues where no planner could have found a plan, other colours where this one failed.
 _OUTCOMES = {
     Status.OK.name: "0.87",
     Status.INVALID_START.name: "#92C5DE",
@@ -66,7 +67,7 @@ _OUTCOMES = {
 }
 _SPREADS = ("total_s", "length_steps", "duration_s", "min_margin_deg")
 _CURVES = 2.3  # inches: height of a row of distributions
-_LINE, _ABOVE = 0.26, 0.75  # inches: height of a study's line above them, and of what is around the lines
+_LINE, _ABOVE = 0.26, 0.75  # inches: height of a study's line above these, and around the lines
 
 
 class Quantity(NamedTuple):
@@ -75,8 +76,8 @@ class Quantity(NamedTuple):
     Attributes:
         label: of the axis, with its unit.
         decades: whether the axis is logarithmic.
-        margin: whether more of it is better: the curve counts scenes with at least a value, not at most, and
-            the axis opens near zero.
+        margin: whether larger values are better: then the curve counts scenes with at least a value, not at
+            most, and the axis has the scale of margins, linear near zero.
     """
 
     label: str
@@ -101,7 +102,8 @@ def study(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> list[A
     """Draw success rates, outcomes, and the distributions of planning time, path length, duration and margin.
 
     Args:
-        studies: one study, several such as of several planners, or a dict of them by names for the legend.
+        studies: one study, several, such as those of several planners, or a dict of them by names for the
+            legend.
         ax: six axes, a figure to put them in, or None for a new one.
         legend: whether to name statuses and studies beside the panels.
 
@@ -109,7 +111,7 @@ def study(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> list[A
         The axes, from left to right and from top to bottom.
 
     Raises:
-        TypeError: if something else than studies is given.
+        TypeError: if something other than studies is given.
         ValueError: if there is nothing to draw, or another number of axes is given.
 
     Example:
@@ -131,11 +133,7 @@ def study(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> list[A
 
 
 def study_figure(studies: Studies) -> Figure:
-    """Draw `study` on a page of its own, which does not belong to pyplot.
-
-    Args:
-        studies: see `study`.
-    """
+    """Draw `study` in a new figure that does not belong to pyplot; `studies` are as there."""
     every = named(studies)
     figure = Figure(figsize=_size(len(every)), layout="constrained")
     study(every, figure)
@@ -143,22 +141,22 @@ def study_figure(studies: Studies) -> Figure:
 
 
 def _size(studies: int) -> tuple[float, float]:
-    """Width and height of the page for a number of studies, inches."""
+    """Return width and height of the figure for a number of studies, inches."""
     return WIDTH, _ABOVE + _LINE * studies + 2 * _CURVES + 0.3
 
 
 def success_rates(studies: Studies, ax: Canvas = None) -> Axes:
-    """Draw the shares of scenes with a certified plan, with their 95 % Wilson intervals, a study a line.
+    """Draw percentages of scenes with a certified plan and 95 % Wilson intervals, one study per line.
 
     Args:
-        studies: one, several, or several by their names.
+        studies: one, several, or a dict of them by names.
         ax: axes, a figure to put them in, or None for a new one.
 
     Returns:
         The axes.
 
     Raises:
-        TypeError: if something else than studies is given.
+        TypeError: if something other than studies is given.
         ValueError: if there is nothing to draw.
     """
     every = named(studies)
@@ -185,10 +183,10 @@ def success_rates(studies: Studies, ax: Canvas = None) -> Axes:
 
 
 def outcomes(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> Axes:
-    """Draw how the scenes ended, as shares of all of them, a study a line.
+    """Draw how the scenes ended, each status as a percentage of all scenes, one study per line.
 
     Args:
-        studies: one, several, or several by their names.
+        studies: one, several, or a dict of them by names.
         ax: axes, a figure to put them in, or None for a new one.
         legend: whether to name the statuses beside the panel.
 
@@ -196,7 +194,7 @@ def outcomes(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> Axe
         The axes.
 
     Raises:
-        TypeError: if something else than studies is given.
+        TypeError: if something other than studies is given.
         ValueError: if there is nothing to draw.
     """
     every = named(studies)
@@ -222,11 +220,11 @@ def outcomes(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> Axe
 def distribution(
     studies: Studies, quantity: str = "duration_s", ax: Canvas = None, *, legend: bool = True
 ) -> Axes:
-    """Draw the share of all scenes that are planned with at most each value (for margins: with at least it).
+    """Draw the percentage of all scenes planned with at most each value (for margins at least each value).
 
     Args:
-        studies: one, several, or several by their names.
-        quantity: a column of `QUANTITIES`.
+        studies: one, several, or a dict of them by names.
+        quantity: a key of `QUANTITIES`.
         ax: axes, a figure to put them in, or None for a new one.
         legend: whether to name the studies beside the panel.
 
@@ -234,7 +232,7 @@ def distribution(
         The axes.
 
     Raises:
-        TypeError: if something else than studies is given.
+        TypeError: if something other than studies is given.
         ValueError: if there is nothing to draw, or no such quantity.
 
     Example:
@@ -277,13 +275,13 @@ def distribution(
 
 
 def _curve(axes: Axes, values: np.ndarray, scenes: int, look: Look, what: Quantity) -> None:
-    """Draw the cumulative share of a study's scenes by a quantity, `what`, as a step curve.
+    """Draw the cumulative percentage of a study's scenes over a quantity as a step curve.
 
     Args:
-        axes: the panel, its horizontal limits set.
+        axes: the panel, with its horizontal limits set.
         values: (k,) of the scenes that have one, rising.
-        scenes: number of all scenes; if there are more than values, a dotted line goes on to the edge, but
-            not for margins.
+        scenes: number of all scenes; if there are more than values, a dotted line continues to the right
+            edge, but not for margins.
         look: of the curve.
         what: the quantity.
     """
@@ -299,7 +297,10 @@ def _curve(axes: Axes, values: np.ndarray, scenes: int, look: Look, what: Quanti
 
 
 def _use_decades(axes: Axes, low: float, high: float) -> None:
-    """Make the horizontal axis logarithmic, with numbers at two ticks or more; linear up to 1 if low is 0."""
+    """Make the horizontal axis logarithmic from `low` to `high`, with at least two numbered ticks.
+
+    If `low` is 0 the axis is linear up to 1.
+    """
     if low > 0:
         axes.set_xscale("log")
         axes.set_xlim(0.8 * low, 1.4 * high)
@@ -313,10 +314,10 @@ def _use_decades(axes: Axes, low: float, high: float) -> None:
 
 
 def named(studies: Studies) -> Named:
-    """Check studies and name them: by the keys of a dict, or by planner and what else of them differs.
+    """Check studies and name them: by the keys of a dict, or by planner and what else differs between them.
 
     Raises:
-        TypeError: if something else is given.
+        TypeError: if something other than studies is given.
         ValueError: if there are none, or one has no scenes yet.
     """
     if isinstance(studies, Mapping):
@@ -337,7 +338,7 @@ def named(studies: Studies) -> Named:
 
 
 def _names(studies: Sequence[Study]) -> list[str]:
-    """Unique names of studies: the planner, with kind and settings where these differ, or a number."""
+    """Return unique names of studies: planner, kind and settings if they differ, and perhaps a number."""
     kinds, settings = {study.kind for study in studies}, [dict(study.settings) for study in studies]
     names = []
     for study in studies:
@@ -356,9 +357,9 @@ def _names(studies: Sequence[Study]) -> list[str]:
 
 
 def _looks(studies: Named) -> list[Look]:
-    """Colour and line style of each study: the planner's colour, unless two studies have one planner.
+    """Return a look for each study; its colour is the planner's unless two studies have the same planner.
 
-    Where curves coincide, unbroken lines are below the broken ones, through whose gaps they are seen.
+    Where curves coincide, solid lines lie below broken ones, through whose gaps they are seen.
     """
     planners = [study.planner for study in studies.values()]
     distinct = len(set(planners)) == len(planners)

@@ -1,4 +1,4 @@
-"""All figures of a plan: several in one, one by one, and as data for a page that holds its pictures."""
+"""All figures of a plan: several in one, one by one, and as data for pages that embed their pictures."""
 
 import base64
 import io
@@ -61,21 +61,21 @@ FIGURE_NAMES = (
 )
 """Names of all figures that a plan may have."""
 
-_DPI = 200  # dots an inch of the PNG pictures in a page
-_SCREEN_DPI = 150  # dots an inch of pictures in files of their own
-_QUICKLY = 3  # level of zlib, of 9: files are a twentieth larger than by 6, in three quarters of the time
+_DPI = 200  # dots per inch of PNG pictures in a page
+_SCREEN_DPI = 150  # dots per inch of pictures in files of their own
+_QUICKLY = 3  # level of zlib (0 to 9): files are a twentieth larger than at 6, in three quarters of the time
 
 
 def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
     """Draw the unfolded sphere, and below it joint angles, margins and the platform's angular velocity.
 
     Args:
-        plan: with a trajectory.
+        plan: a plan with a trajectory.
         ax: a figure to fill, or None for a new one.
 
     Returns:
-        The axes of the sphere, of yaws, pitches and drives' angles as far as there are any, of margins and
-        angular velocity, in this order. Their ``figure`` is the whole one, which can be saved.
+        The axes of the sphere, of yaws, pitches and drives' angles as far as there are any, of margins, and
+        of angular velocity, in this order. Their ``figure`` is the whole one, which can be saved.
 
     Raises:
         TypeError: if it is no plan.
@@ -100,7 +100,7 @@ def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
 
 
 def _overview_size(kinds: int) -> tuple[float, float]:
-    """Width and height of an overview, inches, of a spacecraft with so many kinds of joints."""
+    """Return width and height of an overview, inches, for a spacecraft with `kinds` kinds of joints."""
     return WIDTH, _SPHERE + _ROW * (kinds + 2)
 
 
@@ -109,18 +109,19 @@ def figures(
 ) -> Iterator[tuple[str, Figure]]:
     """Draw every figure that a plan has, one after the other; none of them belongs to pyplot.
 
+    Without a trajectory only spacecraft and sphere are drawn. There is no spacecraft without devices and
+    wheels, no angles without joints, no margins without zones, no joint map without masks, and torque only if
+    torque, momentum or jerk has a limit. Only a timeline's plan has the figure "timeline".
+
     Args:
-        plan: of any status, or that of a timeline, which alone has a figure of that name. Without a
-            trajectory only spacecraft and sphere are drawn, without devices and wheels no spacecraft,
-            without joints no angles, without zones no margins, without masks no joint map, and torque only
-            where it, the momentum or the jerk has a limit.
-        frequencies: Hz, for a spectrum with a line at each; without them there is none.
+        plan: a plan of any status, also one of a timeline.
+        frequencies: Hz, for a spectrum with a line at each; without any there is no spectrum.
         observer: the spacecraft's orbit, one of `jaxplan.sky`, for the sphere and the attitude in the local
-            orbital frame and the ground track; these are there where the plan has an epoch, and the extra
-            ``orbit`` is installed.
+            orbital frame and for the ground track; these need a trajectory, an epoch of the plan and the
+            extra ``orbit``. None for none of them.
 
     Yields:
-        The figure's name, fit for a file, and the figure.
+        The figure's name (one of `FIGURE_NAMES`), fit for a file, and the figure.
 
     Raises:
         TypeError: if it is no plan, or the observer no orbit.
@@ -133,10 +134,10 @@ def figures(
 def drawings(
     plan: Plan | TimelinePlan, frequencies: Sequence[float] = (), observer: Satellite | None = None
 ) -> list[tuple[str, Callable[[], Figure]]]:
-    """The names of all figures that a plan has, each with what draws it.
+    """Return the names of all figures that a plan has, each with a function that draws it and returns it.
 
-    So whoever tells progress knows how many there are before the first is drawn. Arguments and errors are
-    those of `figures`.
+    So a progress bar knows how many there are before the first is drawn. Arguments and errors are those of
+    `figures`, but an orbit that is not known for the time of the plan raises only when its figure is drawn.
     """
     day = plan if isinstance(plan, TimelinePlan) else None
     plan = expect_plan(plan)
@@ -182,14 +183,14 @@ def drawings(
 
 
 def _drawn(draw: Callable[..., Any], inches: tuple[float, float], plan: Plan | TimelinePlan) -> Figure:
-    """A figure of its own, of a size in inches, on which a plan is drawn."""
+    """Make a figure of a size in inches, without pyplot, and draw a plan on it."""
     figure = Figure(figsize=inches, layout="constrained")
     draw(plan, ax=figure)
     return figure
 
 
 def _at_start(plan: Plan, ax: Figure) -> None:
-    """Draw the spacecraft with the boresights as they are at the start."""
+    """Draw the spacecraft with boresights at the joint angles of the start, on a figure."""
     spacecraft(plan.scenario.spacecraft, joints=plan.scenario.start.joints, ax=ax)
 
 
@@ -199,17 +200,19 @@ def inline_figures(
     names: Sequence[str] | None = None,
     observer: Satellite | None = None,
 ) -> Iterator[tuple[str, str]]:
-    """Draw the globe and the figures of a plan but the overview, which repeats the others.
+    """Draw the globe and the figures of a plan as pictures for a page, without the overview.
+
+    The overview would only repeat the others.
 
     Args:
-        plan: of any status; see `figures` for those that it has.
+        plan: a plan of any status; see `figures` for the figures that it has.
         frequencies: Hz, as of `figures`.
-        names: of those that are wanted, as far as there are any; None for all.
+        names: of the figures that are wanted besides the globe, as far as the plan has them; None for all.
         observer: the spacecraft's orbit, as of `figures`.
 
     Yields:
         The figure's name and its picture as a ``data:`` address, the same for the same plan: SVG with text as
-        shapes, or PNG where there are hatched areas or surfaces in space. The ground is transparent.
+        shapes, or PNG if there are hatched areas or surfaces in space. The background is transparent.
     """
     ball = Figure(figsize=GLOBE_SIZE, layout="constrained")
     globe(plan, ax=ball)
@@ -220,12 +223,12 @@ def inline_figures(
 
 
 def write_png(figure: Figure, file: str | os.PathLike[str], software: str) -> None:
-    """Write a figure's picture, drawn only once, where ``savefig`` draws once for its layout and then again.
+    """Write a figure's picture to a file, drawing it once only; ``savefig`` would draw it twice.
 
     Args:
-        figure: on a ground that is not transparent.
-        file: that is written.
-        software: what the file says that it was made by.
+        figure: with a background that is not transparent; its resolution is changed.
+        file: the file to be written.
+        software: entry "Software" in the file.
     """
     figure.set_dpi(_SCREEN_DPI)
     canvas = FigureCanvasAgg(figure)
@@ -237,7 +240,7 @@ def write_png(figure: Figure, file: str | os.PathLike[str], software: str) -> No
 
 
 def _address(figure: Figure, *, hatched: bool = False) -> str:
-    """The picture of a figure as a ``data:`` address, SVG or PNG; of one known to be hatched not both."""
+    """Return a figure's picture as a ``data:`` address, SVG or PNG; `hatched` saves trying SVG first."""
     kind, content = "svg+xml", b"<pattern"
     if not hatched:
         content = _picture(figure, "svg", {"Date": None, "Creator": None})
@@ -248,7 +251,7 @@ def _address(figure: Figure, *, hatched: bool = False) -> str:
 
 
 def _picture(figure: Figure, kind: str, metadata: dict[str, None]) -> bytes:
-    """The bytes of a figure's picture in a format of matplotlib, "svg" or "png"."""
+    """Return the bytes of a figure's picture in a format of matplotlib, "svg" or "png"."""
     file = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "jaxplan"}):  # else the names inside are random
         figure.savefig(file, format=kind, metadata=metadata, transparent=True, dpi=_DPI)

@@ -1,4 +1,4 @@
-"""Plans to turn in one's hands, reached as ``jp.view``."""
+"""Interactive pages that show a plan in space, to be turned and played, reached as ``jp.view``."""
 
 from jaxplan.viewing.page import View, view
 

@@ -1,9 +1,9 @@
-"""What the page of a viewer is given: the motion's polynomials, the spacecraft, zones, trails and curves.
+"""The data of a viewer's page: the motion's polynomials, the spacecraft, zones, trails and curves.
 
-Conventions. All is plain numbers and texts for JSON. Matrices are lists of rows; directions are unit vectors,
-inertial or in body axes; angles are in radians but for the curves, which are in degrees, and in percent of
-limits. A device's own axes have its boresight as z and its left as y (`jaxplan.exporting.sampled`), at which
-the page arrives by turning with the joints of the polynomials.
+Everything is plain numbers and texts for JSON. Matrices are lists of rows; directions are unit vectors,
+inertial or in body axes; angles are in radians, but in curves in degrees or in percent of limits. A device's
+own axes have its boresight as z and its left as y (`jaxplan.exporting.sampled`); the page computes them from
+the joint angles that the polynomials give.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,14 +26,18 @@ from jaxplan.plotting.margin_panels import margins_over_time
 from jaxplan.plotting.style import AXIS_STYLES, COLOURS, KEEP_IN, KEEP_OUT, Motion, motion
 from jaxplan.timeline.record import TimelinePlan
 
-_DIGITS = 6  # of directions and curves that are drawn
-_FINE = 10  # of the coefficients of the motion, rad
-_TRACK = 400  # points of the way of a zone's axis
-_MASK_POINTS = 12  # on each edge of a mask
+_DIGITS = 6  # decimals of directions and curves that are drawn
+_FINE = 10  # decimals of the coefficients of the motion, rad
+_TRACK = 400  # points of the track of a moving zone's axis
+_MASK_POINTS = 12  # points on each edge of a mask
 
 
 def content(plan: Plan | TimelinePlan) -> dict[str, Any]:
-    """Everything that the page shows of a plan with a trajectory."""
+    """Return the data that the page shows of a plan with a trajectory, as a dict for JSON.
+
+    "trails" are the inertial directions of each device's boresight at "times_s", which "charts" share; "eye"
+    is the direction from which the page looks at first.
+    """
     scene, trajectory = plan.scenario, plan.trajectory
     assert trajectory is not None
     craft, moves = scene.spacecraft, motion(plan)
@@ -66,17 +70,20 @@ def content(plan: Plan | TimelinePlan) -> dict[str, Any]:
 
 
 def _cones(scene: Scenario) -> tuple[KeepOut | KeepIn, ...]:
-    """The zones of a scene that are cones."""
+    """Return the zones of a scene that are cones, which are all but bounds of joints and masks."""
     return (*scene.keep_out, *scene.keep_in)
 
 
 def _plain(values: Any) -> Any:
-    """Numbers as lists, rounded for drawing."""
+    """Return numbers as nested lists, rounded to `_DIGITS` decimals for drawing."""
     return np.round(np.asarray(values, float), _DIGITS).tolist()
 
 
 def _motion(flight: Flight) -> dict[str, Any]:
-    """The motion's polynomials, rounded so that a day is not large: by less than 1e-9 rad in all."""
+    """Return the motion's polynomials, as `jaxplan.exporting.pieces.described`, with rounded coefficients.
+
+    Rounding keeps the data of a day small and changes angles by less than 1e-9 rad in all.
+    """
     held = described(flight, flight.name)
     for part in ("platform", "joints"):
         powers = np.asarray(held[part]["powers_rad"], float)
@@ -85,7 +92,7 @@ def _motion(flight: Flight) -> dict[str, Any]:
 
 
 def _status(plan: Plan | TimelinePlan, duration: float) -> str:
-    """A line on how the plan ended."""
+    """Return a line of text with status, duration (s), and certificate of a plan."""
     proof = plan.certificate
     told = [plan.status.name, f"{duration:.2f} s"]
     if proof is not None and proof.certified and proof.min_margin is not None:
@@ -96,7 +103,14 @@ def _status(plan: Plan | TimelinePlan, duration: float) -> str:
 
 
 def _devices(craft: Spacecraft) -> Iterator[dict[str, Any]]:
-    """Yield what the page draws of each device, in their order."""
+    """Yield for each device, in order, a dict with all that the page draws of it.
+
+    "foot" is in body axes, where the platform is a cube with half edges of 1. "frame" (3, 3) turns into body
+    axes: for an instrument its own axes, else its mount axes, which for a terminal are boresight, left and
+    yaw axis at zero angles. "yaw" and "pitch" are indices of joints, None where there is none; "tilt" is in
+    rad. "field" holds unit vectors to the corners of the field of view in the device's own axes, None without
+    one, "masks" unit vectors along outlines in body axes.
+    """
     places, gimbals = feet(craft), craft.gimbals
     fixed = instrument_frames(craft.fixed_boresights)
     every = masks(craft, tuple((0,) for terminal in craft.terminals for _ in terminal.mask))
@@ -125,7 +139,7 @@ def _devices(craft: Spacecraft) -> Iterator[dict[str, Any]]:
 
 
 def _mask_edge(corners: np.ndarray) -> np.ndarray:
-    """Directions (k, 3) along the edges of a mask, in the axes that yaw and pitch turn in."""
+    """Return directions (k, 3) along the edges of a mask with corners (yaw, pitch) in rad, in mount axes."""
     ends = np.asarray(corners, float)
     share = np.linspace(0, 1, _MASK_POINTS, endpoint=False)[:, None]
     points = np.concatenate(
@@ -135,7 +149,11 @@ def _mask_edge(corners: np.ndarray) -> np.ndarray:
 
 
 def _zone(zone: KeepOut | KeepIn, craft: Spacecraft) -> dict[str, Any]:
-    """What the page draws of a zone."""
+    """Return a dict with all that the page draws of a zone.
+
+    "side" is 1 for keep-out and -1 for keep-in, "told" a text for people, and "on" what the axis is fixed to:
+    "inertial" with its "path" over time, "body" with its "axis", or "device" with the index of the device.
+    """
     wide = f"{np.rad2deg(zone.half_angle):.3g} deg"
     if zone.of_field:
         wide = f"{wide} {'from' if zone.side > 0 else 'inside'} fields of view"
@@ -161,7 +179,7 @@ def _zone(zone: KeepOut | KeepIn, craft: Spacecraft) -> dict[str, Any]:
 
 
 def _path(path: DirectionPath | None) -> dict[str, Any]:
-    """The samples of a direction, one of a direction that stands still."""
+    """Return times, samples and slopes of a direction for cubic interpolation; one each if it is fixed."""
     assert path is not None
     if not path.moves:
         return {
@@ -174,7 +192,7 @@ def _path(path: DirectionPath | None) -> dict[str, Any]:
 
 
 def _tracks(scene: Scenario, duration: float) -> Iterator[dict[str, Any]]:
-    """Yield the ways of axes of zones that move."""
+    """Yield the tracks of the axes of moving zones, inertial, with the colours of the zones."""
     for zone in _cones(scene):
         path = zone.path
         if path is not None and path.moves:
@@ -183,7 +201,7 @@ def _tracks(scene: Scenario, duration: float) -> Iterator[dict[str, Any]]:
 
 
 def _targets(scene: Scenario, plan: Plan | TimelinePlan, duration: float) -> Iterator[dict[str, Any]]:
-    """Yield the targets of a single manoeuvre, where they are when it ends."""
+    """Yield the targets of a single manoeuvre, inertial, where they are when it ends; none for a timeline."""
     asked = scene.goal
     if isinstance(plan, TimelinePlan) or not isinstance(asked, Targets):
         return
@@ -198,13 +216,16 @@ def _targets(scene: Scenario, plan: Plan | TimelinePlan, duration: float) -> Ite
 
 
 def _line(name: str, colour: str, values: np.ndarray, unit: str, places: int, **more: Any) -> dict[str, Any]:
-    """A curve of a chart, with gaps where it has no value."""
+    """Return a curve of a chart; values (k,) that are not finite become gaps (None).
+
+    `places` is the number of decimals with which the page writes values, `more` are further keys.
+    """
     told = [value if np.isfinite(value) else None for value in _plain(values)]
     return {"name": name, "colour": colour, "values": told, "unit": unit, "places": places} | more
 
 
 def _margins(scene: Scenario, moves: Motion) -> dict[str, Any] | None:
-    """The chart of the smallest margin of each device, deg; None where no zone binds one."""
+    """Return the chart of the smallest margin of each device, deg; None if no zone binds any."""
     of_devices: dict[int, list[np.ndarray]] = {}
     for margin in margins_over_time(scene, moves):
         of_devices.setdefault(margin.device, []).append(margin.values)
@@ -219,7 +240,7 @@ def _margins(scene: Scenario, moves: Motion) -> dict[str, Any] | None:
 
 
 def _rates(craft: Spacecraft, moves: Motion) -> dict[str, Any]:
-    """The chart of rates in percent of their limits, with these in deg/s, by which the page tells rates."""
+    """Return the chart of the magnitudes of rates, in percent of their limits."""
     limits = np.broadcast_to(np.asarray(craft.rate_limit, float), (3,))
     lines = [
         _share(f"platform {axis}", str(style["color"]), values, limit)
@@ -236,14 +257,17 @@ def _rates(craft: Spacecraft, moves: Motion) -> dict[str, Any]:
 
 
 def _share(name: str, colour: str, values: np.ndarray, limit: float, dashes: bool = False) -> dict[str, Any]:
-    """The curve of a rate (rad/s) in percent of its limit (rad/s)."""
+    """Return the curve of the magnitude of a rate, values (k,) rad/s, in percent of its limit, rad/s.
+
+    The limit in deg/s is added as "scale", by which the page writes the rate itself.
+    """
     scale = float(np.rad2deg(limit))
     shown = colour if colour != "black" else "#7f8b99"  # seen on light and on dark
     return _line(name, shown, 100 * np.abs(values) / limit, "deg/s", 2, scale=scale, dashes=dashes)
 
 
 def _joints(craft: Spacecraft, moves: Motion) -> dict[str, Any] | None:
-    """The chart of joint angles, deg; None without joints."""
+    """Return the chart of joint angles, deg; None without joints."""
     if not craft.joint_count:
         return None
     angles = np.rad2deg(np.asarray(moves.values.joints).T)
@@ -255,7 +279,7 @@ def _joints(craft: Spacecraft, moves: Motion) -> dict[str, Any] | None:
 
 
 def _joint_looks(craft: Spacecraft) -> tuple[Sequence[str], Sequence[bool]]:
-    """The colour of the device that each joint is of, and whether its curve is dashed, as pitches are."""
+    """Return for each joint the colour of its device, and whether its curve is dashed (for pitches)."""
     count = len(craft.terminals)
     owners = [*range(count), *range(count), *range(count, count + len(craft.drives))]
     dashes = [count <= joint < 2 * count for joint in range(craft.joint_count)]
@@ -263,7 +287,10 @@ def _joint_looks(craft: Spacecraft) -> tuple[Sequence[str], Sequence[bool]]:
 
 
 def _eye(boresights: np.ndarray) -> np.ndarray:
-    """The direction from which the first view looks: where most beams are, from a little above."""
+    """Return the inertial unit vector toward the eye of the first view, given boresights (D, 3) at the start.
+
+    It is on the side to which most of the boresights point, and a little above.
+    """
     mean = np.sum(boresights, axis=0) if len(boresights) else np.zeros(3)
     flat = np.array([mean[0], mean[1], 0.0])
     length = np.linalg.norm(flat)

@@ -1,8 +1,9 @@
-"""The page of a viewer: one HTML file with everything in it, that asks for nothing.
+"""The page of a viewer: one self-contained HTML file, which loads nothing over a network.
 
 The pictures in space are drawn by three.js, which the package k3d (extra ``view``) ships as JavaScript within
-its wheel; it is taken from there as it is. What this page does with it is in `static`: `motion.js` evaluates
-the polynomials, `world.js` is what turns, `charts.js` the curves, `controls.js` time, keys and pointer.
+its wheel; it is taken from there unchanged. The page's own scripts are in the folder `static`: `motion.js`
+evaluates the polynomials, `world.js` draws the scene in space, `charts.js` the curves, and `controls.js`
+handles time, keys and pointer.
 """
 
 import html
@@ -27,14 +28,20 @@ HEIGHT = 760
 
 
 class View:
-    """A plan to turn in one's hands, in a notebook or as a page of its own; made by `view`."""
+    """A page that shows a plan in space, for a notebook or as a file of its own; made by `view`.
+
+    Args:
+        title: of the page.
+        data: what it shows, as `jaxplan.viewing.content.content` returns it.
+        height: pixels that it takes in a notebook.
+    """
 
     def __init__(self, title: str, data: dict[str, Any], height: int = HEIGHT) -> None:
         self.title, self.data, self.height = title, data, height
 
     @property
     def html(self) -> str:
-        """The whole page."""
+        """The whole page as HTML text, put together anew at each access."""
         parts = {
             "TITLE": html.escape(self.title),
             "STYLE": _static("page.css"),
@@ -46,17 +53,17 @@ class View:
         return "".join(parts.get(piece, piece) for piece in pieces)
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-        """Write the page to a file, which opens anywhere, also without a network.
+        """Write the page to a file, which any browser opens, also without a network.
 
         Args:
             path: the file. It appears whole or not at all; its folder is made.
-            overwrite: whether an old file may be replaced.
+            overwrite: whether an existing file may be replaced.
 
         Returns:
             The path.
 
         Raises:
-            TypeError: for what is no path.
+            TypeError: if it is no path.
             ValueError: if the path is empty or a folder.
             FileExistsError: if there is a file at the path, and it may not be replaced.
         """
@@ -70,7 +77,7 @@ class View:
         return f"<View of {self.title}: .save('slew.html') writes its page>"
 
     def _repr_html_(self) -> str:
-        """The page in a frame of its own."""
+        """Return the page in an HTML frame (iframe), as a notebook shows it."""
         return (
             f'<iframe srcdoc="{html.escape(self.html)}" title="{html.escape(self.title)}" '
             f'style="width: 100%; height: {self.height}px; border: 0"></iframe>'
@@ -81,16 +88,16 @@ def view(plan: Plan | TimelinePlan, *, height: int = HEIGHT) -> View:
     """Show a plan in space: the sphere with its zones, the spacecraft, beams and their trails, and a clock.
 
     Args:
-        plan: one with a trajectory, of a scenario or a timeline.
-        height: pixels that it takes in a notebook.
+        plan: a plan with a trajectory, of a scenario or a timeline.
+        height: pixels that it takes in a notebook, 200 to 10,000.
 
     Returns:
         The view, which a notebook shows, and whose `View.save` writes a page.
 
     Raises:
         TypeError: if it is no plan.
-        ValueError: if the plan has no trajectory, the height is not from 200 to 10,000, or the extra ``view``
-            is not installed.
+        ValueError: if the plan has no trajectory, the height is out of range, or the extra ``view`` is not
+            installed.
 
     Example:
         >>> jp.view(plan).save("slew.html")
@@ -112,13 +119,13 @@ def view(plan: Plan | TimelinePlan, *, height: int = HEIGHT) -> View:
 
 
 def _static(name: str) -> str:
-    """The text of a file of this package."""
+    """Return the text of a file in the folder `static` of this package."""
     return files("jaxplan.viewing").joinpath("static", name).read_text(encoding="utf-8")
 
 
 @cache
 def _library() -> str:
-    """The script of k3d that holds three.js; what would end a script's tag within it is spelled otherwise."""
+    """Return k3d's script that holds three.js, changed only so that it cannot end an HTML script tag."""
     script = files("k3d").joinpath("static", "standalone.js")
     if not script.is_file():
         raise ValueError("k3d has no static/standalone.js, as release 3.2 has: pip install 'jaxplan[view]'")
