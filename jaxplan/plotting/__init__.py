@@ -43,7 +43,7 @@ from jaxplan.plotting.whole_plan import figures, overview
 from jaxplan.plotting.whole_plan import inline_figures as inline_figures
 from jaxplan.plotting.whole_plan import write_png as write_png
 
-# What a user draws with; the names imported as themselves are for the command line and the report.
+# Functions for users; names imported "as" themselves are for the command line and the report.
 __all__ = [
     "accelerations",
     "angles",

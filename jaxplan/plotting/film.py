@@ -231,7 +231,7 @@ class _Picture:
     def __init__(self, axes: Axes, plan: Plan, moves: Motion, view: GlobeView) -> None:
         self.axes, self.motion, self.view = axes, moves, view
         self.scenario = plan.scenario
-        self.moving: list[Artist] = []  # what is drawn of zones that move
+        self.moving: list[Artist] = []  # artists of moving zones
         craft = plan.scenario.spacecraft
         self.margins = [margin.values for margin in margins_over_time(plan.scenario, moves)]
         self.feet = feet(craft) * _BODY

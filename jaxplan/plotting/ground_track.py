@@ -315,7 +315,7 @@ def _name(axes: Axes, sites: Sequence[_Site], drawn: np.ndarray) -> None:
         )
         assert spot is not None
         side = np.sign(np.round((spot - site.place) / scale, 6)).astype(int)
-        near = spot - side * (size / 2 * (1, 0))  # the end of the name, which is not as long as it may be
+        near = spot - side * (size / 2 * (1, 0))  # end of the box: the text may be shorter than it
         if np.all(side != 0):
             ends = np.stack([site.place, near - side * (0, 1) * size / 4])
             axes.plot(*ends.T, color=_SITE["color"], linewidth=0.7, zorder=4.4)

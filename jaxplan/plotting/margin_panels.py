@@ -1,7 +1,8 @@
 """Margins over time: how far every device is from breaking a constraint, and what the certificate proves.
 
-A margin is an angle, positive where the constraint is kept. A zone *binds* a device at an instant if it is
-the one to which the device has its smallest margin; a *stretch* is a time over which this is one zone.
+A margin is an angle, positive where the constraint is kept. A zone binds the devices to which it applies. At
+an instant the *active* zone of a device is the one to which its margin is smallest; a *stretch* is a time
+over which this is the same zone.
 
 The scale of margins in degrees is ``asinh(margin / width)``: linear near the limit at zero, where margins
 matter, and logarithmic beyond, so that half a degree and 130 deg can both be read off one panel.
@@ -139,8 +140,8 @@ def _first_digit(value: float) -> int:
 def margins(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
     """Draw the margin over time of every device, and every vector that zones bind, to each of its zones.
 
-    The bold line of a device is its smallest margin. It has the name of the zone that binds at its lowest
-    point and, where there is room, of those that bind elsewhere. The vertical axis is linear near zero, for a
+    The bold line of a device is its smallest margin. It has the name of the zone that is active at its lowest
+    point and, where there is room, of those that are active elsewhere. The vertical axis is linear near zero, for a
     degree or up to the smallest margin, and logarithmic beyond, so that it holds every line. Below zero,
     where it is red, a constraint is broken. Zones of an ``any_of`` group count as the best of them. A
     triangle marks the lower bound for all margins at all times that the certificate proves.
@@ -213,7 +214,7 @@ class _Stretch(NamedTuple):
 
 
 class _Smallest(NamedTuple):
-    """A device's smallest margin at each time, (k,) deg, and the stretches in which one zone binds."""
+    """A device's smallest margin at each time, (k,) deg, and its stretches, by time."""
 
     values: np.ndarray
     stretches: list[_Stretch]
@@ -238,7 +239,7 @@ def span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
 
     If the panel shares its vertical axis with one that is scaled already, the limits of that are kept inside.
     """
-    before = [] if axes.get_autoscaley_on() else axes.get_ylim()  # of a panel that shares the axis
+    before = [] if axes.get_autoscaley_on() else axes.get_ylim()  # limits set by a panel that shares the axis
     values = np.concatenate([np.ravel(one) for one in (*before, *drawn)])
     lowest, highest = float(np.nanmin(values)), float(np.nanmax(values))
     open_near_zero(axes, "y", lowest)
@@ -253,7 +254,7 @@ def span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
 def _name_zones(
     axes: Axes, times: np.ndarray, smallest: dict[int, _Smallest], marks: list[tuple[float, float]]
 ) -> None:
-    """Write names of binding zones where they bind, as far as there is room.
+    """Write the names of active zones along the curves of smallest margins, as far as there is room.
 
     First each device's smallest margin gets a name at its lowest point, the lowest device first; then
     stretches that are as long as their names get theirs. A name stands above or below its stretch, or a line
@@ -287,13 +288,13 @@ def _name_zones(
         corner = points[_middle_of_lowest(points[:, 1], stretch)]
         beside = extent / 2 + 2
         if any(np.all(np.abs(spot - corner) < 1) for spot, _ in labels.taken[: len(marks)]):
-            beside = beside + (_PROVED["markersize"] + 2.0) / 2  # of the mark that stands there
+            beside = beside + (_PROVED["markersize"] + 2.0) / 2  # clear of the mark that stands there
         least = np.array([0.0, zero[0, 1] if value >= 0 else 0.0]) + extent / 2
         offered = [(corner + offset * beside, bool(np.any(np.abs(offset) > 1))) for offset in _OFFSETS]
         offered = [one for one in offered if np.all(one[0] >= least) and np.all(one[0] <= size - extent / 2)]
         near = [spot for spot, far in offered if start - 1 <= spot[0] <= end + 1 and not far]
         spot, led = labels.place(near, extent), False
-        if spot is None and first:  # rather not where another zone binds for long, whose name it would seem
+        if spot is None and first:  # preferably not within a long stretch of another zone
             others = [
                 points[[own.first, own.last], 0]
                 for own in smallest[device].stretches
@@ -382,5 +383,5 @@ def margins_over_time(scenario: Scenario, moves: Motion) -> list[Margin]:
     return [
         Margin(device=device, zone=zone, values=values)
         for (device, zone), values in found.items()
-        if not np.all(np.isnan(values))  # of an entry that is never the best
+        if not np.all(np.isnan(values))  # of an entry that is never its group's best
     ]

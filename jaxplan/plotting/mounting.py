@@ -158,7 +158,7 @@ class _Picture:
         self.colours: list[tuple[float, float, float, float]] = []
         azimuth, elevation = craft.gimbals.angles(joints)
         own = [turn_by(*pair) for pair in zip(azimuth, elevation, strict=True)]
-        # body from the moving part of each gimbal: boresight, left, up
+        # rotations to the body from the moving part (boresight, left, up) of each gimbal
         self.moved = [frame @ turn for frame, turn in zip(craft.gimbals.frames, own, strict=True)]
         self.hubs = wheel_picture.hubs(craft.wheels)
         self.zero = craft.boresights(np.eye(3), np.zeros(craft.joint_count))
@@ -289,7 +289,7 @@ class _Picture:
         across, up, _ = proj_transform(*np.concatenate([unit_axes, points]).T, self.axes.get_proj())
         seen = np.stack([across, up])
         low, high = np.min(seen[:, 4:], axis=1), np.max(seen[:, 4:], axis=1)
-        # where in space the middle of what is seen lies: this shift brings it to the middle of the page
+        # point in space at the middle of what is seen: limits about it bring it to the middle of the page
         middle = np.linalg.pinv(seen[:, 1:4] - seen[:, :1]) @ ((low + high) / 2)
         for limit, centre in zip(limits, middle, strict=True):
             limit(centre - 1, centre + 1)

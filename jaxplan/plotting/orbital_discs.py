@@ -17,14 +17,14 @@ _EARTH_ENTRY: Look = {
     "markerfacecolor": _EARTH["facecolor"],
     "markeredgecolor": _EARTH["edgecolor"],
 }
-_RING: Look = {"facecolor": "none", "edgecolor": "0.85", "linewidth": 0.5}  # of 30 deg from a disc's middle
+_RING: Look = {"facecolor": "none", "edgecolor": "0.85", "linewidth": 0.5}  # within a disc
 _RING_NAME: Look = {**HALO, "fontsize": SMALL - 1, "color": "0.5"}
 
 
 def draw_discs(axes: Axes, frame: Orbital) -> Entries:
     """Draw the two empty discs with rings, azimuth lines and the Earth; returns the Earth's legend entry."""
     projection = TwoDiscs()
-    axes.set_aspect("equal", anchor="E")  # else the layout takes what is free beside it as the legend's room
+    axes.set_aspect("equal", anchor="E")  # else the layout counts space beside it as the legend's room
     edge = projection.middle + 90
     axes.set(xlim=(-edge - 12, edge + 12), ylim=(-104, 104))
     axes.set_axis_off()

@@ -215,7 +215,7 @@ class FlatMap:
             return
         (azimuth, elevation), (width, height) = self.project(axis), self.extent(axis, half_angle)
         across, upward = _AZIMUTHS, _finer(_ELEVATION_LINES, elevation, height)
-        for turn in (-360.0, 0.0, 360.0):  # what crosses the meridian at the edges is on both sides
+        for turn in (-360.0, 0.0, 360.0):  # a cone at one edge of the map is seen at the other, too
             across = _finer(across, azimuth + turn, width)
         yield _sheet(across, upward)
 
@@ -277,7 +277,7 @@ class TwoDiscs:
         """Return the names of the rings with their places (2,), which no other name may cover."""
         found = []
         for middle, ring in product((-self.middle, self.middle), self.rings):
-            off = (ring + 6 * (ring == 90)) * np.sqrt(0.5)  # that of the edge stands beside it
+            off = (ring + 6 * (ring == 90)) * np.sqrt(0.5)  # the name of the outermost ring stands outside
             found.append((f"{ring}\N{DEGREE SIGN}", np.array([middle + off, -off])))
         return found
 

@@ -161,7 +161,7 @@ def _bars(plan: TimelinePlan, end: float) -> Iterator[_Bar]:
     rows, before = device_rows(plan), 0.0
     for one in plan.activities:
         if one.start is None or one.end is None:
-            wanted = asked.get(one.name, Activity(name=one.name, idle=True, latest=end))  # the rest after all
+            wanted = asked.get(one.name, Activity(name=one.name, idle=True, latest=end))  # the final rest
             start, last = _allowed(wanted, before, end)
             yield _Bar(row=1, start=start, end=last, name=one.name, look=_FAILED)
             before = max(before, last)
@@ -242,7 +242,7 @@ def write_names(axes: Axes, plan: TimelinePlan, end: float, size: tuple[float, f
             continue
         upright, turned = (list(_placed(own, width, height, end, turned)) for turned in (False, True))
         places = turned
-        if len(upright) >= _ENOUGH * len(turned):  # in whose narrow bars names may yet stand
+        if len(upright) >= _ENOUGH * len(turned):  # and turned names in narrow bars
             named = [one.bar for one in upright]
             within = [one for one in turned if one.side == "center" and one.alone]
             places = [*upright, *(one for one in within if not any(one.bar is bar for bar in named))]
@@ -320,7 +320,7 @@ def spread(places: np.ndarray, pitch: float, width: float) -> np.ndarray:
 def _together(bars: Sequence[_Bar], near: float) -> Iterator[_Bar]:
     """Yield bars of a row, by time; those of one name within `near`, s, of each other become one bar."""
     before: _Bar | None = None
-    pale: _Bar | None = None  # the part before a bar's window, which does not part two of the same name
+    pale: _Bar | None = None  # part before a window, which does not separate bars of one name
     for bar in bars:
         if bar.waiting:
             pale = bar
@@ -358,7 +358,7 @@ def _placed(bars: Sequence[_Bar], width: float, height: float, end: float, turne
         end: s, right end of the panel.
         turned: whether names are turned by 90 deg.
     """
-    taken = written = 0.0  # s, until when the row is, and until when its names are
+    taken = written = 0.0  # s: ends of the space taken so far by bars and names, and by names
     for number, bar in enumerate(bars):
         length = len(bar.name) * _LETTER * (_TURNED if turned else _SIZE)
         needed = _TURNED if turned else length + _ROOM

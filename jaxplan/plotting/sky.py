@@ -208,7 +208,7 @@ def view_of(plan: Plan, angles: tuple[float, float] | None, frame: Inertial = IN
 
 def draw_ball(axes: Axes, view: GlobeView) -> None:
     """Draw the empty globe with a grid of 30 deg, and a caption that says from where it is seen."""
-    axes.set_aspect("equal", anchor="E")  # else the layout takes what is free beside it as the legend's room
+    axes.set_aspect("equal", anchor="E")  # else the layout counts space beside it as the legend's room
     axes.set(xlim=(-1.06, 1.06), ylim=(-1.06, 1.06))
     axes.set_axis_off()
     axes.add_artist(Circle((0, 0), 1, facecolor="white", edgecolor="0.6", linewidth=1, zorder=0.5))
@@ -258,12 +258,12 @@ def _draw_plan(
         tubes = draw_tubes(axes, projection, scenario, tracks)
     if plan.path is not None and craft.device_names:
         nodes = np.asarray(craft.boresights(plan.path.attitudes, plan.path.joints))
-        if frame.moves:  # in which a node is where it is when it is passed
+        if frame.moves:  # there each node is drawn as at the time when it is passed
             passed = np.asarray(plan.trajectory.node_times if plan.trajectory is not None else ())
             nodes = frame.seen(nodes, passed) if len(passed) == len(nodes) else nodes[:0]
         for device, points in enumerate(np.moveaxis(nodes, 1, 0)):
             look = {"color": device_style(device)["color"], "zorder": 3.2, **_NODE}
-            if isinstance(projection, FlatMap):  # a pole has any azimuth
+            if isinstance(projection, FlatMap):  # the azimuth of a pole is arbitrary
                 points = points[np.abs(points[:, 2]) < np.cos(_AT_POLE)]
             _draw_points(axes, projection, points, look)
         entries.append((Line2D([], [], color=GREY, **_NODE), "node of the path"))
@@ -391,7 +391,7 @@ def draw_ends(
     marks = end_marks(plan, frame)
     tracks = boresight_tracks(plan, frame)
     for look, _, devices, directions in marks:
-        star = look is _START  # it stands before the others
+        star = look is _START  # drawn in front of the others
         for device, point in zip(devices, directions, strict=True):
             if isinstance(projection, FlatMap) and (star or look is _END) and tracks is not None:
                 point = _off_pole(point, tracks[:: 1 if star else -1, device])

@@ -68,7 +68,7 @@ GREY = "0.35"
 WIDTH = 8.0
 """Inches of a figure's width. Pages show it at some 700 pixels, where `SMALL` is 8 points."""
 TEXT, SMALL = 9.5, 8.8  # points
-HALO: Look = {  # of a name at a place
+HALO: Look = {  # of a name inside a picture: centred, with a white outline
     "ha": "center",
     "va": "center",
     "path_effects": [withStroke(linewidth=2.5, foreground="white")],

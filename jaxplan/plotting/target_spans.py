@@ -52,7 +52,7 @@ def followings(plan: TimelinePlan) -> list[Following]:
     craft = plan.timeline.scene.spacecraft
     found = []
     for planned in plan.activities:
-        targets = asked.get(planned.name)  # the rest after the last activity is not asked for
+        targets = asked.get(planned.name)  # None for the rest after the last activity
         if planned.start is None or planned.end is None or targets is None:
             continue
         begin = min(planned.start, begins.get(planned.name, planned.start))

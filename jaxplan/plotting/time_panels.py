@@ -2,7 +2,7 @@
 
 A figure of a plan is a column of `Panel`s, each with curves, limits and labels; which quantities there are,
 with their names and units, is listed in `jaxplan.model.limits`. These are the paper's Figures 8 to 10 and 13
-to 15. J is the number of joints.
+to 15.
 
 A *load* is a quantity other than rates and accelerations that a spacecraft may limit: torque, angular
 momentum, jerk, and the torques and momenta of wheels. A *reserve* is what a scenario keeps back of a limit
@@ -58,14 +58,14 @@ BODY = ("body x", "body y", "body z")
 AXIS_ENTRIES: Entries = [
     (Line2D([], [], linewidth=1.6, **look), name) for look, name in zip(AXIS_STYLES, BODY, strict=True)
 ]
-_LESS = "limit less\nthe reserve"  # what `[robust]` leaves of a limit, which is then drawn dashed beyond it
+_LESS = "limit less\nthe reserve"  # what a reserve leaves of a limit; the whole limit is then dashed
 _WHOLE: Look = {"linewidth": 1, "linestyle": (0, (5, 3))}
 _NODE: Look = {"marker": ".", "linestyle": "none"}
 # Quantities of the platform's rate, acceleration and jerk.
 SPIN = sorted(
     (q for q in QUANTITIES if not (q.of_joints or q.by_inertia or q.of_length)), key=lambda q: q.power
 )
-_LENGTHS = {q.power: q for q in QUANTITIES if q.of_length}  # norms of these vectors, by power of time
+_LENGTHS = {q.power: q for q in QUANTITIES if q.of_length}  # norms of these vectors, by order of derivative
 
 
 class Panel(NamedTuple):
@@ -112,7 +112,7 @@ class Panel(NamedTuple):
         reserved = not np.array_equal(whole, ends)
         name = _LESS if reserved else "limit"
         entries = limit_lines(axes, ends, self.styles, highest, far=far, name=name, owners=self.names)
-        if reserved and entries:  # else it is farther still
+        if reserved and entries:  # else the whole limit is too far away as well
             entries += limit_lines(axes, whole, self.styles, highest, far=far, look=_WHOLE)
         for values, style in zip(() if self.nodes is None else self.nodes, self.styles, strict=False):
             dots = self.quantity.in_unit(values)
@@ -145,7 +145,7 @@ def _joint_panel(craft: Spacecraft, values: Kinematics, power: int, kind: Joints
         for each in QUANTITIES
         if each.of_joints and each.power == power and (power or each.name == kind.name)
     )
-    # a drive's angle is called so, the others by their joint
+    # angles are called "yaw", "pitch" and "drive angle", rates "yaw rate" and so on
     words = f"{kind.name} {quantity.word}" if power or kind.name == "drive" else quantity.word
     given = (
         both_sides(np.asarray(quantity.given(craft))[kind.which]) if power else craft.joint_ranges[kind.which]
@@ -213,7 +213,7 @@ def _figure(
 
     Args:
         plan: that is drawn.
-        ax: where to draw, as users say it.
+        ax: axes, a figure or None, as users give it.
         groups: for each group the legend entries of its curves, and its panels.
         moves: the sampled motion.
         words: what is drawn, for the title.
@@ -225,7 +225,7 @@ def _figure(
     for owners, group in groups:
         own = [next(left) for _ in group]
         drawn = [panel.draw(axes, moves) for panel, axes in zip(group, own, strict=True)]
-        if legend and owners:  # limits may be drawn on one panel and told on another
+        if legend and owners:  # a limit may be drawn on one panel and written above another
             entries = [*owners, *max(drawn, key=len)]
             # of many curves each panel has a part of the names, so that none is higher than its panel
             each = len(entries) if len(entries) <= _HIGHEST else -(-len(entries) // len(own))

@@ -136,7 +136,7 @@ def timeline_size(plan: TimelinePlan) -> tuple[float, float]:
 
 def _title(axes: Axes, plan: TimelinePlan) -> None:
     """Write above the rows the name of the timeline, how many activities are planned, and a failed status."""
-    asked = {activity.name for activity in plan.timeline.activities}  # the rest after the last one was not
+    asked = {activity.name for activity in plan.timeline.activities}  # without the rest after the last one
     done = sum(one.ok and one.name in asked for one in plan.activities)
     words = f"{plan.timeline.name}: {done} of {len(asked)} activities planned"
     outcome = "" if plan.ok else f", {plan.status.name}"

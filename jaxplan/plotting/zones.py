@@ -42,12 +42,12 @@ _TRACK_POINTS, _MOST_POINTS = 33, 2000  # least and largest number of points of 
 _TRACK_TURN = 0.05  # rad: angle between them, within these numbers
 _STANDS = 1e-3  # rad: turn of a zone's axis in a moving frame, below which it counts as standing still
 _CROWD = 20  # number of zones beyond which their names are smaller and do not say what they bind
-# Where a zone's name may stand, the best first: shares of the zone's half width and half height.
+# Where a zone's name may stand, the best first: in units of its half width and half height.
 _SPOTS = np.array([(across, up) for across in (0, 0.6, -0.6, 1.2, -1.2) for up in (0, 0.5, -0.5, 0.8, -0.8)])
 _EDGE_STEP = 8  # every so many points of a zone's edge count as drawn, which names should not cover either
 _APART = np.array([1.0, 0.5])  # gap between names that say what their zones bind, in letters and in lines
 _NAME = 3.6  # zorder of names: above lines, which their halos cover, and below marks
-_WAY: Look = {"linewidth": 0.7, "zorder": 1.7}  # of a zone's axis, lighter than those of boresights
+_WAY: Look = {"linewidth": 0.7, "zorder": 1.7}  # track of a zone's axis, lighter than those of boresights
 _AGAIN = np.deg2rad(3.0)  # rad: a track that comes nearer than that to an earlier part is not drawn again
 _INSIDE = 0.9  # fraction of a zone's half angle within which the middle of a name inside it lies
 _LARGE = np.deg2rad(45.0)  # rad: half angle of a zone from which on its name is not put beside it
@@ -83,7 +83,7 @@ def fresh_parts(track: np.ndarray) -> list[np.ndarray]:
         away = np.flatnonzero(~near[number, :number])
         kept[number] = not len(away) or not np.any(near[number, : away[-1]] & kept[: away[-1]])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], kept, [False]]).astype(int))).reshape(-1, 2)
-    # with the point after, so that a closed way is closed
+    # with the point after, so that a closed track stays closed
     return [track[first : min(after + 1, len(track))] for first, after in edges]
 
 
@@ -155,7 +155,7 @@ def name_zones(
     marks = [(spot, np.full(2, projection.mark)) for spot in projection.project(ends)]
     if isinstance(projection, TwoDiscs):
         marks += [(place, projection.letter * [len(text), 1]) for text, place in projection.ring_names()]
-    # What is in front first, and of that the smallest, as it has the least room; of equals as they come.
+    # Zones in front come first, and among these the smallest, which have the least room.
     zones = sorted(zones, key=lambda zone: (-projection.opacity(zone.axis_at()), zone.half_angle))
     texts = list[Artist]()
     edges = [circle(zone.axis_at(), zone.half_angle)[::_EDGE_STEP] for zone in zones[:_CROWD]]
@@ -165,7 +165,7 @@ def name_zones(
     few, spots = not crowded and len(zones) <= _TOLD[type(projection)], None
     if few:
         spots = _spots(projection, zones, told, Labels(points, list(marks)), must=False)
-    if spots is None:  # one way for all that bind devices, lest a name without seem to mean something else
+    if spots is None:  # if one has no room for that, no zone that binds devices says it
         alone = [few and not _binds_devices(zone) for zone in zones]
         told = [[zone.name, *words * only] for zone, words, only in zip(zones, bound, alone, strict=True)]
         spots = _spots(projection, zones, told, Labels(points, list(marks)), must=True)
@@ -234,7 +234,7 @@ def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.nda
     spots = projection.fit(wanted, size)
     apart = separation(projection.directions(spots, axis), axis)
     fits = np.where(np.arange(len(spots)) < len(above), apart >= angle, apart < _INSIDE * angle)
-    moved = spots[:, 1] != wanted[:, 1]  # up or down: these come last
+    moved = spots[:, 1] != wanted[:, 1]  # places that had to be moved up or down come last
     order = np.argsort(moved, kind="stable")
     return [*spots[order][fits[order]], *projection.fit(centre[None], size)]
 
@@ -328,6 +328,6 @@ def zone_tracks(plan: Plan, frame: Inertial = INERTIAL) -> list[tuple[Cone, np.n
         times = np.linspace(0.0, last, points)
         track = frame.seen(np.asarray(path.at(times)), times)
         if frame.moves and np.max(separation(track, track[0])) < _STANDS:
-            continue  # as the Earth does in the local orbital frame
+            continue  # such as a zone about the Earth in the local orbital frame
         tracks.append((replace(zone, direction=track[-1]), track))
     return tracks

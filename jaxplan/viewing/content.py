@@ -262,7 +262,7 @@ def _share(name: str, colour: str, values: np.ndarray, limit: float, dashes: boo
     The limit in deg/s is added as "scale", by which the page writes the rate itself.
     """
     scale = float(np.rad2deg(limit))
-    shown = colour if colour != "black" else "#7f8b99"  # seen on light and on dark
+    shown = colour if colour != "black" else "#7f8b99"  # visible on light and dark backgrounds
     return _line(name, shown, 100 * np.abs(values) / limit, "deg/s", 2, scale=scale, dashes=dashes)
 
 
