@@ -30,6 +30,8 @@ _OF_SLEWS, _MOST_OF_SLEW = 3072, 24  # instants shared out evenly among slews; m
 class DayPlan(Plan):
     """A timeline's plan presented as one manoeuvre from its start to its end.
 
+    It has the attributes of `Plan` and these.
+
     Attributes:
         instants: (k,) s, rising, at which it is drawn.
         followed: for each time that a device follows a target: number of the device, start and end in s.

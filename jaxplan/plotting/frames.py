@@ -54,7 +54,7 @@ class Inertial:
         return directions
 
     def attitude(self, attitude: np.ndarray, time: float) -> np.ndarray:
-        """Turn an attitude (3, 3), body to inertial, at a time, s, into one from the body to these axes."""
+        """Convert an attitude (3, 3), body to inertial at a time, s, to one from the body to these axes."""
         del time
         return attitude
 
@@ -120,7 +120,7 @@ class Orbital(Inertial):
         return np.asarray(np.einsum("kij,k...j->k...i", turn, every))
 
     def attitude(self, attitude: np.ndarray, time: float) -> np.ndarray:
-        """Turn an attitude (3, 3), body to inertial, at a time, s, into one from the body to the frame."""
+        """Convert an attitude (3, 3), body to inertial at a time, s, to one from the body to the frame."""
         return np.asarray(self.turn(time) @ attitude)
 
     def view(self, azimuth: float, elevation: float) -> GlobeView:
@@ -136,7 +136,7 @@ INERTIAL = Inertial()
 
 
 def _over(view: GlobeView) -> GlobeView:
-    """Turn a view given in axes with z to the zenith into one for directions in the orbital frame."""
+    """Convert a view in axes with z to the zenith to a view for directions in the orbital frame."""
     left, above = np.rad2deg(azimuth_elevation(view.axes[2]))
     where = "below" if above < 0 else "above"
     told = f"seen from azimuth {0 - left:.0f}, {abs(above):.0f} deg {where} the horizontal"

@@ -141,9 +141,9 @@ def margins(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> Axes:
     """Draw the margin over time of every device, and every vector that zones bind, to each of its zones.
 
     The bold line of a device is its smallest margin. It has the name of the zone that is active at its lowest
-    point and, where there is room, of those that are active elsewhere. The vertical axis is linear near zero, for a
-    degree or up to the smallest margin, and logarithmic beyond, so that it holds every line. Below zero,
-    where it is red, a constraint is broken. Zones of an ``any_of`` group count as the best of them. A
+    point and, where there is room, of those that are active elsewhere. The vertical axis is linear near zero,
+    for a degree or up to the smallest margin, and logarithmic beyond, so that it holds every line. Below
+    zero, where it is red, a constraint is broken. Zones of an ``any_of`` group count as the best of them. A
     triangle marks the lower bound for all margins at all times that the certificate proves.
 
     Args:

@@ -313,10 +313,9 @@ def _touch(one: Box, other: Box) -> bool:
 
 
 def expect_plan(plan: object) -> Plan:
-    """Check that the argument is a plan, of any status, and return it.
+    """Return a plan of any status unchanged, but that of a timeline as a `DayPlan` (see `as_plan`).
 
-    The plan of a timeline is returned as `as_plan` makes it a plan of one manoeuvre. Raises a TypeError for
-    anything else.
+    Raises a TypeError for anything else.
     """
     if isinstance(plan, TimelinePlan):
         return as_plan(plan)
@@ -398,7 +397,10 @@ def motion(plan: Plan | TimelinePlan) -> Motion:
 
 
 def curve(axes: Axes, times: np.ndarray, values: np.ndarray, **style: Any) -> None:
-    """Draw values (k,) over times (k,) as one curve; a manoeuvre that takes no time is drawn as a dot."""
+    """Draw values (k,) over times (k,) as a curve; a manoeuvre that takes no time is a dot.
+
+    `style` are keyword arguments of matplotlib.
+    """
     marker = "o" if len(times) == 1 else None
     axes.plot(times, values, **{"linewidth": 1.6, "marker": marker, "markersize": 5, **style})
 
