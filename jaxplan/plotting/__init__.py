@@ -3,11 +3,11 @@
     >>> jp.plot.sphere(plan)
     >>> jp.plot.margins(plan, ax=axes).figure.savefig("margins.png")
 
-Most figures take a plan, also one of a timeline. The others are `compare` and `segments`, which take several
-trajectories by name, `durations` (their durations), `table4` (rows of a comparison of planners), `study` and
-its panels `success_rates`, `outcomes` and `distribution` (studies), `constellation` (a planned
-constellation), `timeline` (the plan of a timeline), `spacecraft` (a spacecraft) and `tuning` (the result of
-tuning).
+Most figures take a plan, also one of a timeline. Others take something else: `compare` and `segments` several
+trajectories by name, `durations` the durations of several methods, `table4` rows of a comparison of planners,
+`study` and its panels `success_rates`, `outcomes` and `distribution` studies, `constellation` a planned
+constellation, `timeline` the plan of a timeline, `spacecraft` a spacecraft, and `tuning` the result of a
+tuning.
 
 The argument ``ax`` says where to draw: axes (a sequence of them for a figure of several panels), a figure to
 put the axes in, or None for a new figure. All functions but two return the axes; `animate` returns a film,

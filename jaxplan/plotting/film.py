@@ -1,4 +1,8 @@
-"""A manoeuvre as a film: the platform with its devices, whose beams move over the sphere of directions."""
+"""A manoeuvre as a film: the platform turns, and the beams of its devices move over the sphere of directions.
+
+A *beam* is the line from a device to the point of the sphere where its boresight points; its *trail* is the
+curve of these points until now.
+"""
 
 import base64
 import io

@@ -269,7 +269,7 @@ def against(
     *,
     legend: bool = True,
 ) -> list[Axes]:
-    """Draw motions with tables among them, for `jaxplan.plotting.trajectory_columns.compare`, which see."""
+    """Draw motions with tables among them; arguments and result are those of `trajectory_columns.compare`."""
     motions = _motions(given, craft)
     named = next(iter(motions))
     first = motions[named]

@@ -419,7 +419,7 @@ def _off_pole(point: np.ndarray, track: np.ndarray) -> np.ndarray:
 
 
 def boresight_tracks(plan: Plan, frame: Inertial = INERTIAL) -> np.ndarray | None:
-    """Return boresights (k, D, 3) along the trajectory, or without it along the path; None without both."""
+    """Return boresights (k, D, 3) in a frame along the trajectory, else the path; None without both."""
     if plan.trajectory is not None:
         moves = motion(plan)
         return frame.seen(moves.boresights, moves.times)
@@ -427,7 +427,7 @@ def boresight_tracks(plan: Plan, frame: Inertial = INERTIAL) -> np.ndarray | Non
 
 
 def path_boresights(path: Path, craft: Spacecraft, points_an_edge: int = 24) -> np.ndarray:
-    """Return inertial boresights (k, D, 3) along a path, whose edges are geodesics with linear joints."""
+    """Return inertial boresights (k, D, 3) along a path, with `points_an_edge` points for each edge."""
     attitudes, joints, edges = path.attitudes, path.joints, path.edges
     if edges:
         places = np.linspace(0, edges, points_an_edge * edges + 1)
