@@ -191,7 +191,11 @@ class Parts(Protocol[P, A_co]):
         """Put back parts, at least one of which may have killed a worker."""
 
     def killed(self, chunk: P) -> Iterable[A_co]:
-        """Handle a part whose worker died while nothing else ran: put it back, or give it up."""
+        """Handle a part whose worker died while nothing else ran: put it back, or give it up.
+
+        Yields:
+            The answer for what is given up; nothing otherwise.
+        """
 
 
 def answers(chunks: Parts[P, A], workers: Workers | None, work: Callable[[P], A]) -> Generator[A, None, None]:
