@@ -144,7 +144,7 @@ def _seconds(text: str) -> float:
 
 
 def _step(text: str) -> float | str:
-    """Read seconds between samples; a text that is not a number, such as "sparsest", is returned unchanged."""
+    """Read seconds between samples; a text that is not a number, such as "sparsest", is returned as it is."""
     try:
         return float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""What all commands share: exit codes, output to the terminal, folders to write to, figures, settings of JAX."""
+"""What all commands share: exit codes, terminal output, folders to write to, figures, and settings of JAX."""
 
 import json
 import sys
@@ -138,7 +138,7 @@ def name_earlier(plan_file: Path, exports: Sequence[Path] = ()) -> None:
 
 
 def set_up_jax() -> None:
-    """Make JAX compute in the calling thread, since handing a kernel to another one takes longer than most."""
+    """Make JAX compute in the calling thread, since most kernels take less time than a change of thread."""
     import jax
 
     jax.config.update("jax_cpu_enable_async_dispatch", False)
