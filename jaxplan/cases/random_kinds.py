@@ -46,9 +46,7 @@ DRAWS = 8
 """Draws of a recipe, and of all recipes of a start, before it is given up."""
 KNOWN = 400.0
 """s, over which directions that move are known."""
-_TIMES = np.linspace(
-    0, KNOWN, 41
-)  # s, at which moving directions are given, and margins checked  # s, at which moving directions are given, and margins checked
+_TIMES = np.linspace(0, KNOWN, 41)  # s, at which moving directions are given, and margins checked
 _PITCH_LIMIT = 15.0  # deg, pitch limit of the paper's spacecraft
 _EDGES = 4  # number of a polygon's edges
 
