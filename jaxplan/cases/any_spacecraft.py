@@ -278,7 +278,7 @@ def _add_masks(scene: Drawn) -> None:
 
 
 def _corners(scene: Drawn, terminal: Terminal) -> np.ndarray:
-    """Draw corners (3 or 4, 2), rad, of a convex mask in yaw and pitch, centred at an end of the pitch range."""
+    """Draw corners (3 or 4, 2), rad, of a convex mask of yaw and pitch, centred at an end of the pitch."""
     rng, (yaw, (low, high)) = scene.rng, terminal.ranges
     centre = np.array([rng.uniform(*np.clip(yaw, -_FARTHEST, _FARTHEST)), high if scene.likely(0.5) else low])
     deepest = min(math.radians(30), high - low - _LEAST_ROOM)

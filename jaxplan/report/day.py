@@ -26,7 +26,7 @@ _CAPTIONS = {
     "accelerations": "Angular acceleration of the platform in body axes, and accelerations of the joints.",
     "torque": "What the actuators must give, in body axes or wheel by wheel, with their limits.",
 }
-_MOST_EVENTS = 2000  # rows of the table of events at most at most
+_MOST_EVENTS = 2000  # rows of the table of events at most
 
 
 def day_page(plan: TimelinePlan, viewer: Markup | None = None, observer: Satellite | None = None) -> str:
