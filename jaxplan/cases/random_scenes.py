@@ -139,10 +139,8 @@ def random_scenario(seed: int, kind: str = "keep_out") -> Scenario:
 
     Returns:
         The scenario. Its goal is `Targets`, but in some scenes of "any_spacecraft" a state. Its settings are
-        the
-        defaults, except for the steps of the search: 0.1 rad for the attitude, and for joints 0.08 rad as in
-            the
-        paper's Table 4, or 0.1 rad in scenes of "any_spacecraft".
+        the defaults, except for the steps of the search: 0.1 rad for the attitude, and for joints 0.08 rad as
+        in the paper's Table 4, or 0.1 rad in scenes of "any_spacecraft".
 
     Raises:
         ValueError: if there is no such kind, or the seed is not an integer of at least 0.

@@ -112,10 +112,9 @@ def _findings(name: str) -> dict[str, Any]:
     """Read a scenario or timeline file, and check it without planning.
 
     Returns:
-        A dict for JSON: "file"; "valid"; "faults" of the text; "start" and "goal" with what is violated
-            there;
-        "holds" with the counts of `_holds`, None if the file is faulty; for a timeline also "activities" with
-        the reasons why activities are impossible.
+        A dict for JSON, with the keys "file"; "valid"; "faults" of the text; "start" and "goal", what is
+        violated there; "holds", the counts of `_holds`, None if the file is faulty; and for a timeline
+        "activities", the reasons why activities are impossible.
     """
     found: dict[str, Any] = {"file": name, "valid": False, "faults": [], "start": [], "goal": []}
     try:

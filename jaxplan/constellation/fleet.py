@@ -48,7 +48,7 @@ class Fleet:
 
     Attributes:
         title: the shell, epoch and duration.
-        satellites: number of satellites that were to be planned.
+        satellites: number of satellites that were to be planned; of `load_fleet` the number in the shell.
         folder: where the plans are.
         table: one row for each satellite that has been planned, ordered by satellite number, with the columns
             of `orders.COLUMNS`: status, message, activities, linked and scheduled seconds, slews, and proved
@@ -77,7 +77,7 @@ class Fleet:
 
     @property
     def failures(self) -> dict[str, int]:
-        """Number of satellites with each status but OK, by the status' name, most frequent first."""
+        """Number of satellites with each status other than OK, by its name, most frequent first."""
         names = Counter(row["status"] for row in self.table if row["status"] != Status.OK.name)
         return dict(names.most_common())
 
@@ -169,7 +169,7 @@ def plan_fleet(
         schedule: the links, from `link_schedule`.
         folder: a new or empty folder, or that of the same fleet. A plan that is there is not made again.
         satellites: numbers of the satellites to plan; None for all.
-        tolerance: greatest angle in rad between a terminal and its link, in [1e-8, 1] deg.
+        tolerance: greatest angle in rad between a terminal and its link, from 1e-8 deg to 1 deg.
         slew: "shortest" for slews in the shortest time, "calm" to take longer where there is time.
         settings: scenario settings that differ from the defaults, such as ``{"search.max_expansions": 500}``;
             None for the defaults. Searches have no time limit.

@@ -48,8 +48,9 @@ class Constellation:
     def table(self) -> list[dict[str, Any]]:
         """Table with a row for each planned satellite; it is the same on every run.
 
-        Columns are satellite, plane, slot, sun_outages_before and sun_outages_after (the numbers of its links
-        that are out because of the Sun), and the columns of a study's table from planner on.
+        Columns are satellite, plane, slot, sun_outages_before and sun_outages_after (numbers of its links
+        that lead through the Sun's cone or within `CLEARANCE` of it), and those of a study's table from
+        planner on.
         """
         rows = []
         for row in self._by_satellite(self.study.table):
@@ -116,7 +117,7 @@ class Constellation:
 
     @property
     def sun_outage(self) -> np.ndarray:
-        """Whether any link of each satellite, before or after, is out because of the Sun, (N,) bool."""
+        """Whether any link of each satellite, before or after, leads through or close to the Sun's cone, (N,) bool."""
         return np.any(self.switch.sun_outage, axis=(0, 2))[self.planned]
 
     def summary(self) -> "ConstellationSummary":
@@ -141,10 +142,12 @@ class Constellation:
 class ConstellationSummary(Summary):
     """A constellation in a few numbers: those of its study, and those of its links; prints as a table.
 
-    Attributes, besides those of `Summary`:
+    It has the attributes of `Summary`, and these:
+
+    Attributes:
         switch: the switch that was planned.
-        sun_outages: numbers of the planned satellites' links that are out because of the Sun, before and
-            after.
+        sun_outages: numbers of the planned satellites' links that lead through the Sun's cone, or within
+            `CLEARANCE` of it, before and after.
         satellites_with_outages: number of planned satellites with such a link.
         beyond_drift: number of manoeuvres that take longer than the switch's `drift_time`, so that the
             Earth's cone was not made wide enough for them.

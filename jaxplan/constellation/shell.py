@@ -159,8 +159,7 @@ class Shell:
         Returns:
             (T,) int, the number of each satellite's neighbour. East of a delta's last plane comes its first,
             with F added to the slot, so that a step always leads to the same place relative to a satellite's
-            own. A star
-            has nothing beyond its outer planes: -1.
+            own. A star has no planes beyond its outer ones: -1 there.
         """
         around, plane = np.divmod(self.plane + plane_step, self.planes)
         found = plane * self.slots + (self.slot + slot_step + around * self.phasing) % self.slots

@@ -104,15 +104,18 @@ def nominal_attitudes(positions: np.ndarray, velocities: np.ndarray) -> np.ndarr
 class LinkSwitch(Surroundings):
     """A planning problem for each of T satellites with n terminals; `link_switch` makes it.
 
-    Attributes, besides those of `Surroundings`:
+    It has the attributes of `Surroundings`, and these:
+
+    Attributes:
         spacecraft: the devices and limits that all satellites have.
         before: (T, n) int, the satellite that each terminal is linked to before the switch.
         after: (T, n) int, the same after the switch.
         directions: (2, T, n, 3) inertial unit vectors in which terminals point before and after: along their
             links, but for those that wait outside the Sun's cone.
-        sun_outage: (2, T, n) bool, which links are out because of the Sun before and after.
+        sun_outage: (2, T, n) bool, which links before and after lead through the Sun's cone, or within
+            `CLEARANCE` of it.
         attitudes: (T, 3, 3) rotation matrices at the start, body to inertial.
-        joints: (T, 2n) rad, yaw and pitch of each terminal at the start.
+        joints: (T, 2n) rad at the start, all terminals' yaws and then all pitches.
     """
 
     spacecraft: Spacecraft
@@ -347,7 +350,7 @@ def _starts(craft: Spacecraft, nominal: np.ndarray, directions: np.ndarray) -> t
         directions: (T, n, 3) inertial unit vectors in which terminals point before the switch.
 
     Returns:
-        Attitudes (T, 3, 3), body to inertial, and joints (T, 2n) in rad.
+        Attitudes (T, 3, 3), body to inertial, and joints (T, 2n) in rad, all yaws and then all pitches.
 
     Raises:
         ScenarioError: if a satellite has no such state.
