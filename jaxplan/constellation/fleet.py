@@ -307,7 +307,7 @@ class _Left:
         """Do nothing: satellites go out one by one, whatever time they take."""
 
     def suspect(self, chunks: Iterable[Order]) -> None:
-        """Put back orders, at least one of which may have killed a worker, to be planned alone."""
+        """Put back orders, one of which may have killed a worker, to be planned with nothing else running."""
         self._suspects.extend(chunks)
 
     def killed(self, chunk: Order) -> Iterator[Planned]:

@@ -117,7 +117,10 @@ class Constellation:
 
     @property
     def sun_outage(self) -> np.ndarray:
-        """Whether any link of each satellite, before or after, leads through or close to the Sun's cone, (N,) bool."""
+        """Whether each satellite has a link, before or after, that leads through the Sun's cone, (N,) bool.
+
+        Links within `CLEARANCE` of the cone count, too.
+        """
         return np.any(self.switch.sun_outage, axis=(0, 2))[self.planned]
 
     def summary(self) -> "ConstellationSummary":

@@ -188,7 +188,7 @@ class Parts(Protocol[P, A_co]):
         """Take note that a number of scenes took so many seconds."""
 
     def suspect(self, chunks: Iterable[P]) -> None:
-        """Put back parts, at least one of which may have killed a worker."""
+        """Put back parts, one of which may have killed a worker, to be done with nothing else running."""
 
     def killed(self, chunk: P) -> Iterable[A_co]:
         """Handle a part whose worker died while nothing else ran: put it back, or give it up.
@@ -203,7 +203,8 @@ def answers(chunks: Parts[P, A], workers: Workers | None, work: Callable[[P], A]
 
     Args:
         chunks: the parts to be done.
-        workers: None for this process; otherwise a pool of them is started, and shut down at the end.
+        workers: None for this process; a number of processes, which are started here and ended afterwards; or
+            an executor, which is left running.
         work: function of a part that returns its answer.
     """
     if workers is None:
@@ -254,7 +255,7 @@ class Blocks:
 
         Args:
             under_way: number of chunks being planned now.
-            most: number of chunks that may be under way at once. A chunk has at most this fraction of the
+            most: number of chunks that may be under way at once. A chunk has at most 1 / most of the
                 blocks left, so that all workers finish at about the same time.
         """
         if under_way and (self._suspects or self._alone):
@@ -273,7 +274,7 @@ class Blocks:
             self._size = int(min(max(wanted, self._size / 2, 1), self._size * 2, LARGEST))
 
     def suspect(self, chunks: Iterable[Chunk]) -> None:
-        """Put back chunks, at least one of which may have killed a worker, to be planned alone."""
+        """Put back chunks, one of which may have killed a worker, to be planned with nothing else running."""
         self._suspects.extend(chunks)
 
     def killed(self, chunk: Chunk) -> Iterator[Answer]:

@@ -55,7 +55,7 @@ _HEAD = [
 class Row:
     """Results of one planner on the scenes of one kind: a row of Table 4.
 
-    The paper's own rows have instead of arrays of all values only (least, largest, mean).
+    In the paper's own rows, arrays of values hold only their least, largest and mean.
 
     Attributes:
         kind: of the scenes.

@@ -84,7 +84,7 @@ class Task:
         }
 
     def first(self, scenes: int) -> "Task":
-        """The task with only the first so many scenes."""
+        """The task with only its first scenes, as many as the argument says."""
         return replace(self, scenes=self.scenes[:scenes])
 
     def chunk(self, blocks: Iterable[int]) -> "Chunk":
