@@ -34,7 +34,7 @@ INSIDE = math.radians(3.0)
 """rad, how far start and end stay inside the ranges of joints."""
 _LEAST_ROOM = math.radians(8.0)  # rad, least part of the pitch's range that a mask leaves free
 _FARTHEST = math.radians(290.0)  # rad, greatest magnitude of the yaw at a mask's centre
-_APART = math.cos(math.radians(35.0))  # cosine of the least angle between a drive's boresight and axis line
+_APART = math.cos(math.radians(35.0))  # cosine of the least angle between a drive's boresight and its axis
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -311,7 +311,7 @@ def _corners(rng: np.random.Generator) -> np.ndarray:
 def _polygon(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
     """Draw a forbidden convex polygon of a terminal's yaw and pitch: joint bounds of which one must hold."""
     corners = _corners(rng)
-    along = np.roll(corners, -1, axis=0) - corners  # counter-clockwise, so that outside is at the right
+    along = np.roll(corners, -1, axis=0) - corners  # counter-clockwise: the outside is on the right
     normals = np.stack([along[:, 1], -along[:, 0]], axis=-1) / np.linalg.norm(along, axis=-1, keepdims=True)
     name = f"corner-{number + 1}"
     return tuple(

@@ -105,7 +105,7 @@ class _Kind:
 
 
 _HARD = _Kind(cones=8, half_angles=(12.0, 30.0), clearance=math.radians(1.0), blocked=True)
-_KINDS = {  # a kind's place is part of its streams: new ones go to the end
+_KINDS = {  # a kind's place here sets its random stream: add new ones at the end
     "keep_out": _Kind(cones=4),
     "keep_in": _Kind(cones=3, held=1),
     "hard_keep_out": _HARD,

@@ -29,7 +29,7 @@ from jaxplan.model.tabulation import tabulate
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.sky import orbits
 
-YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # rad, of joints at start and goal
+YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # rad, largest joint angles at start and goal
 JOINT_LIMITS = np.repeat([YAW_LIMIT, PITCH_LIMIT], 3)
 HAIR = 1e-9
 """Least slack of what is admissible, as a cosine or in rad."""
@@ -147,7 +147,7 @@ def nearest_goal(attitude: np.ndarray, least: float = 0.0, most: float = LONGEST
         The goal; None if the turn is out of this range, or another goal is nearly as near (`UNAMBIGUOUS`).
     """
     if least and _reaches_goal_within(attitude, least):
-        return None  # step 1 would say so too, but takes a hundred times as long
+        return None  # step 1 would find this too, but takes a hundred times as long
     craft, targets = setting()
     first, *others = decompose(craft, attitude, targets, tabulate((), (), craft)).goals
     slacks = [most - first.slew_angle, *([first.slew_angle - least] if least else [])]

@@ -49,7 +49,7 @@ _TIMELINE = "a timeline's file, or case-day or case-imaging, which come with the
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command of the command line; returns the exit code.
 
-    Errors are printed to stderr instead of raised; Ctrl-C ends with exit code 130.
+    Bad input, OS errors and Ctrl-C (exit code 130) are reported on stderr instead of raised.
 
     Args:
         arguments: what follows ``jaxplan`` on the command line; None for those of the process.
@@ -59,25 +59,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with seldom_collected(), seldom_lines(), plain_warnings():
             code = _run(parser, options)
-        sys.stdout.flush()  # here it can still be said that there was no room
+        sys.stdout.flush()  # so that an error, such as a full disk, is still reported
         _tell_of_refusals()
         return code
     except KeyboardInterrupt:
         return complain("interrupted", 130)
-    except BrokenPipeError:  # whoever read our output has gone
+    except BrokenPipeError:  # the reader of stdout has ended
         _drop_output()
         return DONE
     except OSError as error:
         _drop_output()
         place = "" if error.filename is None else f"{os.fspath(error.filename)}: "
         return complain(f"{place}{error.strerror or error}", BAD_INPUT)
-    except ValueError as error:  # ScenarioError and PlanFileError are such
+    except ValueError as error:  # ScenarioError and PlanFileError are subclasses
         return complain(str(error), BAD_INPUT)
 
 
 def _tell_of_refusals() -> None:
     """Say on stderr how many kernels compiled by earlier processes XLA could not load, if any."""
-    executables = sys.modules.get("jaxplan.runtime.executables")  # where anything was computed
+    executables = sys.modules.get("jaxplan.runtime.executables")  # imported only if anything was computed
     refused = executables.refused() if executables is not None else 0
     if refused:
         print(
@@ -148,7 +148,7 @@ def _step(text: str) -> float | str:
     try:
         return float(text)
     except ValueError:
-        return text  # which the export refuses, unless it is that word
+        return text  # the export refuses it unless it is "sparsest"
 
 
 def _frequency(text: str) -> float:

@@ -115,7 +115,7 @@ def draw(plan: Any, folder: Path, frequencies: Sequence[float] = (), observer: A
             bar.update()
     for name in sorted(set(plotting.FIGURE_NAMES) - {name for name, _ in every}):
         file = folder / f"{name}.png"
-        if file.is_file() and MARK.encode() in file.read_bytes()[:200]:  # a picture of somebody else stays
+        if file.is_file() and MARK.encode() in file.read_bytes()[:200]:  # other pictures are kept
             file.unlink()
             say(f"removed {file}, which was of an earlier plan")
 

@@ -102,7 +102,7 @@ def interview(dialog: Dialog, name: str, broken: Callable[[Scenario], tuple[list
         dialog.forget()
         tables = _settled(dialog, _settled(dialog, tables, _start), _goal)
     craft = {key: value for key, value in tables["spacecraft"].items() if value != []}
-    tables |= {"spacecraft": craft, "search": {}}  # of the search, its options
+    tables |= {"spacecraft": craft, "search": {}}  # an empty table: its options are listed as comments
     ordered = {entry.key: tables[entry.key] for entry in SCENARIO.fields if tables.get(entry.key, []) != []}
     return _INTRODUCTION + commented(ordered)
 
@@ -218,7 +218,8 @@ def _platform(dialog: Dialog, tables: Tables) -> Tables:
             found["wheel"] = wheels = _wheels(dialog)
             torque = np.abs([each["axis"] for each in wheels]).T @ [each["torque_nm"] for each in wheels]
         reached = np.rad2deg(np.broadcast_to(torque, (3,)) / np.diag(found["inertia_kg_m2"]))
-        most = [float(f"{1.5 * max(each, _LEAST):.2g}") for each in reached]  # so that the torque limits
+        # above what the torque can do, so that it is the torque that limits
+        most = [float(f"{1.5 * max(each, _LEAST):.2g}") for each in reached]
     return {
         "spacecraft": _asked(dialog, path, {"rate_limit_deg_s": 1.0, "acceleration_limit_deg_s2": most})
         | found

@@ -111,7 +111,7 @@ def plot(options: argparse.Namespace) -> int:
     plan = _load_any_plan(options.plan)
     observer = _observer(options, plan)
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
-    if plan.ok:  # what figures call proved is proved anew
+    if plan.ok:  # since figures show what the certificate proves
         plan = replace(plan, certificate=_certified_anew(plan))
     draw(plan, folder, options.frequency, observer)
     if plan.certificate is not None and plan.ok and not plan.certificate.certified:
@@ -145,13 +145,13 @@ def report(options: argparse.Namespace) -> int:
     observer = _observer(options, plan)
     path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
     try_folder_of(path)
-    if isinstance(plan, TimelinePlan) and plan.ok:  # a page on a single plan makes its certificate by itself
+    if isinstance(plan, TimelinePlan) and plan.ok:  # other pages do so themselves
         plan = replace(plan, certificate=_certified_anew(plan))
     more = {"frequencies": options.frequency, "viewer": options.view, "observer": observer}
     with progress_bar("drawing the page"):
         page = report_html(plan, path, overwrite=options.force, **more)
     say(f"wrote {page}")
-    if plan.ok and not _certified_anew(plan).certified:  # the page says why
+    if plan.ok and not _certified_anew(plan).certified:  # the page shows the reason
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
     return _code_of(plan)
 
@@ -182,7 +182,7 @@ def export(options: argparse.Namespace) -> int:
         raise ValueError(f"--format: missing, must be one of {', '.join(exporting.FORMATS)}")
     plan = _load_any_plan(options.plan)
     of_timeline = isinstance(plan, TimelinePlan)
-    beside = Path(options.plan).with_name("motion") if of_timeline else options.plan  # plan.npz is the plan
+    beside = Path(options.plan).with_name("motion") if of_timeline else options.plan  # plan.npz is taken
     path = exporting.default_path(beside, options.format) if options.out is None else options.out
     try_folder_of(path)
     given = {each.name: getattr(options, each.name) for each in fields(ExportNames)}
@@ -214,7 +214,7 @@ def _counted(file: Path) -> str:
 
     try:
         table = load_attitude(file)
-    except (ValueError, ImportError):  # CZML, or a reader that is not installed
+    except (ValueError, ImportError):  # CZML is not read back; or a reader is not installed
         return ""
     return f"{len(table.times)} rows, {table.numbers} numbers"
 

@@ -182,7 +182,7 @@ class Dialog:
                 print(file=self._out)
                 raise AnswersEnded(f"the answers ended at {about}, so nothing was written")
             answer = line.strip()
-            if not self._answers.isatty():  # where nobody types, the answer stands behind its question
+            if not self._answers.isatty():  # repeat an answer from a file or pipe behind its question
                 print(answer, file=self._out)
             if not answer and default is NOTHING:
                 return NOTHING

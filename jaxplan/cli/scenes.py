@@ -132,7 +132,7 @@ def _findings(name: str) -> dict[str, Any]:
         scene = load_scene(name)
     except ScenarioError as error:
         return found | {"faults": list(error.faults), "holds": None}
-    except ValueError as error:  # it is none at all
+    except ValueError as error:  # it is not a scenario file
         return found | {"faults": [str(error).removeprefix(f"{name}: ")], "holds": None}
     start, goal = _breaches(scene)
     return found | {"valid": not (start or goal), "start": start, "goal": goal, "holds": _holds(scene)}
@@ -229,7 +229,7 @@ def first_character(name: str) -> str | None:
     Returns:
         The character; empty for a blank file, None if it is no regular file or cannot be read.
     """
-    if not Path(name).is_file():  # what came through a pipe is gone
+    if not Path(name).is_file():  # a pipe cannot be read twice
         return None
     try:
         with open(name, encoding="utf-8-sig", errors="replace") as file:

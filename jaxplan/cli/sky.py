@@ -87,8 +87,9 @@ def _table(found: list[Pass], seen: Sky) -> list[str]:
         return []
     rows = [_HEAD]
     for one in found:
-        inside = [np.ceil(one.start), np.floor(one.end), one.best]  # seconds that are within the pass
-        if not inside[0] <= inside[1]:  # there is none
+        # first and last whole second within the pass
+        inside = [np.ceil(one.start), np.floor(one.end), one.best]
+        if not inside[0] <= inside[1]:  # no whole second is within
             inside[:2] = one.start, one.end
         start, end, best = (text.replace("T", " ")[:19] for text in utc_stamps(seen.epoch, inside))
         high = "" if one.elevation is None else f"{np.rad2deg(one.elevation):.1f}"

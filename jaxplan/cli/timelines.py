@@ -119,7 +119,7 @@ def check(options: argparse.Namespace) -> int:
         print_result(report_summary(found) | {"status": plan.status.name, "not_done": list(plan.not_done)})
     else:
         print_result(found)
-    if not plan.ok:  # what was proved is a part of what was asked
+    if not plan.ok:  # only a part of what was asked is planned and proved
         missing = f", of {len(plan.timeline.activities)} activities not done: {', '.join(plan.not_done)}"
         told = f"{options.plan}: is not all that was asked{missing if plan.not_done else ''}"
         return complain(f"{told}; it ended as {plan.status.name}", _code_of(plan))

@@ -102,7 +102,7 @@ class Fleet:
             ValueError: if the fleet has no satellite of that number.
             PlanFileError: if the satellite has no plan file, or a damaged one.
         """
-        given: Any = satellite  # whatever its type says
+        given: Any = satellite  # it may be anything at run time
         whole = isinstance(given, int | np.integer) and not isinstance(given, bool)
         if not whole or not 0 <= given < self._store.total:
             most = self._store.total - 1
@@ -271,7 +271,7 @@ def _plan(
                     bar.step("")
                     bar.update()
         except KeyboardInterrupt:
-            pass  # what is done is returned
+            pass  # the rows so far are returned
 
 
 class _Left:

@@ -84,7 +84,7 @@ class FleetFolder:
                 if inner.is_symlink():
                     raise StudyFolderError(f"{inner}: is a link, which fleets do not follow")
                 inner.mkdir(exist_ok=True)
-                for rest in inner.glob(f"*{_PART}"):  # of a call that was killed
+                for rest in inner.glob(f"*{_PART}"):  # left over from a call that was killed
                     rest.unlink()
             yield
 

@@ -260,11 +260,12 @@ def waiting_directions(
     """
     toward = links - (links @ sun)[:, None] * sun
     length = np.linalg.norm(toward, axis=-1, keepdims=True)
-    anywhere = np.cross(sun, np.eye(3)[np.argmin(np.abs(sun))])  # for a link right to the Sun
+    # any perpendicular direction, for a link exactly toward the Sun
+    anywhere = np.cross(sun, np.eye(3)[np.argmin(np.abs(sun))])
     first = np.where(length > 1e-12, toward / np.where(length > 1e-12, length, 1), _unit(anywhere))
     second = np.cross(sun, first)
     turn = np.linspace(-np.pi, np.pi, _TURNS)
-    turn = turn[np.argsort(np.abs(turn), kind="stable")]  # the nearest first
+    turn = turn[np.argsort(np.abs(turn), kind="stable")]  # smallest turn from the link first
     around = np.cos(turn)[:, None] * first[:, None] + np.sin(turn)[:, None] * second[:, None]
     rim = half_angle + CLEARANCE
     places = np.cos(rim) * sun + np.sin(rim) * around  # (K, turns, 3)

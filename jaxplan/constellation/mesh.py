@@ -45,7 +45,8 @@ class Mesh:
 
     def __post_init__(self) -> None:
         shell = self.shell
-        self._partners = np.full((self._pairs, shell.slots), NOBODY)  # by slot, in the plane to the east
+        # slot in the plane to the east that each slot is linked to
+        self._partners = np.full((self._pairs, shell.slots), NOBODY)
 
     @property
     def _pairs(self) -> int:
@@ -93,11 +94,11 @@ class Mesh:
         place = place / shell.radius
         normal = np.cross(place[:, 0], ahead[:, 0])
         west, east = np.arange(count), (np.arange(count) + 1) % shell.planes
-        # whether the other one is to the left, (pairs, slots of the plane to the west or east)
+        # whether the other plane is to the left of each satellite, (pairs, slots of the west or east plane)
         left_of_west = np.einsum("psk,pk->ps", place[east], normal[west]) > 0
         left_of_east = np.einsum("psk,pk->ps", place[west], normal[east]) > 0
         low = np.abs(place[..., 2]) <= math.sin(self.highest_latitude)
-        # left for the one is right for the other, (pairs, slots to the west, slots to the east)
+        # one must have the other on its left, the other on its right: (pairs, west slots, east slots)
         fits = left_of_west[:, None, :] != left_of_east[:, :, None]
         fits &= low[west][:, :, None] & low[east][:, None, :]
         cosine = np.clip(np.einsum("psk,ptk->pst", place[west], place[east]), -1, 1)
@@ -117,7 +118,8 @@ class Mesh:
         to_left = left_of_west[pair, other]
         ends = west[pair] * shell.slots + slot, east[pair] * shell.slots + other
         columns = np.where(to_left, left, right), np.where(to_left, right, left)
-        order = np.argsort(-np.tile(chosen[pair, slot], 2), kind="stable")  # the nearest last: it stays
+        # the nearest is written last and stays
+        order = np.argsort(-np.tile(chosen[pair, slot], 2), kind="stable")
         who, whom, column = (np.concatenate(part)[order] for part in (ends, ends[::-1], columns))
         links[who, column] = whom
         for mine, theirs in ((right, left), (left, right)):

@@ -163,7 +163,7 @@ class Order:
             try:
                 return point(self.spacecraft, links, attitude=nominal, keep_out=zones)
             except NotPointingError:
-                pass  # the first activity tells what is in the way
+                pass  # planning the first activity will say what is in the way
         return GivenState(
             rotation_vector=np.asarray(so3.log(nominal)),
             joints=np.clip(np.zeros(self.spacecraft.joint_count), *self.spacecraft.joint_ranges.T),
@@ -277,8 +277,8 @@ COLUMNS: Mapping[str, type] = {
     "satellite": int,
     "status": str,
     "message": str,
-    "certified": bool,  # the motion, at every instant
-    "activities": int,  # times between changes of links
+    "certified": bool,  # whether the whole motion is proved
+    "activities": int,  # number of times between changes of links
     "planned": int,  # number of these that are planned
     "linked_s": float,  # time that terminals follow their links, summed over terminals
     "scheduled_s": float,  # time that terminals have links, summed over terminals

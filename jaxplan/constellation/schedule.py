@@ -235,7 +235,7 @@ def _sides(craft: Spacecraft, sides: Sequence[str] | None) -> tuple[str, ...] | 
         if count in (2, 4):
             return SIDES[:count]
         return f"the spacecraft has {count} terminals: with other than 2 or 4, give sides, or a topology"
-    given: object = sides  # whatever its type says
+    given: object = sides  # it may be anything at run time
     if not isinstance(given, Sequence) or isinstance(given, str) or not set(given) <= set(SIDES):
         return f"sides = {sides!r}: must be names of {', '.join(SIDES)}"
     if len(sides) != count or len(set(sides)) < count:
@@ -268,7 +268,7 @@ def _given(
     if callable(topology):
         times, tables = steps, [topology(time) for time in steps.tolist()]
     else:
-        given: object = topology  # whatever its type says
+        given: object = topology  # it may be anything at run time
         if not isinstance(given, tuple | list) or len(given) != 2:
             kind = type(given).__name__
             fault = f"topology must be a function of a time, or a pair (times, links), not a {kind}"

@@ -178,13 +178,13 @@ class Shell:
         """
         cosine, turn = math.cos(self.inclination), self.node_spacing
         across = math.cos(turn) * (1 + cosine**2) + math.sin(self.inclination) ** 2
-        best = -math.atan2(2 * math.sin(turn) * cosine, across)  # the phase at which that is largest
+        best = -math.atan2(2 * math.sin(turn) * cosine, across)  # phase at which the mean cosine is largest
         steps = np.arange(self.slots)
         phases = 2 * math.pi * (steps / self.slots + self.phasing / self.total)
         off = np.abs(np.remainder(phases - best + math.pi, 2 * math.pi) - math.pi)
         steps = np.where(steps > self.slots // 2, steps - self.slots, steps)
         nearest = steps[np.argsort(np.round(off, 12), kind="stable")[:2]]
-        return np.resize(nearest, 2)  # a plane may have a single satellite
+        return np.resize(nearest, 2)  # repeated where a plane has a single satellite
 
 
 def walker(notation: str, altitude: float, *, pattern: str = "delta", epoch_angle: float = 0.0) -> Shell:
@@ -238,7 +238,7 @@ def _wrong_numbers(texts: tuple[str, ...], notation: str) -> list[str]:
     """
     try:
         inclination = float(texts[0])
-    except ValueError:  # more than one point
+    except ValueError:  # more than one decimal point
         inclination = math.nan
     total, planes, phasing = map(int, texts[1:])
     wanted = {

@@ -362,7 +362,8 @@ def _starts(craft: Spacecraft, nominal: np.ndarray, directions: np.ndarray) -> t
         targets = Targets(directions=directions[number], **still)
         answer = decompose(craft, nominal[number], targets, nowhere, max_goals=1)
         if not answer.goals:
-            assert answer.worst_aim is not None  # without terminals there is always an answer
+            # it is None only without terminals, when there is always a goal
+            assert answer.worst_aim is not None
             terminal, angle = answer.worst_aim
             fault = (
                 f"satellite {number}: no attitude lets its terminals point along its links before "

@@ -261,7 +261,7 @@ def _pictures(
         frequencies: Hz; without any there is no spectrum.
         observer: the spacecraft's orbit; None for no figures along it.
     """
-    from jaxplan.plotting import inline_figures  # only here: the rest does without matplotlib
+    from jaxplan.plotting import inline_figures  # imported here, since it needs matplotlib
 
     found = []
     for name, address in inline_figures(plan, frequencies, observer=observer):

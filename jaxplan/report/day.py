@@ -78,7 +78,7 @@ def _header(plan: TimelinePlan) -> Markup:
 
 def _tiles(plan: TimelinePlan) -> list[tuple[str, str, str]]:
     """The most important numbers as (label, value, unit); those that the plan lacks are left out."""
-    asked = {activity.name for activity in plan.timeline.activities}  # the rest after the last one was not
+    asked = {activity.name for activity in plan.timeline.activities}  # without the final rest
     done = sum(one.ok and one.name in asked for one in plan.activities)
     found = [("activities planned", f"{done} of {len(asked)}", "")]
     if plan.trajectory is not None:
@@ -194,7 +194,7 @@ def _certificate(plan: TimelinePlan) -> list[Markup]:
 
 def _pictures(plan: TimelinePlan, observer: Satellite | None) -> list[tuple[str, Markup]]:
     """Draw the figures of the page; returns the name and the HTML of each."""
-    from jaxplan.plotting import inline_figures  # only here: the rest does without matplotlib
+    from jaxplan.plotting import inline_figures  # imported here, since it needs matplotlib
 
     found = []
     for name, address in inline_figures(plan, names=tuple(_CAPTIONS), observer=observer):

@@ -51,7 +51,7 @@ class Head:
         """
         path = folder / self.name
         try:
-            with path.open("rb") as file:  # what a link leads to may have no end
+            with path.open("rb") as file:  # not read as a whole, since it may be a device without end
                 text = file.read(_LARGEST_HEAD + 1)
             if len(text) > _LARGEST_HEAD:
                 raise ValueError(f"too large, at most {_LARGEST_HEAD} bytes are read")

@@ -258,7 +258,7 @@ class Study:
         if column == "over_bound":
             bounds = ((row["duration_s"], row["duration_bound_s"]) for row in chosen)
             return np.array([duration / bound for duration, bound in bounds if duration and bound])
-        if column in TIMES:  # of which rows may be missing
+        if column in TIMES:  # rows of times may be missing
             scenes = {row["scene"] for row in chosen}
             chosen = [row for row in self.timings if row["scene"] in scenes]
         return np.array([row[column] for row in chosen if row[column] is not None], dtype=float)

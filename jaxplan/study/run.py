@@ -145,7 +145,7 @@ def run_task(
                         bar.update(len(table))
                         bar.note(f"{planned} planned")
             except KeyboardInterrupt:
-                pass  # what is done is returned
+                pass  # the rows so far are returned
         return Study(
             kind=task.kind,
             planner=task.planner,
@@ -213,7 +213,7 @@ def answers(chunks: Parts[P, A], workers: Workers | None, work: Callable[[P], A]
     pool = WorkerPool(workers)
     try:
         yield from by_workers(chunks, work, pool)
-    except BaseException:  # Ctrl-C here or at whom the answers go to, among others
+    except BaseException:  # such as Ctrl-C, here or in the code that uses the answers
         pool.shutdown(at_once=True)
         raise
     pool.shutdown(at_once=False)
@@ -338,14 +338,14 @@ def by_workers(chunks: Parts[P, A], work: Callable[[P], A], pool: WorkerPool) ->
                     lost.append(chunk)
                     broken = True
                 except Exception as error:
-                    if type(error).__name__ != "KilledWorker":  # Dask's word for a task whose workers died
+                    if type(error).__name__ != "KilledWorker":  # raised by Dask for a task whose workers died
                         raise
                     yield from chunks.killed(chunk)
                 else:
                     chunks.learn(len(chunk.scenes), answer.seconds)
                     most += time.monotonic() - since < _IDLE * answer.seconds
                     yield answer
-            waiting = broken  # a broken pool ends all that it was given
+            waiting = broken  # a broken pool ends all its futures, so wait for these
         if broken:
             if len(lost) == 1:
                 yield from chunks.killed(lost[0])

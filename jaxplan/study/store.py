@@ -30,7 +30,7 @@ from jaxplan.study.task import BLOCK, Task
 HEADER, TABLE, TIMINGS = "study.json", "table.jsonl", "timings.jsonl"
 NOUN = "study"
 _LONGEST_LINE = 2**20  # bytes of a row at most
-_KEYS: Mapping[str, Any] = {  # of the header, with their types
+_KEYS: Mapping[str, Any] = {  # keys of the head, with their types
     "jaxplan": str,
     "kind": str | None,
     "planner": str,
@@ -189,7 +189,7 @@ def _keep_full_blocks(folder: Path, scenes: int, own: Iterable[str]) -> None:
         own: names of its own columns.
     """
     full = scenes - scenes % BLOCK
-    for name in (TABLE, TIMINGS):  # the table first: a scene without a row there is planned
+    for name in (TABLE, TIMINGS):  # table first: a scene without a row there is planned again
         if full < scenes and (folder / name).exists():
             with replacing_file(folder / name) as fresh, fresh.open("wb") as file:
                 _append(file, (row for _, row in scan(folder, name, scenes, own) if row["scene"] < full))

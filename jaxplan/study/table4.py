@@ -215,7 +215,7 @@ def search_study(seeds: range, kind: str, planner: str, *, progress: bool = Fals
     Raises:
         KeyboardInterrupt: if it is interrupted.
     """
-    for some, bar in ((seeds[:_REHEARSALS], False), (seeds, progress)):  # the last one counts
+    for some, bar in ((seeds[:_REHEARSALS], False), (seeds, progress)):  # the study of the second pass counts
         task = Task(kind=kind, scenes=some, planner=planner)
         study = run_task(task, None, None, None, bar, search_chunk)
         if not study.complete:  # a study ends early where it is interrupted
@@ -248,7 +248,7 @@ def search_chunk(chunk: Chunk) -> Answer:
         scenario, scene = _problem(head["seed"], head["kind"])
         known, seconds = {"status": Status.NO_PATH.name, "certified": False}, 0.0
         if find_barrier(scene) is None:
-            bare = replace(scene)  # with nothing of it computed by another planner
+            bare = replace(scene)  # a copy without what earlier searches cached in it
             settings = replace(scenario.search, method=chunk.planner, time_limit=math.inf)
             began = time.perf_counter()
             (result,) = search_batch([bare], [settings])
@@ -280,7 +280,7 @@ def make_problem(scenario: Scenario) -> Scene:
         RuntimeError: if the scenario has no goal, which random scenes always have.
     """
     goals = find_goals(scenario)
-    if isinstance(goals, Plan):  # never: random scenes are made with a goal
+    if isinstance(goals, Plan):  # does not happen: random scenes have a goal
         raise RuntimeError(f"{scenario.name}: {goals.message}")
     return make_scene(scenario, goals[0])
 

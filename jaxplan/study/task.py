@@ -151,7 +151,7 @@ def make_task(
         TypeError: for scenes that are neither scenarios nor seeds.
         ValueError: for an unknown kind or planner, wrong settings, or seeds that are wrong or come twice.
     """
-    if planner not in tuple(PLANNERS):  # a tuple, since what is no name may not be hashed
+    if planner not in tuple(PLANNERS):  # a tuple, since other values may not be hashable
         raise ValueError(f"planner = {planner!r}: must be one of {', '.join(PLANNERS)}")
     given = several("scenarios_or_seeds", scenarios_or_seeds, "scenarios or seeds, such as range(100)")
     scenes: Sequence[Any] = given if isinstance(given, range) else tuple(given)
@@ -200,7 +200,8 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
     if faults:
         raise ScenarioError(faults, "settings")
     texts = {
-        str(name): "inf" if isinstance(value, float) and value == math.inf else value  # as files have it
+        # infinity as files write it
+        str(name): "inf" if isinstance(value, float) and value == math.inf else value
         for name, value in settings.items()
     }
     try:
@@ -229,7 +230,7 @@ def _seeds(scenes: Sequence[Any]) -> Sequence[int]:
     """
     faults: list[str] = []
     first: dict[int, int] = {}
-    whole = isinstance(scenes, range)  # whose two ends tell of all
+    whole = isinstance(scenes, range)  # then it is enough to check its two ends
     for number in (0, len(scenes) - 1) if whole else range(len(scenes)):
         seed = scenes[number]
         place = f"scenarios_or_seeds[{number}] = {seed!r:.40}"
