@@ -94,7 +94,7 @@ class Mesh:
         place = place / shell.radius
         normal = np.cross(place[:, 0], ahead[:, 0])
         west, east = np.arange(count), (np.arange(count) + 1) % shell.planes
-        # whether each satellite of the east (west) plane is to the left of the west (east) plane, (pairs, slots)
+        # whether each satellite of the east (west) plane is left of the west (east) plane, (pairs, slots)
         left_of_west = np.einsum("psk,pk->ps", place[east], normal[west]) > 0
         left_of_east = np.einsum("psk,pk->ps", place[west], normal[east]) > 0
         low = np.abs(place[..., 2]) <= math.sin(self.highest_latitude)
