@@ -1,4 +1,4 @@
-"""Ready-made scenarios and timelines: the paper's four cases, two examples, and random scenes."""
+"""Ready-made scenarios and timelines: the paper's four cases, two example timelines, and random scenes."""
 
 from typing import TYPE_CHECKING
 

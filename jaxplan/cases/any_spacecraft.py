@@ -1,14 +1,15 @@
 """Random scenes of random spacecraft: devices of any mounting, with all that can be asked of them.
 
-What is drawn first is the `Build`: how many devices there are and what is limited, of a few that are given,
+First the `Build` is drawn, which says how many devices there are and what is limited; there are few builds,
 since kernels are compiled for each. Then come mountings, ranges and limits; a start and an end, which are
-states at rest; masks, cones and fields of view that are clear of both by `CLEARANCE`; and the goal: targets
-along the boresights at the end, so that all can be met together. Devices without a target keep their joints
-(*held*) or are free, and some of these have a wish: a direction that they prefer. Now and then the end itself
+states at rest; masks, cones and fields of view that keep `CLEARANCE` from both; and the goal: targets along
+the boresights at the end, so that all can be met together. Devices without a target keep their joints
+(*held*) or are free, and some of these have a wish: a direction that they prefer. Sometimes the end itself
 is the goal.
 
-A zone is drawn anew until it is clear, `DRAWS` times, and then left out. What is drawn late does not change
-what was drawn before. Attitudes are body to inertial, angles in radians unless a name or text says deg.
+A zone is drawn again until it is clear, at most `DRAWS` times, and is then left out. What is drawn late does
+not change what was drawn before. Attitudes are body to inertial, angles in radians unless a name or text says
+deg.
 """
 
 import math
@@ -31,24 +32,24 @@ from jaxplan.model.zones import FIELD_OF_VIEW, FixedVector, KeepIn, KeepOut, Zon
 
 INSIDE = math.radians(3.0)
 """rad, how far start and end stay inside the ranges of joints."""
-_LEAST_ROOM = math.radians(8.0)  # rad of the pitch's range that a mask leaves at least
-_FARTHEST = math.radians(290.0)  # rad, magnitude of the yaw about which a mask lies, at most
-_APART = math.cos(math.radians(35.0))  # cosine of the least angle between a drive's boresight and axis line
+_LEAST_ROOM = math.radians(8.0)  # rad, least part of the pitch's range that a mask leaves free
+_FARTHEST = math.radians(290.0)  # rad, greatest magnitude of the yaw at a mask's centre
+_APART = math.cos(math.radians(35.0))  # cosine of the least angle between a drive's boresight and its axis
 
 
 @dataclass(frozen=True, kw_only=True)
 class Build:
-    """How many devices a spacecraft has, and what of its platform is limited.
+    """Numbers of a spacecraft's devices, and which limits of its platform there are.
 
     Attributes:
-        terminals: number of them.
-        drives: number.
-        instruments: number.
-        fields: number of instruments, the first ones, that have a rectangular field of view.
-        seen: whether the first terminal has one, too.
+        terminals: number of terminals.
+        drives: number of drives.
+        instruments: number of instruments.
+        fields: number of instruments, counted from the first, that have a rectangular field of view.
+        seen: whether the first terminal has a rectangular field of view.
         lengths: whether the norms of angular velocity and acceleration are limited.
-        torque: whether torque is.
-        jerk: whether jerk is.
+        torque: whether the torque is limited.
+        jerk: whether the jerk is limited.
     """
 
     terminals: int
@@ -83,15 +84,15 @@ State = tuple[np.ndarray, np.ndarray]
 
 @dataclass(kw_only=True)
 class Drawn:
-    """A scene while it is drawn.
+    """A scene while it is drawn; later draws change its attributes in place.
 
     Attributes:
         rng: source of the draws.
         craft: the spacecraft, in the end with its masks.
-        start: where the manoeuvre begins.
-        end: where it may end: at a state that meets the goal and all constraints.
+        start: state where the manoeuvre begins.
+        end: state where it may end, which meets the goal and all constraints.
         held: names of devices that keep their joints.
-        zones: those that were found clear.
+        zones: zones drawn so far, all clear of start and end.
     """
 
     rng: np.random.Generator
@@ -102,7 +103,7 @@ class Drawn:
     zones: list[Zone] = field(default_factory=list)
 
     def likely(self, share: float) -> bool:
-        """Draw true with a probability of `share`."""
+        """Draw a boolean that is true with the probability `share`, from 0 to 1."""
         return bool(self.rng.uniform() < share)
 
     def some(self, names: tuple[str, ...], least: int = 1) -> tuple[str, ...]:
@@ -111,9 +112,9 @@ class Drawn:
         return tuple(names[i] for i in sorted(self.rng.permutation(len(names))[:count].tolist()))
 
     def is_clear(self, *zones: Zone, craft: Spacecraft | None = None) -> bool:
-        """Whether start and end keep `CLEARANCE` or more from zones and from the masks of `craft`.
+        """Whether start and end keep `CLEARANCE` from zones, and from the masks of `craft`.
 
-        None stands for the scene's own.
+        None stands for the scene's own spacecraft.
         """
         craft = self.craft if craft is None else craft
         rows = tabulate(**sorts(zones), spacecraft=craft)
@@ -124,12 +125,12 @@ class Drawn:
 
 
 def draw(rng: np.random.Generator, name: str) -> Scenario:
-    """Draw a scenario, which is given a name."""
+    """Draw a scenario of a random spacecraft, and give it a name."""
     return draw_scenario(draw_scene(rng), name)
 
 
 def draw_scene(rng: np.random.Generator) -> Drawn:
-    """Draw spacecraft, start and end of a scene, and masks and zones that are clear of both ends."""
+    """Draw spacecraft, start and end of a scene, and masks and zones that are clear of both."""
     craft = _spacecraft(rng, BUILDS[int(rng.integers(len(BUILDS)))])
     low, high = craft.joint_ranges.T
     start, end = rng.uniform(low + INSIDE, high - INSIDE, (2, craft.joint_count))
@@ -153,7 +154,7 @@ def draw_scene(rng: np.random.Generator) -> Drawn:
 
 
 def draw_scenario(scene: Drawn, name: str) -> Scenario:
-    """Draw the goal of a scene, and make a scenario of it, which is given a name."""
+    """Draw the goal of a scene, and make a scenario with the given name of it."""
     return Scenario(
         name=name,
         spacecraft=scene.craft,
@@ -171,7 +172,7 @@ def _spacecraft(rng: np.random.Generator, build: Build) -> Spacecraft:
     """Draw a spacecraft of a build."""
 
     def per_axis(least: float, most: float) -> Any:
-        """Draw a limit between two in deg, for all axes or each by itself; in rad."""
+        """Draw a limit (rad) between two in deg, either the same for all axes or each by itself, (3,)."""
         own = np.array([random_angle(rng, least, most) for _ in range(3)])
         return own if rng.uniform() < 0.5 else float(own[0])
 
@@ -195,7 +196,7 @@ def _spacecraft(rng: np.random.Generator, build: Build) -> Spacecraft:
 
 
 def _terminal(rng: np.random.Generator, number: int, build: Build) -> Terminal:
-    """Draw the terminal of a number, from 0, with a field of view if the build has one for it."""
+    """Draw a terminal, numbered from 0, with a field of view if the build gives it one."""
     given: dict[str, Any] = {}
     if rng.uniform() < 0.4:
         given["mount"] = random_angle(rng, -180, 180)
@@ -227,7 +228,7 @@ def _terminal(rng: np.random.Generator, number: int, build: Build) -> Terminal:
 
 
 def _drive(rng: np.random.Generator, number: int) -> Drive:
-    """Draw the drive of a number, from 0."""
+    """Draw a drive, numbered from 0."""
     axis = boresight = random_direction(rng)
     while not admissible(_APART - abs(axis @ boresight)):
         boresight = random_direction(rng)
@@ -243,7 +244,7 @@ def _drive(rng: np.random.Generator, number: int) -> Drive:
 
 
 def _instrument(rng: np.random.Generator, number: int, build: Build) -> Instrument:
-    """Draw the instrument of a number, from 0, with a field of view if the build has one for it."""
+    """Draw an instrument, numbered from 0, with a field of view if the build gives it one."""
     boresight, given = random_direction(rng), dict[str, Any]()
     if number < build.fields:
         given["field_of_view"] = np.array([random_angle(rng, 4, 40), random_angle(rng, 4, 40)])
@@ -252,17 +253,17 @@ def _instrument(rng: np.random.Generator, number: int, build: Build) -> Instrume
 
 
 def _range(rng: np.random.Generator, low: tuple[float, float], high: tuple[float, float]) -> np.ndarray:
-    """Draw a range, (2,) rad: its least angle between `low`, its largest between `high`, both in deg."""
+    """Draw a range (2,) in rad: its lower end from the interval `low`, its upper end from `high`, in deg."""
     return np.array([random_angle(rng, *low), random_angle(rng, *high)])
 
 
 def _across(rng: np.random.Generator, axis: np.ndarray) -> np.ndarray:
-    """Draw a unit vector (3,) at right angles to an axis (3,)."""
+    """Draw a unit vector (3,) perpendicular to an axis (3,)."""
     return np.stack(unit(np.stack(cross(axis, random_direction(rng)))))
 
 
 def _add_masks(scene: Drawn) -> None:
-    """Give most terminals a mask that reaches into the range of the pitch from one side."""
+    """Give most terminals a mask that cuts into the pitch's range from one side; changes `scene.craft`."""
     for number, terminal in enumerate(scene.craft.terminals):
         if scene.likely(0.4):
             continue
@@ -277,7 +278,7 @@ def _add_masks(scene: Drawn) -> None:
 
 
 def _corners(scene: Drawn, terminal: Terminal) -> np.ndarray:
-    """Draw corners (3 or 4, 2), rad, of a convex mask about a yaw at either end of the pitch's range."""
+    """Draw corners (3 or 4, 2), rad, of a convex mask of yaw and pitch, centred at an end of the pitch."""
     rng, (yaw, (low, high)) = scene.rng, terminal.ranges
     centre = np.array([rng.uniform(*np.clip(yaw, -_FARTHEST, _FARTHEST)), high if scene.likely(0.5) else low])
     deepest = min(math.radians(30), high - low - _LEAST_ROOM)
@@ -294,7 +295,7 @@ def _corners(scene: Drawn, terminal: Terminal) -> np.ndarray:
 
 
 def _sky(scene: Drawn) -> list[Zone]:
-    """Draw up to two inertial cones, each for all devices to keep out of, or for some."""
+    """Draw up to two inertial cones that all devices, or some of them, keep out of."""
     rng, names = scene.rng, scene.craft.device_names
     return [
         KeepOut(
@@ -327,7 +328,7 @@ def _moving(scene: Drawn) -> tuple[str, ...]:
 
 
 def _structure(scene: Drawn) -> list[Zone]:
-    """Draw a cone about an axis of the body that a device with joints keeps out of; at times none."""
+    """Draw a cone about a body axis that one device with joints keeps out of; sometimes none."""
     if not _moving(scene) or scene.likely(0.3):
         return []
     return [
@@ -341,9 +342,9 @@ def _structure(scene: Drawn) -> list[Zone]:
 
 
 def _beam(scene: Drawn) -> list[Zone]:
-    """Draw a cone about the boresight of a device that another keeps out of; one of both has joints.
+    """Draw a cone about the boresight of one device that another keeps out of; one of them has joints.
 
-    At times, or where there are no two such devices, there is none.
+    Sometimes, or where there are no two such devices, none is drawn.
     """
     moving = _moving(scene)
     if not moving or len(scene.craft.device_names) < 2 or scene.likely(0.3):
@@ -358,7 +359,7 @@ def _beam(scene: Drawn) -> list[Zone]:
 
 
 def _light(scene: Drawn) -> list[Zone]:
-    """Draw a wide inertial cone that an axis of the body, or a device, stays in; at times none."""
+    """Draw a wide inertial cone that a body axis, or one device, stays in; sometimes none."""
     if scene.likely(0.4):
         return []
     rng = scene.rng
@@ -373,7 +374,7 @@ def _light(scene: Drawn) -> list[Zone]:
 
 
 def _field(scene: Drawn) -> list[Zone]:
-    """Draw an inertial direction that stays outside of all fields of view by an angle, if there are any."""
+    """Draw an inertial direction that must stay outside all fields of view by an angle, if any exist."""
     craft, rng = scene.craft, scene.rng
     names = tuple(one.name for one in craft.devices if one.field_of_view is not None)
     if not names:
@@ -390,9 +391,9 @@ def _field(scene: Drawn) -> list[Zone]:
 
 
 def _trackers(scene: Drawn) -> list[Zone]:
-    """Draw a group for the last two instruments: one of both keeps out of its wide cone about one direction.
+    """Draw a group of two zones, of which one must be kept: the last two instruments avoid one direction.
 
-    At times, or with fewer instruments, there is none.
+    Sometimes, or with fewer instruments, none is drawn.
     """
     names = tuple(one.name for one in scene.craft.instruments)[-2:]
     if len(names) < 2 or scene.likely(0.5):
@@ -411,7 +412,7 @@ def _trackers(scene: Drawn) -> list[Zone]:
 
 
 def _carried(scene: Drawn) -> list[Zone]:
-    """Draw a vector of a device's moving part and an inertial cone that it keeps out of; at times none."""
+    """Draw an inertial cone that a vector fixed to a device's moving part keeps out of; sometimes none."""
     if not _moving(scene) or scene.likely(0.6):
         return []
     vector = FixedVector(along=random_direction(scene.rng), to=scene.some(_moving(scene))[0])
@@ -423,9 +424,10 @@ def _carried(scene: Drawn) -> list[Zone]:
 
 
 def _targets(scene: Drawn) -> Targets:
-    """Draw a goal: targets of one device or more, along their boresights at the end, and wishes of others.
+    """Draw a goal: targets along boresights at the end for one device or more, and wishes for some others.
 
-    At most one instrument and one drive have, with all terminals: more than three equations are seldom meant.
+    Terminals may all have targets, but at most one drive and one instrument, since more cannot be met in
+    general.
     """
     rng, craft = scene.rng, scene.craft
     seen = dict(zip(craft.device_names, craft.boresights(scene.end[0], scene.end[1]), strict=True))

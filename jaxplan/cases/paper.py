@@ -1,4 +1,4 @@
-"""The paper's four cases and two timelines, as files that can be read, copied and changed.
+"""The paper's four cases and two example timelines, as files that can be read, copied and changed.
 
 The numbers of the cases are those printed in section 5; each file says which table or equation they are from.
 """
@@ -18,13 +18,13 @@ TIMELINE_NAMES = ("case-day", "case-imaging")
 
 
 def case_path(name: str) -> Path:
-    """Path of the file of a case or an example.
+    """Path of the file of a case or an example timeline.
 
     Args:
-        name: one of `CASE_NAMES`, of scenarios, or `TIMELINE_NAMES`.
+        name: one of `CASE_NAMES` or `TIMELINE_NAMES`.
 
     Raises:
-        ValueError: there is no such case.
+        ValueError: if there is no such case.
     """
     if name not in (*CASE_NAMES, *TIMELINE_NAMES):
         raise ValueError(f"name = {name!r}: must be one of {', '.join((*CASE_NAMES, *TIMELINE_NAMES))}")
@@ -35,13 +35,13 @@ def paper_case(number: int) -> Scenario:
     """Read one of the paper's four cases.
 
     Args:
-        number: 1 or 2 with keep-out zones alone, 3 or 4 with a keep-in zone for terminal 1.
+        number: 1 or 2, with keep-out zones only; 3 or 4, with a keep-in zone for terminal 1 too.
 
     Returns:
-        The scenario in radians and seconds.
+        The scenario, in radians and seconds.
 
     Raises:
-        ValueError: the paper has no such case.
+        ValueError: if the paper has no such case.
     """
     if type(number) not in (int, np.int64) or number not in (1, 2, 3, 4):
         raise ValueError(f"number = {number!r}: must be 1, 2, 3 or 4")
@@ -56,10 +56,10 @@ def example_timeline(name: str) -> Timeline:
             ``"case-imaging"``, images and downlinks of two orbits.
 
     Returns:
-        The timeline in radians and seconds.
+        The timeline, in radians and seconds.
 
     Raises:
-        ValueError: there is no such timeline.
+        ValueError: if there is no such timeline.
 
     Example:
         >>> day = jp.plan_timeline(jp.example_timeline("case-imaging"))

@@ -1,12 +1,13 @@
-"""Random constraints of the kinds that are not only cones on the sky, and how a scene is drawn of them.
+"""Random constraints of the kinds that have more than cones on the sky, and how a scene is drawn with them.
 
-A kind is a list of recipes, each of which draws zones: some that must hold together, or a group. A recipe is
-drawn anew until start and goal are clear of it by `CLEARANCE`. All of them are drawn anew until the straight
-motion to the nearest goal of step 1 breaks something. In `moved_goals` it is that goal itself that is broken,
-while another, drawn near it, is clear. Where `DRAWS` of either are not enough the start is drawn anew.
+A kind is a list of *recipes*: functions that draw zones that must hold together, or a group of which one must
+hold. A recipe is drawn again until start and goal keep `CLEARANCE` from its zones. All recipes are drawn
+again until the straight motion to the nearest goal of step 1 violates a zone. In `moved_goals` it is that
+goal itself that violates one, while another goal, drawn near it, is clear. Where `DRAWS` attempts of either
+are not enough, another start is drawn.
 
-No zone may wall off a part of the joint angles, as then there may be no path at all: masks and polygons reach
-into the range of the pitch from one side, and leave 6 deg at the other.
+No zone may separate the joint angles into parts, since there might be no path at all then: masks and polygons
+reach into the range of the pitch from one side, and leave 6 deg free at the other.
 """
 
 import math
@@ -45,14 +46,14 @@ DRAWS = 8
 """Draws of a recipe, and of all recipes of a start, before it is given up."""
 KNOWN = 400.0
 """s, over which directions that move are known."""
-_TIMES = np.linspace(0, KNOWN, 41)
-_PITCH_LIMIT = 15.0  # deg, of the spacecraft
+_TIMES = np.linspace(0, KNOWN, 41)  # s, at which moving directions are given, and margins checked
+_PITCH_LIMIT = 15.0  # deg, pitch limit of the paper's spacecraft
 _EDGES = 4  # number of a polygon's edges
 
 _FIELD, _UP = (
     np.radians([14.0, 8.0]),
     np.array([0.0, 0.6, 0.8]),
-)  # of every terminal, where zones are of fields
+)  # field of view (full angles, rad) and its up axis of every terminal, in scenes with fields of view
 _CAMERA = Instrument(
     name="camera",
     boresight=np.array([0.0, 0.6, 0.8]),
@@ -65,11 +66,11 @@ Recipe = Callable[[np.random.Generator], tuple[Zone, ...]]
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """Properties of the scenes of a kind.
+    """How the scenes of a kind are drawn.
 
     Attributes:
-        recipes: of all zones, in the order in which they are drawn.
-        moved: whether the nearest goal is broken instead of the motion to it.
+        recipes: functions that draw the zones, in the order in which they are called.
+        moved: whether the nearest goal violates a zone, instead of the straight motion to it.
     """
 
     recipes: tuple[Recipe, ...]
@@ -77,7 +78,7 @@ class Kind:
 
 
 def draw(rng: np.random.Generator, kind: Kind) -> tuple[GivenState, tuple[Zone, ...]]:
-    """Draw start and zones of a scene of a kind."""
+    """Draw the start, at rest, and the zones of a scene of a kind."""
     for attitude, joints, _ in starts(rng, 0, 0.0):
         goal = nearest_goal(attitude)
         if goal is None:
@@ -95,7 +96,7 @@ def draw(rng: np.random.Generator, kind: Kind) -> tuple[GivenState, tuple[Zone, 
 
 
 def sorts(zones: Sequence[Zone]) -> dict[str, Any]:
-    """Zones by the attribute of a scenario that holds them, without masks, which the spacecraft has."""
+    """Group zones by the attribute of a scenario that holds them; masks, the spacecraft's, are left out."""
     return {
         "keep_out": tuple(zone for zone in zones if isinstance(zone, KeepOut)),
         "keep_in": tuple(zone for zone in zones if isinstance(zone, KeepIn)),
@@ -104,7 +105,10 @@ def sorts(zones: Sequence[Zone]) -> dict[str, Any]:
 
 
 def equipped(zones: Sequence[Zone]) -> Spacecraft:
-    """The paper's spacecraft with the masks among zones, and with fields of view if a zone is about one."""
+    """The paper's spacecraft with the masks among the zones.
+
+    If a zone is about a field of view, every terminal has one, and there is a camera with one.
+    """
     craft, _ = setting()
     own = {
         terminal.name: [
@@ -120,12 +124,12 @@ def equipped(zones: Sequence[Zone]) -> Spacecraft:
 
 
 def _states(*states: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Attitudes (k, 3, 3) and joints (k, 6) of k states, each an attitude (3, 3) and joints (6,)."""
+    """Stack k states, each an attitude (3, 3) and joints (6,), to attitudes (k, 3, 3) and joints (k, 6)."""
     return np.stack([attitude for attitude, _ in states]), np.stack([joints for _, joints in states])
 
 
 def _another_goal(rng: np.random.Generator, attitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Draw another goal: an attitude (3, 3) within `FARTHEST` of one, and the joints (6,) it needs."""
+    """Draw another goal: an attitude (3, 3) turned by at most `FARTHEST`, and its joints (6,) in rad."""
     craft, targets = setting()
     while True:
         turned = attitude @ np.asarray(so3.exp(rng.uniform(0, FARTHEST) * random_direction(rng)))
@@ -137,12 +141,15 @@ def _another_goal(rng: np.random.Generator, attitude: np.ndarray) -> tuple[np.nd
 def _zones(
     rng: np.random.Generator, recipes: Sequence[Recipe], clear: tuple[np.ndarray, np.ndarray]
 ) -> tuple[Zone, ...]:
-    """Draw zones by all recipes; none if `DRAWS` of a recipe are not enough.
+    """Draw zones by all recipes, so that some states are clear of them.
 
     Args:
         rng: source of the draws.
-        recipes: of the zones.
-        clear: attitudes (k, 3, 3) and joints (k, 6) that keep all of them by `CLEARANCE`.
+        recipes: functions that draw zones.
+        clear: attitudes (k, 3, 3) and joints (k, 6) of states that must keep `CLEARANCE` from all zones.
+
+    Returns:
+        The zones; empty if `DRAWS` draws of a recipe are not enough.
     """
     found: list[Zone] = []
     for recipe in recipes:
@@ -157,7 +164,13 @@ def _zones(
 
 
 def _margins(zones: Sequence[Zone], attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Least margin (k,) rad of each of k states to zones; to those that move, the least at any time."""
+    """Smallest margin (k,) in rad of each of k states to any of the zones; to moving ones at any time.
+
+    Args:
+        zones: the zones.
+        attitudes: (k, 3, 3) body to inertial.
+        joints: (k, 6) rad.
+    """
     craft = equipped(zones)
     rows = tabulate(**sorts(zones), spacecraft=craft)
     sights = rows.sights(craft.gimbals, craft.fixed_boresights)
@@ -167,18 +180,18 @@ def _margins(zones: Sequence[Zone], attitudes: np.ndarray, joints: np.ndarray) -
 
 
 def random_direction(rng: np.random.Generator) -> np.ndarray:
-    """Draw a unit vector (3,), uniform on the sphere."""
+    """Draw a unit vector (3,) that is uniform on the sphere."""
     vector = rng.standard_normal(3)
     return np.asarray(vector / np.linalg.norm(vector))
 
 
 def random_angle(rng: np.random.Generator, least: float, most: float) -> float:
-    """Draw an angle, rad, between two in deg."""
+    """Draw an angle uniformly between two in deg; returns it in rad."""
     return math.radians(rng.uniform(least, most))
 
 
 def _as_filed(angle: float) -> float:
-    """Round an angle to one that a file in degrees keeps to the last bit."""
+    """Round an angle (rad) so that it is unchanged by conversion to degrees and back, as in a file."""
     return math.radians(math.degrees(angle))
 
 
@@ -188,14 +201,17 @@ def _side(rng: np.random.Generator) -> int:
 
 
 def _terminal(number: int) -> str:
-    """Name of the terminal of a number, from 0."""
+    """Name of a terminal, numbered from 0."""
     return setting()[0].terminals[number].name
 
 
 def _vector(rng: np.random.Generator, to: int | None) -> tuple[FixedVector]:
-    """Draw a unit vector fixed to the moving part of the terminal `to`, or for None to the body.
+    """Draw a vector fixed to the body, or to the moving part of a terminal.
 
-    On a terminal it is at 40 deg or more from the boresight.
+    Args:
+        rng: source of the draws.
+        to: number of the terminal, from whose boresight the vector is at least 40 deg away; None for the
+            body.
     """
     along = random_direction(rng)
     while to is not None and not admissible(math.cos(math.radians(40.0)) - along[0]):
@@ -204,7 +220,7 @@ def _vector(rng: np.random.Generator, to: int | None) -> tuple[FixedVector]:
 
 
 def _masks(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
-    """Draw two cones about axes of the body, both from above or below, that a terminal keeps out of."""
+    """Draw two cones about body axes that a terminal keeps out of, both from above or both from below."""
     side, frame = _side(rng), setting()[0].gimbals.frames[number]
     found = []
     for i in range(2):
@@ -246,10 +262,10 @@ def _cone(
     Args:
         rng: source of the draws.
         name: of the zone.
-        half_angles: range of its half-angle, deg.
-        sort: whether it is kept out of or in.
-        of: for each vector that it binds the number of its terminal, or None for the body; if empty it binds
-            all terminals' boresights.
+        half_angles: least and greatest half angle, deg.
+        sort: `KeepOut` or `KeepIn`.
+        of: for each vector that the zone binds, the number of the terminal it is fixed to, or None for the
+            body. Without vectors the zone binds the boresights of all terminals.
     """
     known: dict[str, Any] = {
         "direction": random_direction(rng),
@@ -259,15 +275,15 @@ def _cone(
 
 
 def _mask(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
-    """Draw a mask of the terminal `number`, which reaches into the range of the pitch from above or below."""
+    """Draw a mask of the terminal `number`, which cuts into the range of the pitch from above or below."""
     corners, name = np.vectorize(_as_filed)(_corners(rng)), _terminal(number)
     return (Mask(name=f"mask 1 of {name}", device=name, corners=corners, turns=(0,)),)
 
 
 def _beside(rng: np.random.Generator, name: str, of: str, distances: tuple[float, float]) -> tuple[Zone, ...]:
-    """Draw an inertial direction that stays outside of the field of view of the device `of`.
+    """Draw an inertial direction that must stay outside the field of view of the device `of`.
 
-    Its distance from the field's edge is drawn between two in deg.
+    Its least distance from the field's edge is drawn from the interval `distances`, in deg.
     """
     distance = _as_filed(random_angle(rng, *distances))
     return (
@@ -282,9 +298,9 @@ def _beside(rng: np.random.Generator, name: str, of: str, distances: tuple[float
 
 
 def _corners(rng: np.random.Generator) -> np.ndarray:
-    """Draw corners (4, 2), rad, of a convex polygon of yaw and pitch, counter-clockwise.
+    """Draw the corners (4, 2) in rad of a convex polygon in yaw and pitch, counter-clockwise.
 
-    It reaches into the range of the pitch from above or below.
+    It cuts into the range of the pitch from above or below.
     """
     centre = np.array([random_angle(rng, -60, 60), math.radians(_side(rng) * _PITCH_LIMIT)])
     size = np.array([random_angle(rng, 15, 35), random_angle(rng, 8, 22)])
@@ -293,9 +309,9 @@ def _corners(rng: np.random.Generator) -> np.ndarray:
 
 
 def _polygon(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
-    """Draw a forbidden convex polygon of a terminal's yaw and pitch, as a group of joint bounds."""
+    """Draw a forbidden convex polygon of a terminal's yaw and pitch: joint bounds of which one must hold."""
     corners = _corners(rng)
-    along = np.roll(corners, -1, axis=0) - corners  # counter-clockwise, so that outside is at the right
+    along = np.roll(corners, -1, axis=0) - corners  # counter-clockwise: the outside is on the right
     normals = np.stack([along[:, 1], -along[:, 0]], axis=-1) / np.linalg.norm(along, axis=-1, keepdims=True)
     name = f"corner-{number + 1}"
     return tuple(
@@ -311,10 +327,10 @@ def _polygon(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
 
 
 def _group(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
-    """Draw a group of two entries of which one must hold, each of two zones, for the terminal `number`.
+    """Draw a group of two alternatives for the terminal `number`, of which one must hold; each has two zones.
 
-    A panel is in the shade and a terminal keeps out of a cone on the sky, or another panel is in the light
-    and the terminal keeps out of a cone about an axis of the body.
+    Either a body vector stays away from the Sun and the terminal out of a cone on the sky; or another body
+    vector stays toward the Sun and the terminal out of a cone about a body axis.
     """
     sun, terminal = random_direction(rng), (_terminal(number),)
 
@@ -336,7 +352,13 @@ def _group(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
 
 
 def _passing(rng: np.random.Generator, name: str, by_body: bool) -> tuple[Zone, ...]:
-    """Draw a keep-out cone that moves along a great circle, for a body vector or else all terminals."""
+    """Draw a keep-out cone that moves along a great circle.
+
+    Args:
+        rng: source of the draws.
+        name: of the zone.
+        by_body: whether it binds a body vector; else it binds all terminals.
+    """
     first, toward, speed = random_direction(rng), random_direction(rng), random_angle(rng, 0.02, 0.08)
     across = toward - (toward @ first) * first
     across /= np.linalg.norm(across)
@@ -347,7 +369,7 @@ def _passing(rng: np.random.Generator, name: str, by_body: bool) -> tuple[Zone, 
 
 
 def _for_each(recipe: Callable[..., tuple[Zone, ...]], **given: Any) -> tuple[Recipe, ...]:
-    """A recipe for each of the three terminals, by `number`, with further arguments fixed."""
+    """Make a recipe for each of the three terminals, with its `number` and other arguments fixed."""
     return tuple(partial(recipe, number=number, **given) for number in range(3))
 
 

@@ -1,8 +1,9 @@
-"""Random scenes of the paper's spacecraft, and of random ones, the same for the same seed on every machine.
+"""Random scenes of the paper's spacecraft, and of random ones; a seed gives the same scene on every machine.
 
-The paper's Table 4 counts successes on scenes with random starts and zones (section 5.2). In five kinds of
-them, from Table 4's two to a satellite that holds two of its links while it turns, all zones are cones on the
-sky, for terminals:
+The paper's Table 4 counts successes on scenes with random starts and zones (section 5.2). In the first five
+kinds all zones are cones on the sky, for terminals. They range from the two kinds of Table 4 to a satellite
+that keeps two of its links while it turns. A terminal is *held* where a keep-in cone binds it to its target.
+The *straight motion* turns the platform about one fixed axis while the joints change linearly.
 
     keep_out        4 cones of 15 to 30 deg for all terminals
     keep_in         terminal 1 held within 15 deg of its target; 3 cones of 15 to 30 deg for the others
@@ -13,7 +14,7 @@ sky, for terminals:
                     terminal 3; the platform turns by 40 to 100 deg; the straight motion breaks a
                     zone
 
-In the others, see `random_kinds`, zones are of every sort there is:
+In the next kinds, see `random_kinds`, zones are of all sorts:
 
     masks           2 cones of 12 to 25 deg about axes of the body for each terminal
     beams           3 cones of 10 to 40 deg, each about a terminal's beam and for another terminal
@@ -30,28 +31,30 @@ In the others, see `random_kinds`, zones are of every sort there is:
     terminal_masks  a mask of four corners in each terminal's yaw and pitch
     fields          a field of view of 14 by 8 deg for each terminal, from which a direction stays 3 to 10
                     deg away, and one of 24 by 14 deg for a camera, from which three stay 5 to 15 deg away
-    mixed           two cones on the sky and one or two zones of all sorts but those that move, of fields
+    mixed           two cones on the sky and one or two zones of every other sort, but no moving zones,
+                    masks of terminals or fields of view
 
-There the straight motion to the nearest goal breaks a zone, but in moved_goals, where that goal does. Of one
-kind the spacecraft is random too, and nothing of what follows holds for it, see `any_spacecraft`:
+In these the straight motion to the nearest goal breaks a zone; only in moved_goals it is that goal itself
+that does. In the last kind the spacecraft is random too, and nothing of what follows holds, see
+`any_spacecraft`:
 
     any_spacecraft  up to 4 terminals, 2 drives and 3 instruments of any mounting, with masks, zones of all
                     sorts that stand still, fields of view, limits of any axis, and goals by names of devices
 
-The goal is the same in all others: the lines of sight of the paper's orbits, to be met within 88 and 13 deg.
-Start and goal are at least 2 deg inside their joint limits and 2 deg (in the hard kinds 1 deg) inside their
-zones.
+In all other kinds the goal is the same: the lines of sight of the paper's orbits, to be met with yaws within
+88 deg and pitches within 13 deg. Start and goal are at least 2 deg inside their joint limits and 2 deg (in
+the hard kinds 1 deg) clear of their zones.
 
-**The draws.** Joints are uniform within 88 and 13 deg and the attitude is uniform on SO(3), of which those
-starts count where the held terminals are near enough to their targets and the turn to the nearest goal is as
-wanted. Half-angles are uniform, and so are directions outside of what must be clear at start and goal. Where
-the straight motion must break a zone, zones are drawn anew until it does. Only where `PATIENCE` is not enough
-for that, as between a start and a goal close by, is the start drawn anew, too: as far as may be, starts and
-half-angles keep their distributions.
+**The draws.** Joints are uniform within 88 and 13 deg and the attitude is uniform on SO(3). Of these starts
+those are used whose held terminals are near enough to their targets, and whose turn to the nearest goal is as
+wanted. Half angles are uniform; so are directions, outside of what must be clear at start and goal. Where
+the straight motion must break a zone, zones are drawn again until it does. Only where `PATIENCE` attempts are
+not enough, as between a start and a goal close by, another start is drawn too: so starts and half angles keep
+their distributions as far as possible.
 
-**On every machine.** All comes from uniform and normal draws of PCG64, in a stream of the kind and the seed,
-so that numbers are the same to rounding. A decision could differ where a candidate is at its threshold to
-rounding; the tests show that none is. Thresholds are stricter by a hair than what is stated above.
+**On every machine.** All comes from uniform and normal draws of PCG64, in a stream for the kind and the seed,
+so that numbers are the same to rounding. A decision could differ only where a candidate is at its threshold
+to rounding; the tests show that none is. Thresholds are stricter by `HAIR` than what is stated above.
 """
 
 import math
@@ -78,16 +81,16 @@ from jaxplan.model.zones import KeepIn, KeepOut, Zone
 
 @dataclass(frozen=True, kw_only=True)
 class _Kind:
-    """Properties of the scenes of a kind; angles in rad unless they say deg.
+    """How the scenes of a kind are drawn; angles in rad unless they say deg.
 
     Attributes:
-        cones: number of keep-out cones, for all terminals that are not held.
-        half_angles: range of theirs, deg.
-        clearance: of start and goal to them.
-        held: number of terminals, the first ones, that are kept in a cone around their targets.
-        hold: half-angle of these cones.
-        start_within: of its target, each held terminal; inside its cone by more than the clearance.
-        turn: range of the platform's rotation from start to goal.
+        cones: number of keep-out cones, which bind all terminals that are not held.
+        half_angles: least and greatest half angle of these cones, deg.
+        clearance: least angle between the cones and the boresights at start and goal.
+        held: number of terminals, counted from the first, that must stay in a cone around their targets.
+        hold: half angle of these keep-in cones.
+        start_within: greatest angle at the start between a held terminal and its target; less than `hold`.
+        turn: least and greatest rotation of the platform from start to goal, where `blocked`.
         blocked: whether the straight motion to the goal breaks a zone.
     """
 
@@ -102,7 +105,7 @@ class _Kind:
 
 
 _HARD = _Kind(cones=8, half_angles=(12.0, 30.0), clearance=math.radians(1.0), blocked=True)
-_KINDS = {  # a kind's place is part of its streams: new ones go to the end
+_KINDS = {  # a kind's place here sets its random stream: add new ones at the end
     "keep_out": _Kind(cones=4),
     "keep_in": _Kind(cones=3, held=1),
     "hard_keep_out": _HARD,
@@ -121,25 +124,26 @@ SKY_KINDS = tuple(_KINDS)
 ANY_SPACECRAFT = "any_spacecraft"
 RANDOM_KINDS = (*SKY_KINDS, *random_kinds.KINDS, ANY_SPACECRAFT)
 """All kinds."""
-_PLACE = 1000  # number of the streams of random spacecraft, which stays though kinds are added
+_PLACE = 1000  # number of the random stream for "any_spacecraft", unchanged when kinds are added
 
 DIRECTIONS = 16
 """Number of directions drawn at once for a cone, of which the first that is clear is taken."""
 
 
 def random_scenario(seed: int, kind: str = "keep_out") -> Scenario:
-    """Draw a random scene; its goal has targets, but for some of ``any_spacecraft``.
+    """Draw a random scene.
 
     Args:
         seed: 0 or more; scenes of different seeds or kinds are independent.
         kind: one of `RANDOM_KINDS`.
 
     Returns:
-        The scenario. Its settings are the defaults, but for the steps of the paper's Table 4: 0.1 rad for the
-        attitude, 0.08 rad for joints.
+        The scenario. Its goal is `Targets`, but in some scenes of "any_spacecraft" a state. Its settings are
+        the defaults, except for the steps of the search: 0.1 rad for the attitude, and for joints 0.08 rad as
+        in the paper's Table 4, or 0.1 rad in scenes of "any_spacecraft".
 
     Raises:
-        ValueError: there is no such kind, or the seed is none.
+        ValueError: if there is no such kind, or the seed is not an integer of at least 0.
 
     Example:
         >>> import jaxplan as jp
@@ -171,14 +175,14 @@ def random_scenario(seed: int, kind: str = "keep_out") -> Scenario:
 
 
 def _is_seed(value: object) -> bool:
-    """True for an integer of at least 0."""
+    """Whether a value is an integer of at least 0."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= 0
 
 
 def _draw(
     rng: np.random.Generator, kind: _Kind
 ) -> tuple[GivenState, tuple[KeepOut, ...], tuple[KeepIn, ...]]:
-    """Draw start, keep-out and keep-in zones of a scene of a kind."""
+    """Draw the start, at rest, and the keep-out and keep-in zones of a scene of a kind."""
     craft, targets = setting()
     keep_in = tuple(
         KeepIn(name=f"link-{i + 1}", direction=direction, half_angle=kind.hold, devices=(terminal.name,))
@@ -199,7 +203,7 @@ def _draw(
 
 
 def _keep_out(rng: np.random.Generator, kind: _Kind, ends: np.ndarray) -> tuple[KeepOut, ...]:
-    """Draw keep-out cones for the terminals that are not held, clear of their boresights at both ends.
+    """Draw keep-out cones for the terminals that are not held, clear of their boresights at start and goal.
 
     Args:
         rng: source of the draws.
@@ -230,7 +234,13 @@ def _keep_out(rng: np.random.Generator, kind: _Kind, ends: np.ndarray) -> tuple[
 
 
 def _breaks(straight: np.ndarray, keep_out: tuple[KeepOut, ...], keep_in: tuple[KeepIn, ...]) -> bool:
-    """True if inertial boresights (k, 3, 3) of a motion are deeper than `BROKEN` in a zone somewhere."""
+    """Whether a motion goes deeper than `BROKEN` into a keep-out zone, or as far out of a keep-in zone.
+
+    Args:
+        straight: (k, 3, 3) inertial boresights of the three terminals at k samples.
+        keep_out: zones for the terminals that are not held.
+        keep_in: zones for the held terminals, one for each in order.
+    """
     held = len(keep_in)
     depths = [
         np.max(straight[:, held:] @ zone.direction) - math.cos(zone.half_angle - BROKEN) for zone in keep_out

@@ -1,8 +1,12 @@
 """Random starts of the paper's spacecraft, the goals of step 1 from there, and the straight motion between.
 
-What the scenes of all kinds share: three terminals, and as targets the lines of sight of the paper's orbits
-(section 5). Attitudes are body to inertial, angles in radians, joints all yaws and then all pitches. Step 1
-needs no zones here: those of the scenes bind terminals, which point at their targets at every goal.
+Scenes of most kinds share the paper's spacecraft with three terminals, and as targets the lines of sight of
+the paper's orbits (section 5). Step 1 (decomposition) finds goals: attitudes and joints at which all
+terminals point at their targets. It needs no zones here: those of the scenes bind terminals, whose directions
+are the same at every goal. The *straight motion* to a goal turns the platform about one fixed axis while the
+joints change linearly.
+
+Attitudes are body to inertial, angles in radians. Joints (6,) are all yaws and then all pitches.
 """
 
 import itertools
@@ -25,7 +29,7 @@ from jaxplan.model.tabulation import tabulate
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.sky import orbits
 
-YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # rad, of joints at start and goal
+YAW_LIMIT, PITCH_LIMIT = math.radians(88.0), math.radians(13.0)  # rad, largest joint angles at start and goal
 JOINT_LIMITS = np.repeat([YAW_LIMIT, PITCH_LIMIT], 3)
 HAIR = 1e-9
 """Least slack of what is admissible, as a cosine or in rad."""
@@ -44,7 +48,10 @@ PATIENCE = 50
 
 
 def admissible(slack: np.ndarray) -> np.ndarray:
-    """True where a slack, a cosine or rad, is at least `HAIR`; every decision on a draw is made by this."""
+    """Whether a slack (a difference of cosines, or of angles in rad) is at least `HAIR`.
+
+    Every decision about a draw is made by this function, so that rounding does not change scenes.
+    """
     return slack >= HAIR
 
 
@@ -65,7 +72,12 @@ def setting() -> tuple[Spacecraft, Targets]:
 
 @quick_jit
 def _lines_of_sight(node: Array, anomaly: Array) -> Array:
-    """Inertial unit vectors (3, 3) from the first satellite to three others; node and anomaly (4,) rad."""
+    """Inertial unit vectors (3, 3) from the first of four satellites to the others.
+
+    Args:
+        node: (4,) rad, right ascensions of the ascending nodes.
+        anomaly: (4,) rad, arguments of latitude.
+    """
     satellites = orbits.position(500.0, math.radians(10.0), node, anomaly)
     return orbits.line_of_sight(satellites[0], satellites[1:])
 
@@ -73,18 +85,20 @@ def _lines_of_sight(node: Array, anomaly: Array) -> Array:
 def starts(
     rng: np.random.Generator, held: int, within: float
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Draw starts of uniform attitude and joints, of those at which held terminals point near their targets.
+    """Draw starts with uniform attitude and joints, and keep those with held terminals near their targets.
 
     An attitude is uniform on SO(3) if it brings terminal 1's boresight to a uniform point of the sphere and
-    turns uniformly about it. Where terminal 1 is held, that point is drawn from the cap around its target.
+    turns uniformly about it. Where terminal 1 is held, that point is drawn from the spherical cap around its
+    target.
 
     Args:
         rng: source of the draws.
-        held: number of terminals, the first ones, that are near their targets.
-        within: rad, how near.
+        held: number of terminals, counted from the first, that must be near their targets; 0 for none.
+        within: rad, greatest angle between a held terminal's boresight and its target.
 
     Yields:
-        Attitude (3, 3), joints (6,) and inertial boresights (3, 3).
+        Attitude (3, 3), joints (6,) in rad, and inertial boresights (3, 3) of the three terminals; without
+        end.
     """
     craft, targets = setting()
     while True:
@@ -102,7 +116,10 @@ def starts(
 
 
 def _frame(first: np.ndarray) -> np.ndarray:
-    """A rotation (..., 3, 3) whose first column is the unit vector (..., 3), which is not along z."""
+    """Complete unit vectors (..., 3) to rotation matrices (..., 3, 3) that have them as their first column.
+
+    The vectors must not be along z. The second column is perpendicular to z.
+    """
     second = np.cross([0.0, 0.0, 1.0], first)
     second /= np.linalg.norm(second, axis=-1, keepdims=True)
     return np.stack([first, second, np.cross(first, second)], axis=-1)
@@ -119,15 +136,18 @@ def _turn_about_x(angle: np.ndarray) -> np.ndarray:
 
 
 def nearest_goal(attitude: np.ndarray, least: float = 0.0, most: float = LONGEST_TURN) -> Goal | None:
-    """The nearest goal of step 1, if the turn to it is in a range and no other goal is as near; else None.
+    """Find the goal of step 1 to which the platform turns least.
 
     Args:
-        attitude: (3, 3) of the start, body to inertial.
-        least: rad, of the platform's turn; zero for no bound.
-        most: rad, of the same.
+        attitude: (3, 3) at the start, body to inertial.
+        least: rad, least turn of the platform that is accepted; zero for no bound.
+        most: rad, greatest turn that is accepted.
+
+    Returns:
+        The goal; None if the turn is out of this range, or another goal is nearly as near (`UNAMBIGUOUS`).
     """
     if least and _reaches_goal_within(attitude, least):
-        return None  # step 1 would say so too, but takes a hundred times as long
+        return None  # step 1 would find this too, but takes a hundred times as long
     craft, targets = setting()
     first, *others = decompose(craft, attitude, targets, tabulate((), (), craft)).goals
     slacks = [most - first.slew_angle, *([first.slew_angle - least] if least else [])]
@@ -136,14 +156,22 @@ def nearest_goal(attitude: np.ndarray, least: float = 0.0, most: float = LONGEST
 
 
 def _reaches_goal_within(attitude: np.ndarray, angle: float) -> bool:
-    """True if one of some turns by less than `angle`, rad, leads to a goal; if not, another still may."""
+    """Try some turns by less than `angle` (rad); returns whether one of them leads to a goal.
+
+    False does not mean that there is none.
+    """
     craft, targets = setting()
     body = targets.directions @ (attitude @ _turns_within(angle))
     return bool(np.any(np.all(np.abs(_joints_along(craft, body)) < JOINT_LIMITS, axis=-1)))
 
 
 def _joints_along(craft: Spacecraft, body: np.ndarray) -> np.ndarray:
-    """Joint angles (..., 6) rad at which the terminals point along directions (..., 3, 3) in body axes."""
+    """Joint angles (..., 6), rad, at which the terminals point along given directions.
+
+    Args:
+        craft: the spacecraft.
+        body: (..., 3, 3) unit vectors in body axes, one for each terminal.
+    """
     return np.concatenate(angles_along(craft.gimbals.frames, body), axis=-1)
 
 
@@ -156,18 +184,18 @@ def _turns_within(angle: float) -> np.ndarray:
 
 
 def straight_states(attitude: np.ndarray, joints: np.ndarray, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
-    """Attitudes (SAMPLES, 3, 3) and joints (SAMPLES, 6) on the straight motion to a goal."""
+    """Attitudes (SAMPLES, 3, 3) and joints (SAMPLES, 6) along the straight motion from a start to a goal."""
     turn = so3.log(attitude.T @ goal.attitude)
     return motion(attitude, joints, turn, goal.joints - joints, np.linspace(0, 1, SAMPLES))
 
 
 def straight_motion(attitude: np.ndarray, joints: np.ndarray, goal: Goal) -> np.ndarray:
-    """Inertial boresights (SAMPLES, 3, 3) of the terminals on the straight motion to a goal."""
+    """Inertial boresights (SAMPLES, 3, 3) of the terminals along the straight motion to a goal."""
     return np.asarray(setting()[0].boresights(*straight_states(attitude, joints, goal)))
 
 
 def at_rest(attitude: np.ndarray, joints: np.ndarray) -> GivenState:
-    """The state without rates of an attitude (3, 3), body to inertial, and joints (J,) rad."""
+    """The state at rest with an attitude (3, 3), body to inertial, and joints (J,) in rad."""
     return GivenState(
         rotation_vector=so3.log(attitude),
         joints=joints,

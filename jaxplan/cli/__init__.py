@@ -1,8 +1,8 @@
-"""The command line: the words of all commands, and the exit codes that they end with.
+"""The command line: the arguments and help of all commands, and the exit codes that they end with.
 
-Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 no plan, 2 bad input, 3 not
-certified. A command is the function of its name in `jaxplan.cli.scenes`, `plans`, `timelines` or `studies`;
-these are imported when a command runs, so that ``--help`` answers at once.
+Results go to stdout, messages and progress to stderr. Exit codes are 0 done, 1 no plan, 2 bad input, 3 not
+certified. A command is the function of its name in `jaxplan.cli.scenes`, `plans`, `sky`, `timelines` or
+`studies`. These modules are imported only when a command runs, so that ``--help`` answers at once.
 """
 
 import argparse
@@ -26,7 +26,7 @@ FIRST_STEPS = """\
   jaxplan validate scene.toml       see whether all is right with it
   jaxplan plan scene.toml -o out    plan it: out/plan.json and figures"""
 
-# As words, since to ask the modules for them takes a second that help should not take.
+# Written out here, since importing the modules that define them takes a second, too long for ``--help``.
 _KINDS = (
     "keep_out, keep_in, hard_keep_out, hard_keep_in, held_links, masks, beams, panels, carried, "
     "joint_bounds, grouped, moving, moved_goals, mixed, terminal_masks, fields or any_spacecraft"
@@ -47,35 +47,37 @@ _TIMELINE = "a timeline's file, or case-day or case-imaging, which come with the
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit code.
+    """Run a command of the command line; returns the exit code.
+
+    Bad input, OS errors and Ctrl-C (exit code 130) are reported on stderr instead of raised.
 
     Args:
-        arguments: what stands after ``jaxplan`` on the command line; those of the process by default.
+        arguments: what follows ``jaxplan`` on the command line; None for those of the process.
     """
     parser = _parser()
     options = parser.parse_args(arguments)
     try:
         with seldom_collected(), seldom_lines(), plain_warnings():
             code = _run(parser, options)
-        sys.stdout.flush()  # here it can still be said that there was no room
+        sys.stdout.flush()  # so that an error, such as a full disk, is still reported
         _tell_of_refusals()
         return code
     except KeyboardInterrupt:
         return complain("interrupted", 130)
-    except BrokenPipeError:  # whoever read our output has gone
+    except BrokenPipeError:  # the reader of stdout has ended
         _drop_output()
         return DONE
     except OSError as error:
         _drop_output()
         place = "" if error.filename is None else f"{os.fspath(error.filename)}: "
         return complain(f"{place}{error.strerror or error}", BAD_INPUT)
-    except ValueError as error:  # ScenarioError and PlanFileError are such
+    except ValueError as error:  # ScenarioError and PlanFileError are subclasses
         return complain(str(error), BAD_INPUT)
 
 
 def _tell_of_refusals() -> None:
-    """Say on stderr that compiled code of earlier processes could not be read, so that time was lost."""
-    executables = sys.modules.get("jaxplan.runtime.executables")  # where anything was computed
+    """Say on stderr how many kernels compiled by earlier processes XLA could not load, if any."""
+    executables = sys.modules.get("jaxplan.runtime.executables")  # imported only if anything was computed
     refused = executables.refused() if executables is not None else 0
     if refused:
         print(
@@ -86,7 +88,7 @@ def _tell_of_refusals() -> None:
 
 
 def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
-    """Run the command of the parsed options, or print version or help; returns the exit code."""
+    """Run the command that was parsed, or print version or help; returns the exit code."""
     if options.command is not None:
         home = import_module(f"jaxplan.cli.{_HOMES.get(options.command, 'plans')}")
         return int(getattr(home, options.command)(options))
@@ -98,7 +100,7 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
 
 
 def _drop_output() -> None:
-    """Discard output that cannot be written, lest Python complains at its exit."""
+    """Send stdout to the null device if it cannot be written, so that Python does not complain at exit."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -106,7 +108,7 @@ def _drop_output() -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    """Make the parser of the command line."""
+    """Make the parser of the command line, with all commands."""
     parser = Parser(
         prog="jaxplan",
         description=DESCRIPTION,
@@ -124,14 +126,14 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _count(text: str) -> int:
-    """Read a whole number of at least 1, as a type for argparse, which it tells of an error."""
+    """Read a whole number of at least 1; a `type` for argparse, which reports the error for other texts."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text}: must be a whole number, at least 1")
     return int(text)
 
 
 def _seconds(text: str) -> float:
-    """Read a time in seconds of zero or more, as a type for argparse, which it tells of an error."""
+    """Read a time in seconds, zero or more; a `type` for argparse, which reports other texts as errors."""
     try:
         seconds = float(text)
     except ValueError:
@@ -142,15 +144,15 @@ def _seconds(text: str) -> float:
 
 
 def _step(text: str) -> float | str:
-    """Read seconds between samples, or the word for as few samples as will do."""
+    """Read seconds between samples; a text that is not a number, such as "sparsest", is returned as it is."""
     try:
         return float(text)
     except ValueError:
-        return text  # which the export refuses, unless it is that word
+        return text  # the export refuses it unless it is "sparsest"
 
 
 def _frequency(text: str) -> float:
-    """Read a frequency in Hz, above zero, as a type for argparse, which it tells of an error."""
+    """Read a frequency in Hz, above zero; a `type` for argparse, which reports the error for other texts."""
     try:
         frequency = float(text)
     except ValueError:
@@ -161,7 +163,7 @@ def _frequency(text: str) -> float:
 
 
 def _add_scene_commands(commands: Any) -> None:
-    """Add the commands on scenario files to the parser."""
+    """Add the commands ``new``, ``validate`` and ``passes`` to the parser."""
     new = commands.add_parser(
         "new",
         help="write a scenario file to begin with",
@@ -217,7 +219,7 @@ def _add_scene_commands(commands: Any) -> None:
 
 
 def _add_plan_commands(commands: Any) -> None:
-    """Add the commands that make or read a plan to the parser."""
+    """Add the commands that make or read a plan, from ``plan`` to ``export``, to the parser."""
     plan = commands.add_parser(
         "plan", help="plan a scenario", description=("Plan a scenario and certify it.")
     )

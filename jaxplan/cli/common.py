@@ -1,4 +1,4 @@
-"""What all commands share: exit codes, output, folders to write to, and how JAX is set up."""
+"""What all commands share: exit codes, terminal output, folders to write to, figures, and settings of JAX."""
 
 import json
 import sys
@@ -13,20 +13,20 @@ from typing import Any
 from jaxplan.runtime.progress import progress_bar
 
 DONE, NO_PLAN, BAD_INPUT, NOT_CERTIFIED = 0, 1, 2, 3
-MARK = "jaxplan"  # what the PNG files that we write name as their software; others are never removed
+MARK = "jaxplan"  # software named in the PNG files written here; only files with it are ever removed
 
 
 def complain(message: str, code: int) -> int:
-    """Print what went wrong to stderr; returns the exit code."""
+    """Print an error message to stderr; returns `code`, the exit code."""
     print(f"jaxplan: {message}", file=sys.stderr)
     return code
 
 
 def writable_folder(name: str) -> Path:
-    """Make a folder for results, with its parents, and try to write a temporary file there.
+    """Make a folder for results, with its parents, and check that files can be written there.
 
     Returns:
-        Its path.
+        The folder's path.
 
     Raises:
         ValueError: if the name is empty or that of a file, or nothing can be written there.
@@ -46,7 +46,7 @@ def writable_folder(name: str) -> Path:
 
 
 def try_folder_of(path: str | Path) -> None:
-    """Make the folder that a file is to stand in, as `writable_folder` does, before anything is computed."""
+    """Make the folder that a file is to be in, and check that it is writable, see `writable_folder`."""
     writable_folder(str(Path(path).parent))
 
 
@@ -57,7 +57,7 @@ def print_result(result: Any) -> None:
 
 @contextmanager
 def plain_warnings() -> Iterator[None]:
-    """Show warnings for users within a `with` block as sentences on stderr, without a line of code."""
+    """Within a `with` block, show each UserWarning on stderr without the line of code that raised it."""
     with warnings.catch_warnings():
         usual = warnings.showwarning
 
@@ -77,7 +77,13 @@ def say(message: str) -> None:
 
 
 def save(figure: Any, file: Path, tell: Callable[[str], None] = say) -> None:
-    """Write a figure as PNG, whole or not at all, and tell the file's name, if not otherwise on stderr."""
+    """Write a figure to a PNG file, as a whole or not at all, and tell its name.
+
+    Args:
+        figure: of matplotlib.
+        file: where to; an existing file is replaced.
+        tell: function that prints a message; by default to stderr.
+    """
     from jaxplan.plotting import write_png
     from jaxplan.runtime.files import replacing_file
 
@@ -87,15 +93,17 @@ def save(figure: Any, file: Path, tell: Callable[[str], None] = say) -> None:
 
 
 def draw(plan: Any, folder: Path, frequencies: Sequence[float] = (), observer: Any = None) -> None:
-    """Write every figure that a plan has to a folder, and remove those of an earlier plan that it has not.
+    """Write all figures of a plan to a folder as PNG, and remove those that only an earlier plan had.
 
-    A bar on stderr names the figure that is being drawn, and counts.
+    A progress bar on stderr names the figure being drawn.
 
     Args:
         plan: of a scenario or of a timeline.
-        folder: there is one.
-        frequencies: Hz, of modes; with some, one figure is the spectrum of the torque.
-        observer: the spacecraft's orbit, with which there are figures in its frame and the ground track.
+        folder: an existing folder.
+        frequencies: Hz, of structural modes, marked in a figure of the torque's spectrum; there is no such
+            figure without them.
+        observer: the spacecraft's orbit, for figures in the local orbital frame and the ground track; None to
+            leave these out.
     """
     from jaxplan import plotting
 
@@ -107,19 +115,19 @@ def draw(plan: Any, folder: Path, frequencies: Sequence[float] = (), observer: A
             bar.update()
     for name in sorted(set(plotting.FIGURE_NAMES) - {name for name, _ in every}):
         file = folder / f"{name}.png"
-        if file.is_file() and MARK.encode() in file.read_bytes()[:200]:  # a picture of somebody else stays
+        if file.is_file() and MARK.encode() in file.read_bytes()[:200]:  # other pictures are kept
             file.unlink()
             say(f"removed {file}, which was of an earlier plan")
 
 
 def name_earlier(plan_file: Path, exports: Sequence[Path] = ()) -> None:
-    """Name on stderr what was made of the plan that was in a file before: its reports, pages and tables.
+    """Name on stderr the files made from an earlier plan in the same file: its reports, pages and tables.
 
-    They are not removed, for somebody has asked for each of them.
+    They are not removed, since the user asked for each of them.
 
     Args:
-        plan_file: with the plan.
-        exports: where exports of an earlier plan may be, none of them of the plan itself.
+        plan_file: file of the plan; files whose names begin alike are named.
+        exports: files in which exports of an earlier plan may be.
     """
     own = plan_file.name, plan_file.with_suffix(".timings.json").name
     found = sorted(plan_file.parent.glob(f"{escape(plan_file.stem)}.*"))
@@ -130,7 +138,7 @@ def name_earlier(plan_file: Path, exports: Sequence[Path] = ()) -> None:
 
 
 def set_up_jax() -> None:
-    """Make JAX compute in the calling thread: most kernels take less time than handing them to another."""
+    """Make JAX compute in the calling thread, since most kernels take less time than a change of thread."""
     import jax
 
     jax.config.update("jax_cpu_enable_async_dispatch", False)

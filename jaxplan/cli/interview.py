@@ -1,9 +1,11 @@
-"""Questions to somebody who has a spacecraft and a task, whose answers make a scenario file.
+"""The interview of ``jaxplan new --ask``: questions about a spacecraft and a task that make a scenario file.
 
-The parts are platform, instruments, terminals, drives, duration, date and orbit, zones, start and goal.
-What is asked for is a key of the file, told by its layout. After each part the whole file so far is read,
-with a start and a goal at rest in the place of those that are not known yet, and a part with faults is
-asked again with its answers in brackets.
+It has parts: platform, instruments, terminals, drives, duration, date and orbit, zones, start and goal. Each
+question asks for a key of the file, with the explanation from the file's layout. After each part all answers
+so far are read as a scenario file would be, with states at rest in the place of a start and goal not yet
+known. A part with faults is asked again, with the earlier answers as defaults.
+
+Tables are dicts of keys and values, nested as in the file.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,23 +29,23 @@ from jaxplan.sky.frames import library
 Tables = dict[str, Any]
 Path = tuple[str | int, ...]
 Known = Callable[[], Reading]
-_AT_REST = {"attitude": [0.0, 0.0, 0.0], "joints_deg": {}}  # joints are at zero, or the nearest in range
+_AT_REST = {"attitude": [0.0, 0.0, 0.0], "joints_deg": {}}  # joints are at zero, or nearest to it in range
 _PYRAMID = [[0.5774 * x, 0.5774 * y, 0.5774] for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
 _RATES, _TORQUE, _WHEELS = "rates", "torque", "wheels"
 _ATTITUDE, _QUATERNION, _TARGETS = "attitude", "quaternion", "targets"
 _DIRECTION = "direction"
 _CIRCULAR, _TLE = "circular", "tle"
-_ORBITS = {  # words to choose from, and those of the layout's tables
+_ORBITS = {  # answers to choose from, with the title of each one's table in the file's layout
     _CIRCULAR: "on a circular orbit",
     "elliptic": "on a Keplerian orbit",
     _TLE: "by two-line elements",
     "oem": "by an ephemeris",
     "spk": "by SPICE kernels",
 }
-_LEAST = 1e-3  # deg/s^2, of an acceleration that is proposed, also about an axis without torque
+_LEAST = 1e-3  # deg/s^2, smallest acceleration that is considered, also about an axis without torque
 _TWO_ANGLES = Array((2,), ANGLE_DEG, noun="2 numbers, yaw and pitch")
 _USUAL_ORBIT: Tables = {"altitude_km": 550.0, "inclination_deg": 97.6, "eccentricity": 0.0}
-_EPHEMERIDES = "erfa"  # of the extra that places of Sun, Moon and Earth take
+_EPHEMERIDES = "erfa"  # library, from an extra, that computes the places of Sun, Moon and Earth
 _INTRODUCTION = """\
 # Made of the answers to jaxplan new --ask.
 #
@@ -57,12 +59,13 @@ _INTRODUCTION = """\
 
 
 def interview(dialog: Dialog, name: str, broken: Callable[[Scenario], tuple[list[str], list[str]]]) -> str:
-    """Ask for all that a scenario file needs.
+    """Ask for everything that a scenario file needs.
 
     Args:
-        dialog: who asks.
-        name: proposed for the scene.
-        broken: function of a scenario that returns what its start breaks, and its goal.
+        dialog: asks the questions and reads the answers.
+        name: name proposed for the scene.
+        broken: function of a scenario that returns messages on what its start violates, and what is wrong at
+            its goal.
 
     Returns:
         Text of the file, which is valid.
@@ -99,13 +102,22 @@ def interview(dialog: Dialog, name: str, broken: Callable[[Scenario], tuple[list
         dialog.forget()
         tables = _settled(dialog, _settled(dialog, tables, _start), _goal)
     craft = {key: value for key, value in tables["spacecraft"].items() if value != []}
-    tables |= {"spacecraft": craft, "search": {}}  # of the search, its options
+    tables |= {"spacecraft": craft, "search": {}}  # an empty table: its options are listed as comments
     ordered = {entry.key: tables[entry.key] for entry in SCENARIO.fields if tables.get(entry.key, []) != []}
     return _INTRODUCTION + commented(ordered)
 
 
 def _settled(dialog: Dialog, tables: Tables, part: Callable[[Dialog, Tables], Tables]) -> Tables:
-    """Ask a part until the file so far has no faults; returns the tables with it."""
+    """Ask the questions of a part, again if need be, until all answers so far have no faults.
+
+    Args:
+        dialog: asks the questions.
+        tables: answers of the parts before.
+        part: function that asks the questions of a part and returns its answers.
+
+    Returns:
+        The tables with the answers of the part.
+    """
     while True:
         grown = _merged(tables, part(dialog, tables))
         filled = {"start": _AT_REST, "goal": _AT_REST, **grown}
@@ -120,14 +132,24 @@ def _settled(dialog: Dialog, tables: Tables, part: Callable[[Dialog, Tables], Ta
 
 
 def _merged(tables: Tables, more: Mapping[str, Any]) -> Tables:
-    """The tables with more; of the spacecraft the keys are put together."""
+    """Join two sets of tables without changing them; the spacecraft's keys are joined one by one."""
     craft = {**tables.get("spacecraft", {}), **more.get("spacecraft", {})}
     merged = {**tables, **more}
     return {**merged, "spacecraft": craft} if craft else merged
 
 
 def _asked(dialog: Dialog, path: Path, usual: Mapping[str, Any], known: Known = Reading) -> Tables:
-    """Ask for keys of a table, each with its default, a dict for a table within; returns those given."""
+    """Ask for keys of a table.
+
+    Args:
+        dialog: asks the questions.
+        path: keys and indices that lead to the table in the file.
+        usual: the keys with their defaults, see `Dialog.ask`; a dict is a table within, asked likewise.
+        known: makes the reading that checks answers.
+
+    Returns:
+        The answers by key; keys that were left out are missing.
+    """
     found: Tables = {}
     for key, default in usual.items():
         if isinstance(default, dict):
@@ -138,7 +160,7 @@ def _asked(dialog: Dialog, path: Path, usual: Mapping[str, Any], known: Known = 
 
 
 def _row(dialog: Dialog, path: Path, usual: Mapping[str, Any], known: Known = Reading) -> Tables:
-    """Ask for keys of a table, as `_asked`, until all of it goes together."""
+    """Ask for keys of a table, as `_asked` does, until the table as a whole has no faults."""
     table, _ = table_at(".".join(step for step in path if isinstance(step, str)), SCENARIO, usual)
     while True:
         row = _asked(dialog, path, usual, known)
@@ -150,7 +172,7 @@ def _row(dialog: Dialog, path: Path, usual: Mapping[str, Any], known: Known = Re
 
 
 def _place(reading: Reading, path: Path) -> Place:
-    """The place that keys and indices lead to."""
+    """The place in a file, for messages, that keys and indices lead to."""
     place = Place(reading)
     for step in path:
         place = place[step]
@@ -158,7 +180,10 @@ def _place(reading: Reading, path: Path) -> Place:
 
 
 def _knowing(tables: Tables) -> Known:
-    """Makes readings that know the names of a file's devices."""
+    """Return a function that makes readings which know the names of the devices in `tables`.
+
+    Answers that name a device can then be checked.
+    """
 
     def known() -> Reading:
         reading = Reading()
@@ -169,13 +194,13 @@ def _knowing(tables: Tables) -> Known:
 
 
 def _names(tables: Tables, *kinds: str) -> list[str]:
-    """Names of the devices of some kinds, such as "terminal"."""
+    """Names of the devices of some kinds, such as "terminal", in the order of the kinds."""
     craft = tables["spacecraft"]
     return [row["name"] for kind in kinds for row in craft.get(kind, ())]
 
 
 def _platform(dialog: Dialog, tables: Tables) -> Tables:
-    """Ask what limits the platform's turning."""
+    """Ask what limits the turning of the platform: rates and accelerations, torque, or reaction wheels."""
     limited = dialog.choose(
         "limited by",
         "what limits its turning: rates and accelerations alone, torque about an inertia, or reaction wheels",
@@ -193,7 +218,8 @@ def _platform(dialog: Dialog, tables: Tables) -> Tables:
             found["wheel"] = wheels = _wheels(dialog)
             torque = np.abs([each["axis"] for each in wheels]).T @ [each["torque_nm"] for each in wheels]
         reached = np.rad2deg(np.broadcast_to(torque, (3,)) / np.diag(found["inertia_kg_m2"]))
-        most = [float(f"{1.5 * max(each, _LEAST):.2g}") for each in reached]  # so that the torque limits
+        # above what the torque can do, so that it is the torque that limits
+        most = [float(f"{1.5 * max(each, _LEAST):.2g}") for each in reached]
     return {
         "spacecraft": _asked(dialog, path, {"rate_limit_deg_s": 1.0, "acceleration_limit_deg_s2": most})
         | found
@@ -201,7 +227,7 @@ def _platform(dialog: Dialog, tables: Tables) -> Tables:
 
 
 def _wheels(dialog: Dialog) -> list[Tables]:
-    """Ask for the reaction wheels; each is proposed as the one before."""
+    """Ask for the reaction wheels; the defaults of each are the values of the one before."""
     count = dialog.count("wheels", "how many reaction wheels", 4)
     axes = {3: np.eye(3).tolist(), 4: _PYRAMID}.get(count, [None] * count)
     rows: list[Tables] = []
@@ -223,7 +249,7 @@ def _instruments(dialog: Dialog, tables: Tables) -> Tables:
 
 
 def _terminals(dialog: Dialog, tables: Tables) -> Tables:
-    """Ask for the terminals; ranges and limits are proposed as those of the one before."""
+    """Ask for the terminals; the default ranges and limits of each are those of the one before."""
     rows: list[Tables] = []
     usual: Tables = {
         "yaw_range_deg": [-180.0, 180.0],
@@ -261,7 +287,11 @@ def _duration(dialog: Dialog, tables: Tables) -> Tables:
 
 
 def _sky(dialog: Dialog, tables: Tables) -> Tables:
-    """Ask when the manoeuvre is and from which orbit it is seen, where that matters."""
+    """Ask for the date and the spacecraft's orbit, if directions to bodies or along the orbit are needed.
+
+    Returns:
+        The table [sky], or nothing if it is not needed or the library for it is missing.
+    """
     if not dialog.confirm("sky", "whether places of Sun, Moon, Earth or of the orbit are needed", False):
         return {}
     try:
@@ -287,7 +317,7 @@ def _sky(dialog: Dialog, tables: Tables) -> Tables:
 
 
 def _zones(dialog: Dialog, tables: Tables) -> Tables:
-    """Ask for the zones to keep out of."""
+    """Ask for the keep-out zones."""
     every = _names(tables, "terminal", "drive", "instrument")
     if not every:
         dialog.say("  There is no device that a zone could bind.")
@@ -314,7 +344,7 @@ def _zones(dialog: Dialog, tables: Tables) -> Tables:
 
 
 def _start(dialog: Dialog, tables: Tables) -> Tables:
-    """Ask for the start."""
+    """Ask for the state at the start."""
     return {"start": _end(dialog, tables, "start", _ATTITUDE)}
 
 
@@ -324,7 +354,14 @@ def _goal(dialog: Dialog, tables: Tables) -> Tables:
 
 
 def _end(dialog: Dialog, tables: Tables, end: str, usual: str) -> Tables:
-    """Ask for a start or a goal: an attitude with joints, or what devices point at, one of them at least."""
+    """Ask for a start or a goal: an attitude with joint angles, or the directions in which devices point.
+
+    Args:
+        dialog: asks the questions.
+        tables: answers of the parts before.
+        end: "start" or "goal".
+        usual: default way to give it: "attitude", "quaternion" or "targets".
+    """
     path, devices = (end,), _names(tables, "terminal", "drive", "instrument")
     told = _ATTITUDE
     while devices:
@@ -357,14 +394,19 @@ def _end(dialog: Dialog, tables: Tables, end: str, usual: str) -> Tables:
 
 
 def _nearest(device: Mapping[str, Any], kind: str) -> Any:
-    """The angles, deg, nearest to zero within the ranges of a terminal (2) or a drive (a number)."""
+    """The joint angles (deg) within range that are nearest to zero.
+
+    Args:
+        device: table of the device.
+        kind: "drive", for which a number is returned, or "terminal", for which it is [yaw, pitch].
+    """
     if kind == "drive":
         return float(np.clip(0.0, *device["range_deg"]))
     return [float(np.clip(0.0, *device[key])) for key in ("yaw_range_deg", "pitch_range_deg")]
 
 
 def _targets(dialog: Dialog, path: Path, devices: Sequence[str], *, known_sky: bool) -> Tables:
-    """Ask which devices point at what; none where all are free."""
+    """Ask for each device what it points at; returns the targets by name, without the devices left free."""
     named = f"; or a name: {', '.join((*BODIES, *LOCAL))}" if known_sky else ""
     words = f"where the device points, a unit vector along inertial axes{named}; none where it is free"
     found: Tables = {}

@@ -1,4 +1,4 @@
-"""The parser of the command line, whose errors say what may have been meant."""
+"""The parser of the command line, whose error messages suggest what may have been meant."""
 
 import argparse
 import difflib
@@ -9,7 +9,7 @@ from jaxplan.cli.common import BAD_INPUT
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are those of the subcommand that was given, and point to its help."""
+    """A parser that reports unknown arguments with the usage of the subcommand, and points to its help."""
 
     def error(self, message: str) -> NoReturn:
         """Print the usage and what is wrong with the arguments, and exit with `BAD_INPUT`."""
@@ -17,14 +17,18 @@ class Parser(argparse.ArgumentParser):
         self.exit(BAD_INPUT, f"{self.prog}: error: {message}; see {self.prog} --help\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse arguments; one that is not known is an error."""
+        """Parse arguments as argparse does, but treat an unknown one as an error instead of returning it."""
         known, left = super().parse_known_args(args, namespace)
         if left:
             self.error(f"unrecognized arguments: {' '.join(left)}{self._meant(left[0])}")
         return known, left
 
     def _meant(self, word: str) -> str:
-        """Advice on an unknown word, to end a message: an option like it, or how to name a file."""
+        """Advice on an unknown word, to end a message: a similar option, or how to name an output file.
+
+        Returns:
+            The advice, which begins with a comma or semicolon; empty if there is none.
+        """
         options = self._option_string_actions
         if word.startswith("-"):
             close = difflib.get_close_matches(word.partition("=")[0], list(options), n=1)

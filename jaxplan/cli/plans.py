@@ -1,7 +1,7 @@
-"""The commands on one plan, from ``plan`` to ``export``.
+"""The commands on one plan: ``plan``, ``check``, ``plot``, ``report``, ``view`` and ``export``.
 
-Each is a function that takes the parsed arguments and returns the exit code. It imports by itself what others
-do without, so that each begins soon.
+Each is a function that takes the parsed arguments and returns the exit code. It imports by itself what the
+others do not need, so that each starts quickly.
 """
 
 import argparse
@@ -40,7 +40,7 @@ _TABLES = (".aem", ".a", ".bc", ".csv")  # suffixes of files that are tables of 
 
 
 def plan(options: argparse.Namespace) -> int:
-    """Plan a scenario, and write plan and figures to a folder."""
+    """Plan a scenario and print the result; with ``-o``, write plan and figures to a folder."""
     scenario = load_scene(options.scenario)
     folder = None if options.out is None else writable_folder(options.out)
     asked = f"--improve-for {options.improve_for:g}"
@@ -57,7 +57,7 @@ def plan(options: argparse.Namespace) -> int:
 
 
 def check(options: argparse.Namespace) -> int:
-    """Certify a plan file anew, or a table of attitudes, and print the certificate."""
+    """Certify a plan file anew and print the certificate; with ``--scenario``, check a table of attitudes."""
     if options.scenario is not None:
         return _check_table(options)
     for name in ("interpolation", "forgive_deg", "forgive_percent"):
@@ -81,7 +81,7 @@ def check(options: argparse.Namespace) -> int:
 
 
 def _check_table(options: argparse.Namespace) -> int:
-    """Prove what a table of attitudes keeps of a scene, and print that."""
+    """Prove which limits and zones of a scene a table of attitudes keeps, and print the result."""
     from jaxplan.tables import certify_table
 
     name = options.scenario
@@ -99,19 +99,19 @@ def _check_table(options: argparse.Namespace) -> int:
 
 
 def _forgiving(options: argparse.Namespace) -> dict[str, float]:
-    """Return by how much a table may fall short, by argument, as far as the options say."""
+    """Options given for how much a table may fall short, as keyword arguments of `certify_table`."""
     given = {name: getattr(options, name) for name in ("forgive_deg", "forgive_percent")}
     return {name: value for name, value in given.items() if value is not None}
 
 
 def plot(options: argparse.Namespace) -> int:
-    """Draw the figures of a plan file, or the spacecraft of a scenario."""
+    """Draw the figures of a plan file, or the spacecraft of a scenario, as PNG files."""
     if is_scenario(options.plan) or timelines.is_timeline(options.plan):
         return _plot_spacecraft(options)
     plan = _load_any_plan(options.plan)
     observer = _observer(options, plan)
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
-    if plan.ok:  # what figures call proved is proved anew
+    if plan.ok:  # since figures show what the certificate proves
         plan = replace(plan, certificate=_certified_anew(plan))
     draw(plan, folder, options.frequency, observer)
     if plan.certificate is not None and plan.ok and not plan.certificate.certified:
@@ -120,7 +120,7 @@ def plot(options: argparse.Namespace) -> int:
 
 
 def _plot_spacecraft(options: argparse.Namespace) -> int:
-    """Draw the spacecraft of a scenario as it is at the start."""
+    """Draw the spacecraft of a scenario or timeline, in its state at the start."""
     from jaxplan import plotting
 
     if options.frequency:
@@ -145,19 +145,19 @@ def report(options: argparse.Namespace) -> int:
     observer = _observer(options, plan)
     path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
     try_folder_of(path)
-    if isinstance(plan, TimelinePlan) and plan.ok:  # a page on a single plan makes its certificate by itself
+    if isinstance(plan, TimelinePlan) and plan.ok:  # other pages do so themselves
         plan = replace(plan, certificate=_certified_anew(plan))
     more = {"frequencies": options.frequency, "viewer": options.view, "observer": observer}
     with progress_bar("drawing the page"):
         page = report_html(plan, path, overwrite=options.force, **more)
     say(f"wrote {page}")
-    if plan.ok and not _certified_anew(plan).certified:  # the page says why
+    if plan.ok and not _certified_anew(plan).certified:  # the page shows the reason
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
     return _code_of(plan)
 
 
 def view(options: argparse.Namespace) -> int:
-    """Write the page on which a plan file turns in space."""
+    """Write an interactive page that shows the plan of a file in space."""
     from jaxplan.viewing import view as make_view
 
     plan = _load_any_plan(options.plan)
@@ -174,7 +174,7 @@ def view(options: argparse.Namespace) -> int:
 
 
 def export(options: argparse.Namespace) -> int:
-    """Write the motion of a plan file as another tool reads it."""
+    """Write the motion of a plan file in a format of another tool."""
     from jaxplan import exporting
     from jaxplan.model.export_names import ExportNames
 
@@ -182,7 +182,7 @@ def export(options: argparse.Namespace) -> int:
         raise ValueError(f"--format: missing, must be one of {', '.join(exporting.FORMATS)}")
     plan = _load_any_plan(options.plan)
     of_timeline = isinstance(plan, TimelinePlan)
-    beside = Path(options.plan).with_name("motion") if of_timeline else options.plan  # plan.npz is the plan
+    beside = Path(options.plan).with_name("motion") if of_timeline else options.plan  # plan.npz is taken
     path = exporting.default_path(beside, options.format) if options.out is None else options.out
     try_folder_of(path)
     given = {each.name: getattr(options, each.name) for each in fields(ExportNames)}
@@ -209,18 +209,22 @@ def export(options: argparse.Namespace) -> int:
 
 
 def _counted(file: Path) -> str:
-    """Tell how many rows and numbers a written table has; nothing where its format is not read back."""
+    """Text with the numbers of rows and values of a written table; empty if it cannot be read back."""
     from jaxplan.tables import load_attitude
 
     try:
         table = load_attitude(file)
-    except (ValueError, ImportError):  # CZML, or a reader that is not installed
+    except (ValueError, ImportError):  # CZML is not read back; or a reader is not installed
         return ""
     return f"{len(table.times)} rows, {table.numbers} numbers"
 
 
 def _observer(options: argparse.Namespace, plan: Plan | TimelinePlan) -> Satellite | None:
-    """The orbit of the file that ``--observer`` names, for a plan with an epoch; None without that option."""
+    """Read the orbit from the file that ``--observer`` names; None without that option.
+
+    Raises:
+        ValueError: if the plan has no epoch.
+    """
     name = options.observer
     if name is None:
         return None
@@ -230,12 +234,12 @@ def _observer(options: argparse.Namespace, plan: Plan | TimelinePlan) -> Satelli
 
 
 def _load_any_plan(name: str) -> Plan | TimelinePlan:
-    """Read the plan of a file, of a scenario or a timeline; raises a ValueError if it is none."""
+    """Read the plan of a scenario or of a timeline from a file; raises a ValueError if it is neither."""
     return timelines.load_plan(name) if timelines.is_timeline_plan(name) else load_plan_file(name)
 
 
 def _certified_anew(plan: Plan | TimelinePlan) -> Certificate:
-    """The certificate of a plan, made anew."""
+    """Make a new certificate of a plan."""
     if not isinstance(plan, TimelinePlan):
         return planner.certify(plan)
     with progress_bar("proving"):
@@ -243,15 +247,16 @@ def _certified_anew(plan: Plan | TimelinePlan) -> Certificate:
 
 
 def _code_of(plan: Plan | TimelinePlan) -> int:
-    """The exit code for a plan's status."""
+    """The exit code for the status of a plan."""
     return {Status.OK: DONE, Status.UNCERTIFIED: NOT_CERTIFIED}.get(plan.status, NO_PLAN)
 
 
 def load_plan_file(name: str) -> Plan:
-    """Read the plan of a file.
+    """Read the plan of a scenario from a file.
 
     Raises:
-        ValueError: if there is no such file, or it is no plan file.
+        ValueError: if there is no such file, or it is not a plan of a scenario; the message suggests what to
+            do.
     """
     set_up_jax()
     if not name:

@@ -1,11 +1,11 @@
-"""Questions on a terminal, one a line, whose answers are checked as a file's values are.
+"""Questions to a user, one to a line, whose answers are checked as the values of a scenario file are.
 
-A question is a key of the file: what is said of it comes from the layout by which files are read, and an
-answer is judged by the same reader, with the same messages, and asked for again until it is good. Questions
+A question asks for a key of the file. Its explanation comes from the layout by which files are read, and its
+answer is checked by the same reader, with the same messages, and asked for again until it is good. Questions
 and messages go to one stream, answers come from another, so that a file or a pipe may give them.
 
-An answer is a number, several with blanks or commas between, a word, ``yes`` or ``no``, ``x`` to ``-z`` for
-an axis, or whatever TOML has for a value. An empty one takes what stands in brackets.
+An answer is a number, several numbers with blanks or commas between them, a word, ``yes`` or ``no``, ``x``,
+``-x`` and so on for an axis, or any TOML value. An empty answer takes the default, which is in brackets.
 """
 
 import os
@@ -27,7 +27,7 @@ _AXES = {
     for letter in "xyz"
 }
 _WORDS = (Text, Name, Choice, Epoch)  # kinds whose values are words, which need no quotes here
-_WIDTH = 100  # most characters of a line
+_WIDTH = 100  # characters of a line at most
 _YES = {"yes": True, "y": True, "no": False, "n": False}
 
 NOTHING: Any = object()
@@ -36,22 +36,20 @@ Check = Callable[[Any], Sequence[str]]
 """Function of an answer's value that returns its faults."""
 
 
-_MOST_EQUAL = 10  # refusals in the same words after which answers that nobody types are given up
+_MOST_EQUAL = 10  # equal refusals after which answers from a file or pipe are given up
 
 
 class AnswersEnded(ValueError):
-    """The answers ended before the questions did, or lead nowhere, so that nothing was made of them."""
+    """Error where answers end before the questions, or are refused again and again; nothing is written."""
 
 
 class Dialog:
-    """Asks for values of a file.
+    """Asks for values of a file; when a question is asked again, the earlier answer is its default.
 
     Args:
-        answers: whence a line each comes.
-        out: where questions and messages go.
-        folder: of the file, to which paths in answers are relative.
-
-    What was answered before stands in brackets when the same is asked again.
+        answers: stream of answers, one to a line.
+        out: stream for questions and messages.
+        folder: folder of the file, to which paths in answers are relative.
     """
 
     def __init__(self, answers: TextIO, out: TextIO, folder: str | os.PathLike[str] = "") -> None:
@@ -61,7 +59,7 @@ class Dialog:
         self._refused: Counter[str] = Counter()
 
     def say(self, text: str = "") -> None:
-        """Write a paragraph, wrapped."""
+        """Write a paragraph, wrapped; an empty one is a blank line."""
         further = "    " if text.startswith(" ") else ""
         for line in textwrap.wrap(text, _WIDTH, subsequent_indent=further) or [""]:
             print(line, file=self._out)
@@ -77,20 +75,20 @@ class Dialog:
         reading: Callable[[], Reading] = Reading,
         table: Table | None = None,
     ) -> Any:
-        """Ask for the value of a key until it is one that a file may have.
+        """Ask for the value of a key until the answer is valid in a file.
 
         Args:
-            path: keys and indices that lead to the table.
-            key: of the table, or what else `kind` and `words` are of.
-            default: value for an empty answer; None where there must be one, `NOTHING` where the key may be
-                left out.
-            kind: of the value, where that is not the key's.
-            words: what is said of it, where that is not what the layout says.
-            reading: makes the reading by which it is judged, which may know names.
-            table: that has the key, where the path leads to one of several.
+            path: keys and indices that lead to the key's table.
+            key: the key; or the name of something else, where `kind` and `words` are given.
+            default: value for an empty answer; None where an answer is required, `NOTHING` where the key may
+                be left out.
+            kind: kind of the value; None for that of the key in the file's layout.
+            words: explanation; empty for that of the layout.
+            reading: makes the reading that checks the answer, which may know names of devices.
+            table: the layout's table that has the key, where the path may lead to several.
 
         Returns:
-            The value as a file has it, or `NOTHING`.
+            The value as a file has it, or `NOTHING` if the key is left out.
 
         Raises:
             AnswersEnded: if there is no further answer, or they are refused again and again.
@@ -113,32 +111,33 @@ class Dialog:
         return self._until_good(".".join(map(str, (*path, key))), key, words, kind, default, faults)
 
     def choose(self, name: str, words: str, options: Sequence[str], default: str) -> str:
-        """Ask for one of some words."""
+        """Ask for one of several words; `words` is the explanation."""
         kind = Choice(options)
         return str(self._alone(name, f"{words}: {kind.wanted.replace(chr(34), '')}", kind, default))
 
     def count(self, name: str, words: str, default: int, most: int = 100) -> int:
-        """Ask for a number of things."""
+        """Ask for a whole number from 0 to `most`; `words` is the explanation."""
         kind = Integer(Interval(f"[0, {most}]"))
         return int(self._alone(name, words, kind, default))
 
     def line(self, name: str, words: str) -> str:
-        """Ask for a line of text."""
+        """Ask for a line of text; `words` is the explanation."""
         return str(self._alone(name, words, Text(), None))
 
     def confirm(self, name: str, words: str, default: bool) -> bool:
-        """Ask whether something is so."""
+        """Ask a yes-or-no question; `words` is the explanation."""
         return bool(self._alone(name, words, YesNo(), default))
 
     def forget(self) -> None:
-        """Say again what was said of keys, since they are asked for again."""
+        """Let the explanations be printed again with the next questions, since these are repeated."""
         self._told.clear()
 
     def faulty(self, faults: Sequence[str]) -> None:
-        """Tell what is wrong.
+        """Print what is wrong with an answer.
 
         Raises:
-            AnswersEnded: if it was told so often that answers which nobody types will not get past it.
+            AnswersEnded: if the same fault occurred `_MOST_EQUAL` times and the answers do not come from a
+                terminal.
         """
         for fault in faults:
             self.say(f"  ! {fault}")
@@ -148,7 +147,7 @@ class Dialog:
                 raise AnswersEnded(told)
 
     def _alone(self, name: str, words: str, kind: Kind, default: Any) -> Any:
-        """Ask for a value that is no key of the file."""
+        """Ask for a value that is not a key of the file; arguments as in `_until_good`."""
 
         def faults(value: Any) -> Sequence[str]:
             place = Place(Reading())[name]
@@ -158,15 +157,18 @@ class Dialog:
         return self._until_good(name, name, words, kind, default, faults)
 
     def _until_good(self, about: str, name: str, words: str, kind: Kind, default: Any, faults: Check) -> Any:
-        """Ask until an answer has no faults; returns its value, which is the default of the next time.
+        """Ask until an answer has no faults; returns its value, which becomes the default when asked again.
 
         Args:
-            about: what is asked, with its place, by which an earlier answer is known.
-            name: what is asked, as it stands in front of the brackets.
-            words: what is said of it, the first time.
-            kind: of the value.
+            about: full name of the question, by which an earlier answer is found.
+            name: what is printed in front of the default.
+            words: explanation, printed unless it was printed before.
+            kind: kind of the value.
             default: see `ask`.
-            faults: of a value.
+            faults: function that returns the faults of a value.
+
+        Raises:
+            AnswersEnded: if there is no further answer, or they are refused again and again.
         """
         default = self._before.get(about, default)
         if words not in self._told:
@@ -180,7 +182,7 @@ class Dialog:
                 print(file=self._out)
                 raise AnswersEnded(f"the answers ended at {about}, so nothing was written")
             answer = line.strip()
-            if not self._answers.isatty():  # where nobody types, the answer stands behind its question
+            if not self._answers.isatty():  # repeat an answer from a file or pipe behind its question
                 print(answer, file=self._out)
             if not answer and default is NOTHING:
                 return NOTHING
@@ -193,11 +195,14 @@ class Dialog:
 
 
 def value_of(answer: str, kind: Kind) -> Any:
-    """The value of a file that an answer means, where a value of a kind is asked for.
+    """Convert an answer to the value that a file would have.
 
     Args:
         answer: a line, not blank.
-        kind: what is asked for, which decides whether a word needs quotes.
+        kind: kind of the value asked for, which decides whether a word needs quotes.
+
+    Returns:
+        The value, which is not checked; an answer that cannot be parsed is returned as text.
     """
     bare = re.sub(r'^(["\'])(.*)\1$', r"\2", answer)
     if isinstance(kind, _WORDS):
@@ -222,7 +227,7 @@ def value_of(answer: str, kind: Kind) -> Any:
 
 
 def _shown(value: Any) -> str:
-    """A value as an answer might give it."""
+    """A value as text in the form in which a user would answer."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list) and all(isinstance(each, str) for each in value):

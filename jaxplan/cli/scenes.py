@@ -1,4 +1,4 @@
-"""The commands on scene files, ``new`` and ``validate``, and how other commands read scenes.
+"""The commands ``new`` and ``validate`` on scenario files, and functions by which other commands read scenes.
 
 A command takes the parsed arguments and returns the exit code.
 """
@@ -28,7 +28,7 @@ from jaxplan.schema.text import template
 from jaxplan.schema.timelines import timeline_template
 from jaxplan.timeline.impossibilities import foreseen
 
-_COUNTED = {  # what a scene, its spacecraft or a timeline has several of, and what one of them is called
+_COUNTED = {  # what a scene, its spacecraft or a timeline has several of, with the noun for one of them
     "terminals": "terminal",
     "drives": "drive",
     "instruments": "instrument",
@@ -40,11 +40,11 @@ _COUNTED = {  # what a scene, its spacecraft or a timeline has several of, and w
     "activities": "activity",
 }
 
-_IN_VAIN = "an activity cannot be done"  # heading of what a timeline asks in vain
+_IN_VAIN = "an activity cannot be done"  # heading of the reasons why activities are impossible
 
 
 def new(options: argparse.Namespace) -> int:
-    """Write a scenario or timeline file to begin with: the template, a case of the paper, or an example."""
+    """Write a scenario or timeline file to begin with: a template, a case, an example, or from answers."""
     if options.ask and (options.source is not None or options.timeline):
         raise ValueError("--ask: makes a scenario of answers, so it goes without --from and --timeline")
     file = Path(options.file)
@@ -68,7 +68,7 @@ def new(options: argparse.Namespace) -> int:
 
 
 def _answered(file: Path) -> str:
-    """Text of a scenario file made of answers on stdin, one a line; questions go to stderr."""
+    """Make the text of a scenario file from answers on stdin, one to a line; questions go to stderr."""
     from jaxplan.cli.interview import interview
     from jaxplan.cli.questions import Dialog
 
@@ -78,7 +78,15 @@ def _answered(file: Path) -> str:
 
 
 def _text(source: str | None, timeline: bool) -> str:
-    """Text of a template for None, else of the case of that name; raises ValueError if there is none."""
+    """Text of a template, or of a case that comes with the package.
+
+    Args:
+        source: name of the case; None for a template.
+        timeline: whether it is of a timeline.
+
+    Raises:
+        ValueError: if there is no such case.
+    """
     if source is None:
         return timeline_template() if timeline else template()
     known = TIMELINE_NAMES if timeline else (*CASE_NAMES, *TIMELINE_NAMES)
@@ -88,7 +96,7 @@ def _text(source: str | None, timeline: bool) -> str:
 
 
 def validate(options: argparse.Namespace) -> int:
-    """Print what scenario files hold and what is wrong with them."""
+    """Print for each file what it contains and what is wrong with it."""
     found = []
     with progress_bar("reading", "files", total=len(options.files)) as bar:
         for name in options.files:
@@ -101,10 +109,12 @@ def validate(options: argparse.Namespace) -> int:
 
 
 def _findings(name: str) -> dict[str, Any]:
-    """Read a scenario file; returns a dict for JSON of what it holds, its faults, and what its ends break.
+    """Read a scenario or timeline file, and check it without planning.
 
-    A file that is faulty, or no scenario at all, has None for what it holds. A timeline has beside it what
-    its activities ask in vain.
+    Returns:
+        A dict for JSON, with the keys "file"; "valid"; "faults" of the text; "start" and "goal", what is
+        violated there; "holds", the counts of `_holds`, None if the file is faulty; and for a timeline
+        "activities", the reasons why activities are impossible.
     """
     found: dict[str, Any] = {"file": name, "valid": False, "faults": [], "start": [], "goal": []}
     try:
@@ -122,23 +132,26 @@ def _findings(name: str) -> dict[str, Any]:
         scene = load_scene(name)
     except ScenarioError as error:
         return found | {"faults": list(error.faults), "holds": None}
-    except ValueError as error:  # it is none at all
+    except ValueError as error:  # it is not a scenario file
         return found | {"faults": [str(error).removeprefix(f"{name}: ")], "holds": None}
     start, goal = _breaches(scene)
     return found | {"valid": not (start or goal), "start": start, "goal": goal, "holds": _holds(scene)}
 
 
 def _holds(scene: Scenario) -> dict[str, Any]:
-    """The name of a scene, and how many it has of what `_COUNTED` says."""
+    """Name of a scene, and the number of each thing in `_COUNTED` that it has."""
     everything = {**vars(scene), **vars(scene.spacecraft), "masks": masks(scene.spacecraft)}
     return {"name": scene.name, **{key: len(everything[key]) for key in _COUNTED if key in everything}}
 
 
 def _breaches(scene: Scenario) -> tuple[list[str], list[str]]:
-    """Messages on the limits and zones that the start breaks, and on what is wrong at the goal.
+    """Check the two ends of a scenario without planning.
 
-    A goal that is a given state is checked where nothing moves; of targets what is certain, without looking
-    for a goal: that they are hidden then, or in zones of their own devices.
+    A goal that is a given state is checked if nothing in the scene moves. Of targets only what is certain is
+    told, without searching for a goal: that they are hidden, or inside zones of their own devices.
+
+    Returns:
+        Messages on the limits and zones that the start violates, and on what is wrong at the goal.
     """
     certain = contradictions(scene)
     if certain:
@@ -152,7 +165,7 @@ def _breaches(scene: Scenario) -> tuple[list[str], list[str]]:
 
 
 def _line(found: dict[str, Any]) -> str:
-    """Text for what `_findings` returns of one scenario file."""
+    """Text that presents what `_findings` found in one file."""
     name, holds = found["file"], found["holds"]
     if holds is None:
         return str(ScenarioError(found["faults"], name or '""'))
@@ -170,16 +183,16 @@ def _line(found: dict[str, Any]) -> str:
 
 
 def _called(noun: str, number: int) -> str:
-    """A noun as it stands after a number."""
+    """A noun in the singular or plural, as it stands after a number."""
     return noun if number == 1 else plural(noun)
 
 
 def load_scene(name: str) -> Scenario:
-    """Read the scenario of a file, or a case of the paper by its name.
+    """Read a scenario from a file, or a case of the paper by its name.
 
     Raises:
         ScenarioError: (a ValueError) for a scenario with faults.
-        ValueError: if there is no such file, or it is no scenario file.
+        ValueError: if there is no such file, or it is not a scenario file.
     """
     set_up_jax()
     timelines.refuse(name)
@@ -206,13 +219,17 @@ def load_scene(name: str) -> Scenario:
 
 
 def is_scenario(name: str) -> bool:
-    """Whether a name is that of a case of the paper, or of a TOML file that exists."""
+    """Whether a name is that of a case of the paper, or of an existing file whose name ends in .toml."""
     return name in CASE_NAMES or (name.endswith(".toml") and Path(name).is_file())
 
 
 def first_character(name: str) -> str | None:
-    """First character of a file that is no blank (plans have a brace, TOML never has); None if unreadable."""
-    if not Path(name).is_file():  # what came through a pipe is gone
+    """First character of a file that is not blank; plans begin with a brace, TOML files never do.
+
+    Returns:
+        The character; empty for a blank file, None if it is no regular file or cannot be read.
+    """
+    if not Path(name).is_file():  # a pipe cannot be read twice
         return None
     try:
         with open(name, encoding="utf-8-sig", errors="replace") as file:

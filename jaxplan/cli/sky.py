@@ -22,7 +22,10 @@ _SIDES = "<<>>>>>>"
 
 
 def passes(options: argparse.Namespace) -> int:
-    """Print the passes of what a scene or a timeline looks at, in the order in which they begin."""
+    """Print the passes of the targets in a file's [sky], in the order in which they begin.
+
+    A pass is a time over which the spacecraft can see a target.
+    """
     path = Path(file_of(options.scene))
     if not path.is_file():
         what = "is a folder, name a file in it" if path.is_dir() else "no such file"
@@ -54,7 +57,7 @@ def passes(options: argparse.Namespace) -> int:
 
 
 def _summaries(found: list[Pass], seen: Sky) -> list[dict[str, Any]]:
-    """Passes as dicts in the units of files; instants in s from the epoch on and in UTC."""
+    """Passes as dicts in the units of files; instants in s from the epoch, and in UTC."""
     return [
         {
             "target": one.target,
@@ -71,18 +74,22 @@ def _summaries(found: list[Pass], seen: Sky) -> list[dict[str, Any]]:
 
 
 def _stamps(one: Pass, seen: Sky) -> list[str]:
-    """UTC of beginning, end and best instant of a pass, to the millisecond."""
+    """UTC texts of the beginning, end and best instant of a pass, to the millisecond."""
     return utc_stamps(seen.epoch, [one.start, one.end, one.best])
 
 
 def _table(found: list[Pass], seen: Sky) -> list[str]:
-    """Lines of a table of passes, the first one its head; none where there are no passes."""
+    """Lines of a table of passes, the first with the titles of columns; an empty list without passes.
+
+    Beginning and end are rounded to whole seconds within the pass, if it has any.
+    """
     if not found:
         return []
     rows = [_HEAD]
     for one in found:
-        inside = [np.ceil(one.start), np.floor(one.end), one.best]  # seconds that are within the pass
-        if not inside[0] <= inside[1]:  # there is none
+        # first and last whole second within the pass
+        inside = [np.ceil(one.start), np.floor(one.end), one.best]
+        if not inside[0] <= inside[1]:  # no whole second is within
             inside[:2] = one.start, one.end
         start, end, best = (text.replace("T", " ")[:19] for text in utc_stamps(seen.epoch, inside))
         high = "" if one.elevation is None else f"{np.rad2deg(one.elevation):.1f}"

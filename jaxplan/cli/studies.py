@@ -22,7 +22,7 @@ from jaxplan.study.store import HEADER
 
 
 def study(options: argparse.Namespace) -> int:
-    """Plan many random scenes, or files of one's own, or report on studies made before."""
+    """Plan many scenes, random ones or files of a folder, and print a summary; or report on studies."""
     if options.report is not None:
         return _report(options)
     settings = dict(map(_setting, options.set or ()))
@@ -51,10 +51,13 @@ def study(options: argparse.Namespace) -> int:
 
 
 def _scenes_of(options: argparse.Namespace) -> list[tuple[Path, Scenario]]:
-    """The scenario files of a folder by name, with their scenes; those with faults are told, and left out.
+    """Read the scenario files of a folder.
+
+    Returns:
+        (path, scenario) of each file, ordered by name. Files with faults are named on stderr and left out.
 
     Raises:
-        ValueError: if it is no folder, none of its files can be planned, or random scenes are asked for.
+        ValueError: if it is not a folder, has no valid file, or options of random scenes are given.
     """
     folder = Path(options.scenes)
     for name, given in (("--kind", options.kind), ("-n", options.n), ("--first-seed", options.first_seed)):
@@ -77,7 +80,12 @@ def _scenes_of(options: argparse.Namespace) -> list[tuple[Path, Scenario]]:
 
 
 def _each(own: Sequence[tuple[Path, Scenario]], study: Study) -> str:
-    """A table of how each file's scene ended."""
+    """Table, as text, of how planning ended for each file.
+
+    Args:
+        own: path and scenario of each scene of the study.
+        study: the study of these scenes.
+    """
     head = ("file", "status", "duration, s", "margin, deg", "message")
     rows = [head]
     for row in study.table:
@@ -95,7 +103,7 @@ def _each(own: Sequence[tuple[Path, Scenario]], study: Study) -> str:
 
 
 def _first_seed(options: argparse.Namespace) -> int:
-    """The seed of the first scene, 0 unless given; raises ValueError for a negative one."""
+    """Seed of the first scene, 0 by default; raises a ValueError for a negative one."""
     first = options.first_seed or 0
     if first < 0:
         raise ValueError(f"--first-seed {first}: seeds must be at least 0")
@@ -103,7 +111,7 @@ def _first_seed(options: argparse.Namespace) -> int:
 
 
 def _setting(text: str) -> tuple[str, Any]:
-    """Name and value of a setting NAME=VALUE; a value that is no TOML is taken as a string without quotes.
+    """Divide a text NAME=VALUE into name and value; a value that is not TOML is returned as text.
 
     Raises:
         ValueError: if there is no equals sign.
@@ -118,7 +126,7 @@ def _setting(text: str) -> tuple[str, Any]:
 
 
 def _report(options: argparse.Namespace) -> int:
-    """Print summaries of the studies in folders, and comparisons with the first where there are several."""
+    """Print summaries of the studies in folders; compare the first with each other one."""
     if options.scenes is not None:
         raise ValueError(f"{options.scenes}: says what to plan, but --report plans nothing")
     for name in ("kind", "n", "first_seed", "planner", "workers", "set"):
@@ -147,7 +155,7 @@ def _report(options: argparse.Namespace) -> int:
 
 
 def table4(options: argparse.Namespace) -> int:
-    """Compare the planners as the paper's Table 4 does."""
+    """Compare the planners on random scenes, as in the paper's Table 4, and print the table."""
     kinds, planners = (
         tuple(dict.fromkeys(names))
         for names in (options.kind or table.PAPER_KINDS, options.planner or PLANNERS)

@@ -1,4 +1,4 @@
-"""The command ``timeline``, and what other commands do with timelines and their plans."""
+"""The command ``timeline``, and functions by which other commands read timelines and their plans."""
 
 import argparse
 import shlex
@@ -30,7 +30,7 @@ from jaxplan.timeline import TimelinePlan, load_timeline_plan
 from jaxplan.timeline.files import is_plan
 from jaxplan.timeline.tables import activities_csv, events_csv, interruptions_csv, segments_csv
 
-PLAN, TIMELINE = "plan.npz", "timeline.toml"  # what is written to a folder
+PLAN, TIMELINE = "plan.npz", "timeline.toml"  # names of the files that are written to a folder
 _TABLES = {
     "activities.csv": activities_csv,
     "segments.csv": segments_csv,
@@ -40,7 +40,7 @@ _TABLES = {
 
 
 def timeline(options: argparse.Namespace) -> int:
-    """Plan a timeline, and write its plan, tables and exports to a folder."""
+    """Plan a timeline and print the result; with ``-o``, write plan, tables, figures and exports."""
     from jaxplan.exporting import FORMATS, export
     from jaxplan.timeline import plan_timeline
 
@@ -67,7 +67,7 @@ def timeline(options: argparse.Namespace) -> int:
 
 
 def _expect_exports(asked: Timeline, formats: tuple[str, ...]) -> None:
-    """Raise a ValueError before anything is planned where it could not be exported in a format."""
+    """Check before planning that a plan could be exported in some formats; raises a ValueError if not."""
     if not formats:
         return
     from jaxplan.exporting import FORMATS
@@ -80,12 +80,12 @@ def _expect_exports(asked: Timeline, formats: tuple[str, ...]) -> None:
 
 
 def file_of(name: str) -> str:
-    """The path of a scenario or timeline file, which may be a case or an example by its name."""
+    """Path of a scenario or timeline file; a case or example may be given by its name."""
     return str(case_path(name)) if name in (*CASE_NAMES, *TIMELINE_NAMES) else name
 
 
 def _write(plan: TimelinePlan, folder: Path, observer: Satellite | None) -> None:
-    """Write timeline, plan, tables and figures to a folder."""
+    """Write timeline, plan, tables and figures to a folder, and say so on stderr."""
     save_timeline(plan.timeline, folder / TIMELINE)
     plan.save(folder / PLAN)
     for name, table in _TABLES.items():
@@ -97,14 +97,17 @@ def _write(plan: TimelinePlan, folder: Path, observer: Satellite | None) -> None
 
 
 def _motion(folder: Path, name: str) -> Path:
-    """Where the motion of a plan is in a folder, in a format of exports."""
+    """Path in a folder for the export in the format called `name`."""
     from jaxplan.exporting import FORMATS
 
     return folder / f"motion{FORMATS[name].suffix}"
 
 
 def check(options: argparse.Namespace) -> int:
-    """Certify the plan of a timeline anew, and print the certificate."""
+    """Certify the plan of a timeline anew, and print the certificate.
+
+    The exit code is 0 only if all activities are planned, too.
+    """
     plan = load_plan(options.plan)
     if plan.trajectory is None:
         return complain(
@@ -116,7 +119,7 @@ def check(options: argparse.Namespace) -> int:
         print_result(report_summary(found) | {"status": plan.status.name, "not_done": list(plan.not_done)})
     else:
         print_result(found)
-    if not plan.ok:  # what was proved is a part of what was asked
+    if not plan.ok:  # only a part of what was asked is planned and proved
         missing = f", of {len(plan.timeline.activities)} activities not done: {', '.join(plan.not_done)}"
         told = f"{options.plan}: is not all that was asked{missing if plan.not_done else ''}"
         return complain(f"{told}; it ended as {plan.status.name}", _code_of(plan))
@@ -124,7 +127,7 @@ def check(options: argparse.Namespace) -> int:
 
 
 def load_timeline_file(name: str) -> Timeline:
-    """Read the timeline of a file, or an example by its name.
+    """Read a timeline from a file, or an example by its name.
 
     Raises:
         ScenarioError: (a ValueError) for a timeline with faults.
@@ -148,7 +151,7 @@ def load_timeline_file(name: str) -> Timeline:
 
 
 def is_timeline(name: str) -> bool:
-    """Whether a command's argument names a timeline: an example, or a TOML file of that kind."""
+    """Whether a name is that of an example of a timeline, or of a TOML file with a timeline."""
     if name in TIMELINE_NAMES:
         return True
     if not name.endswith(".toml") or not Path(name).is_file():
@@ -167,13 +170,13 @@ def is_timeline_plan(name: str) -> bool:
 
 
 def load_plan(name: str) -> TimelinePlan:
-    """Read the plan of a timeline; raises a PlanFileError (a ValueError) if it is none."""
+    """Read the plan of a timeline from a file; raises a PlanFileError (a ValueError) if it is none."""
     set_up_jax()
     return load_timeline_plan(name)
 
 
 def refuse(name: str) -> None:
-    """Raise a ValueError where a scenario, or its plan, is asked for and a timeline's is given."""
+    """Raise a ValueError if the file holds a timeline or its plan, where a scenario or its plan is wanted."""
     if is_timeline_plan(name):
         raise ValueError(f"{name}: is the plan of a timeline, and no scenario or plan of one")
     if is_timeline(name):
@@ -181,5 +184,5 @@ def refuse(name: str) -> None:
 
 
 def _code_of(plan: TimelinePlan) -> int:
-    """The exit code for a plan's status."""
+    """The exit code for the status of a timeline's plan."""
     return {Status.OK: DONE, Status.UNCERTIFIED: NOT_CERTIFIED}.get(plan.status, NO_PLAN)

@@ -1,4 +1,4 @@
-"""Whole constellations: a Walker shell whose satellites switch their links, once or all day long.
+"""Planning for whole constellations: Walker shells whose satellites change their links once, or all day long.
 
     >>> shell = jp.walker("53:1584/72/39", 550.0)
     >>> switch = jp.link_switch(shell, sun_direction=[0.0, 0.9174771, 0.3977885])
@@ -6,10 +6,13 @@
     >>> day = jp.link_schedule(shell, epoch="2026-06-20T09:30:00", duration_s=86400.0)
     >>> print(jp.plan_fleet(day, "fleet", workers=2))
 
-`shell` says where the satellites are, `links` whom their terminals point at and what is in the way; `switch`
-makes planning problems of it, and `result` plans them and says what came of it. Links that change over hours
-are a `schedule`, that of the shell's `mesh` unless given; `fleet` plans each satellite's by an order of
-`orders`, and keeps the plans in a `fleet_folder`.
+For a single change of links (a *switch*): `shell` computes where the satellites are, `links` which satellite
+each terminal points at and what blocks the view, `switch` makes a planning problem for each satellite, and
+`result` plans these problems and summarizes the plans.
+
+For links that change over hours: `schedule` lists the links step by step (by default those of the `mesh`
+between neighbouring satellites), `fleet` plans each satellite from an order of `orders`, and `fleet_folder`
+keeps the plans on disk.
 """
 
 from jaxplan.constellation.fleet import Fleet, load_fleet, plan_fleet

@@ -1,8 +1,9 @@
-"""Planning fleets: hours or a day of every satellite of a shell, by this process or by many, kept on disk.
+"""Planning a fleet: the links of every satellite of a shell over hours or a day, with all plans kept on disk.
 
-Each satellite is planned by itself, its links a timeline, and its plan is written as soon as it is there. In
-memory is kept no more than a row of each. A satellite whose planning raises, or kills its process twice, is a
-row with status "crashed".
+Each satellite is planned independently, its links as a timeline, in this process or by workers. Its plan is
+written to the folder as soon as it is made; in memory there is only one table row for each satellite. A
+satellite whose planning raises an error, or kills its worker process twice, gets a row with the status
+"crashed".
 """
 
 import hashlib
@@ -37,20 +38,21 @@ from jaxplan.study.run import DEATHS, answers
 from jaxplan.timeline import TimelinePlan
 from jaxplan.version import __version__
 
-_TOLERANCES = math.radians(1e-8), math.radians(1.0)  # rad, least and largest
+_TOLERANCES = math.radians(1e-8), math.radians(1.0)  # rad, smallest and largest pointing tolerance allowed
 
 
 @shown("done", "satellites", "failures", "folder", heading="Fleet of {0.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fleet:
-    """Plans of a shell's satellites, in a folder; `plan_fleet` and `load_fleet` make it.
+    """Outcome of planning a shell's satellites, with plans in a folder; made by `plan_fleet` or `load_fleet`.
 
     Attributes:
         title: the shell, epoch and duration.
-        satellites: how many were to be planned.
+        satellites: number of satellites that were to be planned; of `load_fleet` the number in the shell.
         folder: where the plans are.
-        table: a row for each satellite that is planned, in the order of their numbers: status and message,
-            activities, seconds linked and scheduled, slews, and what is proved; the same on every run.
+        table: one row for each satellite that has been planned, ordered by satellite number, with the columns
+            of `orders.COLUMNS`: status, message, activities, linked and scheduled seconds, slews, and proved
+            bounds. It is the same on every run.
     """
 
     title: str
@@ -60,47 +62,47 @@ class Fleet:
 
     @property
     def done(self) -> int:
-        """Number of satellites with a row."""
+        """Number of satellites that have a row in the table, whether they were planned or failed."""
         return len(self.table)
 
     @property
     def complete(self) -> bool:
-        """Whether every satellite that was asked for is planned, or known to fail."""
+        """Whether every satellite asked for has a row in the table, whether it was planned or failed."""
         return self.done == self.satellites
 
     @property
     def certified(self) -> int:
-        """Number of satellites all of whose activities are planned, with a certified motion."""
+        """Number of satellites with status OK: every activity is planned, the whole motion certified."""
         return sum(row["status"] == Status.OK.name for row in self.table)
 
     @property
     def failures(self) -> dict[str, int]:
-        """Number of the other satellites with each status, by its name, the most frequent first."""
+        """Number of satellites with each status other than OK, by its name, most frequent first."""
         names = Counter(row["status"] for row in self.table if row["status"] != Status.OK.name)
         return dict(names.most_common())
 
     @cached_property
     def timings(self) -> list[Row]:
-        """The seconds of each satellite of the table by step, as far as they are known."""
+        """Computation times in s by planning step, one row for each satellite where they are known."""
         known = {row["satellite"] for row in self.table}
         return [row for row in self._store.timings() if row["satellite"] in known]
 
     @cached_property
     def _store(self) -> FleetFolder:
-        """The folder."""
+        """The fleet's folder, opened for reading."""
         return FleetFolder.of(self.folder)[0]
 
     def load(self, satellite: int) -> TimelinePlan:
-        """Read the plan of a satellite, to be certified anew, drawn or exported.
+        """Read the plan of one satellite from the folder, for instance to certify it anew, draw or export it.
 
         Args:
-            satellite: its number.
+            satellite: number of the satellite.
 
         Raises:
-            ValueError: if there is no such satellite.
-            PlanFileError: if it has no plan, or a damaged one.
+            ValueError: if the fleet has no satellite of that number.
+            PlanFileError: if the satellite has no plan file, or a damaged one.
         """
-        given: Any = satellite  # whatever its type says
+        given: Any = satellite  # it may be anything at run time
         whole = isinstance(given, int | np.integer) and not isinstance(given, bool)
         if not whole or not 0 <= given < self._store.total:
             most = self._store.total - 1
@@ -108,7 +110,7 @@ class Fleet:
         return self._store.plan(int(given))
 
     def rows(self) -> list[tuple[str, str]]:
-        """The fleet as (label, value) rows for a table."""
+        """Return the fleet's totals as (label, value) texts for a printed table."""
         table = self.table
         done = f"{self.done}" if self.complete else f"{self.done} done of {self.satellites}"
         rows = [("satellites", done), ("planned, certified", f"{self.certified}")]
@@ -156,30 +158,31 @@ def plan_fleet(
 ) -> Fleet:
     """Plan the links of a shell's satellites over hours or a day, and keep every plan in a folder.
 
-    Each satellite follows its links from change to change, and slews to the next ones as soon as they are
-    scheduled, clear of Sun and Earth at all times; the whole of its motion is certified. What cannot be done
-    is told by name, and the rest of the satellite's time is planned. On one machine the files are the same
-    bytes whoever plans, and however often it is interrupted: the same call goes on where it was killed, and
-    may ask for more satellites. Ctrl-C ends it early and returns what is done.
+    Each satellite follows its links until they change, then slews to the next ones as soon as they are
+    scheduled. Its terminals stay clear of Sun and Earth at all times, and its whole motion is certified.
+    Activities that cannot be planned are named in the satellite's row, and the rest of its time is planned
+    nevertheless. On one machine the files are the same bytes whatever the workers, and however often the call
+    is interrupted: repeating a call that was killed continues it, and may ask for more satellites. Ctrl-C
+    ends the call early and returns what is done.
 
     Args:
-        schedule: of `link_schedule`.
-        folder: a new or empty one, or that of the same fleet. A plan that is there is not made again.
-        satellites: numbers of those that are planned; None for all.
-        tolerance: rad, within which terminals are to point along their links, in [1e-8, 1] deg.
-        slew: "shortest" for slews in the shortest time, "calm" where there is time for longer ones.
-        settings: that differ from the defaults, such as ``{"search.max_expansions": 500}``; searches have no
-            time limit.
+        schedule: the links, from `link_schedule`.
+        folder: a new or empty folder, or that of the same fleet. A plan that is there is not made again.
+        satellites: numbers of the satellites to plan; None for all.
+        tolerance: greatest angle in rad between a terminal and its link, from 1e-8 deg to 1 deg.
+        slew: "shortest" for slews in the shortest time, "calm" to take longer where there is time.
+        settings: scenario settings that differ from the defaults, such as ``{"search.max_expansions": 500}``;
+            None for the defaults. Searches have no time limit.
         workers: who plans: None for this process, a number of processes, or an executor, such as
             ``get_executor()`` of a Dask client; satellites go out one by one.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
 
     Returns:
-        What became of each satellite.
+        The outcome of each satellite. Its table has the satellites asked for, not all those in the folder.
 
     Raises:
-        ScenarioError: for satellites that there are not, and for wrong settings.
-        TypeError, ValueError: for another schedule, folder, tolerance, slew or workers.
+        ScenarioError: for a satellite number, tolerance, slew or setting that is not allowed.
+        TypeError, ValueError: for a schedule, folder or workers of the wrong type.
         StudyFolderError: if the folder holds something else, such as another fleet, or is in use.
         RuntimeError: if workers die before they plan anything, or have another version of jaxplan.
 
@@ -220,14 +223,17 @@ def plan_fleet(
 
 
 def load_fleet(folder: str | os.PathLike[str]) -> Fleet:
-    """Read the folder of a fleet, also of one that is not done yet.
+    """Read the folder of a fleet, which may still be incomplete.
 
     Args:
-        folder: what `plan_fleet` was given.
+        folder: the one that `plan_fleet` was given.
+
+    Returns:
+        The fleet, with the rows that are in the folder; its `satellites` counts the whole shell.
 
     Raises:
-        TypeError: for what is no path.
-        StudyFolderError: if it holds no fleet.
+        TypeError: if `folder` is not a path.
+        StudyFolderError: if the folder does not hold a fleet.
     """
     place = file_path("folder", folder)
     store, head = FleetFolder.of(place)
@@ -247,7 +253,10 @@ def _plan(
     workers: Workers | None,
     progress: bool,
 ) -> None:
-    """Plan the satellites that are left, and add their rows; after Ctrl-C those that are done."""
+    """Plan the satellites that are left, write their files, and add their rows to `rows` in place.
+
+    Ctrl-C ends it early: it returns normally, with the rows of the satellites that are done.
+    """
     if not left:
         return
     with progress_bar(
@@ -262,14 +271,14 @@ def _plan(
                     bar.step("")
                     bar.update()
         except KeyboardInterrupt:
-            pass  # what is done is returned
+            pass  # the rows so far are returned
 
 
 class _Left:
-    """The satellites that are left to be planned, as `answers` hands them out, one by one.
+    """The satellites that are left to be planned, handed out to `answers` one by one.
 
-    Where a worker dies with several under way, all of them become suspects, which are planned with nothing
-    else under way; one that kills its worker so twice is given up.
+    Where a worker dies while several satellites are being planned, each of them becomes a *suspect*: it is
+    planned again with no other running. A suspect whose worker dies `DEATHS` times is given up.
     """
 
     def __init__(self, numbers: Iterable[int], make: partial[Order]) -> None:
@@ -281,7 +290,12 @@ class _Left:
         return len(self._left) + len(self._suspects)
 
     def take(self, under_way: int, most: int = 1) -> Order | None:
-        """Take the next order off; None where there is none, or none that may run beside others."""
+        """Remove and return the next order; None if none is left, or none may run beside those under way.
+
+        Args:
+            under_way: number of orders being planned now.
+            most: not used, since satellites go out one by one.
+        """
         if under_way and (self._suspects or self._alone):
             return None
         self._alone = bool(self._suspects)
@@ -290,14 +304,18 @@ class _Left:
         return self._make(self._left.popleft()) if self._left else None
 
     def learn(self, scenes: int, seconds: float) -> None:
-        """Satellites go out one by one, whatever time they take."""
+        """Do nothing: satellites go out one by one, whatever time they take."""
 
     def suspect(self, chunks: Iterable[Order]) -> None:
-        """Put back orders of which one may have killed a worker."""
+        """Put back orders, one of which may have killed a worker, to be planned with nothing else running."""
         self._suspects.extend(chunks)
 
     def killed(self, chunk: Order) -> Iterator[Planned]:
-        """Put back an order that killed a worker by itself, or yield the answer for one that is given up."""
+        """Handle an order whose worker died while nothing else ran: put it back, or give it up.
+
+        Yields:
+            The answer with status "crashed", if this was its last attempt; nothing otherwise.
+        """
         deaths = chunk.deaths + 1
         if deaths < DEATHS:
             self.suspect([replace(chunk, deaths=deaths)])
@@ -306,20 +324,20 @@ class _Left:
 
 
 def _example(craft: Spacecraft) -> Scenario:
-    """A scenario of a spacecraft."""
+    """A scenario at rest with the given spacecraft, used to check settings and to describe the spacecraft."""
     still = GivenState(rotation_vector=np.zeros(3), joints=np.mean(craft.joint_ranges, axis=1))
     return Scenario(name="fleet", spacecraft=craft, start=still, goal=still)
 
 
 def _title(shell: str, epoch: str, until: float) -> str:
-    """The shell, epoch and duration in one line."""
+    """The shell's name, the duration (s) and the epoch in one line."""
     return f"{shell}, {until:g} s from {epoch} on"
 
 
 def _description(
     schedule: LinkSchedule, tolerance: float, slew: str, settings: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Description of a fleet for its folder; two with the same one have the same plans."""
+    """Description of a fleet for its head, fit for JSON; equal descriptions mean equal plans."""
     shell = schedule.shell
     craft = json.dumps(scenario_to_dict(_example(schedule.spacecraft))["spacecraft"], sort_keys=True)
     links = hashlib.sha256(schedule.times.tobytes())

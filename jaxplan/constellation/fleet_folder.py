@@ -1,14 +1,15 @@
-"""The folder of a fleet, where each satellite's plan is safe as soon as it is there.
+"""The folder of a fleet, in which each satellite's plan is safe as soon as it is written.
 
-    fleet.json      what the fleet is, its head
+    fleet.json      the head: describes the fleet
     plans/0017.npz  the plan of a satellite's timeline
     rows/0017.json  its row of the table
-    table.jsonl     all rows, in the order of satellites; written anew when a call ends
-    timings.jsonl   the seconds of each satellite, in the order in which they were done
+    table.jsonl     all rows, ordered by satellite; rewritten when a call ends
+    timings.jsonl   the computation times of each satellite, in the order in which they were done
 
-A file is forced to disk under another name and then renamed: it is there as a whole or not at all. Rows are
-written last, so a satellite is done when it has one. All files but timings are the same bytes whoever plans,
-and however often that is interrupted.
+Every file but the timings is first forced to disk under another name and then renamed, so that it is there as
+a whole or not at all. A satellite's row is written after its plan, so a satellite is done when it has a row.
+On one machine all files but the timings are the same bytes whatever the workers, and however often planning
+is interrupted.
 """
 
 import json
@@ -30,11 +31,11 @@ _PLANS, _ROWS, _TABLE, _TIMINGS = "plans", "rows", "table.jsonl", "timings.jsonl
 _PART = ".part"
 _KEYS: Mapping[str, type] = {"jaxplan": str, "shell": str, "satellites": int, "epoch": str, "until_s": float}
 _STEPS = ("timeline", "motions", "slews", "proof")
-_LONGEST_LINE = 2**20  # bytes of a row, or of a line of timings
+_LONGEST_LINE = 2**20  # bytes of a row, or of a line of timings, that are read at most
 
 
 def _check(content: Row) -> None:
-    """Raise a ValueError for the head of what is no fleet."""
+    """Raise a ValueError if a head, as read from JSON, is not that of a fleet."""
     for key, kind in _KEYS.items():
         if type(content.get(key)) is not kind:
             raise ValueError(f"{key} is missing or wrong")
@@ -46,11 +47,11 @@ _HEAD = Head(name="fleet.json", noun=_NOUN, check=_check)
 
 
 class FleetFolder:
-    """A fleet's folder.
+    """Reader and writer of a fleet's folder.
 
     Args:
         path: of the folder.
-        total: number of the fleet's satellites.
+        total: number of satellites of the shell, which sets the number of digits in file names.
     """
 
     def __init__(self, path: Path, total: int) -> None:
@@ -58,20 +59,32 @@ class FleetFolder:
 
     @classmethod
     def of(cls, path: Path) -> tuple["FleetFolder", Row]:
-        """A folder that is there, with its head; raises a StudyFolderError if it is none of a fleet."""
+        """Open an existing folder; returns it with its head.
+
+        Raises:
+            StudyFolderError: if it is not the folder of a fleet.
+        """
         head = _HEAD.read(path)
         return cls(path, head["satellites"]), head
 
     @contextmanager
     def claimed(self, description: Mapping[str, Any]) -> Iterator[None]:
-        """Hold the folder for a fleet while a block runs; raises a StudyFolderError, see `Head.claimed`."""
+        """Make the folder if it is missing, and lock it for a fleet while a block runs.
+
+        Args:
+            description: the fleet's head, which is written to a new folder, and must equal that of an old
+                one.
+
+        Raises:
+            StudyFolderError: see `Head.claimed`; also if the folder of plans or rows is a symbolic link.
+        """
         with _HEAD.claimed(self.path, description):
             for name in (_PLANS, _ROWS):
                 inner = self.path / name
                 if inner.is_symlink():
                     raise StudyFolderError(f"{inner}: is a link, which fleets do not follow")
                 inner.mkdir(exist_ok=True)
-                for rest in inner.glob(f"*{_PART}"):  # of a call that was killed
+                for rest in inner.glob(f"*{_PART}"):  # left over from a call that was killed
                     rest.unlink()
             yield
 
@@ -84,15 +97,20 @@ class FleetFolder:
         return self.path / _ROWS / f"{self._digits(satellite)}.json"
 
     def _digits(self, satellite: int) -> str:
-        """A satellite's number as names of files have it."""
+        """A satellite's number as file names have it, with leading zeros."""
         return f"{satellite:0{len(str(self.total - 1))}d}"
 
     def plan(self, satellite: int) -> TimelinePlan:
-        """The plan of a satellite; raises a PlanFileError if it has none, or it is damaged."""
+        """Read the plan of a satellite; raises a PlanFileError if it is missing or damaged."""
         return load_timeline_plan(self.place(satellite))
 
     def row(self, satellite: int) -> Row | None:
-        """The row of a satellite; None where it, or the plan that belongs to it, is missing or damaged."""
+        """Read the row of a satellite.
+
+        Returns:
+            The row; None if it is missing or damaged, or if the plan file that it belongs to is missing or
+            damaged.
+        """
         try:
             handle = os.open(self._row_place(satellite), os.O_RDONLY | os.O_NOFOLLOW)
             with open(handle, "rb") as file:
@@ -107,7 +125,7 @@ class FleetFolder:
         return {name: row[name] for name in COLUMNS} if there else None
 
     def rows(self) -> dict[int, Row]:
-        """The rows of all plans, by satellite and in their order."""
+        """Read the rows of all satellites that are done, by satellite number in ascending order."""
         found: dict[int, Row] = {}
         folder = self.path / _ROWS
         for name in sorted(entry.name for entry in os.scandir(folder)) if folder.is_dir() else []:
@@ -119,7 +137,7 @@ class FleetFolder:
         return found
 
     def add(self, planned: Planned) -> None:
-        """Write a satellite's seconds, plan and row to disk, in this order."""
+        """Write a satellite's computation times, plan (if it has one) and row to disk, in this order."""
         line: Row = {"satellite": planned.satellite, "total_s": planned.seconds}
         line |= {f"{step}_s": planned.steps.get(step) for step in _STEPS}
         with open_file(self.path / _TIMINGS, _NOUN) as file:
@@ -130,11 +148,15 @@ class FleetFolder:
         self._replace(self._row_place(planned.satellite), _line(planned.row))
 
     def write_table(self, rows: Mapping[int, Row]) -> None:
-        """Write the table anew, from rows in the order of satellites."""
+        """Write the table file anew, with the rows in the order given."""
         self._replace(self.path / _TABLE, b"".join(_line(row) for row in rows.values()))
 
     def timings(self) -> list[Row]:
-        """The seconds of satellites, of several lines of one the last; damaged lines are passed over."""
+        """Read the computation times of satellites, a row for each, ordered by satellite number.
+
+        Of several lines for one satellite the last counts. Damaged lines are ignored; a missing file has no
+        rows.
+        """
         found: dict[int, Row] = {}
         path = self.path / _TIMINGS
         if not path.exists():
@@ -151,7 +173,7 @@ class FleetFolder:
 
     @staticmethod
     def _replace(path: Path, data: bytes) -> None:
-        """Write a file as a whole, forced to disk, in the place of what is there."""
+        """Write a file as a whole, forced to disk; an existing file is replaced."""
         part = path.with_name(path.name + _PART)
         with open_file(part, _NOUN) as file:
             file.truncate(0)

@@ -1,16 +1,18 @@
-"""Links of a shell: whom each terminal points at before and after a switch, and what is in the way.
+"""Links of a shell: which satellite each terminal points at before and after a switch, and what blocks them.
 
-A topology is an array (T, n): for each satellite the number of the satellite that each of its terminals
-points at. Those made here are mutual: where A has a terminal for B, B has one for A. Only the outer planes of
-a star with three terminals have nobody to pair with after the switch, beyond them there is none.
+A *topology* is an integer array (T, n) for T satellites with n terminals each: entry [s, k] is the number of
+the satellite that terminal k of satellite s points at. The topologies made here are mutual: where A has a
+terminal for B, B has one for A. The only exception is a star with three terminals after the switch: a
+satellite in an outer plane has nobody to pair with there, as there is no plane beyond.
 
-With three terminals a satellite has its two neighbours in the plane, and one in a plane beside. Even planes
-pair with those to their east, odd ones with those to their west; at the switch they change sides. With
-four, it has one to the east and one to the west, the nearest ones; at the switch both go to the next slot.
+With three terminals a satellite is linked to its two neighbours in the plane, and to one satellite in a plane
+beside. Before the switch, even planes pair with those to their east and odd ones with those to their west;
+after it, the other way round. With four terminals a satellite is linked to the nearest satellites to the east
+and to the west; after the switch, to the second nearest ones.
 
-A link is out while its direction is inside the Sun's cone, or outside by less than `CLEARANCE`: an operator
-would not use it, and a terminal that looked along it would break the cone. Its terminal waits at `CLEARANCE`
-outside the cone, as close to the link as the Earth's cone allows, ready to take it up again.
+A link is *out* while its direction is inside the Sun's cone, or outside by less than `CLEARANCE`: an operator
+would not use it, and a terminal that looked along it would violate the keep-out cone. Its terminal *waits* at
+`CLEARANCE` outside the cone, as close to the link as the Earth's cone allows, ready to take it up again.
 """
 
 import math
@@ -35,18 +37,20 @@ _TURNS = 721
 
 
 def default_topologies(shell: Shell, terminals: int) -> tuple[np.ndarray, np.ndarray]:
-    """Make the topologies before and after a switch, for three or four terminals a satellite.
+    """Make the topologies before and after a switch for satellites with three or four terminals.
 
     Args:
-        shell: of at least two satellites a plane. Beyond the outer planes of a star there is nobody; a
-            terminal that would point there keeps to the plane on the other side.
-        terminals: of each satellite, three or four.
+        shell: with at least two satellites in each plane. A star has no planes beyond its outer ones; a third
+            terminal that would point there points to the plane on the other side instead.
+        terminals: number of each satellite's terminals, three or four.
 
     Returns:
-        Two (T, n) int: fore, aft and cross; or fore, aft, east and west.
+        The two topologies, (T, n) int, before and after the switch. Columns are fore, aft and cross; or fore,
+        aft, east and west.
 
     Raises:
-        ScenarioError: for another number of terminals, or planes that cannot be paired.
+        ScenarioError: for another number of terminals, an odd number of planes with three terminals, or a
+            star with four.
     """
     if terminals not in (3, 4):
         raise ScenarioError(
@@ -75,19 +79,19 @@ def default_topologies(shell: Shell, terminals: int) -> tuple[np.ndarray, np.nda
 
 
 def checked_topology(value: object, key: str, shell: Shell, terminals: int) -> np.ndarray:
-    """Check a topology that the caller gives.
+    """Check a topology that the caller gives, and return it as an array.
 
     Args:
-        value: (T, n) numbers of satellites.
+        value: (T, n) satellite numbers, one for each terminal of each satellite.
         key: the argument's name, for messages.
-        shell: of which satellites.
-        terminals: number of each satellite's, n.
+        shell: the T satellites.
+        terminals: number of each satellite's terminals, n.
 
     Returns:
         (T, n) int.
 
     Raises:
-        ScenarioError: for another shape or type, or a number that no satellite has.
+        ScenarioError: for another shape or type, or a number outside [0, T - 1].
     """
     try:
         table = np.asarray(value)
@@ -110,16 +114,19 @@ def checked_topology(value: object, key: str, shell: Shell, terminals: int) -> n
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Surroundings:
-    """Earth and Sun around a shell at one time, which its links must lead past.
+    """Earth and Sun around a shell at one time, which its links must avoid.
+
+    Directions are unit vectors in the inertial frame of `jaxplan.sky.orbits`.
 
     Attributes:
         shell: the satellites.
-        time: s, of the positions.
-        sun_direction: (3,) unit vector, inertial; None where no Sun is kept out.
-        sun_half_angle: rad, of its cone.
-        lowest_altitude: km that links stay above.
-        earth_half_angle: rad, of the cone about nadir that no link may be in, wide enough for `drift_time`.
-        drift_time: s, that a manoeuvre may take before nadir has moved by more than its cone is wider.
+        time: s, at which positions are taken.
+        sun_direction: (3,) unit vector toward the Sun; None where there is no keep-out cone of the Sun.
+        sun_half_angle: rad, of the Sun's cone.
+        lowest_altitude: km, below which no point of a link may lie.
+        earth_half_angle: rad, of the cone about nadir in which no link may be. It is wide enough for nadir to
+            move over `drift_time`.
+        drift_time: s, the longest manoeuvre for which the Earth's cone is wide enough.
     """
 
     shell: Shell
@@ -131,17 +138,20 @@ class Surroundings:
     drift_time: float
 
     def links(self, topology: np.ndarray, when: str, names: Sequence[str]) -> tuple[np.ndarray, list[str]]:
-        """Directions of all links, and messages on those that cannot be.
+        """Compute the directions of all links, and messages about those that are not possible.
+
+        A link is not possible if it leads to the satellite itself, passes below `lowest_altitude`, or is
+        inside the Earth's cone about nadir.
 
         Args:
-            topology: (T, n).
-            when: of `WHEN`.
-            names: of the terminals.
+            topology: (T, n) int, the satellite that each terminal points at.
+            when: "before" or "after" the switch, for messages.
+            names: of the n terminals, for messages.
 
         Returns:
-            (T, n, 3) inertial unit vectors, zero for a satellite's link to itself; and a phrase for each
-            terminal with links to oneself, through the Earth or its air, or too close to its limb, which
-            names the first of its satellites.
+            Directions (T, n, 3), inertial unit vectors, zero for a satellite's link to itself; and one
+            message for each terminal with impossible links, which describes that of the first satellite
+            concerned and counts the others. Without messages all links are possible.
         """
         shell, positions = self.shell, self.shell.positions(self.time)
         with jax.enable_x64(True):
@@ -175,23 +185,31 @@ class Surroundings:
         return directions, faults
 
     def in_the_sun(self, directions: np.ndarray) -> np.ndarray:
-        """Which directions (..., 3) are inside the Sun's cone, or closer to it than `CLEARANCE`: (...)."""
+        """Tell which directions are inside the Sun's cone, or closer to its rim than `CLEARANCE`.
+
+        Args:
+            directions: (..., 3) inertial unit vectors.
+
+        Returns:
+            (...) bool; all False where no Sun is kept out.
+        """
         if self.sun_direction is None:
             return np.zeros(directions.shape[:-1], dtype=bool)
         return np.asarray(separation(directions, self.sun_direction) < self.sun_half_angle + CLEARANCE)
 
     def waiting(self, links: np.ndarray, out: np.ndarray) -> np.ndarray:
-        """Find the directions in which terminals wait whose links are out.
+        """Find the directions in which the terminals wait whose links are out.
 
         Args:
             links: (2, T, n, 3) inertial unit vectors, before and after the switch.
-            out: (2, T, n) bool, which of them are out.
+            out: (2, T, n) bool, whether each link is out.
 
         Returns:
-            (k, 3) inertial unit vectors for the k links that are out, in the order of ``links[out]``.
+            (k, 3) inertial unit vectors for the k links that are out, in the order of ``links[out]``. Without
+            a Sun these are the links themselves.
 
         Raises:
-            ScenarioError: if there is no such place.
+            ScenarioError: if the cones of Sun and Earth leave a terminal nowhere to wait.
         """
         if self.sun_direction is None:
             return links[out]
@@ -209,7 +227,15 @@ class Surroundings:
 
 @quick_jit
 def _lines_of_sight(here: Array, there: Array) -> Array:
-    """(..., 4): inertial unit vector from `here` to `there`, (..., 3) km; the line's lowest altitude, km."""
+    """Directions from `here` to `there`, and how close the lines between them come to the Earth.
+
+    Args:
+        here: (..., 3) km, inertial position of the satellite that looks.
+        there: (..., 3) km, inertial position of the satellite looked at.
+
+    Returns:
+        (..., 4): the inertial unit vector, then the lowest altitude along the line in km.
+    """
     direction, lowest = orbits.line_of_sight(here, there), orbits.grazing_altitude(here, there)
     return jax.numpy.concatenate([direction, lowest[..., None]], axis=-1)
 
@@ -217,25 +243,29 @@ def _lines_of_sight(here: Array, there: Array) -> Array:
 def waiting_directions(
     links: np.ndarray, sun: np.ndarray, half_angle: float, down: np.ndarray, earth_half_angle: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the directions nearest to links that are clear of the cones of Sun and Earth.
+    """Find the directions nearest to links that keep `CLEARANCE` from the cones of Sun and Earth.
+
+    Only directions at `CLEARANCE` outside the rim of the Sun's cone are tried, on a grid of `_TURNS` points.
 
     Args:
-        links: (K, 3) directions of the links, inertial.
-        sun: (3,) direction of the Sun.
-        half_angle: rad, of its cone.
-        down: (K, 3) directions of nadir.
+        links: (K, 3) inertial unit vectors of the links, inside the Sun's cone or near it.
+        sun: (3,) inertial unit vector toward the Sun.
+        half_angle: rad, of the Sun's cone.
+        down: (K, 3) inertial unit vectors toward nadir.
         earth_half_angle: rad, of the Earth's cone about nadir.
 
     Returns:
-        (K, 3) unit vectors, the admissible ones nearest to the links, and (K,) bool: whether there is one.
+        (K, 3) unit vectors, the nearest direction tried that is clear of the Earth; and (K,) bool, whether
+        there is one. Where there is none, the vector is the nearest direction tried, which is not clear.
     """
     toward = links - (links @ sun)[:, None] * sun
     length = np.linalg.norm(toward, axis=-1, keepdims=True)
-    anywhere = np.cross(sun, np.eye(3)[np.argmin(np.abs(sun))])  # for a link right to the Sun
+    # any perpendicular direction, for a link exactly toward the Sun
+    anywhere = np.cross(sun, np.eye(3)[np.argmin(np.abs(sun))])
     first = np.where(length > 1e-12, toward / np.where(length > 1e-12, length, 1), _unit(anywhere))
     second = np.cross(sun, first)
     turn = np.linspace(-np.pi, np.pi, _TURNS)
-    turn = turn[np.argsort(np.abs(turn), kind="stable")]  # the nearest first
+    turn = turn[np.argsort(np.abs(turn), kind="stable")]  # smallest turn from the link first
     around = np.cos(turn)[:, None] * first[:, None] + np.sin(turn)[:, None] * second[:, None]
     rim = half_angle + CLEARANCE
     places = np.cos(rim) * sun + np.sin(rim) * around  # (K, turns, 3)
@@ -245,5 +275,5 @@ def waiting_directions(
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (..., 3) at unit length."""
+    """Scale vectors (..., 3) to unit length."""
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))

@@ -1,14 +1,14 @@
-"""The mesh of a shell as it changes: neighbours in the plane, and the nearest ones in the planes beside.
+"""The mesh of a shell as it changes: links to neighbours in the plane and to the nearest satellites beside.
 
-A satellite's links in its plane go to the satellites ahead and behind, always the same ones. To either side
-it is linked to the nearest satellite of the plane beside, while neither is beyond a latitude that is given,
-since planes cross at high ones. Two satellites are linked where each is the nearest to the other; the one
-that a satellite is linked to counts as nearer than it is by a share, the *hysteresis*, so that links do not
-flutter.
+A satellite's links in its plane always go to the same satellites, those directly ahead and behind. To either
+side it is linked to the nearest satellite of the plane beside, as long as neither of the two is beyond a
+given latitude, since planes cross at high latitudes. Two satellites are linked where each is the nearest to
+the other. The satellite that is linked already counts as nearer than it is by a fraction of its distance, the
+*hysteresis*, so that links do not change back and forth.
 
-Sides are seen from the satellite: its right is across its orbit's plane, against the orbit's normal. So the
-plane to the east is to the right of satellites that fly north and to the left of those that fly south, and
-terminals change their planes where the satellites turn round, at the highest latitudes.
+Sides are seen from the satellite, with the zenith up: its right is opposite to the normal of its orbit. So
+the plane to the east is to the right of satellites that fly north and to the left of those that fly south,
+and terminals change their planes where the satellites turn round, at the highest latitudes.
 """
 
 import math
@@ -21,18 +21,20 @@ from jaxplan.constellation.shell import Shell
 SIDES = FORE, AFT, RIGHT, LEFT = ("fore", "aft", "right", "left")
 NOBODY = -1
 """In the place of a satellite's number: no link."""
-_AHEAD = 1e-9  # share by which one ahead counts as farther than one as far behind, so that there are no ties
+_AHEAD = 1e-9  # relative increase of the distance of satellites ahead, so that ahead and behind never tie
 
 
 @dataclass(kw_only=True, eq=False)
 class Mesh:
-    """A shell's links as time goes on; the instants asked for must not go back.
+    """The links of a shell as time goes on; `at` must be called with times that do not decrease.
+
+    The links between planes depend on those of the call before, because of the hysteresis.
 
     Args:
         shell: the satellites.
-        sides: of `SIDES`, what each terminal is for.
+        sides: the side of `SIDES` that each terminal serves.
         highest_latitude: rad, beyond which a satellite has no links to other planes.
-        hysteresis: share by which another satellite must be nearer for a link to go over to it.
+        hysteresis: fraction by which another satellite must be nearer for a link to change to it.
     """
 
     shell: Shell
@@ -43,11 +45,15 @@ class Mesh:
 
     def __post_init__(self) -> None:
         shell = self.shell
-        self._partners = np.full((self._pairs, shell.slots), NOBODY)  # by slot, in the plane to the east
+        # slot in the plane to the east that each slot is linked to
+        self._partners = np.full((self._pairs, shell.slots), NOBODY)
 
     @property
     def _pairs(self) -> int:
-        """Number of pairs of planes that are beside each other; with two planes both sides would be one."""
+        """Number of pairs of neighbouring planes that are linked; 0 without terminals on both sides.
+
+        It is also 0 for a delta of one or two planes; with two planes both sides would face the same plane.
+        """
         planes = self.shell.planes
         if not {RIGHT, LEFT} <= set(self.sides):
             return 0
@@ -56,7 +62,14 @@ class Mesh:
         return planes if planes > 2 else 0
 
     def at(self, time: float) -> np.ndarray:
-        """The links (T, n) at a time, s: numbers of satellites, `NOBODY` for none. They are mutual."""
+        """Compute the links at a time and remember those between planes for the next call.
+
+        Args:
+            time: s, not less than that of the call before.
+
+        Returns:
+            (T, n) int: the satellite that each terminal is linked to, `NOBODY` for none. Links are mutual.
+        """
         shell = self.shell
         links = np.full((shell.total, len(self.sides)), NOBODY)
         numbers = np.arange(shell.total)
@@ -69,18 +82,23 @@ class Mesh:
         return links
 
     def _link_planes(self, links: np.ndarray, time: float) -> None:
-        """Write the links between planes at a time, s, to `links` (T, n)."""
+        """Write the links between neighbouring planes at a time into `links`, in place.
+
+        Args:
+            links: (T, n) int, whose columns for right and left are changed.
+            time: s.
+        """
         shell, count = self.shell, self._pairs
         shape = (shell.planes, shell.slots, 3)
         place, ahead = (np.reshape(states, shape) for states in shell.states(time))
         place = place / shell.radius
         normal = np.cross(place[:, 0], ahead[:, 0])
         west, east = np.arange(count), (np.arange(count) + 1) % shell.planes
-        # whether the other one is to the left, (pairs, slots of the plane to the west or east)
+        # whether each satellite of the east (west) plane is left of the west (east) plane, (pairs, slots)
         left_of_west = np.einsum("psk,pk->ps", place[east], normal[west]) > 0
         left_of_east = np.einsum("psk,pk->ps", place[west], normal[east]) > 0
         low = np.abs(place[..., 2]) <= math.sin(self.highest_latitude)
-        # left for the one is right for the other, (pairs, slots to the west, slots to the east)
+        # one must have the other on its left, the other on its right: (pairs, west slots, east slots)
         fits = left_of_west[:, None, :] != left_of_east[:, :, None]
         fits &= low[west][:, :, None] & low[east][:, None, :]
         cosine = np.clip(np.einsum("psk,ptk->pst", place[west], place[east]), -1, 1)
@@ -100,7 +118,8 @@ class Mesh:
         to_left = left_of_west[pair, other]
         ends = west[pair] * shell.slots + slot, east[pair] * shell.slots + other
         columns = np.where(to_left, left, right), np.where(to_left, right, left)
-        order = np.argsort(-np.tile(chosen[pair, slot], 2), kind="stable")  # the nearest last: it stays
+        # the nearest is written last and stays
+        order = np.argsort(-np.tile(chosen[pair, slot], 2), kind="stable")
         who, whom, column = (np.concatenate(part)[order] for part in (ends, ends[::-1], columns))
         links[who, column] = whom
         for mine, theirs in ((right, left), (left, right)):
@@ -109,5 +128,5 @@ class Mesh:
 
 
 def crossing_latitude(shell: Shell) -> float:
-    """The highest latitude, rad, that a shell's satellites come to; neighbouring planes cross near it."""
+    """Highest latitude in rad that a shell's satellites reach; neighbouring planes cross near it."""
     return math.asin(math.sin(shell.inclination))

@@ -1,11 +1,14 @@
-"""The timeline of one satellite of a fleet: what a worker is sent, what it plans, and what comes back.
+"""The timeline of one satellite of a fleet: what a worker receives, how it plans, and what it sends back.
 
-An order holds little, the satellite's orbit, its links from change to change and the orbits of those it is
-linked to, so that it travels well; the worker makes the timeline of it. Each time between two changes is an
-activity that follows the links, from as soon as the slew to them can end until the next change. Sun, Moon and
-Earth are cones that move, as the satellite sees them. It starts at rates with which its terminals follow the
-first links, in the attitude next to that with the body's x axis ahead and its z axis up; where no attitude is
-fit for that, at rest in the latter, and the plan says what is in the way.
+An `Order` is small, so that it is cheap to send: the satellite's orbit, its links from change to change, and
+the orbits of the satellites that it is linked to. The worker builds the timeline from it. Each time between
+two changes of links is an activity: it begins as soon as the slew to the links can end, follows them, and
+ends with the next change. Sun, Moon and Earth are keep-out cones that move as the satellite sees them.
+
+The satellite starts with its terminals on its first links and with rates that keep them there, in the
+attitude nearest to the nominal one (x axis of the body in the direction of flight, z axis away from the
+Earth). Where no attitude allows that, it starts at rest in the nominal attitude, and the plan says what is in
+the way.
 """
 
 import math
@@ -34,25 +37,26 @@ from jaxplan.timeline import PlannedActivity, TimelinePlan, plan_timeline
 from jaxplan.version import __version__
 
 CRASHED = "crashed"
-_BEYOND = 120.0  # s after the end for which directions are known, in which late slews may be tried
+_BEYOND = 120.0  # s after the end for which directions are still computed, so that late slews can be tried
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Order:
-    """A satellite that is to be planned.
+    """What a worker needs to plan one satellite.
 
     Attributes:
-        satellite: its number.
-        orbits: of it and of all that it is linked to, by number.
-        spans: the times between changes of its links.
-        spacecraft: what it is.
-        epoch: UTC of the start.
-        cones: rad, half angle of the keep-out cone of each body, by its name.
-        tolerance: rad, by which a terminal may be off its link.
-        slew: "shortest" or "calm".
-        settings: that differ from the defaults, by dotted names in a file's keys and units.
-        version: of jaxplan, which must be that of all who plan.
-        deaths: how many workers died that had nothing else to do.
+        satellite: number of the satellite.
+        orbits: of it and of all satellites that it is linked to, by satellite number.
+        spans: the times between changes of its links, in order and without gaps.
+        spacecraft: the satellite's devices and limits.
+        epoch: UTC of time zero.
+        cones: half angle in rad of each body's keep-out cone, by the body's name ("sun", "moon", "earth").
+        tolerance: rad, greatest angle between a terminal and its link.
+        slew: "shortest" or "calm", see `Timeline`.
+        settings: scenario settings that differ from the defaults, by dotted names in a scenario file's keys
+            and units.
+        version: of jaxplan where the order was made; a worker of another version refuses it.
+        deaths: number of workers that have died while they planned this order and nothing else.
     """
 
     satellite: int
@@ -69,16 +73,22 @@ class Order:
 
     @property
     def scenes(self) -> tuple[int, ...]:
-        """The number of the satellite, which alone says what is planned."""
+        """The satellite's number, as a tuple of one: `answers` asks what a part of the work consists of."""
         return (self.satellite,)
 
     @property
     def until(self) -> float:
-        """When it all ends, s."""
+        """Time in s at which the last span, and with it the timeline, ends."""
         return self.spans[-1].end
 
     def timeline(self) -> Timeline:
-        """The timeline that is to be planned; raises a ValueError where a link's direction turns too fast."""
+        """Make the timeline to be planned; its searches have no time limit.
+
+        A span in which the satellite has no links becomes an idle activity.
+
+        Raises:
+            ValueError: if the direction of a link turns too fast.
+        """
         own, names = self.orbits[self.satellite], [one.name for one in self.spacecraft.terminals]
         known = min(self.until + _BEYOND, LONGEST)
         paths = {
@@ -119,7 +129,13 @@ class Order:
         )
 
     def _zone(self, body: str, half_angle: float, known: float) -> KeepOut:
-        """The cone of a body as it moves, for all terminals and for a time, s."""
+        """Make the moving keep-out cone of a body, for all terminals.
+
+        Args:
+            body: name of the body, as `sky.path` knows it.
+            half_angle: rad, of the cone.
+            known: s, until which the body's direction is computed.
+        """
         return KeepOut(
             name=body,
             direction=sky.path(
@@ -130,7 +146,16 @@ class Order:
         )
 
     def _start(self, links: Mapping[str, DirectionPath], zones: tuple[KeepOut, ...]) -> GivenState:
-        """The state in which the terminals follow their first links, or the nominal one at rest."""
+        """Find the state in which the terminals follow their first links, nearest to the nominal attitude.
+
+        Args:
+            links: direction of each linked terminal's first link, by the terminal's name.
+            zones: keep-out cones that the state must keep.
+
+        Returns:
+            The state; the nominal attitude at rest if there are no links, or no state lets the terminals
+            follow them.
+        """
         own = self.orbits[self.satellite]
         place, moving = (ask(own, epoch=self.epoch)[None] for ask in (sky.positions, sky.velocities))
         nominal = nominal_attitudes(place, moving)[0]
@@ -138,7 +163,7 @@ class Order:
             try:
                 return point(self.spacecraft, links, attitude=nominal, keep_out=zones)
             except NotPointingError:
-                pass  # the first activity tells what is in the way
+                pass  # planning the first activity will say what is in the way
         return GivenState(
             rotation_vector=np.asarray(so3.log(nominal)),
             joints=np.clip(np.zeros(self.spacecraft.joint_count), *self.spacecraft.joint_ranges.T),
@@ -153,7 +178,15 @@ def order_of(
     slew: str,
     settings: Mapping[str, Any],
 ) -> Order:
-    """The order of one satellite of a schedule."""
+    """Make the order of one satellite of a schedule.
+
+    Args:
+        schedule: of the whole shell.
+        satellite: its number.
+        tolerance: rad, greatest angle between a terminal and its link.
+        slew: "shortest" or "calm".
+        settings: scenario settings that differ from the defaults.
+    """
     spans = tuple(schedule.spans(satellite))
     linked = {link for span in spans for link in span.links if link >= 0}
     shell = schedule.shell
@@ -181,14 +214,14 @@ def order_of(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Planned:
-    """What comes back of an order.
+    """What a worker sends back for an order.
 
     Attributes:
-        satellite: its number.
-        row: of the table.
-        data: bytes of the plan's file; None where planning crashed.
-        seconds: that it took, without those of compiling.
-        steps: seconds by step.
+        satellite: number of the satellite.
+        row: its row of the fleet's table, with the columns `COLUMNS`.
+        data: bytes of the plan's file (.npz); None where planning crashed.
+        seconds: computation time, compilation excluded; 0 where planning crashed.
+        steps: computation time in s of each planning step, by its name; empty where planning crashed.
     """
 
     satellite: int
@@ -199,10 +232,10 @@ class Planned:
 
 
 def plan_order(order: Order) -> Planned:
-    """Plan a satellite; an error that planning must not raise makes a row with status "crashed".
+    """Plan the satellite of an order; an error raised while planning becomes a row with status "crashed".
 
     Raises:
-        RuntimeError: if the order is from another version of jaxplan, which may plan otherwise.
+        RuntimeError: if the order is from another version of jaxplan, which may plan differently.
     """
     if order.version != __version__:
         raise RuntimeError(
@@ -230,32 +263,46 @@ def plan_order(order: Order) -> Planned:
 
 
 def given_up(order: Order, why: str) -> Planned:
-    """The answer for a satellite whose planning raised an error, or killed its worker."""
+    """Make the answer for a satellite without a plan, with status "crashed".
+
+    Args:
+        order: the satellite's order.
+        why: message for the row: the error that planning raised, or that workers died.
+    """
     return Planned(satellite=order.satellite, row=row_of(order, None, why), data=None, seconds=0.0)
 
 
-# Of each column of the table the type, beside None.
+# Columns of a fleet's table with their types; a value may also be None where it is not known.
 COLUMNS: Mapping[str, type] = {
     "satellite": int,
     "status": str,
     "message": str,
-    "certified": bool,  # the motion, at every instant
-    "activities": int,  # times between changes of links
-    "planned": int,  # of these
-    "linked_s": float,  # of all terminals, that they follow their links
-    "scheduled_s": float,  # of all terminals, that they have links
+    "certified": bool,  # whether the whole motion is proved
+    "activities": int,  # number of times between changes of links
+    "planned": int,  # number of these that are planned
+    "linked_s": float,  # time that terminals follow their links, summed over terminals
+    "scheduled_s": float,  # time that terminals have links, summed over terminals
     "slews": int,
-    "slew_s": float,  # of all slews
+    "slew_s": float,  # total duration of all slews
     "longest_slew_s": float,
-    "pointing_error_deg": float,  # the largest, proved
-    "min_margin_deg": float,  # the smallest to a zone, proved
+    "pointing_error_deg": float,  # proved upper bound of the largest
+    "min_margin_deg": float,  # proved lower bound of the smallest to a zone; positive where all are kept
     "worst_device": str,
     "worst_zone": str,
 }
 
 
 def row_of(order: Order, plan: TimelinePlan | None, why: str = "") -> dict[str, Any]:
-    """A satellite's row of `COLUMNS`; of one without a plan `why` says what happened."""
+    """Make a satellite's row of the fleet's table, with the columns `COLUMNS`.
+
+    Args:
+        order: the satellite's order.
+        plan: its plan, which may have failed; None where planning crashed.
+        why: what happened, where there is no plan; otherwise the plan's own message counts.
+
+    Returns:
+        The row; values that are not known are None.
+    """
     counts = [sum(link >= 0 for link in span.links) for span in order.spans]
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     row |= {
@@ -297,7 +344,7 @@ def row_of(order: Order, plan: TimelinePlan | None, why: str = "") -> dict[str, 
 
 
 def _lasting(activity: PlannedActivity) -> float:
-    """How long a planned activity takes, s."""
+    """Duration in s of a planned activity, from its start to its end."""
     assert activity.start is not None
     assert activity.end is not None
     return activity.end - activity.start

@@ -1,6 +1,6 @@
-"""Planning all satellites of a switch, by this process or by many, and what came of it.
+"""Planning all satellites of a switch, in this process or by workers, and the results.
 
-The result is a study of the switch's scenarios, told by satellites: arrays, a table, and a summary.
+The result is a study of the switch's scenarios, presented by satellite: as arrays, a table, and a summary.
 """
 
 import os
@@ -19,18 +19,20 @@ from jaxplan.runtime.display import shown
 from jaxplan.runtime.workers import Workers
 from jaxplan.study import Study, Summary, run_study
 
-_LEFT_OUT = ("scene", "seed", "name", "kind")  # columns of a study that say nothing of a satellite
+_LEFT_OUT = ("scene", "seed", "name", "kind")  # columns of a study that the satellite's number replaces
 
 
 @shown("satellites", "study.done", heading="Constellation of {0.switch.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Constellation:
-    """Plans of a switch's satellites; arrays have an entry for each of the N satellites that are planned.
+    """Results of planning a switch; arrays have an entry for each of the N satellites that have been planned.
+
+    N is less than the number of satellites asked for if planning was interrupted.
 
     Attributes:
-        switch: what was planned.
-        satellites: their numbers in the shell, in the order of planning.
-        study: the study behind it, with `to_pandas` and `to_parquet`; its scenes are counted in that order.
+        switch: the switch that was planned.
+        satellites: numbers in the shell of the satellites asked for, in the order of planning.
+        study: the underlying study, with `to_pandas` and `to_parquet`; its scene k is ``satellites[k]``.
     """
 
     switch: LinkSwitch
@@ -39,15 +41,16 @@ class Constellation:
 
     @property
     def shell(self) -> Shell:
-        """The shell of the switch."""
+        """The shell whose links are switched."""
         return self.switch.shell
 
     @cached_property
     def table(self) -> list[dict[str, Any]]:
-        """Table with a row for each satellite, the same on every run.
+        """Table with a row for each planned satellite; it is the same on every run.
 
-        Columns are satellite, plane, slot, the numbers of links that lead through the Sun's cone before and
-        after, and those of a study from planner on.
+        Columns are satellite, plane, slot, sun_outages_before and sun_outages_after (numbers of its links
+        that lead through the Sun's cone or within `CLEARANCE` of it), and those of a study's table from
+        planner on.
         """
         rows = []
         for row in self._by_satellite(self.study.table):
@@ -64,11 +67,11 @@ class Constellation:
 
     @cached_property
     def timings(self) -> list[dict[str, Any]]:
-        """The seconds of each satellite's planning, by step."""
+        """Computation times in s of each satellite's planning, by step; a row for each satellite."""
         return self._by_satellite(self.study.timings)
 
     def _by_satellite(self, rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-        """Rows of the study with the satellite's number in the place of the columns `_LEFT_OUT`."""
+        """Replace the columns `_LEFT_OUT` of a study's rows by the satellite's number."""
         return [
             {"satellite": int(self.satellites[row["scene"]])}
             | {name: value for name, value in row.items() if name not in _LEFT_OUT}
@@ -76,17 +79,17 @@ class Constellation:
         ]
 
     def _column(self, name: str, kind: type = float) -> np.ndarray:
-        """Column (N,) of the table by its name, as an array of a type; NaN where nothing is known."""
+        """A column (N,) of the table as an array of type `kind`; unknown values become NaN."""
         return np.array([np.nan if row[name] is None else row[name] for row in self.table], dtype=kind)
 
     @property
     def planned(self) -> np.ndarray:
-        """Numbers (N,) of the satellites in the table's rows."""
+        """Numbers (N,) of the planned satellites in the shell, in the order of the table's rows."""
         return self._column("satellite", int)
 
     @property
     def status(self) -> np.ndarray:
-        """Outcomes (N,): names of `Status`, or "crashed"."""
+        """Outcome (N,) for each satellite: the name of a `Status`, or "crashed"."""
         return self._column("status", str)
 
     @property
@@ -96,26 +99,32 @@ class Constellation:
 
     @property
     def duration(self) -> np.ndarray:
-        """Durations (N,) of the manoeuvres, s; NaN without a trajectory."""
+        """Durations (N,) of the manoeuvres, s; NaN where there is no trajectory."""
         return self._column("duration_s")
 
     @property
     def slew_angle(self) -> np.ndarray:
-        """Rotations (N,) of the platforms from start to goal, rad; NaN without a goal."""
+        """Angles (N,) by which the platforms turn from start to goal, rad; NaN where no goal was found."""
         return np.deg2rad(self._column("slew_deg"))
 
     @property
     def min_margin(self) -> np.ndarray:
-        """Proved lower bounds (N,) of the margins at all times, rad; NaN without a certificate."""
+        """Proved lower bounds (N,) of each satellite's smallest margin, rad; NaN without a certificate.
+
+        A margin is the angle to the nearest limit of a zone, positive where the zone is kept.
+        """
         return np.deg2rad(self._column("min_margin_deg"))
 
     @property
     def sun_outage(self) -> np.ndarray:
-        """Whether a link of each satellite leads through the Sun's cone before or after, (N,) bool."""
+        """Whether each satellite has a link, before or after, that leads through the Sun's cone, (N,) bool.
+
+        Links within `CLEARANCE` of the cone count, too.
+        """
         return np.any(self.switch.sun_outage, axis=(0, 2))[self.planned]
 
     def summary(self) -> "ConstellationSummary":
-        """Counts of plans and outages, and quantiles of durations, lengths and margins."""
+        """Summarize plans and outages: counts, and quantiles of durations, path lengths and margins."""
         return ConstellationSummary(
             **vars(self.study.summary()),
             switch=self.switch,
@@ -134,13 +143,17 @@ class Constellation:
 @shown("done", "planned", "satellites_with_outages", "beyond_drift", heading="Summary of {0.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ConstellationSummary(Summary):
-    """A constellation in a few numbers: those of its study, and of its links; prints as a table.
+    """A constellation in a few numbers: those of its study, and those of its links; prints as a table.
+
+    It has the attributes of `Summary`, and these:
 
     Attributes:
-        switch: what was planned.
-        sun_outages: numbers of links through the Sun's cone before and after, of the satellites planned.
-        satellites_with_outages: how many satellites have one.
-        beyond_drift: how many manoeuvres take longer than the switch's `drift_time`.
+        switch: the switch that was planned.
+        sun_outages: numbers of the planned satellites' links that lead through the Sun's cone, or within
+            `CLEARANCE` of it, before and after.
+        satellites_with_outages: number of planned satellites with such a link.
+        beyond_drift: number of manoeuvres that take longer than the switch's `drift_time`, so that the
+            Earth's cone was not made wide enough for them.
     """
 
     switch: LinkSwitch
@@ -154,7 +167,7 @@ class ConstellationSummary(Summary):
         return f"Switch of the {self.switch.title}"
 
     def record(self) -> dict[str, Any]:
-        """The summary as a dict for JSON."""
+        """The summary as a dict that JSON can hold."""
         return super().record() | {
             **{f"sun_outages_{when}": count for when, count in zip(WHEN, self.sun_outages, strict=True)},
             "satellites_with_sun_outages": self.satellites_with_outages,
@@ -162,7 +175,7 @@ class ConstellationSummary(Summary):
         }
 
     def lines(self) -> list[tuple[str, str]]:
-        """Lines above the quantiles, as (label, value)."""
+        """Lines to print above the quantiles, as (label, value)."""
         switch, (_, *lines) = self.switch, super().lines()
         done = f"{self.done}" if self.done == switch.shell.total else f"{self.done} of {switch.shell.total}"
         earth = f"{np.rad2deg(switch.earth_half_angle):.1f} deg about nadir"
@@ -190,28 +203,29 @@ def plan_constellation(
 ) -> Constellation:
     """Plan the manoeuvres of a shell's satellites from their links before a switch to those after it.
 
-    A Monte-Carlo study of the switch's scenarios: `plan_batch` plans them block by block, nothing raises for
-    a satellite, and the table is the same whoever plans. Durations are "stretched" unless settings say
-    otherwise. Plans are not kept, since thousands of them take much memory: ``jp.plan(switch.scenario(17))``
-    makes one again.
+    This is a Monte-Carlo study of the switch's scenarios (`run_study`): `plan_batch` plans them block by
+    block, a satellite that fails gets a row instead of an exception, and the table is the same whatever the
+    workers. Durations are "stretched" unless settings say otherwise. Plans are not kept, since thousands of
+    them take much memory: ``jp.plan(switch.scenario(17))`` makes one again.
 
     Args:
-        switch: of `link_switch`.
-        satellites: numbers of those that are planned; None for all.
-        planner: see `run_study`, also for the arguments below.
-        settings: that differ from the defaults, such as ``{"trajectory.duration_s": "minimum"}``.
+        switch: the satellites' links before and after, from `link_switch`.
+        satellites: numbers of the satellites to plan; None for all.
+        planner: name of the search method, see `run_study`.
+        settings: scenario settings that differ from the defaults, such as
+            ``{"trajectory.duration_s": "minimum"}``; None for the defaults.
         workers: who plans: None for this process, a number of processes, or an executor.
-        out: a folder where each chunk is safe once it is done.
-        chunk: blocks of 16 satellites that are handed out together; by default as many as take some two
-            seconds.
+        out: a folder that keeps the rows of each chunk as soon as it is done; None to keep them in memory.
+        chunk: number of blocks, of 16 satellites each, that a worker gets at once; None for as many as take
+            some two seconds.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
         executor: an older name of workers.
 
     Returns:
-        What became of each satellite.
+        The outcome of each satellite.
 
     Raises:
-        ScenarioError: for satellites that there are not, and for wrong settings.
+        ScenarioError: for a satellite number or a setting that is not allowed.
         TypeError, ValueError, StudyFolderError, RuntimeError: see `run_study`.
 
     Example:

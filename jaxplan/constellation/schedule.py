@@ -1,12 +1,13 @@
-"""Schedules of links: whom each terminal of a shell is to point at, from step to step over hours or a day.
+"""Schedules of links: which satellite each terminal of a shell points at, step by step over hours or a day.
 
-Time goes in steps, over each of which a satellite's links stay as they are. Which they are follows from the
-mesh of the shell (`mesh`), or is given. A link is out over a step at some time of which its direction, seen
-from either end, is inside the keep-out cone of Sun, Moon or Earth, or outside by less than `CLEARANCE`. It is
-looked at every 10 s or oftener, between which directions in low orbit turn by less than that.
+Time is divided into steps, during each of which a satellite's links stay as they are. They follow from the
+mesh of the shell (`mesh`), or the caller gives them. A link is *out* for a whole step if at some time in it
+its direction, seen from either end, is inside the keep-out cone of Sun, Moon or Earth, or outside by less
+than `CLEARANCE`. This is checked at instants at most 10 s apart, between which directions in low orbit turn
+by less than `CLEARANCE`.
 
-Elements of orbits are those of `jaxplan.sky.CircularOrbit`, about the axes of the GCRS; bodies are where they
-are at the epoch. Times are seconds after it.
+Orbits have the elements of `jaxplan.sky.CircularOrbit`, about the axes of the Geocentric Celestial Reference
+System. Sun and Moon move as time goes on. Times are seconds after the epoch.
 """
 
 import math
@@ -29,10 +30,10 @@ from jaxplan.schema import ScenarioError
 from jaxplan.schema.reading import checked_spacecraft
 from jaxplan.sky.orbits import EARTH_RADIUS
 
-LONGEST = 86400.0  # s, of a schedule
-_LOOKS = 10.0  # s between the instants at which links are looked at, at most
+LONGEST = 86400.0  # s, longest duration of a schedule
+_LOOKS = 10.0  # s, longest time between the instants at which links are checked
 _MOST_STEPS = 100_000
-_BELOW_CROSSING = math.radians(5.0)
+_BELOW_CROSSING = math.radians(5.0)  # rad by which links between planes end below the crossing latitude
 _WHERE = "the schedule"
 
 Topology = Callable[[float], Any] | tuple[Any, Any]
@@ -47,7 +48,7 @@ class Span:
     Attributes:
         start: s.
         end: s.
-        links: of each terminal the number of a satellite, `NOBODY` for none.
+        links: for each terminal the number of the satellite that it points at, `NOBODY` (-1) for none.
     """
 
     start: float
@@ -63,17 +64,18 @@ class Span:
 @shown("spacecraft", "epoch", "until s", "changes", "outages", heading="Schedule of links of {0.shell.name}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinkSchedule:
-    """The links of T satellites with n terminals over K steps; `link_schedule` makes it.
+    """The links of T satellites with n terminals over K time steps; `link_schedule` makes it.
 
     Attributes:
-        shell: the satellites, where they are at the epoch at time zero.
-        spacecraft: of which kind they all are.
-        epoch: UTC of the start.
+        shell: the satellites; its time zero is the epoch.
+        spacecraft: the devices and limits that all satellites have.
+        epoch: UTC of time zero.
         times: (K,) s, starts of the steps; the first is zero.
-        until: s, the end of the last.
-        topology: (K, T, n) int, the satellite that each terminal is linked to; -1 for none.
-        cones: rad, half angle of the keep-out cone of each body, by its name.
-        outages: s of links that lead through each body's cone, and are left out, summed over all terminals.
+        until: s, end of the last step.
+        topology: (K, T, n) int, the satellite that each terminal points at; -1 for none, or where a link is
+            out.
+        cones: half angle in rad of each body's keep-out cone, by the body's name ("sun", "moon", "earth").
+        outages: seconds for which links are out because of each body, summed over all terminals, by its name.
     """
 
     shell: Shell
@@ -92,11 +94,11 @@ class LinkSchedule:
 
     @property
     def changes(self) -> int:
-        """How often a satellite's links change, over all satellites; each asks for a slew."""
+        """How often a satellite's links change from one step to the next, summed over all satellites."""
         return int(np.sum(np.any(self.topology[1:] != self.topology[:-1], axis=2)))
 
     def spans(self, satellite: int) -> list[Span]:
-        """The times between changes of a satellite's links, in order and without gaps.
+        """Return the times between changes of a satellite's links, in order and without gaps.
 
         Raises:
             ScenarioError: if there is no such satellite.
@@ -111,7 +113,7 @@ class LinkSchedule:
         ]
 
     def chosen(self, satellites: Iterable[int] | None) -> list[int]:
-        """Check numbers of satellites and return them, all for None; raises ScenarioError for wrong ones."""
+        """Check satellite numbers and return them, or all for None; see `chosen_satellites`."""
         return chosen_satellites(self.shell, satellites)
 
 
@@ -133,30 +135,34 @@ def link_schedule(
     """Make the schedule of a shell's links over hours or a day.
 
     Args:
-        shell: the satellites, of `walker`; time zero is the epoch.
+        shell: the satellites, from `walker`; its time zero is the epoch.
         epoch: UTC of the start.
-        duration_s: s, in (0, 86400].
-        step_s: s over which links stay as they are, in [1, 86400]; slews must be done within.
+        duration_s: s, in [1, 86400].
+        step_s: s over which links stay as they are, in [1, 86400]; each slew must be done within one step.
         spacecraft: what each satellite is; None for `relay_spacecraft` with four terminals.
-        sides: what each terminal is for, of "fore", "aft", "right" and "left", each once, the latter two both
-            or none; None for the first two or all four in this order, of as many terminals.
-        topology: given links, in the place of those to neighbours: a function of a time, s, to integers
-            (T, n), the number of a satellite for each terminal and -1 for none, which is asked at the start
-            of each step; or a pair, times (K,) s from zero on and integers (K, T, n).
+        sides: the side that each terminal serves, of "fore", "aft", "right" and "left". Each side comes at
+            most once, and right and left come together. None for the first two of these with two terminals,
+            and for all four with four. Not used where `topology` is given.
+        topology: links that replace those to neighbours: a function of a time in s, called at the start of
+            each step, that returns integers (T, n), the number of a satellite for each terminal and -1 for
+            none; or a pair of times (K,) in s, rising from zero, and integers (K, T, n). None for the links
+            of `mesh`.
         highest_latitude: rad, in (0, pi / 2], beyond which there are no links to other planes; None for 5 deg
             below where planes cross.
-        hysteresis: share, in [0, 0.9], by which another satellite must be nearer for a link to go over to it.
-        sun_half_angle: rad, of the Sun's keep-out cone for all terminals, in [1e-6, 1.5]; None for none.
+        hysteresis: fraction, in [0, 0.9], by which another satellite must be nearer for a link to change to
+            it.
+        sun_half_angle: rad, of the Sun's keep-out cone for all terminals, in [1e-6, 1.5]; None for no such
+            cone.
         moon_half_angle: likewise of the Moon's.
-        lowest_altitude: km that links stay above, and that count as Earth, in [0, 1000].
+        lowest_altitude: km, in [0, 1000]: the Earth's keep-out cone just covers a sphere up to this altitude.
 
     Returns:
-        The schedule, in which links are out that lead through a cone.
+        The schedule; links that are out are removed from it.
 
     Raises:
-        ScenarioError: (a ValueError) for values out of range, and for a topology of other shape or type, or
-            with numbers that no satellite has; all faults are named.
-        ImportError: without the extra ``orbit``, which knows where Sun and Moon are.
+        ScenarioError: (a ValueError) for values out of range, and for a topology of another shape or type, or
+            with numbers that no satellite has.
+        ImportError: without the extra ``orbit``, which computes where Sun and Moon are.
 
     Example:
         >>> shell = jp.walker("53:1584/72/39", 550.0)
@@ -214,18 +220,22 @@ def link_schedule(
 
 
 def _number_type(shell: Shell) -> np.dtype[Any]:
-    """The smallest type of integers that holds all numbers of satellites, and `NOBODY`."""
+    """The smallest integer type that holds all satellite numbers, and `NOBODY`."""
     return np.min_scalar_type(-shell.total)
 
 
 def _sides(craft: Spacecraft, sides: Sequence[str] | None) -> tuple[str, ...] | str:
-    """What each terminal is for, or a message on why it is not known."""
+    """Check the sides that the terminals serve; None stands for the usual ones.
+
+    Returns:
+        A tuple with one side for each terminal, or else a message that says what is wrong.
+    """
     count = len(craft.terminals)
     if sides is None:
         if count in (2, 4):
             return SIDES[:count]
         return f"the spacecraft has {count} terminals: with other than 2 or 4, give sides, or a topology"
-    given: object = sides  # whatever its type says
+    given: object = sides  # it may be anything at run time
     if not isinstance(given, Sequence) or isinstance(given, str) or not set(given) <= set(SIDES):
         return f"sides = {sides!r}: must be names of {', '.join(SIDES)}"
     if len(sides) != count or len(set(sides)) < count:
@@ -240,11 +250,25 @@ def _sides(craft: Spacecraft, sides: Sequence[str] | None) -> tuple[str, ...] | 
 def _given(
     topology: Topology, steps: np.ndarray, until: float, shell: Shell, terminals: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times (K,) s and links (K, T, n) of a topology that the caller gives; raises ScenarioError."""
+    """Check a topology that the caller gives, and turn it into arrays.
+
+    Args:
+        topology: a function of time, or a pair of times and links.
+        steps: s, starts of the steps at which a function is called; not used for a pair.
+        until: s, end of the schedule, before which all times must be.
+        shell: the T satellites.
+        terminals: number of each satellite's terminals, n.
+
+    Returns:
+        Starts (K,) of the steps in s, and links (K, T, n).
+
+    Raises:
+        ScenarioError: for another shape or type, a number that no satellite has, or a link to oneself.
+    """
     if callable(topology):
         times, tables = steps, [topology(time) for time in steps.tolist()]
     else:
-        given: object = topology  # whatever its type says
+        given: object = topology  # it may be anything at run time
         if not isinstance(given, tuple | list) or len(given) != 2:
             kind = type(given).__name__
             fault = f"topology must be a function of a time, or a pair (times, links), not a {kind}"
@@ -271,7 +295,11 @@ def _given(
 
 
 def _times(value: object, until: float) -> np.ndarray:
-    """Starts (K,) of steps, s, that the caller gives; raises ScenarioError."""
+    """Check the starts of steps that the caller gives, and return them as an array (K,) in s.
+
+    Raises:
+        ScenarioError: unless they rise from 0 to below `until` (s), and are at most 100 000.
+    """
     try:
         times = np.asarray(value, float)
     except (TypeError, ValueError):
@@ -291,15 +319,20 @@ def _without_outages(
     epoch: np.datetime64,
     cones: Mapping[str, float],
 ) -> tuple[np.ndarray, dict[str, float]]:
-    """Links without those that lead through a cone, and how many seconds of links these are, by body.
+    """Remove the links that are out, and count for how long they are.
 
     Args:
-        tables: (K, T, n) links.
-        times: (K,) s, starts of steps.
+        tables: (K, T, n) links; not changed.
+        times: (K,) s, starts of the steps.
         ends: (K,) s, their ends.
         shell: the satellites.
         epoch: UTC of time zero.
-        cones: rad, half angle of each body's cone.
+        cones: half angle in rad of each body's keep-out cone, by its name.
+
+    Returns:
+        The links (K, T, n) with `NOBODY` where they are out; and for each body the seconds for which links
+        are out because of it, summed over terminals. A link that several bodies block counts for each of
+        them.
     """
     found = tables.copy()
     outages = dict.fromkeys(cones, 0.0)

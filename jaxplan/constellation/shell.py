@@ -1,12 +1,14 @@
 """Walker shells: satellites evenly spread over evenly spread circular orbits of one altitude and inclination.
 
-In the field's notation ``i:T/P/F`` a shell has T satellites in P planes of inclination i (deg). Each plane
-has ``S = T / P`` slots, evenly spread. A satellite is ``F * 360 / T`` deg further along its orbit than the
-one in the same slot of the plane to the west. Ascending nodes spread over the whole equator in a delta
-pattern and over half of it in a star, where the first plane and the last one move in opposite directions.
+In the usual notation ``i:T/P/F`` a shell has T satellites in P planes of inclination i (deg); F is the
+phasing. Each plane has ``S = T / P`` slots, evenly spread. A satellite is ``F * 360 / T`` deg further along
+its orbit than the one in the same slot of the plane to the west. The ascending nodes spread over the whole
+equator in a "delta" pattern and over half of it in a "star", where the first and the last plane move in
+opposite directions.
 
-Satellites are numbered plane by plane, from west to east, and in a plane slot by slot in the direction of
-flight. Lengths are in km, angles in rad, times in s; the frame is that of `jaxplan.sky.orbits`.
+Satellites are numbered from 0, plane by plane from west to east, and within a plane slot by slot in the
+direction of flight. Lengths are in km, angles in rad, times in s; the inertial frame is that of
+`jaxplan.sky.orbits`.
 """
 
 import math
@@ -25,7 +27,7 @@ from jaxplan.schema import ScenarioError
 from jaxplan.sky import orbits
 
 PATTERNS = ("delta", "star")
-HIGHEST = 1e6  # km, greatest altitude of a shell; beyond, the Earth keeps no satellites
+HIGHEST = 1e6  # km, greatest altitude of a shell; beyond it the Earth holds no satellites
 MOST = 10**6  # largest number of satellites of a shell
 _NOTATION = re.compile(r"\s*([0-9.]+)\s*:\s*([0-9]+)\s*/\s*([0-9]+)\s*/\s*([0-9]+)\s*")
 
@@ -42,7 +44,7 @@ _NOTATION = re.compile(r"\s*([0-9.]+)\s*:\s*([0-9]+)\s*/\s*([0-9]+)\s*/\s*([0-9]
 )
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shell:
-    """A Walker shell of ``total`` = T satellites; `walker` makes it.
+    """A Walker shell of T satellites; `walker` makes it.
 
     Attributes:
         inclination: rad.
@@ -51,7 +53,8 @@ class Shell:
         phasing: F, from 0 to P - 1.
         altitude: km above the equatorial radius.
         pattern: "delta" or "star".
-        epoch_angle: rad, argument of latitude of satellite 0 at time zero; its node is at right ascension 0.
+        epoch_angle: rad, argument of latitude of satellite 0 at time zero; its ascending node is at right
+            ascension 0.
     """
 
     inclination: float
@@ -69,7 +72,7 @@ class Shell:
 
     @property
     def notation(self) -> str:
-        """``i:T/P/F``, the inclination in degrees."""
+        """The notation ``i:T/P/F``, with the inclination in degrees."""
         return f"{math.degrees(self.inclination):.6g}:{self.total}/{self.planes}/{self.phasing}"
 
     @property
@@ -80,12 +83,12 @@ class Shell:
 
     @property
     def plane(self) -> np.ndarray:
-        """Plane (T,) of each satellite."""
+        """Number of the plane (T,) that each satellite is in, from 0."""
         return np.arange(self.total) // self.slots
 
     @property
     def slot(self) -> np.ndarray:
-        """Slot (T,) of each satellite in its plane."""
+        """Number of the slot (T,) that each satellite has in its plane, from 0."""
         return np.arange(self.total) % self.slots
 
     @property
@@ -95,19 +98,19 @@ class Shell:
 
     @property
     def nodes(self) -> np.ndarray:
-        """Right ascensions (T,) of the ascending nodes, rad."""
+        """Right ascension (T,) of each satellite's ascending node, rad."""
         return self.node_spacing * self.plane
 
     @property
     def latitudes(self) -> np.ndarray:
-        """Arguments of latitude (T,) at time zero, rad."""
+        """Argument of latitude (T,) of each satellite at time zero, rad: angle from its ascending node."""
         return self.epoch_angle + 2 * math.pi * (
             self.slot / self.slots + self.phasing * self.plane / self.total
         )
 
     @property
     def radius(self) -> float:
-        """Radius of the orbits, km."""
+        """Radius of the orbits, from the Earth's centre, km."""
         return orbits.EARTH_RADIUS + self.altitude
 
     @property
@@ -121,11 +124,11 @@ class Shell:
         return 2 * math.pi / self.mean_motion
 
     def positions(self, time: float = 0.0) -> np.ndarray:
-        """Inertial positions (T, 3) at a time in s, km."""
+        """Inertial positions (T, 3) in km at a time in s."""
         return self.states(time)[0]
 
     def velocities(self, time: float = 0.0) -> np.ndarray:
-        """Inertial velocities (T, 3) at a time in s, km/s."""
+        """Inertial velocities (T, 3) in km/s at a time in s."""
         return self.states(time)[1]
 
     def nadir(self, time: float = 0.0) -> np.ndarray:
@@ -134,7 +137,11 @@ class Shell:
         return np.asarray(-positions / np.linalg.norm(positions, axis=-1, keepdims=True))
 
     def states(self, time: float = 0.0) -> np.ndarray:
-        """Positions and velocities (2, T, 3) at a time in s, km and km/s."""
+        """Inertial positions (km) and velocities (km/s) at a time in s, stacked as (2, T, 3).
+
+        Raises:
+            ValueError: for a time that is not a finite number.
+        """
         after = number("time", time, "a number of s")
         if not math.isfinite(after):
             raise ValueError(f"time = {after}: must be finite")
@@ -143,50 +150,54 @@ class Shell:
             return np.array(_states(self.altitude, self.inclination, self.nodes, latitudes, after))
 
     def neighbours(self, plane_step: int, slot_step: int) -> np.ndarray:
-        """Each satellite's neighbour some planes to the east and some slots ahead.
+        """Find for each satellite the one that is some planes to the east and some slots ahead.
 
         Args:
-            plane_step: planes to the east, negative to the west.
-            slot_step: slots ahead, negative for behind.
+            plane_step: number of planes to the east, negative to the west.
+            slot_step: number of slots ahead, negative for behind.
 
         Returns:
-            (T,) int numbers of the neighbours. East of a delta's last plane is its first, with F more slots
-            ahead, so that a step always leads to the same place relative to a satellite's own. A star has
-            nothing beyond its outer planes: -1.
+            (T,) int, the number of each satellite's neighbour. East of a delta's last plane comes its first,
+            with F added to the slot, so that a step always leads to the same place relative to a satellite's
+            own. A star has no planes beyond its outer ones: -1 there.
         """
         around, plane = np.divmod(self.plane + plane_step, self.planes)
         found = plane * self.slots + (self.slot + slot_step + around * self.phasing) % self.slots
         return np.where((around == 0) | (self.pattern == "delta"), found, -1)
 
     def nearest_slot_steps(self) -> np.ndarray:
-        """Steps (2,) ahead to the nearest and the second nearest satellite of the plane to the east.
+        """Find the slots of the two nearest satellites of the plane to the east.
 
-        Near is what is least far away on the average of an orbit, which is closed: with a node further on by
-        D and an argument of latitude by d, the mean cosine of the angle between two satellites is
+        Near means a small distance on the average of an orbit: where the node is further east by D and the
+        argument of latitude is greater by d, the mean cosine of the angle between two satellites is
         ``(cos d (cos D (1 + cos^2 i) + sin^2 i) - 2 sin d sin D cos i) / 2``.
+
+        Returns:
+            (2,) int, steps ahead to the nearest and the second nearest, negative for behind, as `neighbours`
+            takes them; the same step twice where a plane has a single satellite.
         """
         cosine, turn = math.cos(self.inclination), self.node_spacing
         across = math.cos(turn) * (1 + cosine**2) + math.sin(self.inclination) ** 2
-        best = -math.atan2(2 * math.sin(turn) * cosine, across)  # the phase at which that is largest
+        best = -math.atan2(2 * math.sin(turn) * cosine, across)  # phase at which the mean cosine is largest
         steps = np.arange(self.slots)
         phases = 2 * math.pi * (steps / self.slots + self.phasing / self.total)
         off = np.abs(np.remainder(phases - best + math.pi, 2 * math.pi) - math.pi)
         steps = np.where(steps > self.slots // 2, steps - self.slots, steps)
         nearest = steps[np.argsort(np.round(off, 12), kind="stable")[:2]]
-        return np.resize(nearest, 2)  # a plane may have a single satellite
+        return np.resize(nearest, 2)  # repeated where a plane has a single satellite
 
 
 def walker(notation: str, altitude: float, *, pattern: str = "delta", epoch_angle: float = 0.0) -> Shell:
-    """Make a Walker shell from the field's notation.
+    """Make a Walker shell from the usual notation.
 
     Args:
         notation: ``i:T/P/F`` with the inclination in degrees, such as "53:1584/72/39".
-        altitude: km above the equatorial radius.
+        altitude: km above the equatorial radius, in (0, 1e6].
         pattern: "delta" or "star".
         epoch_angle: rad, argument of latitude of satellite 0 at time zero.
 
     Raises:
-        ScenarioError: (a ValueError) for what is no shell; all faults are named.
+        ScenarioError: (a ValueError) for values that make no shell; all faults are named.
 
     Example:
         >>> shell = jp.walker("53:1584/72/39", 550.0)
@@ -219,10 +230,15 @@ def walker(notation: str, altitude: float, *, pattern: str = "delta", epoch_angl
 
 
 def _wrong_numbers(texts: tuple[str, ...], notation: str) -> list[str]:
-    """Messages on what is wrong with the texts of inclination, total, planes and phasing; perhaps none."""
+    """Check the four numbers of a notation; returns a message for each that is wrong.
+
+    Args:
+        texts: inclination, total, planes and phasing as texts of digits.
+        notation: the whole text, for messages.
+    """
     try:
         inclination = float(texts[0])
-    except ValueError:  # more than one point
+    except ValueError:  # more than one decimal point
         inclination = math.nan
     total, planes, phasing = map(int, texts[1:])
     wanted = {
@@ -235,19 +251,22 @@ def _wrong_numbers(texts: tuple[str, ...], notation: str) -> list[str]:
 
 
 def out_of_range(name: str, value: object, unit: str, low: float, high: float) -> list[str]:
-    """A list of one message if a value is no number in [low, high], in the unit; else an empty one."""
+    """Check that a value is a number in [low, high]; returns a list of one message if not, else an empty one.
+
+    `name` and `unit` are for the message only.
+    """
     if is_number(value) and low <= value <= high:
         return []
     return [f"{name} = {value!r}: must be a number of {unit} in [{low:g}, {high:g}]"]
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """True for real numbers, truth values excepted."""
+    """Tell whether a value is a real number; booleans do not count as numbers."""
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
 @quick_jit
 def _states(altitude: Array, inclination: Array, nodes: Array, latitudes: Array, time: Array) -> Array:
-    """Inertial positions, km, and velocities, km/s: (2, T, 3); arguments are those of `orbits.position`."""
+    """Inertial positions, km, and velocities, km/s, as (2, T, 3); arguments as in `orbits.position`."""
     elements = (altitude, inclination, nodes, latitudes, time)
     return jax.numpy.stack([orbits.position(*elements), orbits.velocity(*elements)])

@@ -1,16 +1,17 @@
-"""The planning problems of a switch of a shell's topology, one a satellite.
+"""The planning problems of a switch: a shell changes its links once, which is a problem for each satellite.
 
-At the start a satellite's terminals point along its links before the switch, from the attitude nearest to the
-nominal one at which they can; the goal is the links after it. No terminal may look into the Sun's cone, nor
-into the Earth's: about nadir, and as wide as the Earth with the air below `lowest_altitude`, whose half-angle
-from a radius r is ``asin((R + lowest_altitude) / r)``, and wider by what nadir moves within `drift_time`.
+At the start a satellite's terminals point along its links before the switch, in the attitude nearest to the
+nominal one that allows it; the goal is the links after the switch. No terminal may look into the Sun's
+keep-out cone nor into the Earth's. The Earth's cone is about nadir. It covers the Earth with the air below
+`lowest_altitude`, which at orbit radius r takes a half angle of ``asin((R + lowest_altitude) / r)``, R being
+the Earth's radius; and it is wider by the angle that nadir moves within `drift_time`.
 
-Lines of sight and zones are those of one instant, and hold in the inertial frame. Over a manoeuvre they turn
-by the satellite's mean motion, 0.06 deg/s at 550 km: the Earth's cone is wider for that, and terminals follow
-their links once they point at them.
+Lines of sight and zones are those of one instant, kept fixed in the inertial frame. Over a manoeuvre they
+turn at the satellite's mean motion, 0.06 deg/s at 550 km: the Earth's cone is wider for that, and terminals
+follow their links once they point at them.
 
-Where a satellite looks is said in its local frame: x ahead, in the direction of flight, y to the left, z up.
-An attitude that has the body's axes there is the nominal one.
+A satellite's local frame has x ahead, in the direction of flight, y to the left and z up, away from the
+Earth. The attitude that has the body's axes there is the nominal one.
 """
 
 import math
@@ -39,18 +40,18 @@ from jaxplan.schema import ScenarioError
 from jaxplan.schema.reading import checked_spacecraft
 from jaxplan.sky.orbits import EARTH_RADIUS
 
-_SIDE_MOUNTS = {3: (("cross", 90.0),), 4: (("right", -90.0), ("left", 90.0))}  # deg
+_SIDE_MOUNTS = {3: (("cross", 90.0),), 4: (("right", -90.0), ("left", 90.0))}  # deg about z, from x ahead
 
 
 def relay_spacecraft(terminals: int = 3) -> Spacecraft:
-    """A platform with a terminal to the front, one to the back, and one or two to its sides for cross links.
+    """Make a relay satellite with a terminal to the front, one to the back, and one or two to its sides.
 
-    Each turns by 80 deg to either side and by 30 deg up and down, at up to 6 deg/s and 4 deg/s^2. The
-    platform turns at up to 1 deg/s and 0.5 deg/s^2.
+    Each terminal turns by 80 deg to either side and by 30 deg up and down, at up to 6 deg/s and 4 deg/s^2.
+    The platform turns at up to 1 deg/s and 0.5 deg/s^2.
 
     Args:
-        terminals: how many, 3 with one to the left for cross links ("cross"), 4 with one to the right and one
-            to the left.
+        terminals: 3 for "fore", "aft" and "cross", the latter to the left; 4 for "fore", "aft", "right" and
+            "left".
 
     Raises:
         ValueError: for another number.
@@ -76,14 +77,14 @@ def relay_spacecraft(terminals: int = 3) -> Spacecraft:
 
 
 def nominal_attitudes(positions: np.ndarray, velocities: np.ndarray) -> np.ndarray:
-    """Attitudes with the body's x axis ahead and its z axis up.
+    """Compute the attitudes with the body's x axis ahead and its z axis up, away from the Earth.
 
     Args:
-        positions: (N, 3) inertial.
-        velocities: (N, 3) of circular orbits.
+        positions: (N, 3) inertial, any unit.
+        velocities: (N, 3) inertial, on circular orbits, any unit.
 
     Returns:
-        (N, 3, 3) body to inertial.
+        (N, 3, 3) rotation matrices, body to inertial.
     """
     up = positions / np.linalg.norm(positions, axis=-1, keepdims=True)
     ahead = velocities / np.linalg.norm(velocities, axis=-1, keepdims=True)
@@ -103,15 +104,18 @@ def nominal_attitudes(positions: np.ndarray, velocities: np.ndarray) -> np.ndarr
 class LinkSwitch(Surroundings):
     """A planning problem for each of T satellites with n terminals; `link_switch` makes it.
 
-    Attributes, beside those of `Surroundings`:
-        spacecraft: of which kind they all are.
-        before: (T, n) int, the satellite that each terminal is linked to.
+    It has the attributes of `Surroundings`, and these:
+
+    Attributes:
+        spacecraft: the devices and limits that all satellites have.
+        before: (T, n) int, the satellite that each terminal is linked to before the switch.
         after: (T, n) int, the same after the switch.
-        directions: (2, T, n, 3) unit vectors, inertial: where terminals point before and after. That is along
-            the links, but for terminals that wait.
-        sun_outage: (2, T, n) bool, which links lead through the Sun's cone before and after.
-        attitudes: (T, 3, 3) body to inertial, at the start.
-        joints: (T, 2n) rad, at the start.
+        directions: (2, T, n, 3) inertial unit vectors in which terminals point before and after: along their
+            links, but for those that wait outside the Sun's cone.
+        sun_outage: (2, T, n) bool, which links before and after lead through the Sun's cone, or within
+            `CLEARANCE` of it.
+        attitudes: (T, 3, 3) rotation matrices at the start, body to inertial.
+        joints: (T, 2n) rad at the start, all terminals' yaws and then all pitches.
     """
 
     spacecraft: Spacecraft
@@ -124,17 +128,20 @@ class LinkSwitch(Surroundings):
 
     @property
     def title(self) -> str:
-        """Title with the shell and the number of terminals."""
+        """Title: the shell and the number of terminals."""
         return f"links of {self.shell.name}, {len(self.spacecraft.terminals)} terminals a satellite"
 
     def scenarios(self, satellites: Iterable[int] | None = None) -> list[Scenario]:
-        """Make the planning problems, a scenario for each satellite.
+        """Make the planning problems, a scenario at rest at both ends for each satellite.
 
         Args:
-            satellites: their numbers; None for all.
+            satellites: numbers of the satellites; None for all.
+
+        Returns:
+            The scenarios, in the order of `satellites`.
 
         Raises:
-            ScenarioError: if there is no such satellite, or one comes twice.
+            ScenarioError: if there is no such satellite, or one is given twice.
         """
         chosen = self.chosen(satellites)
         vectors = so3.log(self.attitudes)
@@ -168,15 +175,15 @@ class LinkSwitch(Surroundings):
         return self.scenarios([satellite])[0]
 
     def chosen(self, satellites: Iterable[int] | None) -> list[int]:
-        """Check numbers of satellites and return them, all for None; raises ScenarioError for wrong ones."""
+        """Check satellite numbers and return them, or all for None; see `chosen_satellites`."""
         return chosen_satellites(self.shell, satellites)
 
 
 def chosen_satellites(shell: Shell, satellites: Iterable[int] | None) -> list[int]:
-    """Check numbers of satellites of a shell and return them; all for None.
+    """Check the satellite numbers that a caller gives, and return them as a list; None stands for all.
 
     Raises:
-        ScenarioError: if there is no such satellite, one comes twice, or there is none.
+        ScenarioError: if a number is no satellite's, one is given twice, or none is given.
     """
     if satellites is None:
         return list(range(shell.total))
@@ -212,31 +219,32 @@ def link_switch(
     drift_time: float = 90.0,
     time: float = 0.0,
 ) -> LinkSwitch:
-    """Make the planning problems of a switch of a shell's topology, one a satellite.
+    """Make the planning problems of a switch of a shell's topology, one for each satellite.
 
     Args:
-        shell: the satellites, of `walker`.
-        spacecraft: what each of them is; None for a platform with three terminals, `relay_spacecraft`.
+        shell: the T satellites, from `walker`.
+        spacecraft: what each of them is; None for `relay_spacecraft`, a platform with three terminals.
         before: (T, n) int, the satellite that each terminal is linked to; None for the default, see
             `default_topologies`: the two neighbours in the plane, and one or two in the planes beside.
-        after: (T, n) int, the same after the switch; None for the other side, or the next slot, of the planes
-            beside.
-        sun_direction: (3,) unit vector, inertial; None where no Sun is to be kept out.
+        after: (T, n) int, the same after the switch; None for the default: the terminals in the plane keep
+            their links, the others change to the other side or to the next nearest satellite.
+        sun_direction: (3,) inertial unit vector toward the Sun; None for no keep-out cone of the Sun.
         sun_half_angle: rad, of the Sun's keep-out cone for all terminals, in [1e-6, 1.5].
         sun_outage: what becomes of links that lead through the Sun's cone, or within 1 deg of it. "wait":
-            they are out, and their terminals wait 1 deg outside the cone, as close to the link as may be.
-            "keep": they are asked for like others, so that planning ends with INVALID_START or INVALID_GOAL.
-        lowest_altitude: km that links, and the rim of the Earth's keep-out cone, stay above, in [0, 1000].
-        drift_time: s, the Earth's cone is wider by what nadir moves meanwhile, in [0, 3600]. The summary of
-            plans says how many take longer.
+            they are out, and their terminals wait 1 deg outside the cone, as close to the link as possible.
+            "keep": they are required like others, so that planning ends with INVALID_START or INVALID_GOAL.
+        lowest_altitude: km, in [0, 1000], below which no point of a link may lie; the Earth's keep-out cone
+            covers what is below it.
+        drift_time: s, in [0, 3600]: the Earth's cone is wider by the angle that nadir moves in this time. The
+            summary of plans says how many manoeuvres take longer.
         time: s, when the switch is.
 
     Returns:
-        The switch, its starts found.
+        The switch, with the state found at which each satellite starts.
 
     Raises:
-        ScenarioError: (a ValueError) for values out of range, links through the Earth, its air or its cone,
-            which are named, and a satellite whose terminals cannot point at all its links at once.
+        ScenarioError: (a ValueError) for values out of range, for links through the Earth, its air or its
+            cone, which are named, and for a satellite whose terminals cannot point at all its links at once.
 
     Example:
         >>> shell = jp.walker("53:1584/72/39", 550.0)
@@ -284,7 +292,11 @@ def _surroundings(
     drift_time: float,
     time: float,
 ) -> Surroundings:
-    """Check arguments of `link_switch` and make the `Surroundings` of them; raises ScenarioError."""
+    """Check the arguments of `link_switch` of the same names, and make the `Surroundings` of them.
+
+    Raises:
+        ScenarioError: for values out of range.
+    """
     faults = [
         *out_of_range("sun_half_angle", sun_half_angle, "rad", 1e-6, 1.5),
         *out_of_range("lowest_altitude", lowest_altitude, "km", 0.0, 1000.0),
@@ -320,7 +332,7 @@ def _surroundings(
 def _topologies(
     shell: Shell, terminals: int, before: ArrayLike | None, after: ArrayLike | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Check the topologies (T, n) before and after, with `default_topologies` in the place of None."""
+    """Return the topologies (T, n) before and after, checked; the default is used for one that is None."""
     default = default_topologies(shell, terminals) if before is None or after is None else None
     given = [
         default[place] if value is None and default else checked_topology(value, when, shell, terminals)
@@ -330,18 +342,18 @@ def _topologies(
 
 
 def _starts(craft: Spacecraft, nominal: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Find the starts: states nearest to the nominal ones at which terminals point along their links.
+    """Find the satellites' states at the start: terminals along their links, attitudes near the nominal ones.
 
     Args:
-        craft: of each satellite.
-        nominal: (T, 3, 3) attitudes, body to inertial.
-        directions: (T, n, 3) inertial unit vectors of the links before the switch.
+        craft: the spacecraft, the same for all.
+        nominal: (T, 3, 3) nominal attitudes, body to inertial.
+        directions: (T, n, 3) inertial unit vectors in which terminals point before the switch.
 
     Returns:
-        Attitudes (T, 3, 3), body to inertial, and joints (T, 2n) rad.
+        Attitudes (T, 3, 3), body to inertial, and joints (T, 2n) in rad, all yaws and then all pitches.
 
     Raises:
-        ScenarioError: if a satellite has none.
+        ScenarioError: if a satellite has no such state.
     """
     attitudes, joints, found = nearest_attitudes(craft, nominal, directions)
     still: dict[str, Any] = {"angular_velocity": np.zeros(3), "joint_rates": np.zeros(len(craft.joint_names))}
@@ -350,7 +362,8 @@ def _starts(craft: Spacecraft, nominal: np.ndarray, directions: np.ndarray) -> t
         targets = Targets(directions=directions[number], **still)
         answer = decompose(craft, nominal[number], targets, nowhere, max_goals=1)
         if not answer.goals:
-            assert answer.worst_aim is not None  # without terminals there is always an answer
+            # it is None only without terminals, when there is always a goal
+            assert answer.worst_aim is not None
             terminal, angle = answer.worst_aim
             fault = (
                 f"satellite {number}: no attitude lets its terminals point along its links before "

@@ -1,10 +1,10 @@
 """A plan as a page for people: ``jp.report_html(plan, "slew.html")``.
 
-The page is one file that asks for no other: figures are inside it, nothing in it runs unless a viewer is
-asked for, and it forbids browsers to load anything. It follows the reader's choice of light or dark, and
-prints in light. `markup` makes HTML in which no text of a scenario can be anything but text, `tables` has
-what was asked and what was found, and here it is put together: head, verdict, and the parts in the order of
-planning.
+The page is a single HTML file that needs no other: figures are inside it, it forbids browsers to load
+anything, and no scripts run in it unless a viewer is asked for. It follows the reader's choice of light or
+dark, and prints in light. `markup` makes HTML in which all text of a scenario is escaped, `tables` presents
+what was asked and what was found, `day` makes the page on a timeline's plan, and this module the page on a
+single manoeuvre: head, verdict, and the parts in the order of planning.
 """
 
 import os
@@ -43,31 +43,31 @@ def report_html(
 ) -> Path:
     """Write a self-contained HTML page on a plan.
 
-    It shows scenario, goal, path, trajectory, the certificate with every margin and peak, figures, timings,
-    and the scenario file to plan it again. The certificate is made anew for it. Of a plan that failed it says
-    at which step and what to change. That of a timeline's plan has its activities, events and figures, with
-    the certificate as the plan has it.
+    For a single manoeuvre it shows scenario, goal, path, trajectory, the certificate with every margin and
+    peak, figures, computation times, and the scenario file to plan it again. The certificate is made anew for
+    it. If the plan failed it says at which step and what to change. For a timeline's plan it shows
+    activities, events and figures, with the certificate that the plan has.
 
     Args:
-        plan: of any status, or that of a timeline.
-        path: the file. It appears whole or not at all; its folder is made.
-        overwrite: whether an old file may be replaced.
-        frequencies: Hz, at which the spectrum of the torque is told and drawn, of a single manoeuvre; none by
-            default.
-        viewer: whether to have the plan in space at its head, to turn and play (`jaxplan.view`; extra
-            ``view``). Then something runs in the page, and it has 3 MB more.
+        plan: of any status, of a scenario or a timeline.
+        path: the file. It is written as a whole or not at all; its folder is made if it is missing.
+        overwrite: whether an existing file may be replaced.
+        frequencies: Hz, at which the spectrum of a single manoeuvre's torque is listed and drawn; without any
+            there is no spectrum.
+        viewer: whether the page begins with an interactive view of the plan in space (`jaxplan.view`; extra
+            ``view``). The page then runs scripts, and is 3 MB larger.
         observer: the spacecraft's orbit, one of `jaxplan.sky`, for figures in the local orbital frame and the
-            ground track, where the plan has an epoch (extra ``orbit``).
+            ground track, where the plan has an epoch (extra ``orbit``); None to leave these out.
 
     Returns:
-        The path.
+        The path of the file.
 
     Raises:
-        TypeError: for what is no plan, path or orbit.
-        ValueError: if the path is empty, or a folder, or a frequency is not positive; if the orbit is not
-            known for the time of the plan; if a viewer is wanted,
-            and the extra is missing or the plan has no trajectory.
-        FileExistsError: if there is a file at the path, and it may not be replaced.
+        TypeError: if plan, path or orbit have the wrong type.
+        ValueError: if the path is empty or a folder, or a frequency is not positive; if the orbit is not
+            known for the time of the plan; or if a viewer is wanted, but the extra is missing or the plan has
+            no trajectory.
+        FileExistsError: if there is a file at the path, and `overwrite` is false.
     """
     if not isinstance(plan, TimelinePlan):
         expect("plan", plan, Plan, "jp.plan makes one of a scenario, jp.plan_timeline that of a timeline")
@@ -106,7 +106,14 @@ def page(
     viewer: Markup | None = None,
     observer: Satellite | None = None,
 ) -> str:
-    """The HTML of the page on a plan of any status, certified anew; see `jaxplan.report.report_html`."""
+    """Make the HTML page on a single manoeuvre's plan of any status, which is certified anew for it.
+
+    Args:
+        plan: the plan.
+        frequencies: Hz, see `report_html`.
+        viewer: HTML of the viewer; None for none.
+        observer: the spacecraft's orbit, see `report_html`.
+    """
     there = plan.trajectory is not None and plan.goal is not None
     certificate = certify(plan) if there else None
     status, message = _verdict(plan, certificate)
@@ -127,7 +134,12 @@ def page(
 
 
 def _verdict(plan: Plan, certificate: Certificate | None) -> tuple[Status, str]:
-    """Status and message of a plan, by the certificate made anew where the plan says that it is certified."""
+    """Status and message to show: the plan's, unless it claims a certificate that fails when made anew.
+
+    Args:
+        plan: the plan.
+        certificate: made anew; None if there is no trajectory.
+    """
     if not plan.ok:
         return plan.status, plan.message
     if certificate is not None and certificate.certified:
@@ -138,12 +150,12 @@ def _verdict(plan: Plan, certificate: Certificate | None) -> tuple[Status, str]:
 
 
 def _word(status: Status) -> str:
-    """A status in words, such as "Node limit"."""
+    """Name of a status as words, such as "Node limit"; "Certified" for OK."""
     return "Certified" if status is Status.OK else status.name.replace("_", " ").capitalize()
 
 
 def _parts(plan: Plan, certificate: Certificate | None, pictures: dict[str, Markup]) -> list[Markup]:
-    """The sections of the page, as far as the plan came."""
+    """The sections of the page; those for steps that the plan did not reach are left out."""
 
     def shown(*names: str) -> list[Markup]:
         return [pictures[name] for name in names if name in pictures]
@@ -179,7 +191,7 @@ def _parts(plan: Plan, certificate: Certificate | None, pictures: dict[str, Mark
 
 
 def _certificate(plan: Plan, certificate: Certificate) -> list[Markup]:
-    """Tables of the certificate: the verdict, what is not proved, peaks and margins."""
+    """Contents of the section on the certificate: verdict, what could not be proved, peaks and margins."""
     margins = check_margins(plan)
     verdict = "holds at every instant" if certificate.certified else "does not hold"
     rows = [("Certificate", verdict), ("Instants evaluated", f"{certificate.evaluations:,}")]
@@ -212,7 +224,7 @@ def _header(plan: Plan, status: Status, message: str, certificate: Certificate |
 
 
 def _steps(status: Status) -> Markup:
-    """List of the steps of planning: those done, the one where it failed, and those not reached."""
+    """The steps of planning as an HTML list, each marked as done, failed or not reached."""
     ended, items = STEPS.index(status.step), []
     for place, step in enumerate(STEPS):
         look, word = ("done", "done") if place <= ended else ("left", "not reached")
@@ -223,7 +235,7 @@ def _steps(status: Status) -> Markup:
 
 
 def _tiles(plan: Plan, certificate: Certificate | None) -> list[tuple[str, str, str]]:
-    """Slew angle, path length, duration, smallest margin and highest peak, as far as the plan has them."""
+    """The most important numbers as (label, value, unit); those that the plan lacks are left out."""
     found = []
     if plan.goal is not None:
         found.append(("platform turns", degrees(plan.goal.slew_angle, 1), "deg"))
@@ -242,8 +254,14 @@ def _tiles(plan: Plan, certificate: Certificate | None) -> list[tuple[str, str, 
 def _pictures(
     plan: Plan, frequencies: Sequence[float], observer: Satellite | None
 ) -> list[tuple[str, Markup]]:
-    """Draw every figure of the plan, a spectrum where there are frequencies, Hz; returns names and HTML."""
-    from jaxplan.plotting import inline_figures  # only here: the rest does without matplotlib
+    """Draw every figure of the plan; returns the name and the HTML of each.
+
+    Args:
+        plan: the plan.
+        frequencies: Hz; without any there is no spectrum.
+        observer: the spacecraft's orbit; None for no figures along it.
+    """
+    from jaxplan.plotting import inline_figures  # imported here, since it needs matplotlib
 
     found = []
     for name, address in inline_figures(plan, frequencies, observer=observer):

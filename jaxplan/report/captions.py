@@ -1,4 +1,4 @@
-"""What the pages say beneath figures that both of a plan and of a timeline's plan have along the orbit."""
+"""Captions of the figures along the orbit, which pages on single manoeuvres and on timelines share."""
 
 ALONG_ORBIT = {
     "orbital_sphere": "The sphere in the local orbital frame, which turns with the spacecraft: the half "

@@ -1,4 +1,4 @@
-"""The page on a timeline's plan: summary, activities, events, figures and certificate of the day."""
+"""The page on a timeline's plan: summary, activities, events, figures and certificate."""
 
 import numpy as np
 
@@ -26,11 +26,17 @@ _CAPTIONS = {
     "accelerations": "Angular acceleration of the platform in body axes, and accelerations of the joints.",
     "torque": "What the actuators must give, in body axes or wheel by wheel, with their limits.",
 }
-_MOST_EVENTS = 2000  # rows of the table of events
+_MOST_EVENTS = 2000  # rows of the table of events at most
 
 
 def day_page(plan: TimelinePlan, viewer: Markup | None = None, observer: Satellite | None = None) -> str:
-    """The HTML of the page on a timeline's plan of any status; see `jaxplan.report.report_html`."""
+    """Make the HTML page on a timeline's plan of any status.
+
+    Args:
+        plan: the plan.
+        viewer: HTML of the viewer; None for none.
+        observer: the spacecraft's orbit, see `report_html`; None for no figures along it.
+    """
     found, pictures = events(plan), dict(_pictures(plan, observer))
     colophon = (
         f"Made by jaxplan {__version__}. The certificate is the one of the plan, from its trajectory alone. "
@@ -48,7 +54,7 @@ def day_page(plan: TimelinePlan, viewer: Markup | None = None, observer: Satelli
 
 
 def _word(status: Status) -> str:
-    """A status in words, such as "Goal unreachable"."""
+    """Name of a status as words, such as "Goal unreachable"; "Certified" for OK."""
     return "Certified" if status is Status.OK else status.name.replace("_", " ").capitalize()
 
 
@@ -71,8 +77,8 @@ def _header(plan: TimelinePlan) -> Markup:
 
 
 def _tiles(plan: TimelinePlan) -> list[tuple[str, str, str]]:
-    """Activities planned, duration, slews, pointing error, smallest margin and highest peak, as known."""
-    asked = {activity.name for activity in plan.timeline.activities}  # the rest after the last one was not
+    """The most important numbers as (label, value, unit); those that the plan lacks are left out."""
+    asked = {activity.name for activity in plan.timeline.activities}  # without the final rest
     done = sum(one.ok and one.name in asked for one in plan.activities)
     found = [("activities planned", f"{done} of {len(asked)}", "")]
     if plan.trajectory is not None:
@@ -92,18 +98,18 @@ def _tiles(plan: TimelinePlan) -> list[tuple[str, str, str]]:
 
 
 def duration_text(seconds: float) -> str:
-    """Hours, minutes and seconds of a duration, s, as in "1:02:03"."""
+    """Text of a duration in s as hours, minutes and seconds, rounded, as in "1:02:03"."""
     whole = round(seconds)
     return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
 
 
 def degrees_text(angle: float) -> str:
-    """Text of a small angle, rad, in degrees with two digits that tell."""
+    """Text of a small angle (rad) in degrees, with two significant digits."""
     return f"{float(np.rad2deg(angle)):.2g}"
 
 
 def _parts(plan: TimelinePlan, found: tuple[Event, ...], pictures: dict[str, Markup]) -> list[Markup]:
-    """The sections of the page, as far as the plan came."""
+    """The sections of the page; those for what the plan does not have are left out."""
 
     def shown(*names: str) -> list[Markup]:
         return [pictures[name] for name in names if name in pictures]
@@ -138,7 +144,7 @@ def _parts(plan: TimelinePlan, found: tuple[Event, ...], pictures: dict[str, Mar
 
 
 def activities_table(plan: TimelinePlan) -> Markup:
-    """Tables of what became of each activity, and of messages where there are any."""
+    """Table of the outcome of each activity, and a table of messages if there are any."""
     when, (_, *rows) = clock(plan), activity_rows(plan, messages=False)
     rows = [[*row[:-1], _done(one)] for row, one in zip(rows, plan.activities, strict=True)]
     titles = ["Activity", "Kind", "Start|", "End|", "Slew|s", "Error, at most|deg", "Status"]
@@ -153,12 +159,12 @@ def activities_table(plan: TimelinePlan) -> Markup:
 
 
 def _done(one: PlannedActivity) -> str:
-    """The status of an activity in words."""
+    """The outcome of an activity in words: "Planned", or its status."""
     return "Planned" if one.ok else _word(one.status)
 
 
 def events_listed(plan: TimelinePlan, found: tuple[Event, ...]) -> Markup:
-    """Table of events; of very many the first."""
+    """Table of the events, of which at most the first `_MOST_EVENTS` are shown."""
     kept = found[:_MOST_EVENTS]
     rows = [
         [stamp, event.text]
@@ -169,7 +175,7 @@ def events_listed(plan: TimelinePlan, found: tuple[Event, ...]) -> Markup:
 
 
 def _certificate(plan: TimelinePlan) -> list[Markup]:
-    """Facts and tables of the certificate."""
+    """Contents of the section on the certificate, which the plan must have."""
     proof, scene = plan.certificate, plan.timeline.scene
     assert proof is not None
     rows = [
@@ -187,8 +193,8 @@ def _certificate(plan: TimelinePlan) -> list[Markup]:
 
 
 def _pictures(plan: TimelinePlan, observer: Satellite | None) -> list[tuple[str, Markup]]:
-    """Draw the figures of the page; returns names and HTML."""
-    from jaxplan.plotting import inline_figures  # only here: the rest does without matplotlib
+    """Draw the figures of the page; returns the name and the HTML of each."""
+    from jaxplan.plotting import inline_figures  # imported here, since it needs matplotlib
 
     found = []
     for name, address in inline_figures(plan, names=tuple(_CAPTIONS), observer=observer):

@@ -1,20 +1,26 @@
-"""A whole HTML document around the content of a page, which loads nothing.
+"""A complete HTML document around the content of a page.
 
-Nothing in it runs, unless it holds a viewer in a frame of its own.
+It loads nothing, and no script runs in it unless it holds a viewer in a frame of its own.
 """
 
 from importlib.resources import files
 
 from jaxplan.report.markup import Markup, tag
 
-# What a browser may load: pictures and looks that are in the page itself.
+# Content security policy: a browser may use only images and styles that are in the page itself.
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
-# Of a page with a viewer: it holds for frames, too; the viewer's library names fonts that are never used.
+# The policy of a page with a viewer, which frames inherit; the viewer's library names fonts it never uses.
 _RUNNING = f"{_POLICY}; script-src 'unsafe-inline'; font-src data: 'self' file:"
 
 
 def document(title: str, main: Markup, *, running: bool = False) -> str:
-    """The document of a page with a title, in the looks of all pages; `running` where it holds a viewer."""
+    """Make the text of an HTML document in the style of all pages.
+
+    Args:
+        title: of the document.
+        main: its content.
+        running: whether it holds a viewer, whose scripts must be allowed to run.
+    """
     style = Markup(files("jaxplan.report").joinpath("page.css").read_text(encoding="utf-8"))
     head = tag(
         "head",

@@ -1,4 +1,4 @@
-"""HTML in which text stays text: whatever is not `Markup` already is escaped when it is put into a tag."""
+"""HTML in which text stays text: what is put into a tag is escaped, unless it is `Markup`, which is HTML."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -9,25 +9,25 @@ import numpy as np
 
 NONE = "\N{EN DASH}"
 _VOID = ("img", "meta")
-_NARROW = 3  # number of columns up to which a table is not spread over the page
-_MOST_TILES = 5  # cards that have room beside each other
+_NARROW = 3  # number of columns up to which a table does not take the whole width of the page
+_MOST_TILES = 5  # number of cards in a row at most
 Row = Sequence[Any]
 
 
 class Markup(str):
-    """Text that is HTML already."""
+    """Text that is HTML and must not be escaped."""
 
     __slots__ = ()
 
 
 def tag(name: str, *content: Any, **attributes: str | None) -> Markup:
-    """An HTML element.
+    """Make an HTML element.
 
     Args:
         name: of the tag.
         content: what is in it, in order; all but `Markup` is escaped.
-        attributes: by name, escaped; a name that Python or this function uses itself ends in an underscore,
-            and an attribute that is None is left out.
+        attributes: values by name, escaped; None leaves an attribute out. In names an underscore stands for a
+            hyphen, and one at the end is dropped, for names that Python or this function uses itself.
     """
     given = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escape(value)}"'
@@ -40,12 +40,15 @@ def tag(name: str, *content: Any, **attributes: str | None) -> Markup:
 
 
 def join(content: Iterable[Any]) -> Markup:
-    """Join pieces of text, of which all but `Markup` is escaped."""
+    """Join pieces of text to HTML; all but `Markup` is escaped."""
     return Markup("".join(part if isinstance(part, Markup) else escape(str(part)) for part in content))
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """Text of a number with `digits` after the point, a dash for None; never a minus before zeros alone."""
+    """Text of a number with `digits` digits after the point.
+
+    It is a dash for None and "not finite" for infinity or NaN; zero has no minus sign.
+    """
     if value is None:
         return NONE
     if not math.isfinite(value):
@@ -55,24 +58,24 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 def share(value: float) -> str:
-    """Text of a ratio in percent, without the sign."""
+    """Text of a ratio in percent, without the percent sign."""
     return number(100 * value, 1)
 
 
 def degrees(angle: Any, digits: int = 2) -> str:
-    """Text of an angle, rad, in degrees, with `digits` after the point."""
+    """Text of an angle, given in rad, in degrees with `digits` digits after the point."""
     return number(float(np.rad2deg(angle)), digits)
 
 
 def table(titles: Sequence[str], rows: Iterable[Row], caption: str, marked: int | None = None) -> Markup:
-    """A table whose first column names its rows.
+    """Make a table whose first column holds the titles of its rows.
 
     Args:
-        titles: of the columns, from left to right. One of numbers, which stand to the right, digit under
-            digit, is followed by "|" and their unit, as in "Rate|deg/s", or "|" alone.
-        rows: as many cells each.
-        caption: over it.
-        marked: number of a row to set off from the others.
+        titles: of the columns, from left to right. The title of a column of numbers, which are aligned at the
+            right, is followed by "|" and their unit, as in "Rate|deg/s", or by "|" alone.
+        rows: the cells of each row, as many as there are titles.
+        caption: stands above the table.
+        marked: index of a row to highlight; None for none.
     """
     heads, looks = [], []
     for text in titles:
@@ -91,17 +94,17 @@ def table(titles: Sequence[str], rows: Iterable[Row], caption: str, marked: int 
 
 
 def facts(rows: Iterable[tuple[str, Any]], caption: str) -> Markup:
-    """A table of single values with their labels."""
+    """Make a table of single values, each with its label."""
     lines = [tag("tr", tag("th", label, scope="row"), tag("td", value)) for label, value in rows]
     body = tag("table", tag("caption", caption), tag("tbody", *lines), class_="facts")
     return tag("div", body, class_="scroll")
 
 
 def tiles(found: Sequence[tuple[str, str, str]]) -> Markup:
-    """Cards of the numbers that matter most, in rows of nearly the same length.
+    """Make cards with the most important numbers, arranged in rows of nearly the same length.
 
     Args:
-        found: label, value and unit of each; the unit may be empty.
+        found: (label, value, unit) of each; the unit may be empty.
     """
     cards = []
     for label, value, unit in found:
@@ -113,10 +116,10 @@ def tiles(found: Sequence[tuple[str, str, str]]) -> Markup:
 
 
 def framed(page: str, title: str) -> Markup:
-    """A page in a frame of another one."""
+    """Make a frame that holds a complete HTML page; `title` describes it to readers."""
     return tag("iframe", srcdoc=page, title=title, class_="view", loading="lazy")
 
 
 def section(name: str, title: str, *content: Any) -> Markup:
-    """A part of the page with its heading; `name` is what links go to."""
+    """Make a section of the page with its heading; `name` is the anchor that links go to."""
     return tag("section", tag("h2", title), *content, id=name)

@@ -1,11 +1,13 @@
 """Tables of a report: what was asked for, and what was found.
 
-What was asked for are the spacecraft with its limits, the zones, and the two ends of the manoeuvre; what was
-found are path, trajectory, and what the certificate proves of it. Peaks are upper bounds and margins lower
-bounds over all time, from the proof and not from samples.
+What was asked for are the spacecraft with its limits, the zones, and the two ends of the manoeuvre. What was
+found are path, trajectory, and what the certificate proves of it: its peaks are upper bounds and its margins
+lower bounds over all time, not samples. A margin is positive where a zone is kept; a peak is the ratio of a
+quantity to its limit.
 
-Texts have degrees and seconds. Directions are azimuth and elevation, as on the unfolded sphere: of zones and
-targets in the inertial frame, of instruments in body axes.
+Texts are in degrees and seconds. Directions are azimuth and elevation, as on the unfolded sphere: of zones
+and targets in the inertial frame, of instruments and mountings in body axes. Functions that make a table
+return it as HTML.
 """
 
 from itertools import combinations
@@ -38,7 +40,7 @@ _TERMINAL_STAGES = {"yaw": "yaw_inertia", "pitch": "pitch_inertia"}
 
 
 def spacecraft_tables(craft: Spacecraft) -> Markup:
-    """Tables of the platform's limits, and of the devices with theirs."""
+    """Tables of the platform's limits, and of the devices with their mountings and limits."""
     parts = [facts(_platform(craft), "Platform, limits of each body axis")]
     frames = craft.gimbals.frames
     if craft.wheels:
@@ -108,7 +110,7 @@ def spacecraft_tables(craft: Spacecraft) -> Markup:
 
 
 def _platform(craft: Spacecraft) -> list[tuple[str, str]]:
-    """Labels and values, with units, of the platform's limits and moments of inertia."""
+    """The platform's limits and moments of inertia as (label, value with unit)."""
     rows = [
         (limit.quantity.label, f"{_span(limit.quantity.in_unit(limit.bound))} {limit.quantity.printed_unit}")
         for limit in limits(craft)
@@ -123,29 +125,29 @@ def _platform(craft: Spacecraft) -> list[tuple[str, str]]:
 
 
 def _products(inertia: np.ndarray) -> np.ndarray:
-    """The entries (3,) beside the diagonal of an inertia (3, 3): of x and y, of x and z, of y and z."""
+    """The entries (3,) above the diagonal of an inertia (3, 3): xy, xz and yz."""
     return np.asarray(inertia)[np.triu_indices(3, 1)]
 
 
 def _span(values: Any) -> str:
-    """Text of numbers: a single one where all are the same, else all of them."""
+    """Text of numbers: a single one if all are the same, otherwise the different ones in ascending order."""
     given = np.unique(values)
     return f"{given[0]:.6g}" if len(given) == 1 else ", ".join(f"{value:.6g}" for value in values)
 
 
 def _list(values: Any, digits: int) -> str:
-    """Text of numbers with `digits` after the point, between commas."""
+    """Text of numbers, separated by commas, with `digits` digits after the point."""
     return ",\N{NO-BREAK SPACE} ".join(number(float(value), digits) for value in values)
 
 
 def _direction(vector: Any) -> tuple[str, str]:
-    """Texts of the azimuth and elevation, deg, of a vector (3,)."""
+    """Texts of the azimuth and elevation (deg) of a vector (3,)."""
     azimuth, elevation = azimuth_elevation(np.asarray(vector, float))
     return degrees(azimuth), degrees(elevation)
 
 
 def kind_of(zone: Zone) -> str:
-    """Text of a zone's kind, such as "keep-out, moving"."""
+    """Text of a zone's kind, such as "keep-out, moving", with the group that it belongs to."""
     if isinstance(zone, Mask):
         return "mask"
     words = ["joint bound" if isinstance(zone, JointBound) else "keep-out" if zone.side > 0 else "keep-in"]
@@ -158,9 +160,10 @@ def kind_of(zone: Zone) -> str:
 
 
 def _where(zone: Zone) -> tuple[str, str, str, str]:
-    """Cells of a zone: what its axis is, azimuth, elevation and half angle, deg, dashes where it has none.
+    """Cells of a zone in the table of zones: its axis, then azimuth, elevation and half angle in deg.
 
-    Of a mask the first cell has the corners, of a joint bound the inequality.
+    Dashes stand for angles that it does not have. The first cell of a mask lists its corners, that of a joint
+    bound the inequality.
     """
     if isinstance(zone, Mask):
         corners = ", ".join(f"({', '.join(degrees(part) for part in corner)})" for corner in zone.corners)
@@ -179,7 +182,7 @@ def _where(zone: Zone) -> tuple[str, str, str, str]:
 
 
 def _bound(zone: Zone) -> str:
-    """Text of the devices and vectors that a zone binds."""
+    """Text that lists the devices and vectors that a zone binds."""
     if isinstance(zone, JointBound | Mask):
         return zone.device
     of = [f"{vector.to or 'body'} {_list(vector.along, 3)}" for vector in zone.vectors]
@@ -187,7 +190,7 @@ def _bound(zone: Zone) -> str:
 
 
 def zones_table(scenario: Scenario) -> Markup:
-    """Table of the zones, or a remark that there are none."""
+    """Table of the zones; it says so if there are none."""
     if not scenario.zones:
         return facts([("Zones", "none: devices may look anywhere")], "Zones")
     titles = ["Zone", "Kind", "About", *_AIM, "Half angle|deg", "Binds"]
@@ -196,7 +199,7 @@ def zones_table(scenario: Scenario) -> Markup:
 
 
 def motion_table(plan: Plan) -> Markup:
-    """Table of zones and targets that move between start and goal; empty if none does."""
+    """Table of the zones and targets that move during the manoeuvre; empty if nothing moves."""
     goal = plan.goal
     moving = list(paths(plan.scenario))
     if not moving:
@@ -215,7 +218,7 @@ def motion_table(plan: Plan) -> Markup:
 
 
 def tube_table(scenario: Scenario) -> Markup:
-    """Facts of the errors that the plan must bear; empty where there are none."""
+    """Table of the errors and reserves that the plan allows for (`robust`); empty if there are none."""
     robust = scenario.robust
     if robust is None:
         return join(())
@@ -230,7 +233,7 @@ def tube_table(scenario: Scenario) -> Markup:
 
 
 def ends_tables(plan: Plan) -> Markup:
-    """Tables of start and goal: attitudes, joints, and the targets that were asked for."""
+    """Tables of start and goal: attitudes, joints, the targets and wishes asked for, and devices held."""
     scenario, goal = plan.scenario, plan.goal
     attitudes = {"Start": scenario.start.attitude} | ({} if goal is None else {"Goal": goal.attitude})
     rows = [
@@ -259,7 +262,7 @@ def ends_tables(plan: Plan) -> Markup:
 
 
 def _wishes_table(plan: Plan, asked: Targets) -> Markup:
-    """Table of the directions that devices without a target prefer, and how far off these they end."""
+    """Table of the directions that devices without a target prefer, and how far from them they end."""
     craft, goal, rows = plan.scenario.spacecraft, plan.goal, []
     for wish in asked.prefer:
         direction, apart = as_path(wish.direction).at(0.0 if goal is None else goal.time), NONE
@@ -285,7 +288,7 @@ def _joints_table(plan: Plan) -> Markup:
 
 
 def path_table(plan: Plan) -> Markup:
-    """Facts of the search, and of the path if there is one."""
+    """Table of the search, and of the path if one was found; the plan must have reached the search."""
     assert plan.search is not None
     settings = plan.scenario.search
     rows = [
@@ -303,7 +306,7 @@ def path_table(plan: Plan) -> Markup:
 
 
 def trajectory_table(plan: Plan) -> Markup:
-    """Facts of the trajectory: method, duration and smoothness."""
+    """Table of the trajectory's method, duration and smoothness; the plan must have one."""
     trajectory, bound = plan.trajectory, plan.duration_bound
     assert trajectory is not None
     asked = plan.scenario.trajectory.duration
@@ -326,10 +329,13 @@ def trajectory_table(plan: Plan) -> Markup:
 
 
 def highest_peak(certificate: Certificate, craft: Spacecraft) -> tuple[str, str]:
-    """Name of the quantity that comes closest to its limit, and its proved peak in percent of that.
+    """Find the quantity that comes closest to its limit.
 
-    Ranges of joints count only where nothing else is limited: a joint may rest at an end of its range, which
+    Ranges of joints count only if nothing else is limited: a joint may rest at an end of its range, which
     is no load. The table of peaks has them.
+
+    Returns:
+        Name of the quantity, and its proved peak in percent of its limit, as texts.
     """
     timed = {limit.quantity.name for group in timed_limits(craft) for limit in group}
     names = [name for name in certificate.peaks if name in timed] or list(certificate.peaks)
@@ -359,16 +365,22 @@ def peaks_table(certificate: Certificate, craft: Spacecraft) -> Markup:
 
 
 def _range(limit: Limit) -> str:
-    """Text of the range of a kind of joint angle, deg; a dash where joints have ranges of their own."""
+    """Text of the range (deg) that a kind of joint angle has; a dash where joints have different ranges."""
     middle = 0.0 if limit.centre is None else limit.centre
     ends = np.unique(np.round(np.rad2deg([middle - limit.bound, middle + limit.bound]), 9), axis=1)
     return " to ".join(number(float(end), 3) for end in ends[:, 0]) if ends.shape[1] == 1 else NONE
 
 
 def _limited(name: str, craft: Spacecraft) -> tuple[str, str, np.ndarray]:
-    """Label and unit of a peak by its name in the certificate, and the limits (c,) of its components in it.
+    """Look up the limit of a peak.
 
-    A name without a limit has no unit and no limits.
+    Args:
+        name: of the peak in the certificate.
+        craft: the spacecraft, with the limits.
+
+    Returns:
+        Label, unit, and the limits (c,) of its c components in this unit; without a limit the unit is empty
+        and c is 0.
     """
     for limit in limits(craft):
         if limit.quantity.name == name:
@@ -377,7 +389,7 @@ def _limited(name: str, craft: Spacecraft) -> tuple[str, str, np.ndarray]:
 
 
 def _bar(peak: float) -> Markup:
-    """Bar whose length is a ratio to a limit; above 1 it is full and has another colour."""
+    """HTML of a bar whose length shows a ratio to a limit; above 1 it is full and has another colour."""
     beyond = not peak <= 1 + 1e-9
     width = f"width:{100 if beyond else 100 * peak:.1f}%"
     fill = tag("span", class_="fill over" if beyond else "fill", style=width)
@@ -385,7 +397,7 @@ def _bar(peak: float) -> Markup:
 
 
 def margins_table(margins: tuple[ProvedMargin, ...], plan: Plan) -> Markup:
-    """Table of the proved margins by zone and device, the smallest first."""
+    """Table of the proved margins by zone and device, the smallest first and highlighted."""
     zones = {zone.name: zone for zone in plan.scenario.zones}
     rows = []
     for margin in sorted(margins, key=lambda margin: margin.bound):
@@ -404,6 +416,6 @@ def faults_list(certificate: Certificate) -> Markup:
 
 
 def timings_table(plan: Plan) -> Markup:
-    """Table of the seconds that each step of planning took."""
+    """Table of the computation time of each step of planning."""
     rows = [[_STEP_NAMES.get(name, name), number(seconds, 3)] for name, seconds in plan.timings.items()]
     return table(["Step", "Time|s"], rows, "Time spent planning")

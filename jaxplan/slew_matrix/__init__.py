@@ -1,10 +1,10 @@
-"""Times between goals for schedulers: how long each slew from one goal to another takes at least, certified.
+"""Slew times for schedulers: the shortest certified time of the slew from each goal to each other.
 
     >>> times = jp.slew_times(spacecraft, {"vela": {"telescope": vela}, "crab": {"telescope": crab}})
     >>> print(times)
 
-`problem` says in which state the spacecraft leaves each goal, and makes a planning problem of each pair;
-`matrix` plans them as a study, and `result` says what came of it.
+`problem` finds the state in which the spacecraft leaves each goal, and makes a planning problem of each pair
+of goals; `matrix` plans them as a study, and `result` holds the matrix of their times.
 """
 
 from jaxplan.slew_matrix.matrix import slew_times

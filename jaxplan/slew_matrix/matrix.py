@@ -1,4 +1,4 @@
-"""The entry point `slew_times`: the pairs of goals as a study, and its rows as a matrix."""
+"""The entry point `slew_times`, which plans the pairs of goals as a study and makes a matrix of its rows."""
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -42,50 +42,56 @@ def slew_times(
 ) -> SlewTimes:
     """Plan the slews between all goals, and return the matrix of the shortest times that are certified.
 
-    A slew leaves the state of one goal and ends in that of another. The state of a `GivenState` is itself,
-    with its rates. That of targets is found by step 1 from a reference, whatever goal comes before, so that
-    slews can be put one after another: the state turned least from there, unless the targets name another
-    criterion. Wishes (`Targets.prefer`) may settle the rest, such as an array toward the Sun. With targets
-    that move a slew leaves the state in which they are followed at its departure, and ends, at their rates,
-    in one that meets those of its goal then; to be put one after another these must settle the attitude,
-    by targets and wishes of two devices.
+    A slew leaves the state of one goal and ends in that of another. A goal that is a `GivenState` is its own
+    state, rates included. The state of `Targets` is found by step 1 (decomposition) from a reference state,
+    whatever goal comes before, so that slews can be put one after another: it is the state that is turned
+    least from the reference, unless the targets name another criterion. Wishes (`Targets.prefer`) may
+    determine what the targets leave free, such as an array that turns toward the Sun. With targets that move,
+    a slew leaves the state in which they are followed at its departure, and ends, at their rates, in a state
+    that meets those of its goal at that time. To put such slews one after another, targets and wishes of two
+    devices must determine the attitude.
 
     The times are those of certified plans of the duration "minimum": proved to keep all limits and zones,
-    and the shortest that was found. `SlewTimes.bounds` has what no motion between two states is quicker than.
+    and the shortest that was found. `SlewTimes.bounds` has lower bounds of the time of any motion between the
+    two states.
 
-    Pairs are a study of `run_study`: planned in blocks of 16, resumed where a folder holds a part of them,
-    the same whoever plans, and a pair whose planning kills its process costs itself alone.
+    The pairs are a study of `run_study`: planned in blocks of 16, resumed where a folder holds some of them,
+    the same whatever the workers, and a pair whose planning kills its process loses only itself.
 
     Args:
-        problem: the spacecraft; or a scenario, whose spacecraft, zones, `robust`, settings and epoch count.
-        goals: n of them, by name or in order: each a `GivenState`, `Targets`, or a dict of directions
+        problem: the spacecraft; or a scenario, whose spacecraft, zones, `robust`, settings and epoch are
+            used.
+        goals: n goals, by name or in order: each a `GivenState`, `Targets`, or a dict of directions
             (3,), or paths of what moves, by names of devices.
-        keep_out: zones that hold all the time, likewise the next two; of a spacecraft alone.
+        keep_out: keep-out zones; these and the next two are for a problem that is a spacecraft.
         keep_in: zones to stay in.
         joint_bounds: bounds of joint angles.
-        departures: (k,) s, rising, at which slews depart, in the time of what moves: the matrix has an axis
-            of them first then. None for the time 0 alone.
+        departures: (k,) s, rising, when slews depart, in the time of what moves; the matrix then has a first
+            axis of departures. None for time 0 only, without such an axis.
         pairs: (n, n) bool, or (k, n, n), which slews are planned; the others are "not asked". None for all.
-        start: the reference of the states of targets; by default the scenario's start, or the identity with
-            joints as near to zero as their ranges let them.
+        start: the reference from which states of targets are found; None for the scenario's start, or for the
+            identity attitude with joints as near to zero as their ranges allow.
         free: whether slews go to any state that meets the targets of their goal, chosen for time, instead of
-            its own state. It is what a slew takes at least; states do not fit together from slew to slew.
-        settings: that differ from the scenario's, such as ``{"trajectory.first_guesses": 0}`` for half the
+            the goal's own state. This gives the least time of a slew; but a slew then does not end in the
+            state in which the next one begins.
+        settings: scenario settings to change, such as ``{"trajectory.first_guesses": 0}`` for half the
             time to plan, or ``{"trajectory.duration_s": "stretched"}``. The duration is "minimum" unless it
             is given here, and no search has a time limit.
         workers: who plans: None for this process, a number of processes, or an executor, see `run_study`.
-        out: a folder where each chunk is safe once it is done; at last it holds the matrix, too.
-        chunk: blocks of 16 pairs that are handed out together; by default as many as take some two seconds.
+        out: a folder to which each chunk is written as soon as it is done, and at the end the matrix; None to
+            keep results in memory.
+        chunk: number of blocks, of 16 pairs each, that a worker gets at once; None for as many as take some
+            two seconds.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
 
     Returns:
         The matrix. Where a pair has no certified slew its time is infinite, and its status says why.
 
     Raises:
-        TypeError: for what is none of what an argument may be.
+        TypeError: for arguments of the wrong type.
         ScenarioError: (a ValueError) for values that a scenario file may not have, with every fault.
-        ValueError: for zones beside those of a scenario, departures at which something is not known, pairs
-            of a wrong shape, and a duration that is given.
+        ValueError: for zones given with a scenario, departures at which something is not known, pairs
+            of a wrong shape, and a duration that is a number.
         StudyFolderError: if the folder holds another problem, or something else, or is in use.
         RuntimeError: if workers die before they plan anything, or have another version of jaxplan.
 
@@ -121,7 +127,12 @@ def slew_times(
 
 
 def _wanted(problem: SlewProblem, pairs: ArrayLike | None) -> np.ndarray:
-    """Which slews are asked for, (k, n, n) bool; raises a TypeError or ValueError for a wrong array."""
+    """Check the argument `pairs` of `slew_times`; returns which slews are asked for, (k, n, n) bool.
+
+    Raises:
+        TypeError: if it is not an array of booleans.
+        ValueError: if it has another shape than the matrix.
+    """
     count, when = len(problem.names), len(problem.times)
     shape = (when, count, count)
     if pairs is None:
@@ -136,14 +147,16 @@ def _wanted(problem: SlewProblem, pairs: ArrayLike | None) -> np.ndarray:
 
 
 class _Matrix:
-    """The entries of a matrix while they are filled in.
+    """The entries of a matrix of slew times while they are filled in.
+
+    Entries from a goal to itself, and those of goals without a state, are filled in at once.
 
     Args:
         problem: the goals.
-        wanted: (k, n, n) bool, which slews are planned.
+        wanted: (k, n, n) bool, which slews are asked for.
 
     Attributes:
-        scenarios: the planning problems that are left.
+        scenarios: planning problems of the other entries that are asked for.
     """
 
     def __init__(self, problem: SlewProblem, wanted: np.ndarray) -> None:
@@ -165,7 +178,10 @@ class _Matrix:
                 self._status[place], self._messages[place] = why
 
     def _off_diagonal(self, wanted: np.ndarray) -> Iterator[tuple[int, int, int]]:
-        """Yield the places of pairs of two goals; fill in those of one, which need no slew."""
+        """Yield the places (departure, first, second) of pairs of different goals that are asked for.
+
+        Entries from a goal to itself, which need no slew, are filled in here.
+        """
         for when, first, second in np.argwhere(wanted).tolist():
             place = when, first, second
             if first != second:
@@ -179,7 +195,7 @@ class _Matrix:
                 self._status[place], self._messages[place] = why
 
     def take(self, row: Mapping[str, Any]) -> None:
-        """Fill in the entry of a row of the study."""
+        """Fill in the entry that belongs to a row of the study's table."""
         place = self._places[row["scene"]]
         self._status[place], self._messages[place] = row["status"], row["message"] or ""
         self._certified[place] = bool(row["certified"]) and row["status"] == OK
@@ -191,7 +207,7 @@ class _Matrix:
             self._angles[place] = np.deg2rad(row["slew_deg"])
 
     def result(self) -> SlewTimes:
-        """The matrix as it is filled in so far."""
+        """The matrix with the entries filled in so far; without given departures it has no axis for them."""
         still = self._problem.departures is None
 
         def shaped(array: np.ndarray) -> np.ndarray:

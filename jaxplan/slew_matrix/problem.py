@@ -1,18 +1,19 @@
-"""The planning problems between goals: in which state a slew leaves a goal, and what it goes to.
+"""The planning problems between goals: the state in which a slew leaves a goal, and what it goes to.
 
-A **state** belongs to each goal at each departure. That of a `GivenState` is itself. That of `Targets` is
-found by step 1 from the reference: of all states that meet them it is the one turned least from the
-reference's attitude, unless the targets name another criterion, and devices without a target keep the
-reference's joints where zones let them. It follows from goal, reference and zones alone, never from the goal
-before. So slews can be put one after another.
+Each goal has a **state** at each departure. A `GivenState` is its own state. That of `Targets` is found by
+step 1 (decomposition) from a reference state: of all states that meet the targets it is the one turned least
+from the reference's attitude, unless the targets name another criterion, and devices without a target keep
+the reference's joints where zones allow it. It depends on goal, reference and zones only, never on the goal
+before, so that slews can be put one after another.
 
-**What moves** is known over times from 0 on, the time of the scene. A slew that departs at ``t`` sees it
-``t`` later: all paths are shifted by ``-t``, and the epoch is ``t`` later. The state of targets that move is
-the one at departure, at the rates with which these go on. Targets that stand still have one state for all
-departures, found among the zones that stand still: plans say whether the others let it be.
+Directions **that move** are known over times from 0 on, the time of the scene. For a slew that departs at
+``t`` all paths are shifted by ``-t``, and the epoch is ``t`` later, so that its own time begins at 0. The
+state of moving targets is the one at departure, with the rates at which it follows them. Targets that stand
+still have one state for all departures, for which only zones that stand still are considered; planning a slew
+shows whether the others allow that state.
 
-A slew **goes to** the state of its goal. Where targets move, or free ones are asked for, it goes to any state
-that meets them when it ends. Radians, seconds, body to inertial.
+A slew **goes to** the state of its goal. Only where the targets move, or a `free` end is asked for, it goes
+to any state that meets them when it ends. Radians, seconds; attitudes are body to inertial.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -39,11 +40,11 @@ from jaxplan.schema import with_settings
 from jaxplan.schema.reading import checked_spacecraft
 
 AnyZone = TypeVar("AnyZone", KeepOut, KeepIn, JointBound)
-_MOST_PAIRS = 2**31  # of a study, which numbers its scenes with 32 bits
+_MOST_PAIRS = 2**31  # there must be fewer pairs, since a study numbers its scenes with 32 bits
 
 
 class Unmet(NamedTuple):
-    """A goal without a state: the name of a `Status`, and the message that says why."""
+    """The reason why a goal has no state: the name of a `Status`, and a message for the user."""
 
     status: str
     message: str
@@ -56,9 +57,9 @@ class SlewProblem:
 
     Attributes:
         scene: spacecraft, zones, settings and epoch; its start is the reference from which states are found.
-        names: (n,) of the goals.
-        goals: (n,) what they are.
-        departures: (k,) s, when slews depart; None where they depart at the scene's time 0 alone.
+        names: (n,) names of the goals.
+        goals: (n,) the goals.
+        departures: (k,) s, when slews depart, in the scene's time; None where they depart at time 0 only.
         free: whether slews go to any state that meets the targets of their goal.
     """
 
@@ -70,17 +71,17 @@ class SlewProblem:
 
     @property
     def times(self) -> np.ndarray:
-        """(k,) s, of the departures, the scene's time 0 alone where none are given."""
+        """Departures (k,) in s; the scene's time 0 where none are given."""
         return np.zeros(1) if self.departures is None else self.departures
 
     @cached_property
     def scenes(self) -> tuple[Scenario, ...]:
-        """The scene as it is at each of the k departures."""
+        """The scene at each of the k departures, with what moves and the epoch counted from there."""
         return tuple(later(self.scene, float(time)) for time in self.times)
 
     @cached_property
     def states(self) -> tuple[tuple[GivenState | Unmet, ...], ...]:
-        """The state of each goal at each departure, k rows of n; or why there is none."""
+        """The state of each goal at each departure, or the reason why there is none: k rows of n."""
         quiet = _still(self.scene)
         fixed = [None if goal.moves else _state(quiet, goal) for goal in self.goals]
         return tuple(
@@ -92,14 +93,22 @@ class SlewProblem:
         )
 
     def goes_to(self, departure: int, goal: int) -> GivenState | Targets | Unmet:
-        """What slews to a goal go to, by the numbers of departure and goal."""
+        """What slews to a goal go to: a state, or targets; or the reason why there is none.
+
+        Args:
+            departure: index of the departure.
+            goal: index of the goal.
+        """
         asked = self.goals[goal]
         if isinstance(asked, Targets) and (self.free or asked.moves):
             return later_goal(asked, float(self.times[departure]))
         return self.states[departure][goal]
 
     def unmet(self, departure: int, first: int, second: int) -> Unmet | None:
-        """Why there is no planning problem for a pair; None where there is one."""
+        """Say why there is no planning problem for a slew from one goal to another; None where there is one.
+
+        All arguments are indices.
+        """
         for name, end in (
             (self.names[first], self.states[departure][first]),
             (self.names[second], self.goes_to(departure, second)),
@@ -109,7 +118,10 @@ class SlewProblem:
         return None
 
     def scenario(self, departure: int, first: int, second: int) -> Scenario:
-        """The planning problem of a pair of goals at a departure, by numbers; `unmet` says if it has one."""
+        """Make the planning problem of a slew from one goal to another; `unmet` must be None for it.
+
+        All arguments are indices.
+        """
         start, goal = self.states[departure][first], self.goes_to(departure, second)
         assert not isinstance(start, Unmet)
         assert not isinstance(goal, Unmet)
@@ -118,7 +130,10 @@ class SlewProblem:
         return replace(self.scenes[departure], name=name, start=start, goal=goal)
 
     def stay(self, departure: int, goal: int) -> Unmet | None:
-        """Why the spacecraft may not be in the state of a goal at a departure; None where it may."""
+        """Say why the spacecraft cannot be in the state of a goal at a departure; None where it can.
+
+        It cannot if there is no such state, or if the state violates limits or zones. Arguments are indices.
+        """
         state = self.states[departure][goal]
         if isinstance(state, Unmet):
             return self.unmet(departure, goal, goal)
@@ -127,7 +142,7 @@ class SlewProblem:
 
 
 def _state(scene: Scenario, goal: GivenState | Targets) -> GivenState | Unmet:
-    """The state of a goal at the time 0 of a scene, found by step 1 from the scene's start; or why not."""
+    """Find the state of a goal at a scene's time 0, by step 1 from its start; or the reason why not."""
     if isinstance(goal, GivenState):
         return goal
     asked = replace(scene, goal=replace(goal, criterion=goal.criterion or LEAST_ROTATION))
@@ -144,7 +159,7 @@ def _state(scene: Scenario, goal: GivenState | Targets) -> GivenState | Unmet:
 
 
 def _still(scene: Scenario) -> Scenario:
-    """The scene without the zones that move, and without the groups in which one does."""
+    """The scene without moving zones; a group of zones (`any_of`) with a moving one is left out."""
     every: tuple[Zone, ...] = (*scene.keep_out, *scene.keep_in, *scene.joint_bounds)
     moving = {zone.any_of for zone in every if zone.moves}
 
@@ -170,13 +185,22 @@ def make_problem(
     free: bool,
     settings: Mapping[str, Any] | None,
 ) -> SlewProblem:
-    """Check the arguments of `slew_times` and make its problem; they are those of `slew_times`.
+    """Check the arguments of `slew_times` of the same names, and make its problem.
+
+    Args:
+        problem: see `slew_times`; likewise the others but for `zones`.
+        goals: see there.
+        zones: keep_out, keep_in and joint_bounds by these names.
+        departures: see there.
+        start: see there.
+        free: see there.
+        settings: see there.
 
     Raises:
-        TypeError: for what is none of what an argument may be.
+        TypeError: for arguments of the wrong type.
         ScenarioError: for values that a scenario file may not have, with every fault.
-        ValueError: for zones beside those of a scenario, departures at which something is not known, and a
-            duration that is given.
+        ValueError: for zones given with a scenario, departures at which something is not known, and a
+            duration that is a number.
     """
     if not isinstance(free, bool):
         raise TypeError(f"free must be True or False, not {free!r}")
@@ -197,7 +221,7 @@ def make_problem(
 
 
 def _dict(settings: Mapping[str, Any] | None) -> Mapping[str, Any]:
-    """Settings as a dict, empty for None; raises a TypeError for what is none."""
+    """Settings as a dict, empty for None; raises a TypeError for anything else."""
     if settings is not None and not isinstance(settings, Mapping):
         raise TypeError(
             f'settings must be a dict such as {{"search.seed": 1}}, not {type(settings).__name__}'
@@ -208,7 +232,16 @@ def _dict(settings: Mapping[str, Any] | None) -> Mapping[str, Any]:
 def _scene(
     problem: Spacecraft | Scenario, zones: Mapping[str, Sequence[Any]], start: GivenState | None
 ) -> Scenario:
-    """The checked scene: the scenario's, or one of a spacecraft and zones; its goal is its start."""
+    """Make the scene with the reference as its start, and check it.
+
+    Args:
+        problem: a scenario, or a spacecraft to which the zones belong.
+        zones: keep_out, keep_in and joint_bounds by these names.
+        start: the reference; None for the usual one, see `slew_times`.
+
+    Returns:
+        The scene; its goal is its start, which stands in until a pair's goal replaces it.
+    """
     expect_any("problem", problem, (Spacecraft, Scenario), "a Spacecraft or a Scenario")
     if start is not None:
         expect("start", start, GivenState, "jp.point makes one that points somewhere")
@@ -227,7 +260,12 @@ def _scene(
 
 
 def _named(goals: Mapping[str, Any] | Sequence[Any]) -> dict[str, Any]:
-    """Goals by name, those of a sequence by numbers; raises for none, and for names that are no text."""
+    """Goals by name; those of a sequence are named by their index.
+
+    Raises:
+        TypeError: for a name that is not a text, or goals of the wrong type.
+        ValueError: for a name that is empty, too long or not printable, or if there are no goals.
+    """
     if isinstance(goals, Mapping):
         named = dict(goals)
         for name in named:
@@ -242,7 +280,7 @@ def _named(goals: Mapping[str, Any] | Sequence[Any]) -> dict[str, Any]:
 
 
 def _checked(scene: Scenario, name: str, goal: Any) -> GivenState | Targets:
-    """A goal as a scenario file would hold it; raises with the name of the goal for what none may hold."""
+    """Check a goal as a scenario file is checked; a dict becomes `Targets`. Errors name the goal."""
     where = f"goals[{name!r}]"
     expect_any(where, goal, (GivenState, Targets, Mapping), "a GivenState, Targets, or a dict by devices")
     asked = Targets.of(goal) if isinstance(goal, Mapping) else goal
@@ -255,7 +293,12 @@ def _departures(
     goals: Sequence[GivenState | Targets],
     departures: ArrayLike,
 ) -> np.ndarray:
-    """Departures as (k,) s; raises a ValueError where they do not rise, or something is not known then."""
+    """Check departures, and return them as (k,) s.
+
+    Raises:
+        ValueError: unless they rise within [0, 1e7], and all that moves in scene and goals is known beyond
+            them.
+    """
     times = floats("departures", departures, "an array of numbers of seconds")
     if times.ndim != 1 or not len(times):
         raise ValueError(f"departures: must be of shape (k,) with k at least 1, not {times.shape}")

@@ -1,6 +1,6 @@
-"""The matrix of slew times: what a scheduler asks of it, how it prints itself, and how it is kept in a file.
+"""The matrix of slew times: what a scheduler reads from it, how it prints, and how it is kept in a file.
 
-Axes are departures (where there are any), the goal that a slew leaves, and the goal that it goes to.
+Its axes are departures (if any are given), the goal that a slew leaves, and the goal that it goes to.
 """
 
 import csv
@@ -23,8 +23,8 @@ from jaxplan.study.result import QUANTILES, Printed
 
 OK, NOT_ASKED, NOT_DONE = "OK", "not asked", "not done"
 _COLUMNS = ("from", "to", "time_s", "bound_s", "angle_deg", "certified", "status", "message")
-_PRINTED = 10  # goals of a matrix that is printed entry by entry
-_LARGEST_FILE = 2**31  # bytes of a file that is read
+_PRINTED = 10  # number of goals up to which a matrix is printed entry by entry
+_LARGEST_FILE = 2**31  # bytes up to which a file is read
 _ARRAYS = {"times": "f", "bounds": "f", "angles": "f", "certified": "b", "status": "U", "messages": "U"}
 _TYPES: dict[str, Any] = {"f": float, "b": bool, "U": str}
 
@@ -32,24 +32,24 @@ _TYPES: dict[str, Any] = {"f": float, "b": bool, "U": str}
 @shown("goals", "planned", "statuses", heading="Slew times of {0.name}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SlewTimes(Printed):
-    """Certified shortest times between goals; `jaxplan.slew_times` makes it.
+    """Certified shortest times of the slews between goals; `jaxplan.slew_times` makes it.
 
-    Arrays are (n, n) for n goals, the one that is left first; (k, n, n) with k departures.
+    For n goals arrays are (n, n), the goal that is left first; with k departures they are (k, n, n).
 
     Attributes:
         name: of the scene.
-        names: (n,) of the goals.
-        departures: (k,) s; None where slews depart at time 0 alone.
+        names: (n,) names of the goals.
+        departures: (k,) s; None where slews depart at time 0 only.
         times: s, of certified slews; infinite where there is none, zero from a goal to itself.
-        bounds: s, which no motion between the ends of the plan takes less than, zones aside; zero where none
-            is known. Where the goal was free it is that of the state that was chosen.
-        angles: rad, by which the platform turns from end to end; infinite where no end is known.
-        certified: whether the slew is planned and proved; from a goal to itself whether its state keeps all
-            limits and zones.
-        status: names of `Status`; "crashed" where planning failed with an error; "not asked", or "not done"
-            where it was interrupted.
-        messages: why there is no slew, and what to change.
-        problem: what was planned; None once it is read from a file.
+        bounds: s, lower bounds of the time of any motion between the two ends of the plan, zones ignored;
+            zero where none is known. Where the goal was free, the end is the state that the plan chose.
+        angles: rad, by which the platform turns from start to end; infinite where no end is known.
+        certified: bool, whether the slew is planned and proved; from a goal to itself, whether its state
+            keeps all limits and zones.
+        status: names of `Status`; "crashed" where planning raised an error; "not asked"; or "not done"
+            where planning was interrupted before.
+        messages: why there is no slew, and what to change; empty where there is one.
+        problem: what was planned; None if the matrix was read from a file.
     """
 
     name: str
@@ -70,29 +70,29 @@ class SlewTimes(Printed):
 
     @property
     def planned(self) -> int:
-        """Number of pairs of two goals with a certified slew."""
+        """Number of pairs of different goals with a certified slew, over all departures."""
         return int(np.sum(self.certified) - np.sum(_to_itself(self.certified)))
 
     @property
     def statuses(self) -> dict[str, int]:
-        """Number of pairs of two goals with each status, most frequent first."""
+        """Number of pairs of different goals with each status, the most frequent first."""
         apart = Counter(map(str, self.status.ravel()))
         apart.subtract(map(str, _to_itself(self.status).ravel()))
         return {status: count for status, count in apart.most_common() if count}
 
     @property
     def complete(self) -> bool:
-        """Whether every pair that was asked for is done; only Ctrl-C leaves some."""
+        """Whether every pair that was asked for is done; false only after Ctrl-C."""
         return not np.any(self.status == NOT_DONE)
 
     def ticks(self, step: float = 1.0) -> np.ndarray:
-        """Times as integers for a scheduler, in steps of so many seconds and rounded up, so that slews fit.
+        """Slew times as integers for a scheduler: numbers of steps, rounded up so that the slew fits.
 
         Args:
-            step: s, in [1e-6, 1e6].
+            step: s, length of a step, in [1e-6, 1e6].
 
         Returns:
-            int64 of the matrix's shape; -1 where there is no slew.
+            int64 of the matrix's shape; -1 where there is no certified slew.
 
         Raises:
             ValueError: for a step out of its range.
@@ -104,16 +104,16 @@ class SlewTimes(Printed):
         return np.where(there, np.ceil(np.where(there, self.times, 0.0) / seconds), -1).astype(np.int64)
 
     def scenario(self, first: str | int, second: str | int, departure: int = 0) -> Scenario:
-        """The planning problem of a slew, of which `jaxplan.plan` makes the plan that the matrix tells of.
+        """The planning problem of a slew; `jaxplan.plan` makes the plan of it whose time is in the matrix.
 
         Args:
-            first: the goal that it leaves, by name or number.
-            second: the goal that it goes to.
-            departure: number of the departure.
+            first: the goal that it leaves, by name or index.
+            second: the goal that it goes to, likewise.
+            departure: index of the departure.
 
         Raises:
-            ValueError: if there is no such goal or departure, one of them has no state, or the matrix was
-                read from a file.
+            ValueError: if there is no such goal or departure, both goals are the same, one of them has no
+                state, or the matrix was read from a file.
         """
         problem, place = self._problem(), self._place({"first": first, "second": second}, departure)
         when, here, there = place
@@ -125,7 +125,11 @@ class SlewTimes(Printed):
         return problem.scenario(when, here, there)
 
     def state(self, goal: str | int, departure: int = 0) -> GivenState | None:
-        """The state in which slews leave a goal, by name or number, at a departure; None if it has none.
+        """The state in which slews leave a goal at a departure; None if the goal has none.
+
+        Args:
+            goal: by name or index.
+            departure: index of the departure.
 
         Raises:
             ValueError: if there is no such goal or departure, or the matrix was read from a file.
@@ -135,16 +139,16 @@ class SlewTimes(Printed):
         return None if isinstance(state, Unmet) else state
 
     def _problem(self) -> SlewProblem:
-        """The problem; raises a ValueError where it is not known."""
+        """The problem; raises a ValueError if the matrix was read from a file, which does not hold it."""
         if self.problem is None:
             raise ValueError("a file of slew times holds no goals: jp.slew_times with its folder has them")
         return self.problem
 
     def _place(self, goals: Mapping[str, str | int], departure: int) -> tuple[int, ...]:
-        """Indices of departure and goals in the matrix.
+        """Check a departure and goals; returns their indices, the departure's first.
 
         Args:
-            goals: by the name of an argument the name of a goal, or its index.
+            goals: a goal's name or index, by the name of the argument it comes from.
             departure: index of the departure.
 
         Raises:
@@ -166,7 +170,10 @@ class SlewTimes(Printed):
         return int(departure), *places
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """Yield a row for each pair of two goals, in the units of files; what is not known is None."""
+        """Yield a row for each pair of different goals, in the units of files.
+
+        A time or angle that is not known is None. With departures, a row begins with departure_s.
+        """
         for place in np.ndindex(self.times.shape):
             *when, first, second = place
             if first == second:
@@ -186,10 +193,10 @@ class SlewTimes(Printed):
             }
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write `rows` to a CSV file, whole or not at all; what is not known is empty.
+        """Write `rows` to a CSV file, as a whole or not at all; values that are not known are empty.
 
         Raises:
-            TypeError: for what is no path.
+            TypeError: if `path` is not a path.
             OSError: if it cannot be written.
         """
         rows = list(self.rows())
@@ -203,10 +210,12 @@ class SlewTimes(Printed):
             writer.writerows(rows)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the arrays and names to an NPZ file, whole or not at all; equal matrices make equal bytes.
+        """Write arrays and names to an NPZ file, as a whole or not at all; equal matrices make equal files.
+
+        The problem is not written.
 
         Raises:
-            TypeError: for what is no path.
+            TypeError: if `path` is not a path.
             OSError: if it cannot be written.
         """
         arrays: dict[str, Any] = {
@@ -225,7 +234,7 @@ class SlewTimes(Printed):
         return f"Slew times of {self.name}"
 
     def lines(self) -> list[tuple[str, str]]:
-        """Lines above the table, as (label, value)."""
+        """Lines to print above the table, as (label, value)."""
         told = f"{self.goals}"
         if self.departures is not None:
             first, last = self.departures[[0, -1]]
@@ -234,7 +243,7 @@ class SlewTimes(Printed):
         return [("goals", told), ("slews", counts)]
 
     def cells(self) -> Cells:
-        """The matrix in seconds, where it is small; else the quantiles of its times, bounds and angles."""
+        """The table to print: a small matrix in seconds, or quantiles of times, bounds and angles."""
         if self.departures is None and self.goals <= _PRINTED:
             rows = [
                 [name, *(f"{time:.2f}" if np.isfinite(time) else "-" for time in own)]
@@ -258,14 +267,17 @@ class SlewTimes(Printed):
 
 
 def load_slew_times(path: str | os.PathLike[str]) -> SlewTimes:
-    """Read a matrix that `SlewTimes.save` wrote, or that stands in the folder of `slew_times`.
+    """Read a matrix that `SlewTimes.save` wrote, or that `slew_times` wrote to its folder.
 
     Args:
         path: the NPZ file, or the folder.
 
+    Returns:
+        The matrix, without its problem.
+
     Raises:
-        TypeError: for what is no path.
-        ValueError: if it is no such file, or damaged.
+        TypeError: if `path` is not a path.
+        ValueError: if it is not such a file, or damaged.
         OSError: if it cannot be read.
 
     Example:
@@ -295,12 +307,12 @@ def load_slew_times(path: str | os.PathLike[str]) -> SlewTimes:
 
 
 def _to_itself(matrix: np.ndarray) -> np.ndarray:
-    """The entries (..., n) of a matrix (..., n, n) that lead from a goal to itself."""
+    """The diagonal (..., n) of a matrix (..., n, n): the entries from each goal to itself."""
     return np.asarray(np.diagonal(matrix, axis1=-2, axis2=-1))
 
 
 def _fault(known: dict[str, np.ndarray]) -> str:
-    """What is wrong with the arrays of a file; empty where nothing is."""
+    """Check the arrays of a file; returns a message on what is wrong, empty if nothing is."""
     for name, kind in {**_ARRAYS, "name": "U", "names": "U"}.items():
         if name not in known:
             return f"{name} is missing"

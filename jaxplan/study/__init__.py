@@ -1,10 +1,11 @@
-"""Monte-Carlo studies: many scenes planned, by one process or many, with a table that is always the same.
+"""Monte-Carlo studies: many scenes planned by one or many processes, with the same table on every run.
 
     >>> study = jp.run_study(range(1000), "hard_keep_out", workers=2, out="study")
     >>> print(study.summary())
 
-`task` says what a study plans and cuts it up, `run` shares it out, `rows` are what comes of it, which `store`
-keeps; `result` and `comparison` say what they mean. The studies of `table4` search alone.
+`task` defines what a study plans and divides it into blocks and chunks, `run` hands these to workers, `rows`
+makes table rows of the plans, and `store` keeps the rows on disk. `result` and `comparison` summarize them.
+`table4` runs studies that search for paths only, without planning the motion along them.
 """
 
 from jaxplan.study.comparison import Comparison, compare_studies

@@ -1,8 +1,8 @@
-"""Two studies of the same scenes, scene by scene.
+"""Comparison of two studies of the same scenes, scene by scene.
 
-Whether one planner finds more is asked of the scenes where they differ alone: if neither is better, each of
-these is as likely to be the one's as the other's (McNemar's test, exact). What plans are like is compared on
-the scenes that both plan.
+Whether one planner succeeds more often is tested only on the scenes where exactly one of the two succeeds: if
+neither is better, each of these is equally likely to be solved by the one or the other (McNemar's exact
+test). The quality of plans is compared on the scenes that both studies plan.
 """
 
 from collections.abc import Hashable, Mapping
@@ -16,12 +16,13 @@ from jaxplan.runtime.display import shown
 from jaxplan.study.result import Printed, Study, counted
 from jaxplan.study.rows import OK, Row
 
-_QUANTITIES = {
+_QUANTITIES = {  # what is compared: label, and column of a study's table or times
     "path length (steps)": "length_steps",
     "duration (s)": "duration_s",
     "smallest margin (deg)": "min_margin_deg",
     "time (s)": "total_s",
 }
+# Statistics of a quantity: number of scenes, means of both; mean, quantiles and sign of second minus first.
 _COLUMNS = ("scenes", "first", "second", "difference", "5 %", "median", "95 %", "second less")
 
 
@@ -36,18 +37,22 @@ _COLUMNS = ("scenes", "first", "second", "difference", "5 %", "median", "95 %", 
 )
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison(Printed):
-    """Two studies, scene by scene.
+    """Comparison of two studies, scene by scene; prints as a table.
+
+    A scene counts as planned where its plan is certified (status OK).
 
     Attributes:
         names: titles of the first study and the second.
-        scenes: number of those that are in both.
-        both: number of those that both plan, with a certificate.
-        only_first: number of those that the first alone plans.
-        only_second: number of those that the second alone plans.
-        p_value: of the exact test of McNemar, two-sided: how likely it is that success differs at least as
-            much in so many scenes if neither is better.
-        differences: of each quantity, on the scenes that both plan, by label: their number, both means, mean,
-            quantiles of second less first, and the share of scenes in which the second has less.
+        scenes: number of scenes that both studies have done.
+        both: number of these that both plan.
+        only_first: number that only the first plans.
+        only_second: number that only the second plans.
+        p_value: of McNemar's exact test, two-sided: the probability of a difference in success at least this
+            large if neither is better; 1 where success never differs.
+        differences: statistics of each quantity by its label, over the scenes that both plan. Each is a dict
+            with "scenes" (their number), "first" and "second" (the two means), "difference" (mean of second
+            minus first), its quantiles "5 %", "median" and "95 %", and "second less" (fraction of scenes in
+            which the second has the smaller value).
     """
 
     names: tuple[str, str]
@@ -65,11 +70,11 @@ class Comparison(Printed):
 
     @property
     def neither(self) -> int:
-        """Number of scenes that neither of them plans."""
+        """Number of scenes that neither study plans."""
         return self.scenes - self.both - self.only_first - self.only_second
 
     def record(self) -> dict[str, Any]:
-        """The comparison as a dict for JSON."""
+        """The comparison as a dict that JSON can hold."""
         counts = ("scenes", "both", "only_first", "only_second", "neither", "p_value")
         return {
             **dict(zip(("first", "second"), self.names, strict=True)),
@@ -78,7 +83,7 @@ class Comparison(Printed):
         }
 
     def lines(self) -> list[tuple[str, str]]:
-        """Lines above the differences, as (label, value)."""
+        """Lines to print above the differences, as (label, value)."""
         return [
             ("first", self.names[0]),
             ("second", self.names[1]),
@@ -91,7 +96,7 @@ class Comparison(Printed):
         ]
 
     def cells(self) -> list[list[str]]:
-        """The differences as rows of texts, with their head."""
+        """The differences as rows of texts, the first row with the titles of columns."""
         rows = [
             [label, f"{values['scenes']:.0f}"]
             + [f"{values[name]:.4g}" for name in _COLUMNS[1:3]]
@@ -103,17 +108,19 @@ class Comparison(Printed):
 
 
 def compare_studies(first: Study, second: Study) -> Comparison:
-    """Compare two studies on the scenes that both have done: by seed, or by the places of given scenarios.
+    """Compare two studies on the scenes that both have done.
+
+    Random scenes are matched by seed, given scenarios by their place in the study together with their name.
 
     Args:
-        first: for instance of the usual planner.
-        second: of another one, or with other settings.
+        first: a study, for instance of the usual planner.
+        second: a study of another planner, or with other settings.
 
     Returns:
         The comparison, which prints as a table.
 
     Raises:
-        ValueError: if they are of other kinds of scenes, or have no scene in common.
+        ValueError: if the studies are of different kinds of scenes, or have no scene in common.
 
     Example:
         >>> seeds = range(100)
@@ -146,7 +153,10 @@ def compare_studies(first: Study, second: Study) -> Comparison:
 
 
 def _by_scene(study: Study) -> dict[Hashable, Row]:
-    """Rows of a study's table joined with their times, by seed, or by (number, name) of given scenarios."""
+    """Rows of a study's table, each joined with its times, by the key that identifies the scene.
+
+    The key is the seed of a random scene, or (place in the study, name) of a given scenario.
+    """
     times = {row["scene"]: row for row in study.timings}
     return {
         row["seed"] if study.kind is not None else (row["scene"], row["name"]): times.get(row["scene"], {})
@@ -156,10 +166,10 @@ def _by_scene(study: Study) -> dict[Hashable, Row]:
 
 
 def _difference(pairs: list[tuple[Row, Row]], column: str) -> dict[str, float]:
-    """Statistics of a column's difference, second less first, over pairs of rows in which both have it.
+    """Statistics of a column's difference, second minus first, over pairs of rows that both have a value.
 
     Returns:
-        Values by `_COLUMNS`; none without such a pair.
+        Values by the names `_COLUMNS`; an empty dict if there is no such pair.
     """
     values = np.array([[row.get(column) for row in pair] for pair in pairs], dtype=float).reshape(-1, 2)
     values = values[np.all(np.isfinite(values), axis=1)]

@@ -1,8 +1,9 @@
-"""Folders of results: made, locked by the one process that works there, and claimed for one problem.
+"""Folders of results: made where they are missing, locked by the process that works there, of one task each.
 
-A folder has a head, a JSON file that says what it is of: of a study, or of a fleet, the *noun* in messages.
-What is written is forced to disk. Names of files are fixed and links are not followed, so nothing is ever
-written elsewhere, and nothing in a folder is taken on trust.
+A folder has a *head*, a JSON file that describes what the folder is of: a study or a fleet, which messages
+call by its *noun*. A folder is *claimed* by locking it and writing the head, or by finding an equal head
+there. All that is written is forced to disk. File names are fixed and symbolic links are not followed, so
+that nothing is written outside the folder; and everything that is read from a folder is checked.
 """
 
 import errno
@@ -16,21 +17,21 @@ from pathlib import Path
 from typing import IO, Any
 
 LOCK = ".lock"
-_LARGEST_HEAD = 64 * 2**20  # bytes; seeds that do not follow one another take up to 43 each
+_LARGEST_HEAD = 64 * 2**20  # bytes of a head at most; seeds that are not consecutive take up to 43 each
 
 
 class StudyFolderError(ValueError):
-    """A folder that holds no study, or not the one that is wanted; the message says what is wrong."""
+    """Error for a folder that is in use or does not hold what is wanted; its message says what is wrong."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Head:
-    """The head of a kind of folders.
+    """The kind of head that folders of studies, or of fleets, have; it reads, writes and claims them.
 
     Attributes:
-        name: of the file.
-        noun: what the folder is of, for messages.
-        check: function that raises a ValueError for a head, as a table, that is none of this kind.
+        name: file name of the head.
+        noun: what the folder is of, such as "study", for messages.
+        check: function of a head's content that raises a ValueError if it is not of this kind.
     """
 
     name: str
@@ -39,14 +40,18 @@ class Head:
 
     @property
     def part(self) -> str:
-        """Name of the file while it is written."""
+        """Name under which the file is written, before it is renamed."""
         return f".{self.name}.part"
 
     def read(self, folder: Path) -> dict[str, Any]:
-        """The head of a folder; raises a StudyFolderError if it has none of this kind."""
+        """Read the head of a folder.
+
+        Raises:
+            StudyFolderError: if the folder has no head of this kind.
+        """
         path = folder / self.name
         try:
-            with path.open("rb") as file:  # what a link leads to may have no end
+            with path.open("rb") as file:  # not read as a whole, since it may be a device without end
                 text = file.read(_LARGEST_HEAD + 1)
             if len(text) > _LARGEST_HEAD:
                 raise ValueError(f"too large, at most {_LARGEST_HEAD} bytes are read")
@@ -67,16 +72,17 @@ class Head:
         description: Mapping[str, Any],
         begun: Callable[[dict[str, Any]], Mapping[str, Any]] | None = None,
     ) -> Iterator[None]:
-        """Hold a folder while a block runs: it is made where it is missing, and locked.
+        """Make a folder if it is missing, lock it while a block runs, and check or write its head.
 
         Args:
-            folder: a new or empty one, or one with the same head.
+            folder: a new or empty folder, or one with an equal head.
             description: the head.
-            begun: function of the head that is there, which returns the one that is allowed there, where
-                that of a smaller beginning is, too; what is done with it is for the block.
+            begun: function of the head that is there, which returns the head that is allowed there; None if
+                only `description` is. A study passes it to continue a smaller study that it begins with. The
+                head that is there then stays as it is; the block may replace it.
 
         Raises:
-            StudyFolderError: if it holds anything else, is no folder, or is in use.
+            StudyFolderError: if the folder holds anything else, is not a folder, or is in use.
         """
         self._make(folder)
         with self._locked(folder):
@@ -84,7 +90,7 @@ class Head:
             yield
 
     def _make(self, folder: Path) -> None:
-        """Make a folder where it is missing; raise a StudyFolderError if it holds something else."""
+        """Make a folder if it is missing; raise a StudyFolderError if it holds files but no head."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except (FileExistsError, NotADirectoryError) as error:
@@ -98,7 +104,11 @@ class Head:
             )
 
     def _locked(self, folder: Path) -> IO[bytes]:
-        """Open and lock the folder's lock file, until it is closed; StudyFolderError if it is taken."""
+        """Open and lock the folder's lock file; closing the file that is returned releases the lock.
+
+        Raises:
+            StudyFolderError: if another process holds the lock.
+        """
         lock = open_file(folder / LOCK, self.noun)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -108,7 +118,11 @@ class Head:
         return lock
 
     def write(self, folder: Path, description: Mapping[str, Any]) -> None:
-        """Write the head of a folder that is held, whole or not at all."""
+        """Write the head of a folder that is locked, as a whole or not at all; an existing head is replaced.
+
+        Raises:
+            StudyFolderError: if the head is too large.
+        """
         text = json.dumps(description, indent=1, allow_nan=False).encode() + b"\n"
         if len(text) > _LARGEST_HEAD:
             raise StudyFolderError(
@@ -126,7 +140,11 @@ class Head:
         description: Mapping[str, Any],
         begun: Callable[[dict[str, Any]], Mapping[str, Any]] | None,
     ) -> None:
-        """Write the head of a folder that has none; raise a StudyFolderError if it has another."""
+        """Write the head of a folder that has none, or check the one that is there; see `claimed`.
+
+        Raises:
+            StudyFolderError: if the head that is there is not allowed; the message names what differs.
+        """
         if not (folder / self.name).exists():
             self.write(folder, description)
             return
@@ -145,18 +163,22 @@ class Head:
 
 
 def refuse_constant(word: str) -> float:
-    """Raise a ValueError for NaN or an infinity in JSON."""
+    """Raise a ValueError for the word NaN, Infinity or -Infinity; `json.loads` calls it for them."""
     raise ValueError(f"{word} is not allowed")
 
 
 def _short(value: Any) -> str:
-    """A value as JSON, cut to 80 characters."""
+    """A value as JSON text, cut to 80 characters."""
     text = json.dumps(value)
     return text if len(text) <= 80 else text[:77] + "..."
 
 
 def open_file(path: Path, noun: str) -> IO[bytes]:
-    """Open a file to append to, made where it is missing; raise StudyFolderError if it is a link."""
+    """Open a file for appending bytes; it is made if it is missing.
+
+    Raises:
+        StudyFolderError: if it is a symbolic link; `noun` names in the message what the folder is of.
+    """
     try:
         return open(os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o666), "ab")
     except OSError as error:
@@ -167,6 +189,6 @@ def open_file(path: Path, noun: str) -> IO[bytes]:
 
 
 def force(file: IO[bytes]) -> None:
-    """Force what was written to a file to disk."""
+    """Force everything written to an open file to disk."""
     file.flush()
     os.fsync(file.fileno())

@@ -1,4 +1,4 @@
-"""The result of a study: its table, its times, and a summary of what follows from them; results as text."""
+"""The result of a study: its table, computation times and summary; and how such results print as text."""
 
 import os
 from abc import ABC, abstractmethod
@@ -22,20 +22,23 @@ Lines = Sequence[tuple[str, str]]
 
 
 class Printed(ABC):
-    """A result that prints itself, and shows itself as a table in notebooks."""
+    """Base class of results that print as a title, lines of labels and values, and a table.
+
+    Notebooks show the same as HTML.
+    """
 
     @property
     @abstractmethod
     def title(self) -> str:
-        """Title above the lines and the table."""
+        """The title, which stands above the lines and the table."""
 
     def lines(self) -> Lines:
-        """Lines above the table, as (label, value)."""
+        """Lines above the table, as (label, value); none by default."""
         return ()
 
     @abstractmethod
     def cells(self) -> Cells:
-        """The table as rows of texts, the first of them its head."""
+        """The table as rows of texts, the first row with the titles of columns."""
 
     def __str__(self) -> str:
         return aligned(self.title, self.lines(), self.cells())
@@ -45,12 +48,12 @@ class Printed(ABC):
 
 
 def aligned(title: str, lines: Lines, cells: Cells) -> str:
-    """Text of labels with their values, and below them a table whose columns line up.
+    """Format a title, labels with their values, and a table with aligned columns as one text.
 
     Args:
-        title: above all.
-        lines: (label, value).
-        cells: rows of the table, the first of them its head.
+        title: first line of the text.
+        lines: (label, value) of each line above the table.
+        cells: rows of the table, the first with the titles of columns; it must have a row.
     """
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     widths[0] = max([widths[0], *(len(label) for label, _ in lines)])
@@ -62,7 +65,7 @@ def aligned(title: str, lines: Lines, cells: Cells) -> str:
 
 
 QUANTILES: Mapping[str, float] = {"least": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "most": 1.0}
-# Label, column, and whether every scene counts or only those that are planned.
+# Quantities of a summary: label, column, and whether every scene counts or only the planned ones.
 _QUANTITIES = (
     ("time (s), all scenes", "total_s", True),
     ("  of which search (s)", "search_s", True),
@@ -73,18 +76,18 @@ _QUANTITIES = (
     ("duration over its bound", "over_bound", False),
     ("smallest margin (deg)", "min_margin_deg", False),
 )
-_TYPES = {int: "Int64", float: "Float64", bool: "boolean", str: "string"}  # those of pandas that have NA
+_TYPES = {int: "Int64", float: "Float64", bool: "boolean", str: "string"}  # pandas types that allow NA
 
 
 def success_interval(successes: int, trials: int) -> tuple[float, float]:
-    """95 % Wilson interval of a success rate.
+    """Compute the 95 % Wilson confidence interval of a success rate.
 
     Args:
-        successes: how many there were.
-        trials: of how many.
+        successes: number of successes.
+        trials: number of trials.
 
     Returns:
-        Lower and upper bound, from 0 to 1; both ends of it without trials.
+        Lower and upper bound, both from 0 to 1; (0, 1) if there are no trials.
     """
     from scipy.stats import binomtest
 
@@ -95,22 +98,23 @@ def success_interval(successes: int, trials: int) -> tuple[float, float]:
 
 
 def counted(number: int, noun: str) -> str:
-    """Text of a number and a noun, in the plural but for one."""
+    """Text of a number and a noun, which is in the plural unless the number is 1."""
     return f"{number} {noun}{'s' * (number != 1)}"
 
 
 @shown("done", "planned", "statuses", heading="Summary of {0.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Summary(Printed):
-    """Summary of a study: success rate, statuses, and quantiles of what was found.
+    """Summary of a study: success rate, counts of statuses, and quantiles of results; prints as a table.
 
     Attributes:
-        study: its title.
-        scenes: how many it has.
-        done: how many of them have a row.
-        planned: how many of them have a certified plan.
-        statuses: number of scenes with each, most frequent first.
-        spreads: of each quantity the number of its values, their mean and their `QUANTILES`, by label.
+        study: title of the study.
+        scenes: number of its scenes.
+        done: number of scenes that have a row.
+        planned: number of scenes with a certified plan.
+        statuses: number of scenes with each status, the most frequent first.
+        spreads: statistics of each quantity by its label: the number of "values", their "mean", and their
+            quantiles by the names of `QUANTILES`.
     """
 
     study: str
@@ -122,21 +126,21 @@ class Summary(Printed):
 
     @property
     def title(self) -> str:
-        """Title of the study."""
+        """Title of the summary."""
         return f"Study of {self.study}"
 
     @property
     def success_rate(self) -> float | None:
-        """Share of the scenes done that have a certified plan; None where none is done."""
+        """Fraction of the scenes done that have a certified plan, from 0 to 1; None if no scene is done."""
         return self.planned / self.done if self.done else None
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % Wilson interval of the success rate."""
+        """95 % Wilson confidence interval of the success rate: lower and upper bound, from 0 to 1."""
         return success_interval(self.planned, self.done)
 
     def record(self) -> dict[str, Any]:
-        """The summary as a dict for JSON."""
+        """The summary as a dict that JSON can hold."""
         return {
             "title": self.title,
             "scenes": self.scenes,
@@ -149,7 +153,7 @@ class Summary(Printed):
         }
 
     def lines(self) -> list[tuple[str, str]]:
-        """Lines above the quantiles, as (label, value)."""
+        """Lines to print above the quantiles, as (label, value)."""
         low, high = (100 * bound for bound in self.interval)
         rate = "-" if self.success_rate is None else f"{100 * self.success_rate:.2f} %"
         done = f"{self.done}" if self.done == self.scenes else f"{self.done} done of {self.scenes}"
@@ -160,7 +164,7 @@ class Summary(Printed):
         ]
 
     def cells(self) -> list[list[str]]:
-        """The quantiles as rows of texts, with their head."""
+        """The quantiles as rows of texts, the first row with the titles of columns."""
         head = ["", "values", "mean", *QUANTILES]
         rows = [
             [label, f"{spread['values']:.0f}", *(f"{spread[name]:.4g}" for name in head[2:])]
@@ -172,15 +176,15 @@ class Summary(Printed):
 @shown("done", "scenes", "folder", heading="Study of {0.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Study:
-    """Results of many scenes. The rows of a study in a folder are read when they are first asked for.
+    """Results of planning many scenes. If the study is in a folder, its rows are read when first asked for.
 
     Attributes:
-        kind: of random scenes; None where scenarios were given.
-        planner: its name.
-        settings: that differ from the scenes' own.
-        scenes: how many there are; those that were not planned yet have no row.
-        folder: where it is kept; None if only here.
-        columns: names of the columns that it has besides those of every study.
+        kind: kind of the random scenes; None where scenarios were given.
+        planner: name of the search method.
+        settings: scenario settings that the study changed.
+        scenes: number of its scenes; those that are not done yet have no row.
+        folder: where it is kept; None if it is in memory only.
+        columns: names of the study's own columns.
     """
 
     kind: str | None
@@ -193,17 +197,20 @@ class Study:
 
     @cached_property
     def table(self) -> list[Row]:
-        """A row a scene, in the order of the scenes: the same on every run. See `rows.COLUMNS`."""
+        """Rows of the scenes done, in the order of scenes, the same on every run; see `rows.COLUMNS`."""
         return self._rows(TABLE)
 
     @cached_property
     def timings(self) -> list[Row]:
-        """The seconds of each scene of the table by step, where they are known; None where it crashed."""
+        """Computation times in s of the scenes in the table, by step, with the columns `rows.TIMES`.
+
+        Times are None where a scene crashed; a scene whose times are lost has no row.
+        """
         done = {row["scene"] for row in self.table}
         return [row for row in self._rows(TIMINGS) if row["scene"] in done]
 
     def _rows(self, name: str) -> list[Row]:
-        """Rows of `TABLE` or `TIMINGS`, by name, in the order of scenes; of several of a scene the last."""
+        """Rows of `TABLE` or `TIMINGS`, in the order of scenes; of several for a scene the last counts."""
         if self.folder is None:
             return sorted(self._held[name], key=lambda row: row["scene"])
         rows = {row["scene"]: row for _, row in scan(self.folder, name, self.scenes, self.columns)}
@@ -211,7 +218,7 @@ class Study:
 
     @property
     def title(self) -> str:
-        """Scenes, planner and settings in one line."""
+        """Number and kind of scenes, planner and changed settings in one line."""
         of = "scenario" if self.kind is None else f"{self.kind} scene"
         changed = "".join(f", {name} = {value}" for name, value in self.settings.items())
         return f"{counted(self.scenes, of)} by {self.planner}{changed}"
@@ -223,38 +230,41 @@ class Study:
 
     @property
     def complete(self) -> bool:
-        """True once all scenes have a row."""
+        """Whether all scenes have a row."""
         return self.done == self.scenes
 
     @property
     def planned(self) -> int:
-        """Number of scenes with a certified plan."""
+        """Number of scenes with a certified plan (status OK)."""
         return sum(row["status"] == OK for row in self.table)
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % Wilson interval of the success rate in the scenes that have a row."""
+        """95 % Wilson confidence interval of the success rate among the scenes done: bounds from 0 to 1."""
         return success_interval(self.planned, self.done)
 
     def values(self, column: str, every: bool = False) -> np.ndarray:
-        """Values of a column in the planned scenes that have one.
+        """Collect the values of a column; scenes without a value are left out.
 
         Args:
-            column: of the table or the times, or "over_bound" for a duration over the least that the goal
-                allows, zones aside.
-            every: whether scenes without a plan count, too.
+            column: a column of the table or the times; or "over_bound", the ratio of the duration to the
+                lower bound of any motion's duration, zones ignored.
+            every: whether scenes without a certified plan count, too.
+
+        Returns:
+            Array (k,) of the values.
         """
         chosen = [row for row in self.table if every or row["status"] == OK]
         if column == "over_bound":
             bounds = ((row["duration_s"], row["duration_bound_s"]) for row in chosen)
             return np.array([duration / bound for duration, bound in bounds if duration and bound])
-        if column in TIMES:  # of which rows may be missing
+        if column in TIMES:  # rows of times may be missing
             scenes = {row["scene"] for row in chosen}
             chosen = [row for row in self.timings if row["scene"] in scenes]
         return np.array([row[column] for row in chosen if row[column] is not None], dtype=float)
 
     def summary(self) -> Summary:
-        """Success rate with its interval, and quantiles of what was found; prints as a table."""
+        """Summarize the study: success rate with interval, and quantiles of results; prints as a table."""
         quantities = [*_QUANTITIES, *((name, name, False) for name in self.columns)]
         values = {label: self.values(column, every) for label, column, every in quantities}
         return Summary(
@@ -267,10 +277,10 @@ class Study:
         )
 
     def to_pandas(self) -> Any:
-        """Table and times as one `pandas.DataFrame`, a row a scene, missing values as pandas' own NA.
+        """Table and times as one `pandas.DataFrame`, a row for each scene; missing values are pandas' NA.
 
         Raises:
-            ImportError: without pandas, which the extra ``study`` brings.
+            ImportError: without pandas, which the extra ``study`` installs.
         """
         with _extra("pandas"):
             import pandas as pd
@@ -284,13 +294,13 @@ class Study:
         )
 
     def to_parquet(self, path: str | os.PathLike[str]) -> None:
-        """Write `to_pandas` to a Parquet file, whole or not at all.
+        """Write the data frame of `to_pandas` to a Parquet file, as a whole or not at all.
 
         Args:
-            path: of the file; one that is there is replaced.
+            path: of the file; an existing file is replaced.
 
         Raises:
-            ImportError: without pandas or pyarrow, which the extra ``study`` brings.
+            ImportError: without pandas or pyarrow, which the extra ``study`` installs.
         """
         with _extra("pyarrow"):
             import pyarrow  # noqa: F401
@@ -306,14 +316,14 @@ class Study:
 
 
 def _spread(values: np.ndarray) -> dict[str, float]:
-    """Number, mean and `QUANTILES` of values (k,), by label."""
+    """Number, mean and quantiles of values (k,), k > 0, with the names that `Summary.spreads` has."""
     spread = {"values": float(len(values)), "mean": float(np.mean(values))}
     return spread | {name: float(np.quantile(values, share)) for name, share in QUANTILES.items()}
 
 
 @contextmanager
 def _extra(package: str) -> Iterator[None]:
-    """Context in which an ImportError names the extra that brings a package."""
+    """Context in which an ImportError is replaced by one that says how to install the package."""
     try:
         yield
     except ImportError as error:
@@ -323,14 +333,14 @@ def _extra(package: str) -> Iterator[None]:
 
 
 def load_study(folder: str | os.PathLike[str]) -> Study:
-    """Read the folder of a study, also of one that is not done yet.
+    """Read the folder of a study, which may still be incomplete.
 
     Args:
-        folder: what `run_study` was given as ``out``.
+        folder: the one that `run_study` was given as ``out``.
 
     Raises:
-        TypeError: for what is no path.
-        StudyFolderError: if it holds no study.
+        TypeError: if `folder` is not a path.
+        StudyFolderError: if the folder does not hold a study.
     """
     place = file_path("folder", folder)
     header = read_header(place)

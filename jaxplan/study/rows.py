@@ -1,9 +1,9 @@
-"""Rows of a study's table: what becomes of the scenes of a chunk, and apart from it the seconds that it took.
+"""Rows of a study's tables: one for each scene's outcome, and a separate one for its computation times.
 
-A row holds plain numbers and texts in the units of files. Rows are the same on every run; times are not, and
-stand apart. What a plan does not have is None. The status is the plan's, or `CRASHED` where planning raised
-an error that it must not raise, or killed its process: nothing that a scene raises gets out of a worker, and
-the others of its block are planned one by one.
+A row holds numbers and texts in the units of scenario files. Outcomes are the same on every run, times are
+not, so they are kept apart. Values that a plan does not have are None. The status is that of the plan, or
+`CRASHED` where planning raised an unexpected error or killed its process. No error of a scene is raised in a
+worker: if planning a block together raises one, its scenes are planned one by one.
 """
 
 import math
@@ -24,7 +24,7 @@ Row = dict[str, Any]
 CRASHED = "crashed"
 OK = "OK"
 
-# Of each column the type, beside None.
+# Columns of a study's table with their types; a value may also be None where it is not known.
 COLUMNS: Mapping[str, type] = {
     "scene": int,  # its place in the study, from 0
     "seed": int,  # of a random scene
@@ -34,19 +34,19 @@ COLUMNS: Mapping[str, type] = {
     "status": str,
     "message": str,
     "certified": bool,
-    "slew_deg": float,  # of the platform, from start to goal
+    "slew_deg": float,  # angle by which the platform turns from start to goal
     "expansions": int,  # of the last search
     "length_steps": float,
     "interior_nodes": int,
     "duration_s": float,
-    "duration_bound_s": float,  # no motion to its goal is shorter, zones aside
-    "min_margin_deg": float,  # proved for all times and zones
+    "duration_bound_s": float,  # lower bound of the duration of any motion to its goal, zones ignored
+    "min_margin_deg": float,  # lower bound proved for all times and zones, positive where all are kept
     "worst_device": str,
     "worst_zone": str,
-    "peak": float,  # the largest share of a limit that is used, proved for all times
+    "peak": float,  # largest ratio of a quantity to its limit, upper bound proved for all times
 }
 STEPS = ("decompose", "search", "trajectory", "certificate")
-# The total is that of the steps. A process compiles what it needs once, so that is no matter of a scene.
+# Columns of computation times. The total is that of the steps, without compiling, which a process does once.
 TIMES: Mapping[str, type] = {
     "scene": int,
     "name": str,
@@ -57,7 +57,12 @@ TIMES: Mapping[str, type] = {
 
 
 def filled(columns: Mapping[str, type], known: Mapping[str, Any]) -> Row:
-    """A row of the columns from the values known; None for the others, and for floats that are not finite."""
+    """Make a row with all given columns; missing values, and floats that are not finite, become None.
+
+    Args:
+        columns: type of each column, by its name; values are converted to it.
+        known: values by column name; names that are not columns are ignored.
+    """
     row: Row = {}
     for name, kind in columns.items():
         value = known.get(name)
@@ -67,16 +72,20 @@ def filled(columns: Mapping[str, type], known: Mapping[str, Any]) -> Row:
 
 
 def columns_of(own: Iterable[str]) -> Mapping[str, type]:
-    """Columns of a table with those of a study's own, whose values are numbers."""
+    """The columns of a study's table, with its own columns added, whose type is float."""
     return {**COLUMNS, **dict.fromkeys(own, float)}
 
 
 def check_columns(columns: object, *, sent: bool = False) -> None:
-    """Raise a TypeError or ValueError for columns that are none, or have a name that is taken.
+    """Check the columns that a user adds to a study.
 
     Args:
-        columns: functions by name.
-        sent: whether they must get to processes of their own.
+        columns: functions by column name.
+        sent: whether the functions are to be pickled and sent to other processes.
+
+    Raises:
+        TypeError: if it is not a dict of functions.
+        ValueError: if a name has blanks or is taken, or a function cannot be pickled.
     """
     if not isinstance(columns, Mapping):
         raise TypeError(f"columns must be a dict of functions by name, not {type(columns).__name__}")
@@ -97,14 +106,19 @@ def check_columns(columns: object, *, sent: bool = False) -> None:
 
 
 def _number(value: Any) -> float:
-    """A value as a number; raises a ValueError if it is none, or not finite."""
+    """Convert a value to a float; raises a ValueError if it is not one finite number."""
     if isinstance(value, str) or np.ndim(value) or not math.isfinite(value):
         raise ValueError(f"{value!r} is no finite number")
     return float(value)
 
 
 def _own_values(columns: Mapping[str, Callable[[Plan], Any]], found: Plan) -> tuple[Row, list[str]]:
-    """The numbers that a study's own functions make of a plan, and a sentence for each that makes none."""
+    """Compute a study's own columns for a plan.
+
+    Returns:
+        The values by column name, None where the function raised an error or returned no finite number; and a
+        message for each such column.
+    """
     row: Row = {}
     wrong = []
     for name, function in columns.items():
@@ -117,12 +131,13 @@ def _own_values(columns: Mapping[str, Callable[[Plan], Any]], found: Plan) -> tu
 
 
 def row_of(outcome: Plan | str, head: Row, own: Mapping[str, Callable[[Plan], Any]] | None = None) -> Row:
-    """A scene's row of `COLUMNS`: numbers and words about its plan, no arrays.
+    """Make a scene's row for the study's table, with the columns `COLUMNS` and the study's own.
 
     Args:
-        outcome: a plan, also one that failed, or the message of an error that was raised instead.
+        outcome: the plan, which may have failed, or the message of an error that was raised instead.
         head: values of the columns from scene to planner.
-        own: functions for further columns, called with certified plans alone.
+        own: functions of a plan for the study's own columns, by name; they are called for certified plans
+            only.
     """
     columns = columns_of(own or {})
     if isinstance(outcome, str):
@@ -138,10 +153,11 @@ def row_of(outcome: Plan | str, head: Row, own: Mapping[str, Callable[[Plan], An
 
 
 def times_of(timings: Mapping[str, float] | None, head: Row) -> Row:
-    """Row of `TIMES`: seconds of a plan by step, 0 for those that it did not come to.
+    """Make a scene's row of computation times, with the columns `TIMES`.
 
     Args:
-        timings: of the plan; None where the scene crashed, whose times are None.
+        timings: seconds of each planning step, by its name; a step that is missing counts as 0. None where
+            planning crashed: then all times are None.
         head: values of the columns from scene to planner.
     """
     if timings is None:
@@ -157,12 +173,12 @@ APART = "planned by itself, since a scene of its block killed its process"
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Rows of the scenes of a chunk.
+    """Outcome of a chunk: rows for its scenes.
 
     Attributes:
-        table: a row a scene.
-        timings: the seconds of each scene.
-        seconds: time that the chunk took, without that of compiling.
+        table: the rows of the scenes for the study's table.
+        timings: the rows of their computation times.
+        seconds: time that the whole chunk took, compilation excluded.
     """
 
     table: list[Row]
@@ -174,10 +190,10 @@ Work = Callable[[Chunk], Answer]
 
 
 def plan_chunk(chunk: Chunk) -> Answer:
-    """Plan the scenes of a chunk, those of a block together.
+    """Plan the scenes of a chunk; the scenes of each block are planned together.
 
     Raises:
-        RuntimeError: if the chunk is from another version of jaxplan, which may plan otherwise.
+        RuntimeError: if the chunk is from another version of jaxplan, which may plan differently.
     """
     if chunk.version != __version__:
         raise RuntimeError(
@@ -190,10 +206,10 @@ def plan_chunk(chunk: Chunk) -> Answer:
 
 
 def _outcomes(block: Chunk) -> list[Plan | str]:
-    """Plan the scenes of a block together; after an unexpected error one by one, to find whose it is.
+    """Plan the scenes of a block together, or one by one if that raises an error, to find whose it is.
 
     Returns:
-        A plan for each scene, or the message of its error.
+        For each scene its plan, or the message of the error that it raised.
     """
     places = range(len(block.numbers))
     try:
@@ -203,7 +219,7 @@ def _outcomes(block: Chunk) -> list[Plan | str]:
 
 
 def _plan_or_error(block: Chunk, place: int) -> Plan | str:
-    """Plan the scene at a place of a block; returns the plan, or the message of an error."""
+    """Plan the scene at a place of a block, counted from 0; returns the plan, or the message of an error."""
     try:
         return plan(block.scenario(place), throw=False, progress=False)
     except Exception as error:
@@ -211,7 +227,12 @@ def _plan_or_error(block: Chunk, place: int) -> Plan | str:
 
 
 def answer_of(chunk: Chunk, outcomes: Iterable[Plan | str]) -> Answer:
-    """Rows and times of a chunk's scenes, from a plan or the message of an error for each."""
+    """Make the answer for a chunk.
+
+    Args:
+        chunk: the scenes.
+        outcomes: for each scene, in order, its plan or the message of an error.
+    """
     table, timings = [], []
     for place, outcome in enumerate(outcomes):
         head = chunk.head(place)

@@ -1,11 +1,12 @@
-"""Running a study: scenes in, rows out, with a bar, and nothing that is done gets lost.
+"""Running a study: scenes in, rows out, with a progress bar; an interruption keeps what is done.
 
-How many blocks make a chunk follows the measured times: so many that handing them out costs next to nothing,
-and so few that little is lost with one, that progress is seen, and that workers end together. A block of
-which scenes are missing is planned anew as a whole.
+A *block* is 16 scenes that are planned together, a *chunk* is the blocks that a worker gets at once (see
+`task`). The number of blocks in a chunk is adapted to measured times: large enough that handing chunks out
+costs next to nothing, and small enough that little is lost with one, that progress shows, and that all
+workers finish at about the same time. A block of which some scenes are missing is planned again as a whole.
 
-A block in which a scene kills its process cannot be planned together. It is planned scene by scene once it
-has killed a worker twice that did nothing else, so not where a worker died by chance; its rows say so.
+A block in which a scene kills its process cannot be planned together. Once it has killed a worker twice while
+nothing else ran, which excludes deaths by chance, it is planned scene by scene, and its rows say so.
 """
 
 import math
@@ -47,38 +48,38 @@ def run_study(
 ) -> Study:
     """Plan many scenes, and keep a row of the outcome of each.
 
-    On one machine the table is always the same to the last bit, whoever plans and however often the study
-    is interrupted: scenes are planned together in blocks of 16 by their number, and searches have no time
-    limit here, whatever the scenarios say. A scene whose planning raises an error, or kills its process, is
-    a row with status ``crashed``; the others of its block are planned one by one then, and may differ in
-    last digits from the same scenes in a study where nothing crashes. Ctrl-C ends the study early and returns
-    what is done.
+    On one machine the table is always the same to the last bit, whatever the workers and however often the
+    study is interrupted: scenes are planned together in blocks of 16 by their number, and searches have no
+    time limit here, whatever the scenarios say. A scene whose planning raises an error, or kills its process,
+    gets a row with status ``crashed``; the others of its block are then planned one by one, and may differ in
+    the last digits from the same scenes in a study where nothing crashes. Ctrl-C ends the study early and
+    returns what is done.
 
     Args:
         scenarios_or_seeds: the scenes, or seeds of `random_scenario`.
-        kind: of the random scenes, "keep_out" unless told; only with seeds.
+        kind: of the random scenes; None for "keep_out". Only allowed with seeds.
         planner: "mha", "mha-paper", "wastar", "rrt_star" or "rrt_connect".
-        settings: that differ from the scenes' own, by dotted names in the keys and units of a scenario file,
-            as in ``{"search.max_expansions": 500, "trajectory.duration_s": "minimum"}``.
-        workers: who plans: None for this process; a number of processes of its own, which are begun anew
+        settings: scenario settings to change, by dotted names in the keys and units of a scenario file, as in
+            ``{"search.max_expansions": 500, "trajectory.duration_s": "minimum"}``.
+        workers: who plans: None for this process; a number of processes to start, which are restarted
             when one dies; or any `concurrent.futures.Executor`, such as ``get_executor()`` of a Dask client.
-        out: a folder for the results, where each chunk is safe once it is done. If it holds the same study
-            already, or one of the first of these scenes with all else alike, only what is missing is planned
-            (and a last block that was not full, as it is planned with those that come); another study is
-            refused. Without it rows are kept in memory.
-        chunk: blocks that are handed out together; by default as many as take some two seconds.
+        out: a folder for the results, to which each chunk is written as soon as it is done. If it holds the
+            same study already, or the same study of the first of these scenes, only missing scenes are
+            planned (together with the rest of a block that was not full). Another study is refused. None to
+            keep rows in memory.
+        chunk: number of blocks that a worker gets at once; None for as many as take some two seconds.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
         executor: an older name of workers.
-        columns: functions that make a number of a certified plan, by names for columns of their own, as in
-            ``{"breaks": lambda plan: len(plan.trajectory.breaks)}``; in other processes only functions of a
-            module. Where one raises an error, the value is missing and the message says why. A folder
-            remembers the names, so that a study that goes on must have the same.
+        columns: functions that compute a number from a certified plan, by the names of the columns to add, as
+            in ``{"breaks": lambda plan: len(plan.trajectory.breaks)}``; for other processes only functions
+            defined in a module. Where one raises an error, the value is missing and the message says why. A
+            folder remembers the names, so that a study that goes on must have the same.
 
     Returns:
         The study.
 
     Raises:
-        TypeError: for scenes, workers or a folder that are none.
+        TypeError: for scenes, workers or a folder of the wrong type.
         ValueError: for bad seeds, an unknown kind or planner, or chunks of less than one block.
         ScenarioError: for settings, or a scenario, that a file could not hold; all faults are named.
         StudyFolderError: if the folder holds something else or is in use.
@@ -111,10 +112,10 @@ def run_task(
     progress: bool,
     work: Work,
 ) -> Study:
-    """Run a study whose arguments are checked; those that `run_study` has mean the same here.
+    """Run a study whose arguments have been checked.
 
     Args:
-        task: what is to be done.
+        task: the scenes, and how they are planned.
         workers: see `run_study`.
         out: likewise.
         chunk: likewise.
@@ -144,7 +145,7 @@ def run_task(
                         bar.update(len(table))
                         bar.note(f"{planned} planned")
             except KeyboardInterrupt:
-                pass  # what is done is returned
+                pass  # the rows so far are returned
         return Study(
             kind=task.kind,
             planner=task.planner,
@@ -157,19 +158,19 @@ def run_task(
 
 
 class Part(Protocol):
-    """What is handed to a worker at once; `scenes` are what it is made of."""
+    """A part of some work, which a worker gets at once, such as a chunk of a study."""
 
     @property
     def scenes(self) -> Sized:
-        """What it is made of."""
+        """The scenes, or satellites, that the part consists of; only their number matters here."""
 
 
 class Done(Protocol):
-    """A worker's answer, with the seconds that it took."""
+    """A worker's answer for a part."""
 
     @property
     def seconds(self) -> float:
-        """The time that it took, s."""
+        """The time in s that the part took."""
 
 
 P = TypeVar("P", bound=Part)
@@ -178,30 +179,41 @@ A_co = TypeVar("A_co", bound=Done, covariant=True)
 
 
 class Parts(Protocol[P, A_co]):
-    """The parts of some work that are left, as `Blocks` are those of a study."""
+    """The parts of some work that are left to do; `Blocks` is the implementation for studies."""
 
     def take(self, under_way: int, most: int = 1) -> P | None:
-        """Take the next part off, see `Blocks.take`."""
+        """Remove and return the next part; None if there is none now, see `Blocks.take`."""
 
     def learn(self, scenes: int, seconds: float) -> None:
-        """Take note of the seconds that a number of scenes took."""
+        """Take note that a number of scenes took so many seconds."""
 
     def suspect(self, chunks: Iterable[P]) -> None:
-        """Put back parts of which one may have killed a worker."""
+        """Put back parts, one of which may have killed a worker, to be done with nothing else running."""
 
     def killed(self, chunk: P) -> Iterable[A_co]:
-        """Put back a part that killed a worker by itself; yields the answer for what is given up."""
+        """Handle a part whose worker died while nothing else ran: put it back, or give it up.
+
+        Yields:
+            The answer for what is given up; nothing otherwise.
+        """
 
 
 def answers(chunks: Parts[P, A], workers: Workers | None, work: Callable[[P], A]) -> Generator[A, None, None]:
-    """Do the work for all parts, here or by workers, which end then; yield the answers as they come."""
+    """Do the work for all parts, in this process or by workers, and yield the answers as they come.
+
+    Args:
+        chunks: the parts to be done.
+        workers: None for this process; a number of processes, which are started here and ended afterwards; or
+            an executor, which is left running.
+        work: function of a part that returns its answer.
+    """
     if workers is None:
         yield from in_this_process(chunks, work)
         return
     pool = WorkerPool(workers)
     try:
         yield from by_workers(chunks, work, pool)
-    except BaseException:  # Ctrl-C here or at whom the answers go to, among others
+    except BaseException:  # such as Ctrl-C, here or in the code that uses the answers
         pool.shutdown(at_once=True)
         raise
     pool.shutdown(at_once=False)
@@ -213,21 +225,22 @@ LARGEST = 16
 """Blocks in a chunk at most."""
 DEATHS = 2
 """Deaths of workers with nothing else to do, after which a block is cut into scenes, or a scene given up."""
-_UNDER_WAY = 2  # chunks under way for each worker at first, so that none waits for the next
-_IDLE = 1.5  # a chunk whose answer comes within this multiple of its own time has hardly waited
+_UNDER_WAY = 2  # chunks handed out for each worker at first, so that none waits for the next
+_IDLE = 1.5  # one more chunk is handed out if an answer comes within this multiple of its working time
 
 
 class Blocks:
-    """The blocks of a study that are left to be planned.
+    """The blocks of a study that are left to be planned, handed out in chunks.
 
-    Where a worker dies with several chunks under way, nobody knows which of them killed it: all become
-    suspects, and are planned with nothing else under way. One that kills its worker then is cut into blocks,
-    and a block into scenes.
+    Where a worker dies while several chunks are out, any of them may have killed it: all become *suspects*,
+    which are planned again one at a time with no other running. A suspect whose worker dies is divided into
+    its blocks. A single block whose worker dies `DEATHS` times is divided into scenes, and a single scene
+    whose worker dies so often is given up.
 
     Args:
         task: the study.
-        left: numbers of the scenes that are not done.
-        size: blocks a chunk, None to follow the times.
+        left: numbers of the scenes that are not done; their whole blocks are planned.
+        size: number of blocks in a chunk; None to adapt it to measured times.
     """
 
     def __init__(self, task: Task, left: Iterable[int], size: int | None) -> None:
@@ -238,12 +251,12 @@ class Blocks:
         self._alone = False  # whether what is under way is a suspect, beside which nothing else may run
 
     def take(self, under_way: int, most: int = 1) -> Chunk | None:
-        """Take the next chunk off; None where there is none, or none that may run beside others.
+        """Remove and return the next chunk; None if none is left, or none may run beside those under way.
 
         Args:
-            under_way: number of chunks that are.
-            most: number of chunks that may be under way at once: none is larger than its share of what is
-                left, so that all workers are done at about the same time.
+            under_way: number of chunks being planned now.
+            most: number of chunks that may be under way at once. A chunk has at most 1 / most of the
+                blocks left, so that all workers finish at about the same time.
         """
         if under_way and (self._suspects or self._alone):
             return None
@@ -255,20 +268,20 @@ class Blocks:
         return self._task.chunk(blocks) if blocks else None
 
     def learn(self, scenes: int, seconds: float) -> None:
-        """Adapt the size of chunks to the seconds that a number of scenes took."""
+        """Adapt the size of chunks so that one takes `AIM`, given the time in s of some scenes."""
         if self._fixed is None:
             wanted = AIM * scenes / max(seconds, 1e-9) / BLOCK
             self._size = int(min(max(wanted, self._size / 2, 1), self._size * 2, LARGEST))
 
     def suspect(self, chunks: Iterable[Chunk]) -> None:
-        """Put back chunks of which one may have killed a worker."""
+        """Put back chunks, one of which may have killed a worker, to be planned with nothing else running."""
         self._suspects.extend(chunks)
 
     def killed(self, chunk: Chunk) -> Iterator[Answer]:
-        """Put back a chunk that killed a worker by itself, cut if need be.
+        """Handle a chunk whose worker died while nothing else ran: put it back, divided if need be.
 
         Yields:
-            The answer for a scene that is given up, if this is one.
+            The answer with status "crashed", if the chunk is a scene that is given up; nothing otherwise.
         """
         parts, deaths = chunk.blocks(), chunk.deaths + 1
         if len(parts) == 1:
@@ -284,7 +297,7 @@ class Blocks:
 
 
 def in_this_process(chunks: Parts[P, A], work: Callable[[P], A]) -> Iterator[A]:
-    """Do the work for one chunk after the other in this process, and yield the answers."""
+    """Do the work for one part after the other in this process, and yield the answers."""
     while (chunk := chunks.take(0)) is not None:
         answer = work(chunk)
         chunks.learn(len(chunk.scenes), answer.seconds)
@@ -292,14 +305,15 @@ def in_this_process(chunks: Parts[P, A], work: Callable[[P], A]) -> Iterator[A]:
 
 
 def by_workers(chunks: Parts[P, A], work: Callable[[P], A], pool: WorkerPool) -> Iterator[A]:
-    """Hand chunks out to workers, and yield their answers as they come.
+    """Hand parts out to workers, and yield their answers as they come, in any order.
 
-    As many are handed out at once as keep all workers busy: more and more, as long as they are begun at once.
-    Answers that are there when a worker dies count; the other chunks are planned again, see `Blocks`.
+    At first two parts are handed out for each worker; one more whenever an answer shows that its part hardly
+    waited. When a worker dies, answers that are already there count; the other parts are done again, see
+    `Blocks`.
 
     Raises:
         RuntimeError: if workers die before they do anything.
-        Exception: what an executor raises that cannot do its work, such as for a package that is missing.
+        Exception: raised by the executor or the work itself, for instance for a package that is missing.
     """
     running: dict[Future[A], tuple[P, float]] = {}
     most = _UNDER_WAY * pool.workers
@@ -324,14 +338,14 @@ def by_workers(chunks: Parts[P, A], work: Callable[[P], A], pool: WorkerPool) ->
                     lost.append(chunk)
                     broken = True
                 except Exception as error:
-                    if type(error).__name__ != "KilledWorker":  # Dask's word for a task whose workers died
+                    if type(error).__name__ != "KilledWorker":  # raised by Dask for a task whose workers died
                         raise
                     yield from chunks.killed(chunk)
                 else:
                     chunks.learn(len(chunk.scenes), answer.seconds)
                     most += time.monotonic() - since < _IDLE * answer.seconds
                     yield answer
-            waiting = broken  # a broken pool ends all that it was given
+            waiting = broken  # a broken pool ends all its futures, so wait for these
         if broken:
             if len(lost) == 1:
                 yield from chunks.killed(lost[0])

@@ -1,17 +1,18 @@
-"""A study's folder: what is done stays done, whatever happens.
+"""A study's folder: a scene that is done stays done, even if the process is killed.
 
-    study.json      what the study is, see `Task.describe`
-    table.jsonl     a line a scene, in the order in which they were done
-    timings.jsonl   a line a scene, its seconds by step
-    .lock           held by the one process that works on the study; the kernel releases it at its death
+    study.json      the head: describes the study, see `Task.describe`
+    table.jsonl     a row for each scene, one to a line, in the order in which they were done
+    timings.jsonl   likewise the computation times of each scene by step
+    .lock           locked by the process that works on the study; the kernel releases it at its death
 
-Lines are appended and forced to disk a chunk at a time, timings first: a scene is done when its line in the
-table is. A line of the table that was not written to its end is cut off with all behind it when the study
-goes on, and its scene is planned again; damaged timings are passed over. A study that begins with the scenes
-of the one in the folder goes on from it; a last block that was not full is planned again, since its scenes
-are planned together with those that come after. Nothing in a folder is taken on
-trust, and only whole lines count. Names of files are fixed and links are not followed, so nothing is ever
-written elsewhere.
+Lines are appended and forced to disk a chunk at a time, first the timings and then the table: a scene is done
+when its line in the table is written. When a study goes on, the table is cut before its first line that is
+incomplete or damaged, and the scenes from there on are planned again; damaged timings are ignored. A study
+that begins with the scenes of the one in the folder continues it; a last block that was not full is planned
+again, since its scenes are planned together with those that come after.
+
+Everything that is read from a folder is checked. File names are fixed and symbolic links are not followed, so
+that nothing is written outside the folder.
 """
 
 import json
@@ -28,8 +29,8 @@ from jaxplan.study.task import BLOCK, Task
 
 HEADER, TABLE, TIMINGS = "study.json", "table.jsonl", "timings.jsonl"
 NOUN = "study"
-_LONGEST_LINE = 2**20  # most bytes of a row
-_KEYS: Mapping[str, Any] = {  # of the header, with their types
+_LONGEST_LINE = 2**20  # bytes of a row at most
+_KEYS: Mapping[str, Any] = {  # keys of the head, with their types
     "jaxplan": str,
     "kind": str | None,
     "planner": str,
@@ -39,7 +40,7 @@ _KEYS: Mapping[str, Any] = {  # of the header, with their types
 
 
 def _check_header(content: dict[str, Any]) -> None:
-    """Raise a ValueError for the head of what is no study."""
+    """Raise a ValueError if a head, as read from JSON, is not that of a study."""
     for key, kind in _KEYS.items():
         if not isinstance(content.get(key), kind) or isinstance(content.get(key), bool):
             raise ValueError(f"{key} is missing or wrong")
@@ -54,22 +55,25 @@ _HEAD = Head(name=HEADER, noun=NOUN, check=_check_header)
 
 
 def read_header(folder: Path) -> dict[str, Any]:
-    """Read the description of a folder's study, see `Task.describe`.
+    """Read the head of a study's folder, see `Task.describe`.
 
     Raises:
-        StudyFolderError: if it is no folder of a study.
+        StudyFolderError: if it is not the folder of a study.
     """
     return _HEAD.read(folder)
 
 
 def scan(folder: Path, name: str, scenes: int, own: Iterable[str] = ()) -> Iterator[tuple[int, Row]]:
-    """Yield the rows of a file up to the first line that is not whole, each after its line's end in bytes.
+    """Read the rows of a file, up to the first line that is incomplete or damaged.
 
     Args:
         folder: of a study.
-        name: `TABLE`, or `TIMINGS`, of which damaged lines are passed over; a missing file has no rows.
-        scenes: how many the study has.
-        own: names of columns that it has besides those of every study.
+        name: `TABLE` or `TIMINGS`; in the latter damaged lines are skipped. A missing file has no rows.
+        scenes: number of the study's scenes.
+        own: names of the study's own columns.
+
+    Yields:
+        (end, row): the position in bytes behind the row's line, and the row.
     """
     columns = columns_of(own) if name == TABLE else TIMES
     if not (folder / name).exists():
@@ -86,7 +90,13 @@ def scan(folder: Path, name: str, scenes: int, own: Iterable[str] = ()) -> Itera
 
 
 def _row(line: bytes, columns: Mapping[str, type], scenes: int) -> Row | None:
-    """The row of a line, with these columns and a number below `scenes`; None where it is torn or damaged."""
+    """Parse a line of a file; returns None if it is incomplete or damaged.
+
+    Args:
+        line: with its end of line.
+        columns: type of each column that the row must have, by name.
+        scenes: number of the study's scenes, below which the row's scene must be.
+    """
     if not line.endswith(b"\n"):
         return None
     try:
@@ -100,19 +110,19 @@ def _row(line: bytes, columns: Mapping[str, type], scenes: int) -> Row | None:
 
 
 class Store:
-    """Store of a study's rows, in a folder or in memory; a context that holds the folder's lock.
+    """Keeps the rows of a study in a folder or in memory; as a context manager it holds the folder's lock.
 
     Args:
-        folder: a new or empty one, or one that holds the same study, or the first scenes of it; None to keep
-            rows in memory.
+        folder: a new or empty folder, or one that holds the same study, or the first scenes of it; None to
+            keep rows in memory.
         task: the study.
 
     Attributes:
         done: (scenes,) whether each scene has a row in the table.
-        rows: without a folder, the rows of each file by its name.
+        rows: without a folder, the rows of `TABLE` and `TIMINGS` by these names; empty lists with one.
 
     Raises:
-        StudyFolderError: if the folder holds anything else, is no folder, or is in use.
+        StudyFolderError: if the folder holds anything else, is not a folder, or is in use.
         OSError: if nothing can be written there.
     """
 
@@ -153,7 +163,11 @@ class Store:
         self._open.close()
 
     def add(self, answer: Answer) -> list[Row]:
-        """Write the rows of a chunk to disk, or keep them; returns those of scenes that had none before."""
+        """Write the rows of a chunk to disk, or keep them in memory.
+
+        Returns:
+            The rows of the table that are new; scenes that had a row before are ignored.
+        """
         fresh: list[Row] = []
         for name, rows in ((TIMINGS, answer.timings), (TABLE, answer.table)):
             fresh = [row for row in rows if not self.done[row["scene"]]]
@@ -167,15 +181,21 @@ class Store:
 
 
 def _keep_full_blocks(folder: Path, scenes: int, own: Iterable[str]) -> None:
-    """Take the rows of a last block that is not full out of the files of a study of that many scenes."""
+    """Remove the rows of a last block that is not full from the files of a study.
+
+    Args:
+        folder: of the study.
+        scenes: number of its scenes.
+        own: names of its own columns.
+    """
     full = scenes - scenes % BLOCK
-    for name in (TABLE, TIMINGS):  # the table first: a scene without a row there is planned
+    for name in (TABLE, TIMINGS):  # table first: a scene without a row there is planned again
         if full < scenes and (folder / name).exists():
             with replacing_file(folder / name) as fresh, fresh.open("wb") as file:
                 _append(file, (row for _, row in scan(folder, name, scenes, own) if row["scene"] < full))
 
 
 def _append(file: IO[bytes], rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write rows as lines of JSON, and force them to disk."""
+    """Append rows to a file as lines of JSON, and force them to disk."""
     file.write(b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in rows))
     force(file)

@@ -1,12 +1,14 @@
-"""The paper's Table 4 again: how often, how fast and how near the shortest each planner of step 2 is.
+"""The paper's Table 4 reproduced: success rate, time and path length of each planner.
 
-Each of its rows is a study in which scenes are searched alone, not planned: one search for each scene, from
-its start to the nearest goal of step 1, no retries. Every planner gets the same scenes, goals and settings. A
-path is *found* when its planner says so, and *clear* when no edge of it breaks a zone: checked here over
-every whole edge by the bound of `path.edge_margins`, whatever the planner itself has looked at. Scenes that
-are proved to have no path are left out of the rate. Times are those of the search alone, compiled before, on
-the machine at hand; lengths are those of the paths that are clear, in interior nodes, which is what the paper
-seems to count, and in steps (`path.step_cost`).
+The paper plans in three steps: goal, path and trajectory; Table 4 compares planners of step 2. Each of its
+rows is a study in which scenes are searched but not planned: one search for each scene, from its start to the
+nearest goal of step 1, without retries. Every planner gets the same scenes, goals and settings.
+
+A path is *found* when the planner returns one, and *clear* when none of its edges violates a zone, which is
+checked here along each whole edge by the bound of `path.edge_margins`. Scenes that are proved to have no path
+are left out of the rate. Times are those of the search alone on this machine, compilation excluded. Lengths
+are those of clear paths: in interior nodes (nodes other than start and goal), which is what the paper seems
+to count, and in steps (`path.step_cost`).
 """
 
 import math
@@ -40,8 +42,8 @@ TOLERANCE = 1e-9
 """rad, by which a margin may be below zero: rounding."""
 PAPER_KINDS = ("keep_out", "keep_in")
 _INTERVALS = 32  # intervals into which an edge is cut for the check
-_REHEARSALS = 5  # scenes that are searched before the clock runs, so that what they use is compiled
-_KEPT = 256  # search problems kept in memory, so that the next planner need not find the same goals
+_REHEARSALS = 5  # scenes that are searched once before times are taken, so that kernels are compiled
+_KEPT = 256  # search problems kept in memory, so that their goals are not computed for each planner
 _HEAD = [
     *("planner", "found", "95 %", "clear", "95 %", "MinT", "MaxT", "AT", "MinL", "MaxL", "AL"),
     *("steps: min", "max", "mean"),
@@ -51,18 +53,20 @@ _HEAD = [
 @shown("kind", "planner", "scenes", "found", "clear", "seconds s", "nodes", "steps")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
-    """Results of one planner on the scenes of one kind.
+    """Results of one planner on the scenes of one kind: a row of Table 4.
+
+    In the paper's own rows, arrays of values hold only their least, largest and mean.
 
     Attributes:
         kind: of the scenes.
-        planner: its name in `PLANNERS`, or the paper's.
-        scenes: how many were tried, those proved infeasible left out.
-        found: in how many of them it found a path.
-        seconds: (scenes,) each search took, successful or not; for the paper (3,) least, largest, mean.
-        nodes: (clear,) interior nodes of the paths that are clear; for the paper (3,).
-        clear: in how many scenes no edge of the path breaks a zone; None where nobody knows.
-        solved: (scenes,) bool, in which of them that is so; None for the paper.
-        steps: (clear,) lengths in steps; None for the paper.
+        planner: its name in `PLANNERS`, or that of a planner in the paper.
+        scenes: number of scenes tried, those proved infeasible left out.
+        found: number of scenes in which it found a path.
+        seconds: (scenes,) time of each search, successful or not; for the paper (3,).
+        nodes: (clear,) numbers of interior nodes of the clear paths; for the paper (3,).
+        clear: number of scenes with a path that is clear; None for the paper, where it is not known.
+        solved: (scenes,) bool, whether each scene has a clear path; None for the paper.
+        steps: (clear,) lengths in steps of the clear paths; None for the paper.
     """
 
     kind: str
@@ -76,18 +80,18 @@ class Row:
     steps: np.ndarray | None = None
 
     def interval(self, successes: int) -> tuple[float, float]:
-        """95 % Wilson interval of a success rate in these scenes."""
+        """95 % Wilson confidence interval (from 0 to 1) for a number of successes in this row's scenes."""
         return success_interval(successes, self.scenes)
 
     def spread(self, values: np.ndarray | None) -> tuple[float, ...] | None:
-        """Least, largest and mean of the row's times or lengths, as the paper has them; None without any."""
+        """Least, largest and mean of the row's times or lengths; None if there are no values."""
         if values is None or not len(values):
             return None
         printed = self.solved is None
         return tuple(map(float, values if printed else (np.min(values), np.max(values), np.mean(values))))
 
     def summary(self) -> dict[str, Any]:
-        """The row as a dict for JSON: least, largest and mean of times (s) and lengths."""
+        """The row as a dict for JSON: counts, intervals; least, largest and mean of times (s) and lengths."""
         return {
             "kind": self.kind,
             "planner": self.planner,
@@ -102,7 +106,7 @@ class Row:
         }
 
     def cells(self) -> list[str]:
-        """The row as texts below `_HEAD`; dashes where there is nothing, blanks where nobody knows."""
+        """The row as texts for the columns `_HEAD`; dashes for no values, blanks for unknown ones."""
         digits = 1 if self.solved is None else 4
         return [
             self.planner,
@@ -114,7 +118,7 @@ class Row:
         ]
 
     def _rate(self, count: int | None) -> list[str]:
-        """Texts of a count of scenes and its Wilson interval, percent; blanks for None."""
+        """Texts of a count out of all scenes, and of its Wilson interval in percent; two blanks for None."""
         if count is None:
             return ["", ""]
         low, high = (100 * bound for bound in self.interval(count))
@@ -122,19 +126,25 @@ class Row:
 
 
 def _texts(values: tuple[float, ...] | None, digits: int, of_mean: int) -> list[str]:
-    """Texts of least, largest and mean, with the digits after the point of the former two and of the mean."""
+    """Format least, largest and mean as texts; three dashes for None.
+
+    Args:
+        values: (least, largest, mean).
+        digits: number of digits after the point of least and largest.
+        of_mean: number of digits after the point of the mean.
+    """
     if values is None:
         return ["-"] * 3
     return [f"{value:.{places}f}" for value, places in zip(values, (digits, digits, of_mean), strict=True)]
 
 
 def _printed(kind: str, planner: str, found: int, seconds: Sequence[float], nodes: Sequence[float]) -> Row:
-    """A row of the paper, its seconds and nodes as (least, largest, mean)."""
+    """Make a row from the paper, where seconds and nodes are (least, largest, mean)."""
     values: dict[str, Any] = {"seconds": np.array(seconds), "nodes": np.array(nodes)}
     return Row(kind=kind, planner=planner, scenes=20, found=found, **values)
 
 
-# As printed, from other scenes of the same description, on another machine.
+# The rows printed in the paper; they are of other scenes of the same kinds, on another machine.
 PAPER = (
     _printed("keep_out", "paper's MHA*", 19, (0.1, 0.7, 0.3), (15, 49, 27.6)),
     _printed("keep_out", "paper's WA*", 15, (0.1, 0.6, 0.2), (17, 42, 26.6)),
@@ -146,16 +156,16 @@ PAPER = (
 
 
 def printed_rows(kinds: Iterable[str]) -> tuple[Row, ...]:
-    """The paper's rows of some kinds of scenes; it has none of most."""
+    """The paper's rows for some kinds of scenes; it only has rows for `PAPER_KINDS`."""
     wanted = set(kinds)
     return tuple(row for row in PAPER if row.kind in wanted)
 
 
 def format_table(rows: Iterable[Row]) -> str:
-    """The rows as text, those of a kind together with the paper's.
+    """Format rows as a table, grouped by kind, with the paper's rows of the kind first.
 
-    Rates with their 95 % Wilson intervals; times in seconds, lengths in interior nodes and in steps: least,
-    largest and mean.
+    Columns are counts with 95 % Wilson intervals, then least, largest and mean of time (s), of length in
+    interior nodes, and of length in steps. Rows of a kind must follow one another.
     """
     cells: list[list[str]] = []
     for kind, of_kind in groupby(rows, lambda row: row.kind):
@@ -176,14 +186,17 @@ def compare(
     """Let planners search the same random scenes.
 
     Args:
-        kinds: of `random_scenario`.
+        kinds: kinds of `random_scenario`.
         planners: names in `PLANNERS`.
-        count: scenes a kind.
-        first_seed: of the first of them; the others follow.
+        count: number of scenes of each kind.
+        first_seed: seed of the first scene; the others follow.
         progress: show a bar on stderr for each kind and planner that takes longer than a second.
 
     Returns:
-        A row a kind and planner.
+        A row for each kind and planner, ordered by kind.
+
+    Raises:
+        KeyboardInterrupt: if it is interrupted.
     """
     seeds, names = range(first_seed, first_seed + count), tuple(planners)
     studies = [search_study(seeds, kind, planner, progress=progress) for kind in kinds for planner in names]
@@ -191,8 +204,18 @@ def compare(
 
 
 def search_study(seeds: range, kind: str, planner: str, *, progress: bool = False) -> Study:
-    """Search random scenes one by one: a study whose rows are *certified* where the path is clear."""
-    for some, bar in ((seeds[:_REHEARSALS], False), (seeds, progress)):  # the last one counts
+    """Search random scenes one by one; in the study's rows "certified" means that the path is clear.
+
+    Args:
+        seeds: of the scenes.
+        kind: of the scenes.
+        planner: its name in `PLANNERS`.
+        progress: show a bar on stderr once it takes longer than a second.
+
+    Raises:
+        KeyboardInterrupt: if it is interrupted.
+    """
+    for some, bar in ((seeds[:_REHEARSALS], False), (seeds, progress)):  # the study of the second pass counts
         task = Task(kind=kind, scenes=some, planner=planner)
         study = run_task(task, None, None, None, bar, search_chunk)
         if not study.complete:  # a study ends early where it is interrupted
@@ -201,7 +224,7 @@ def search_study(seeds: range, kind: str, planner: str, *, progress: bool = Fals
 
 
 def row_of_study(study: Study) -> Row:
-    """Make the row of Table 4 that a study of `search_study` amounts to."""
+    """Make the row of Table 4 for a study of `search_study`; scenes with status NO_PATH are left out."""
     known = {row["scene"]: row for row in study.table if row["status"] != Status.NO_PATH.name}
     clear = [row for row in known.values() if row["certified"]]
     return Row(
@@ -218,14 +241,14 @@ def row_of_study(study: Study) -> Row:
 
 
 def search_chunk(chunk: Chunk) -> Answer:
-    """Search the scenes of a chunk one by one."""
+    """Search the scenes of a chunk one by one; those proved to have no path get the status NO_PATH."""
     table, timings = [], []
     for place in range(len(chunk.numbers)):
         head = chunk.head(place)
         scenario, scene = _problem(head["seed"], head["kind"])
         known, seconds = {"status": Status.NO_PATH.name, "certified": False}, 0.0
         if find_barrier(scene) is None:
-            bare = replace(scene)  # with nothing of it computed by another planner
+            bare = replace(scene)  # a copy without what earlier searches cached in it
             settings = replace(scenario.search, method=chunk.planner, time_limit=math.inf)
             began = time.perf_counter()
             (result,) = search_batch([bare], [settings])
@@ -242,7 +265,7 @@ def search_chunk(chunk: Chunk) -> Answer:
 
 @lru_cache(maxsize=_KEPT)
 def _problem(seed: int, kind: str) -> tuple[Scenario, Scene]:
-    """A random scenario and its search problem."""
+    """The random scenario of a seed and kind, and its search problem."""
     scenario = random_scenario(seed, kind)
     return scenario, make_problem(scenario)
 
@@ -251,23 +274,26 @@ def make_problem(scenario: Scenario) -> Scene:
     """Make the search problem of a random scene: from its start to the nearest goal of step 1.
 
     Args:
-        scenario: one of `random_scenario`.
+        scenario: from `random_scenario`.
+
+    Raises:
+        RuntimeError: if the scenario has no goal, which random scenes always have.
     """
     goals = find_goals(scenario)
-    if isinstance(goals, Plan):  # never: random scenes are made with a goal
+    if isinstance(goals, Plan):  # does not happen: random scenes have a goal
         raise RuntimeError(f"{scenario.name}: {goals.message}")
     return make_scene(scenario, goals[0])
 
 
 def least_margins(scene: Scene, path: Path) -> np.ndarray:
-    """Lower bound of the least margin along each whole edge of a path.
+    """Compute a lower bound of the smallest margin along each whole edge of a path.
 
     Args:
-        scene: the problem.
-        path: between its start and goal.
+        scene: the search problem, with its zones.
+        path: with m edges.
 
     Returns:
-        (m,) rad; +inf without zones.
+        (m,) rad, negative where a zone may be violated; +inf without zones.
     """
     rows = padded_count(path.edges)
     first, last = (np.tile(np.eye(3), (rows, 1, 1)) for _ in range(2))
@@ -283,14 +309,14 @@ def least_margins(scene: Scene, path: Path) -> np.ndarray:
 def _edges(
     scene: Scene, first: jax.Array, last: jax.Array, joints: jax.Array, change: jax.Array
 ) -> jax.Array:
-    """Lower bounds (m, Z) rad of the margins along m whole edges, by `edge_margins` of each.
+    """Lower bounds (m, Z) in rad of the margins to Z zones along m whole edges, by `edge_margins`.
 
     Args:
-        scene: the problem.
-        first: (m, 3, 3) attitudes at the edges' starts.
-        last: (m, 3, 3) at their ends.
-        joints: (m, J) rad at their starts.
-        change: (m, J) rad, of the joints along each.
+        scene: the search problem.
+        first: (m, 3, 3) attitudes at the starts of edges, body to inertial.
+        last: (m, 3, 3) attitudes at their ends.
+        joints: (m, J) rad, joint angles at their starts.
+        change: (m, J) rad, change of the joint angles along each edge.
     """
 
     def margins(start: jax.Array, end: jax.Array, q: jax.Array, dq: jax.Array) -> list[jax.Array]:

@@ -1,9 +1,9 @@
-"""Definition of a study: its scenes, by which planner and with which settings they are planned.
+"""Definition of a study: its scenes, and by which planner and with which settings they are planned.
 
-A scene's random streams follow from its own seed and settings, never from where or when it is planned, no
-scene has a time limit, and which scenes are planned together is fixed: those of a *block*, the scenes 0 to 15
-of a study, those from 16 to 31, and so on. So a study's table is the same whoever plans it, and however often
-it is interrupted. A *chunk* is some blocks as they are sent to a worker.
+A study's table is the same whatever the workers, and however often it is interrupted. For that, the random
+numbers that plan a scene follow from the scene's own seed and settings, no scene has a time limit, and it is
+fixed which scenes are planned together. These form a *block*: scenes 0 to 15 of a study, 16 to 31, and so on.
+A *chunk* is some blocks that are sent to a worker together.
 """
 
 import hashlib
@@ -27,9 +27,9 @@ from jaxplan.version import __version__
 
 BLOCK = 16
 """Scenes that are planned together. More make a study little quicker on a processor, but its end ragged."""
-_LARGEST_SEED = 2**63 - 1  # the largest that fits the 64-bit integers of data frames
-_MOST_SCENES = 2**31  # scenes of a study, which numbers them with 32 bits
-# Settings that a study gives to every scene itself.
+_LARGEST_SEED = 2**63 - 1  # largest seed, which still fits the 64-bit integers of data frames
+_MOST_SCENES = 2**31  # a study has fewer scenes, since it numbers them with 32 bits
+# Settings that users may not change, since a study sets them itself, with the reason.
 _OWN = {
     "search.method": "given by planner",
     "search.time_limit_s": (
@@ -43,12 +43,12 @@ class Task:
     """The scenes of a study, and how they are planned.
 
     Attributes:
-        kind: of random scenes; None where scenarios are given.
-        scenes: seeds, or scenarios.
-        planner: its name in `PLANNERS`.
-        settings: that differ from the scenes' own, by dotted names in a file's keys and units.
-        version: of jaxplan, which must be that of all who plan.
-        columns: functions that make a number of each certified plan, by the names of their columns.
+        kind: kind of the random scenes; None where scenarios are given.
+        scenes: the seeds of random scenes, or the scenarios.
+        planner: name of the search method in `PLANNERS`.
+        settings: scenario settings to change, by dotted names in a scenario file's keys and units.
+        version: of jaxplan where the task was made; workers of another version refuse it.
+        columns: functions that compute a number from a certified plan, by the names of their columns.
     """
 
     kind: str | None
@@ -60,11 +60,11 @@ class Task:
 
     @property
     def examples(self) -> int:
-        """Number of scenes to check settings on: one of a kind of random scenes, or all given scenarios."""
+        """Number of scenes on which settings are checked: 1 of random scenes, all given scenarios."""
         return len(self.scenes) if self.kind is None else 1
 
     def scenario(self, place: int) -> Scenario:
-        """The scene at a place as it is planned: with the study's settings and planner, and no time limit."""
+        """The scene at a place, from 0, with the study's settings and planner and without a time limit."""
         scene = self.scenes[place]
         if not isinstance(scene, Scenario):
             scene = random_scenario(scene, str(self.kind))
@@ -72,7 +72,7 @@ class Task:
         return replace(changed, search=replace(changed.search, method=self.planner, time_limit=math.inf))
 
     def describe(self) -> dict[str, Any]:
-        """Description of the study for a file; two studies with the same one have the same table."""
+        """Description of the study for its folder, ready for JSON; equal descriptions mean equal tables."""
         return {
             "jaxplan": self.version,
             "kind": self.kind,
@@ -84,11 +84,11 @@ class Task:
         }
 
     def first(self, scenes: int) -> "Task":
-        """The study of the first of its scenes alone, by their number."""
+        """The task with only its first scenes, as many as the argument says."""
         return replace(self, scenes=self.scenes[:scenes])
 
     def chunk(self, blocks: Iterable[int]) -> "Chunk":
-        """The scenes of some blocks, by their numbers, as a chunk."""
+        """Make a chunk of the blocks with the given numbers."""
         every = range(len(self.scenes))
         numbers = tuple(n for block in blocks for n in every[block * BLOCK : (block + 1) * BLOCK])
         scenes: tuple[Any, ...] = tuple(self.scenes[number] for number in numbers)
@@ -100,9 +100,9 @@ class Chunk(Task):
     """Scenes of a study as they are sent to a worker: whole blocks, or a single scene.
 
     Attributes:
-        numbers: places of the scenes in the study.
-        deaths: how many workers died that had nothing else to do.
-        apart: whether it is a scene of a block that was given up, as it killed its workers.
+        numbers: the scenes' places in the study, from 0.
+        deaths: number of workers that have died while they planned this chunk and nothing else.
+        apart: whether it is a single scene that is planned by itself because its block killed its workers.
     """
 
     numbers: tuple[int, ...]
@@ -110,7 +110,7 @@ class Chunk(Task):
     apart: bool = False
 
     def head(self, place: int) -> dict[str, Any]:
-        """The first columns of the row of the scene at a place of the chunk: scene to planner."""
+        """The first columns, scene to planner, of the row of the scene at a place of the chunk."""
         scene = self.scenes[place]
         given = isinstance(scene, Scenario)
         return {
@@ -122,17 +122,17 @@ class Chunk(Task):
         }
 
     def blocks(self) -> list["Chunk"]:
-        """The blocks as chunks of their own."""
+        """Divide the chunk into its blocks, each a chunk."""
         groups = groupby(range(len(self.numbers)), lambda place: self.numbers[place] // BLOCK)
         return [self._part(places) for _, places in groups]
 
     def singles(self) -> list["Chunk"]:
-        """The scenes as chunks of their own, planned apart for good."""
+        """Divide the chunk into its scenes, each a chunk that is marked `apart`."""
         parts = (self._part([place]) for place in range(len(self.numbers)))
         return [replace(part, apart=True) for part in parts]
 
     def _part(self, places: Iterable[int]) -> "Chunk":
-        """The scenes at some places of the chunk as a chunk."""
+        """Make a chunk of the scenes at some places of this one."""
         pairs: list[tuple[int, Any]] = [(self.numbers[place], self.scenes[place]) for place in places]
         numbers, scenes = zip(*pairs, strict=True)
         return replace(self, numbers=numbers, scenes=scenes)
@@ -145,13 +145,13 @@ def make_task(
     settings: Mapping[str, Any] | None,
     columns: Mapping[str, Callable[[Plan], Any]] | None = None,
 ) -> Task:
-    """Check the arguments of a study and make its task; they are those of `run_study`.
+    """Check the arguments of `run_study` of the same names, and make the task of them.
 
     Raises:
-        TypeError: for what is neither a scenario nor a seed.
-        ValueError: for an unknown kind or planner, wrong settings, or seeds that are none or come twice.
+        TypeError: for scenes that are neither scenarios nor seeds.
+        ValueError: for an unknown kind or planner, wrong settings, or seeds that are wrong or come twice.
     """
-    if planner not in tuple(PLANNERS):  # a tuple, since what is no name may not be hashed
+    if planner not in tuple(PLANNERS):  # a tuple, since other values may not be hashable
         raise ValueError(f"planner = {planner!r}: must be one of {', '.join(PLANNERS)}")
     given = several("scenarios_or_seeds", scenarios_or_seeds, "scenarios or seeds, such as range(100)")
     scenes: Sequence[Any] = given if isinstance(given, range) else tuple(given)
@@ -186,11 +186,11 @@ def make_task(
 
 
 def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Check settings; returns them as JSON has them, sorted by name, so that equal settings are equal texts.
+    """Check settings and convert them to JSON's types, sorted by name, so that equal ones are equal texts.
 
     Raises:
-        TypeError: for what is no dict.
-        ScenarioError: for a setting that the study gives itself, or a value that no file may hold.
+        TypeError: if they are not a dict.
+        ScenarioError: for a setting that the study sets itself, or a value that JSON cannot hold.
     """
     if not isinstance(settings, Mapping):
         raise TypeError(
@@ -200,7 +200,8 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
     if faults:
         raise ScenarioError(faults, "settings")
     texts = {
-        str(name): "inf" if isinstance(value, float) and value == math.inf else value  # as files have it
+        # infinity as files write it
+        str(name): "inf" if isinstance(value, float) and value == math.inf else value
         for name, value in settings.items()
     }
     try:
@@ -211,22 +212,25 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _unwrapped(value: object) -> Any:
-    """Convert a number or array of numpy to Python's own; raise a TypeError for anything else."""
+    """Convert a number or array of numpy to Python's own types; raises a TypeError for anything else."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     raise TypeError(f"{value!r} is nothing that a scenario file holds")
 
 
 def _seeds(scenes: Sequence[Any]) -> Sequence[int]:
-    """Check that seeds are integers in their range, none of them twice; returns them as a range or a tuple.
+    """Check that seeds are integers in their range, none of them twice.
+
+    Returns:
+        The seeds as a range, if they were one, or else a tuple.
 
     Raises:
-        TypeError: for what is no integer.
-        ScenarioError: for those out of range, or twice.
+        TypeError: for a seed that is not an integer.
+        ScenarioError: for seeds out of range, or given twice.
     """
     faults: list[str] = []
     first: dict[int, int] = {}
-    whole = isinstance(scenes, range)  # whose two ends tell of all
+    whole = isinstance(scenes, range)  # then it is enough to check its two ends
     for number in (0, len(scenes) - 1) if whole else range(len(scenes)):
         seed = scenes[number]
         place = f"scenarios_or_seeds[{number}] = {seed!r:.40}"
@@ -244,7 +248,7 @@ def _seeds(scenes: Sequence[Any]) -> Sequence[int]:
 
 
 def _runs(seeds: Sequence[Any]) -> list[list[int]]:
-    """Seeds as runs [first, last] of consecutive ones."""
+    """Divide seeds into runs of consecutive numbers; returns a pair [first, last] for each run."""
     if isinstance(seeds, range) and seeds.step == 1:
         return [[seeds[0], seeds[-1]]]
     runs: list[list[int]] = []
@@ -257,7 +261,7 @@ def _runs(seeds: Sequence[Any]) -> list[list[int]]:
 
 
 def _digest(scenarios: Sequence[Any]) -> str:
-    """SHA-256 of scenarios, as their files would have them, in hexadecimal."""
+    """SHA-256 hash of scenarios, as files would hold them, in hexadecimal."""
     digest = hashlib.sha256()
     for scenario in scenarios:
         digest.update(json.dumps(scenario_to_dict(scenario), sort_keys=True).encode() + b"\n")
