@@ -3,11 +3,11 @@
 To *follow* a state is to compute it again for changed numbers of the timeline, with the plan's choices held
 fixed. A state depends on the state before, and on the time at which it is reached:
 
-    an attitude      is a number of the timeline, held at rest idle             is the state before or, if
-    that was in motion, where even braking from it has ended targets          is the optimum of step 1 at that
-    instant, from the state before, with the least rates with
-                     which devices follow targets that move
-    a track          is the begin of the motion of least energy near the state before
+    an attitude      is a number of the timeline, held at rest
+    idle             is the state before or, if that was in motion, where even braking from it has ended
+    targets          is the optimum of step 1 at that instant, from the state before, with the least rates
+                     with which devices follow targets that move
+    a track          begins as the motion of least energy near the state before does
 
 The way each is computed is checked against the plan's own state before it is used.
 """
@@ -130,7 +130,7 @@ class Rested:
     in_time: bool
 
     def at(self, scene: Scenario, activity: Activity, before: State, when: When, near: Motion) -> Ends:
-        """Return for both ends the state before or, if that was in motion, the one in which even braking ends."""
+        """Return, for both ends, the state before or the one in which even braking from it ends."""
         if not self.in_time:
             return before, before
         far = (when.begin - when.since) / 2
@@ -274,7 +274,7 @@ def following(choice: Choice, targets: Targets | None, motions: Sequence[Motion]
 
 
 def _joints_stay(choice: Choice, targets: Targets, aim: Goal) -> bool:
-    """Whether a goal's joints are those before at any attitude, as no target or wish is a jointed device's."""
+    """Whether joints at a goal are those before at any attitude, as no device with joints must point."""
     craft, joints = choice.departure.scene.usable, choice.before.joints
     wished = [craft.device_names.index(wish.device) for wish in targets.prefer]
     fixed = all(number >= craft.gimbals.count for number in (*targets.numbers(craft), *wished))

@@ -175,10 +175,7 @@ class _Leg:
         return self.choice.begin if late else self.activity.earliest or 0.0
 
     def states(self, begin: Any, near: Motion) -> Ends:
-        """Return the states in which the activity begins, at `begin`, s, and ends.
-
-        `near` is the plan's motion.
-        """
+        """Return the states in which the activity begins, at `begin`, s, and ends, near a plan's motion."""
         when = When(self.time, begin, self.ends(begin))
         return self.reached.at(self.scene, self.activity, self.state, when, near)
 
