@@ -295,7 +295,7 @@ class Attempts:
         return [(goal, share) for goal in goals if self._is_new(goal)]
 
     def _settled_devices(self) -> list[int]:
-        """Numbers of the gimbals whose joints the goal fixes, which alone may prove that there is no path."""
+        """Indices of the gimbals whose joints the goal fixes, which alone may prove that there is no path."""
         craft, asked = self.scenario.spacecraft, self.scenario.goal
         every = range(craft.gimbals.count)
         if isinstance(asked, GivenState):
@@ -408,7 +408,7 @@ class Attempts:
     def _other_goals(self) -> list[Goal]:
         """Goals left that are as good as the one reached.
 
-        None where wishes or criterion rank goals otherwise.
+        Empty if criterion or wishes rank them otherwise.
         """
         asked = self.scenario.asked
         if isinstance(asked, GivenState) or asked.criterion != LEAST_TIME or asked.prefer:

@@ -82,10 +82,10 @@ def swept(scenario: Scenario, goal: Goal, share: float = 1.0) -> Constraints:
 
 
 def always(scenario: Scenario, goal: Goal) -> Constraints:
-    """Return still cones of what is forbidden at every instant; constraints without such a part are dropped.
+    """Return still cones of what is forbidden at every instant, without zones that forbid nothing for good.
 
-    If the duration is to be found, every instant is up to when zones are known. If targets move as well, the
-    goal may be elsewhere, so nothing is forbidden for good and no row is left.
+    If something moves, groups of zones are dropped, too. If the duration is to be found, every instant is up
+    to when zones are known. If targets move as well, the goal may be elsewhere, so no row is left.
 
     Args:
         scenario: the problem; if nothing moves, its own constraints are returned.
@@ -180,7 +180,7 @@ class Meeting:
         self._timed = False  # the motion is fitted in a given time
 
     def accept_fit(self, fit: Fit) -> None:
-        """Take the fit that `need` asked for, and set the next `need`; a fit in a given duration ends it."""
+        """Take the fit that `need` asked for, and set `need`: to None where the duration is given."""
         self.fit, self.need = fit, None
         if isinstance(self.scenario.trajectory.duration, str):
             if self._timed:

@@ -96,7 +96,7 @@ def _search_paths(open_: Sequence[Attempts]) -> None:
 def _fit_trajectories(open_: Sequence[Attempts], made: list[tuple[FitQuery, Fit]] | None) -> None:
     """Run step 3, the fit, for all attempts that need it, together.
 
-    Append (query, fit) to `made`, if given.
+    Each fit is appended to `made` as (query, fit), unless `made` is None.
     """
     waiting = _in_need(open_, FitQuery)
     with _shared_step("trajectory", [attempts.clock for attempts, _ in waiting]) as seconds:

@@ -49,7 +49,7 @@ class Sooner:
     def _next(self) -> None:
         """Begin attempts in the next duration.
 
-        `attempts` is None if the plan is short enough or nothing is left.
+        `attempts` is None if the plan is short enough, or no tries or time are left.
         """
         self.attempts, trajectory = None, self.plan.trajectory
         if trajectory is None or not self._left or not self._clock.left():

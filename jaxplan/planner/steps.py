@@ -127,7 +127,7 @@ def other_turns(scenario: Scenario, goal: Goal, device: int) -> list[Goal]:
     Args:
         scenario: the problem; if its goal is a given state, or something moves, there are none.
         goal: a goal that meets all targets and constraints.
-        device: number of the gimbal: terminals, then drives.
+        device: index of the gimbal: terminals, then drives.
     """
     if isinstance(scenario.goal, GivenState) or moves(scenario):
         return []
@@ -147,8 +147,8 @@ def goals_within(scenario: Scenario, reach: Mapping[int, np.ndarray]) -> list[Go
 
     Args:
         scenario: the problem; if its goal is a given state, or something moves, there are none.
-        reach: for numbers of gimbals the ranges (o, 2), rad, of their joints: yaw and pitch, or the one
-            angle.
+        reach: ranges (o, 2), rad, of the o joints of a device (yaw and pitch, or one angle), by its gimbal's
+            index.
     """
     if isinstance(scenario.goal, GivenState) or moves(scenario):
         return []
@@ -173,7 +173,7 @@ def goals_unwished(scenario: Scenario, device: int) -> list[Goal]:
 
     Args:
         scenario: the problem; without wishes, or where something moves, there are none.
-        device: number of a sight, devices first.
+        device: index of a sight, devices first.
     """
     asked, names = scenario.goal, scenario.usable.device_names
     if isinstance(asked, GivenState) or moves(scenario) or not asked.prefer:
@@ -190,7 +190,7 @@ def other_ends(scenario: Scenario, goal: Goal, device: int, last: np.ndarray) ->
     Args:
         scenario: the problem; where something moves the result is empty.
         goal: a goal that meets all targets and constraints.
-        device: number of the gimbal.
+        device: index of the gimbal.
         last: (o,) rad, the farthest joint angles of the device on its way.
 
     Returns:

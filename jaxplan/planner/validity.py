@@ -116,8 +116,8 @@ def start_breaches(scenario: Scenario) -> tuple[str, ...]:
 def _overfull(scenario: Scenario) -> Iterator[str]:
     """Yield a phrase for each wheel that stores more momentum at the start than a plan may use.
 
-    With the allocation that keeps the largest load of a wheel least, wheels are checked in pairs: there is a
-    phrase for the worst pair, across which the array as a whole stores too much.
+    With the allocation "minimax" wheels are checked in pairs: there is a phrase for the worst pair, across
+    which the array as a whole stores too much.
     """
     craft, array = scenario.usable, scenario.usable.wheel_array
     if array is None:

@@ -142,7 +142,7 @@ def _unheld(state: GivenState, trajectory: Trajectory, begin: float, end: float)
 
 
 def _between(breaks: np.ndarray, begin: float, end: float) -> range:
-    """Numbers of the pieces that overlap the span from `begin` to `end`, s, by more than `_SAME_TIME`."""
+    """Indices of the pieces that overlap the span from `begin` to `end`, s, by more than `_SAME_TIME`."""
     first = int(np.searchsorted(breaks, begin + _SAME_TIME, side="right")) - 1
     last = int(np.searchsorted(breaks, end - _SAME_TIME))
     return range(max(first, 0), min(last, len(breaks) - 1))

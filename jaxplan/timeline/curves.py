@@ -121,7 +121,7 @@ def _made(times: np.ndarray, values: np.ndarray, conditions: Any) -> Any:
 
 
 def chart_ends(attitudes: np.ndarray) -> list[int]:
-    """Return numbers of the nodes at which charts end: first, last, and those before a turn of `_CHART`."""
+    """Return indices of the nodes at which charts end: first, last, and those before a turn of `_CHART`."""
     edges = [0]
     for node in range(1, len(attitudes)):
         far = so3.distance(attitudes[edges[-1]], attitudes[node]) > _CHART
@@ -212,7 +212,7 @@ def _cut_spline(
     """Cut the first and the last piece of a spline in two; the outer parts are `share` of the pieces.
 
     Returns:
-        Breaks (p + 1,) s, Legendre coefficients (p, 6, k), and for each new piece the number of its old one.
+        Breaks (p + 1,) s, Legendre coefficients (p, 6, k), and for each new piece the index of its old one.
     """
     spans = np.diff(breaks)
     edges = np.unique([*breaks, breaks[0] + share * spans[0], breaks[-1] - share * spans[-1]])

@@ -64,7 +64,7 @@ class Wanted:
         ahead: (3, 3) attitude to which the last two nodes are drawn; None for none.
         ahead_time: s, the time T of that term; the shorter, the nearer they come to it.
         held: number of the first nodes that stay as in the first guess.
-        wishes: (device, direction that it prefers), for devices without a target by number.
+        wishes: (device, direction that it prefers), for devices without a target by index.
         weights: of the squares of rate and of acceleration.
         optimal: whether steps go on until the energy is least to rounding, so that the nodes are a function
             of what they depend on.
@@ -100,11 +100,11 @@ class Leaning(NamedTuple):
     """What nodes of least energy lean on: ranges, constraints and rates of which they keep just some room.
 
     Attributes:
-        node: (a,) numbers of nodes that keep just some room from something.
-        row: (a,) number of the range or constraint, below c, from which they keep it.
+        node: (a,) indices of nodes that keep just some room from something.
+        row: (a,) index of the range or constraint, below c, from which they keep it.
         room: (a,) rad, how much room.
         price: (K + 1, c) 1/rad, price of room that is missing; 0 where there is enough.
-        rate: (r, 2) for each rate at its bound the numbers of interval and rate, as in `rate_bounds`.
+        rate: (r, 2) for each rate at its bound the indices of interval and rate, as in `rate_bounds`.
         too_fast: whether a rate exceeds its bound.
     """
 
@@ -122,7 +122,7 @@ class LeastMotion:
     Args:
         pursuit: what must point where, and the constraints.
         wanted: what the motion shall be near.
-        free: numbers of the f joints that are chosen, too.
+        free: indices of the f joints that are chosen, too.
     """
 
     def __init__(self, pursuit: Pursuit, wanted: Wanted, free: Sequence[int] = ()) -> None:
@@ -173,10 +173,7 @@ class LeastMotion:
         return self._nodes(times, attitudes, np.broadcast_to(rest, (len(times), np.shape(rest)[-1])))
 
     def broken(self, nodes: Nodes) -> np.ndarray:
-        """How far each node (K + 1,) violates its worst range or constraint, rad.
-
-        Zero where it violates none.
-        """
+        """How far each node (K + 1,) violates its worst range or constraint, rad; zero if it keeps all."""
         return np.maximum(0, np.max(-self._left(nodes), axis=1, initial=0.0))
 
     def depth(self, nodes: Nodes) -> float:
@@ -258,7 +255,7 @@ class LeastMotion:
         return slopes
 
     def _residuals(self, nodes: Nodes) -> np.ndarray:
-        """Residuals (r,), half whose square is the energy: rates, accelerations, ways, ahead, wishes."""
+        """Residuals (r,), half whose square is the energy: rates, accelerations, first node, last, wishes."""
         by_rate, by_acceleration, by_way, by_ahead, by_wish = self._weights(nodes)
         change = np.concatenate([self._turns(nodes), np.diff(nodes.joints, axis=0)], axis=1)
         found = [by_rate * change.ravel(), by_acceleration * np.diff(change, axis=0).ravel()]
@@ -293,7 +290,7 @@ class LeastMotion:
         return np.concatenate([own.reshape(-1, count, size) for own in found])
 
     def _weights(self, nodes: Nodes) -> tuple[float, float, float, float, float]:
-        """Square roots of weights: of rates, accelerations, the way to the first node, ahead, and wishes."""
+        """Square roots of the weights of rates, accelerations, first node, last nodes, and wishes."""
         step, (rate, acceleration) = nodes.times[1] - nodes.times[0], self.wanted.weights
         each = (
             rate / step,

@@ -345,7 +345,7 @@ class Doing:
         return best
 
     def _free(self, targets: Targets | None) -> tuple[int, ...]:
-        """Numbers of the joints, of devices without a target, that may move for a zone or a wish."""
+        """Indices of the joints, of devices without a target, that may move for a zone or a wish."""
         craft, rows = self.scene.usable, self.scene.constraints
         gimbals, asked = craft.gimbals, () if targets is None else targets.numbers(craft)
         held = () if targets is None else targets.hold

@@ -43,7 +43,7 @@ class Pursuit:
     Attributes:
         craft: the spacecraft with the ranges and limits that may be used.
         rows: the constraints.
-        devices: numbers of the k devices with targets, as of `Spacecraft.device_names`.
+        devices: indices of the k devices with targets, as of `Spacecraft.device_names`.
         paths: the k directions of their targets over time.
     """
 
@@ -62,7 +62,7 @@ class Pursuit:
 
     @cached_property
     def own_joints(self) -> np.ndarray:
-        """Numbers of the joints of devices with targets, which these determine."""
+        """Indices of the joints of devices with targets, which these determine."""
         gimbals = self.craft.gimbals
         own = [gimbals.joints_of(number) for number in self.devices if number < gimbals.count]
         return np.concatenate([np.zeros(0, int), *own]).astype(int)

@@ -15,7 +15,7 @@ from jaxplan.timeline.record import TimelinePlan
 
 
 def first_again(timeline: Timeline, kept: TimelinePlan, name: str) -> int:
-    """Return the number of the activity, in order of execution, from which a timeline is planned anew.
+    """Return the index of the activity, in order of execution, from which a timeline is planned anew.
 
     Args:
         timeline: the timeline to plan.

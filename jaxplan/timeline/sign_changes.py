@@ -23,7 +23,7 @@ class Changes(NamedTuple):
 
     Attributes:
         times: (k,) s.
-        columns: (k,) numbers of the columns that change sign.
+        columns: (k,) indices of the columns that change sign.
         rising: (k,) bool, whether the change is from negative to positive.
     """
 
@@ -71,7 +71,7 @@ def _turned(
     """Find extrema that have the other sign than the samples around them.
 
     Returns:
-        Their times (k,) s, their columns (k,), and the numbers (k,) of the samples they are next to.
+        Their times (k,) s, their columns (k,), and the indices (k,) of the samples they are next to.
     """
     before, middle, after = table[:-2], table[1:-1], table[2:]
     sign = np.where(middle < 0, -1.0, 1.0)
@@ -96,7 +96,7 @@ def _least(
     Args:
         low: (k,) s.
         high: (k,) s.
-        columns: (k,) numbers of the columns.
+        columns: (k,) indices of the columns.
         side: (k,) +1 to minimize the column, -1 to maximize it.
         values: evaluates the columns.
 

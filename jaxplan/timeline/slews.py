@@ -57,7 +57,7 @@ class Slew:
         message: what is in the way, and what to change; empty if it is planned.
         duration: s, planned or asked for.
         needed: s, a duration that is long enough if that one is too short; None if unknown.
-        blocked: whether it failed for more than a little too short a time, such as for a zone in the way.
+        blocked: whether it failed for another reason than a duration a little too short, such as a zone.
         trajectory: the slew, its time zero at its start; None if it failed.
         goal: what follows the slew, as the caller's function `goal_at` gave it.
         proof: certificate of the trajectory, also of one that could not be certified; None without any.
@@ -92,7 +92,7 @@ class Departure:
     time: float
 
     def in_time(self, goal: State, duration: float) -> Slew:
-        """Return the slew to a state in a given duration, s; if that is too short, `needed` says what is."""
+        """Return the slew to a state in a given duration, s; one that is blocked is planned with a search."""
         straight = self._along(None, goal, duration)
         if straight.trajectory is not None or not straight.blocked:
             return straight

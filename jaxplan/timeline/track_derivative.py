@@ -70,16 +70,16 @@ class Track:
         wishes: (w) directions that devices without a target prefer.
         attitudes: (K + 1, 3, 3) of nodes near the optimum.
         angles: (K + 1, J) rad, their joints.
-        devices: numbers of the devices with targets.
-        free: numbers of the f joints that move for a wish or a zone.
-        wishing: (w) numbers of the devices that have the wishes.
+        devices: indices of the devices with targets.
+        free: indices of the f joints that move for a wish or a zone.
+        wishing: (w) indices of the devices that have the wishes.
         leaning: to which ends of ranges nodes keep just some room: rows 0 to J low ends, then high ones.
         rows: the constraints; None where nodes have all the room to these that they want.
         pairs: (p, 3) node, row, sight of constraints to which nodes keep just some room.
         rooms: (p,) rad, how much.
         narrow: (n, 3) node, row, sight of constraints to which nodes have less room than they want.
         prices: (n,) 1/rad, of the room that is missing there.
-        edges: for each time that nodes are doubled, the numbers of those at which charts of the curve end.
+        edges: for each time that nodes are doubled, the indices of those at which charts of the curve end.
     """
 
     craft: Spacecraft
@@ -272,7 +272,7 @@ def _spare(track: Track, turned: Array, change: Array, step: Array) -> Array:
 
 
 def _margins(track: Track, rows: Constraints, attitudes: Array, joints: Array, pairs: np.ndarray) -> Array:
-    """Margins (p,) rad of pairs (p, 3) of constraints: numbers of node, row and sight."""
+    """Margins (p,) rad of pairs (p, 3) of constraints: indices of node, row and sight."""
     node, row, sight = jnp.asarray(pairs).reshape(-1, 3).T
     each, gimbals = jnp.arange(len(node)), track.craft.gimbals
     sights = rows.sights(gimbals, jnp.asarray(track.craft.fixed_boresights))
@@ -325,7 +325,7 @@ _EQUATIONS = Equations(
 
 
 def _derivatives(attitudes: Array, node: int) -> tuple[Array, Array]:
-    """First and second derivative (3,) of the attitude at a node, by node number, as body-axis turns."""
+    """First and second derivative (3,) of body-axis turns at a node, per interval between nodes."""
     own = curves.around(len(attitudes), node)
     turns = so3.log(attitudes[node].T @ attitudes[own])
     first, second = _around_slopes(len(turns), node - own.start)
@@ -334,7 +334,7 @@ def _derivatives(attitudes: Array, node: int) -> tuple[Array, Array]:
 
 @cache
 def _around_slopes(count: int, node: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors (count,) from values at nodes to first and second derivative at one, by node number."""
+    """Vectors (count,) from values at nodes to their first two derivatives at one, per interval."""
     spline = curves.interpolated(np.arange(float(count)), np.eye(count))
     return np.asarray(spline(node, 1)), np.asarray(spline(node, 2))
 
@@ -374,7 +374,7 @@ def _twice(count: int) -> np.ndarray:
 
 @cache
 def _end_slopes(count: int) -> np.ndarray:
-    """Matrix (2, count) from values at nodes to the derivatives at both ends, by node number."""
+    """Matrix (2, count) from values at nodes to the derivatives at both ends, per interval."""
     spline = curves.interpolated(np.arange(float(count)), np.eye(count))
     return np.asarray(spline(np.array([0.0, count - 1.0]), 1))
 
@@ -438,7 +438,7 @@ def _pairs(pursuit: Pursuit, nodes: Nodes, places: np.ndarray) -> np.ndarray:
     Args:
         pursuit: with the constraints.
         nodes: of the motion.
-        places: (p, 2), numbers of nodes and of these margins.
+        places: (p, 2), indices of nodes and of these margins.
     """
     rows = pursuit.rows
     row, sight = np.nonzero(rows.bound & rows.single[:, None])

@@ -102,7 +102,7 @@ class Tracked:
         between: rad, how far the trajectory does so at most at sampled instants between the nodes.
         too_quick: rad, excess of the fastest sampled rate over its limit, times the time between nodes.
         wanted: what the nodes are near, beside their targets.
-        free: numbers of the joints that were chosen, too.
+        free: indices of the joints that were chosen, too.
     """
 
     trajectory: Trajectory
@@ -120,7 +120,7 @@ class Tracked:
 
     @property
     def worst(self) -> int:
-        """Number of the node that violates the most."""
+        """Index of the node that violates the most."""
         return int(np.argmax(self.broken))
 
 
@@ -138,7 +138,7 @@ def track(
     Args:
         pursuit: what must point where, and what must hold.
         wanted: what the motion shall be near.
-        free: numbers of joints that are chosen, too.
+        free: indices of joints that are chosen, too.
         guess: (1, 3, 3) attitude at the start, at which all devices can point at their targets; or attitudes
             (K + 1, 3, 3) of the nodes of an earlier answer.
         start: s.
@@ -195,7 +195,7 @@ def _found(search: LeastMotion, times: np.ndarray, guess: np.ndarray, tolerance:
 
 
 def tracked_through(search: LeastMotion, nodes: Nodes, through: Nodes, tolerance: float) -> Tracked:
-    """Return the motion of some nodes whose curve passes `through`: these nodes, or nodes among them, too."""
+    """Return the motion of some nodes with a curve `through` the same nodes, or through a finer set."""
     times, curve = nodes.times, _curve(search.pursuit, through, tolerance)
     between = _between(times)
     at = curve.sample(np.clip(between - times[0], 0, curve.duration))

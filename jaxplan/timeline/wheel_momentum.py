@@ -28,8 +28,8 @@ def total_in(craft: Spacecraft, state: State) -> AnyArray | None:
 def holding(craft: Spacecraft, total: AnyArray | None, state: State) -> Spacecraft:
     """Return a spacecraft whose wheels store what a conserved total momentum leaves to them in a state.
 
-    With the allocation that keeps the largest wheel load least, the wheels are given the loads of the
-    pseudo-inverse instead, since only their sum counts.
+    With the allocation "minimax" the wheels are given the momenta of the pseudo-inverse instead, since only
+    their sum counts.
 
     Args:
         craft: the spacecraft as it is at the start.

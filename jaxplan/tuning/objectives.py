@@ -68,7 +68,7 @@ OBJECTIVES: dict[str, Objective] = {name: function for name, (function, _) in _K
 def refuse_margin(scenario: Scenario) -> None:
     """Raise ValueError if plans of a scenario have no smallest margin with slopes.
 
-    The message says what has.
+    If it is because a zone moves, the message lists the objectives that have slopes.
     """
     if not scenario.zones:
         raise ValueError("objective smallest_margin needs zones, of which there are none")

@@ -98,7 +98,7 @@ class Trials:
     def measure_again(self) -> str:
         """Repeat the trials of the best and of the scenes' own settings, and keep the better.
 
-        Returns a message.
+        Returns a message on that.
         """
         try:
             own, best = map(self._again, (self.own, self.best))
