@@ -374,7 +374,7 @@ def _needed(choice: Choice, in_time: bool) -> Iterator[SlewTime]:
         in_time: whether the state in which the activity begins depends on time.
 
     Raises:
-        ValueError: if such a motion is not from rest to rest.
+        ValueError: if such a motion is not from rest to rest, or the first duration was cut by what is known.
     """
     time = choice.time
     while time is not None:
