@@ -5,16 +5,16 @@ inertial) of row ``k`` and the next, ``h`` seconds later, be ``R_k`` and ``R_{k+
 n`` between them (``R_k^T R_{k+1} = exp(theta n^)``, ``n`` a unit vector):
 
 - `SLERP`: a turn about one axis at constant rate, ``R_k exp(theta n^ t / h)``. SPICE's C-kernels of type 3,
-STK at interpolation order 1, and most libraries do this.
+  STK at interpolation order 1, and most libraries do this.
 - `LINEAR`: components of the quaternion are linear, and the result is scaled to unit length. The axis is the
-same but the rate is not constant: with ``c = tan(theta / 4)`` the angle from the middle is ``2 atan(c x)``,
-where x goes from -1 to 1.
+  same but the rate is not constant: with ``c = tan(theta / 4)`` the angle from the middle is ``2 atan(c x)``,
+  where x goes from -1 to 1.
 - `RODRIGUES`: modified Rodrigues parameters are linear, as in Basilisk's ``waypointReference``. Those of both
-ends have length at most one; if they are more than one apart, the second is replaced by its shadow set.
+  ends have length at most one; if they are more than one apart, the second is replaced by its shadow set.
 - `RATE`: the angular velocity of row ``k`` is kept, ``R_k exp(t omega_k^)``, as in C-kernels of type 2; the
-attitude jumps where that misses the next row.
+  attitude jumps where that misses the next row.
 - `HERMITE`: the rotation vector from ``R_k`` is the cubic through both rows' attitudes and angular
-velocities.
+  velocities.
 
 Joints are linear from row to row; with `HERMITE` they are cubic where the table has their rates.
 
