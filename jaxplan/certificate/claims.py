@@ -111,7 +111,7 @@ class ProvedMargin:
 class Certificate:
     """What is proved of a trajectory, for all times and not for samples alone.
 
-    Of a trajectory that cannot be evaluated `faults` says why, and the other fields keep their empty values.
+    For a trajectory that cannot be evaluated `faults` says why, and margins, peaks and jumps stay empty.
 
     Attributes:
         certified: whether everything that was claimed is proved.
@@ -119,8 +119,8 @@ class Certificate:
             best one counts), less what errors may take (`Claim.robust`); positive where zones are kept. None
             where no zone binds anything.
         worst_time: s, when the margin is smallest, to the resolution of the proof; None like `min_margin`.
-        worst_device: name of the device whose margin is smallest then, or of another sight, such as "axis (0,
-            0, 1) of the body"; None like `min_margin`.
+        worst_device: name of the device whose margin is smallest then, or of another sight, such as "axis
+            (0, 0, 1) of the body"; None like `min_margin`.
         worst_zone: name of the zone; None like `min_margin`.
         peaks: by name of a quantity, an upper bound over all time of its largest component over its limit
             (for torques, momenta and joint angles over what errors and reserve leave of the limit; for angles

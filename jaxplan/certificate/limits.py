@@ -166,7 +166,7 @@ def prove(limited: Sequence[Limited], evidence: Evidence) -> Minima:
 
     Returns:
         Minima with a clause for each component, all quantities of the first trajectory first, then those of
-            the next. Empty where no quantity is limited.
+        the next. Empty where no quantity is limited.
     """
     if not limited:
         return Minima.of(0)

@@ -61,7 +61,7 @@ def prove_margins(claim: Claim) -> tuple[ProvedMargin, ...]:
 
     Returns:
         One margin for each pair of zone and sight, and one for each group of zones; in the order of the
-            constraints' rows. Empty for a trajectory that cannot be evaluated.
+        constraints' rows. Empty for a trajectory that cannot be evaluated.
     """
     with np.errstate(all="ignore"):
         case = Case.of(claim)

@@ -39,7 +39,7 @@ def _carriers(robust: Robust, craft: Spacecraft, cones: Constraints) -> tuple[np
 
     Returns:
         (S,) int, indices of devices with joints, or `_BODY` for sights that no joint turns. Swings, rad, of
-            all devices with joints, then zero for the body, where `_BODY` finds it.
+        all devices with joints, then zero for the body, where `_BODY` finds it.
     """
     half = float(robust.joint_error) / 2
     cosine, sine = np.cos(half), np.sin(half)

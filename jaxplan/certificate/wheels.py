@@ -1,9 +1,9 @@
 """Torque and momentum of reaction wheels on a trajectory, computed anew for the certificate.
 
 Let ``R`` be the attitude (body to inertial), ``w`` the angular velocity in body axes, and ``L`` the momentum
-in body axes of all but the wheels (`inertia`; ``J w`` where no stages move). The total momentum ``H = R_0
-(L_0 + h_0)`` is constant in inertial axes, with index 0 for the start. The wheels hold the momentum ``h`` and
-give the platform the torque ``tau``, both in body axes:
+in body axes of all but the wheels (`inertia`; ``J w`` where no stages move). The total momentum
+``H = R_0 (L_0 + h_0)`` is constant in inertial axes, with index 0 for the start. The wheels hold the momentum
+``h`` and give the platform the torque ``tau``, both in body axes:
 
     h = R^T H - L,    tau = L' + w x (R^T H),    h_0 the sum of what each wheel stores at the start.
 

@@ -2,8 +2,8 @@
 
 What is written is the motion that is certified itself, and no samples of it. A *piece* is an interval with
 one polynomial, a *chart* the reference motion that it is relative to. On a piece of the platform from ``t_k``
-to ``t_{k+1}``, with ``x = 2 (t - t_k) / (t_{k+1} - t_k) - 1`` in [-1, 1], ``b`` is the polynomial ``sum_i c_i
-x^i``, and the attitude is (equation 25, corrected; see `trajectory.curve`)
+to ``t_{k+1}``, with ``x = 2 (t - t_k) / (t_{k+1} - t_k) - 1`` in [-1, 1], ``b`` is the polynomial
+``sum_i c_i x^i``, and the attitude is (equation 25, corrected; see `trajectory.curve`)
 
     q(t) = q_a u e u,   u = exp((t - t_a) Omega / 2),   e = exp(b(t) - (t - t_a) Omega),
 

@@ -2,9 +2,9 @@
 
 A day has more rows than memory should hold, so a table is made in blocks, each checked before a writer sees
 it. The frame of a device has the boresight as its z axis. At azimuth ``a`` and elevation ``b``, which for
-devices with joints are in the gimbal's own axes and for instruments in body axes, it is ``Rz(a) Ry(pi/2 -
-b)`` relative to these. The columns of this matrix are the device's axes: z is ``v(a, b)`` of equation (13), y
-lies in the xy plane, and x points down.
+devices with joints are in the gimbal's own axes and for instruments in body axes, it is
+``Rz(a) Ry(pi/2 - b)`` relative to these. The columns of this matrix are the device's axes: z is ``v(a, b)``
+of equation (13), y lies in the xy plane, and x points down.
 """
 
 from collections.abc import Iterator, Sequence
@@ -207,7 +207,7 @@ def instrument_frames(boresights: np.ndarray) -> np.ndarray:
 
     Returns:
         (i, 3, 3) rotation matrices, instrument to body. If the boresight is the body's z axis, both y axes
-            agree.
+        agree.
     """
     return frames(*azimuth_elevation(boresights))
 

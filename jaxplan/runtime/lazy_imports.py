@@ -17,7 +17,7 @@ def late(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
 
     Returns:
         A function that imports the value of a name, sets it in the package and returns it; it raises an
-            AttributeError for a name that is not in `homes`.
+        AttributeError for a name that is not in `homes`.
     """
 
     def load(name: str) -> Any:

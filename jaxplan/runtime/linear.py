@@ -48,7 +48,7 @@ def linear_map(name: str, forward: Map, backward: Map) -> Callable[[Any, Arrays,
 
     Returns:
         (tree, vector, like) -> image: the map, where `like` has arrays of the image's shapes and dtypes. A
-            derivative with respect to the tree raises a NotImplementedError.
+        derivative with respect to the tree raises a NotImplementedError.
     """
     primitive = Primitive(name)
     primitive.multiple_results = True

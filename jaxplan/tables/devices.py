@@ -3,9 +3,9 @@
 Such a file gives the orientation of a device's frame in the body. How the device is mounted and where its
 angles are zero is known from the spacecraft alone. The z axis of a device's frame is its boresight, and the y
 axis is the direction to the left of that, at right angles to the yaw axis. In the gimbal's own axes, at
-azimuth ``a`` and elevation ``b``, the frame has the columns ``-up, left, outward``, where ``left = (-sin a,
-cos a, 0)``, and where the third components of ``outward`` and ``up`` are ``sin b`` and ``cos b``. So the
-angles are known at any elevation, even at the pole.
+azimuth ``a`` and elevation ``b``, the frame has the columns ``-up, left, outward``, where
+``left = (-sin a, cos a, 0)``, and where the third components of ``outward`` and ``up`` are ``sin b`` and
+``cos b``. So the angles are known at any elevation, even at the pole.
 
 Frames do not tell whole turns. Angles are taken the shorter way from row to row, and all angles of a joint
 are moved by the same number of whole turns, to be nearest to the middle of its range.

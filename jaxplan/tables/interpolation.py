@@ -1,8 +1,8 @@
 r"""How programs interpolate a table of attitudes, as pieces of motion that can be certified.
 
 A *reader* is a program that takes a table and interpolates between its rows. Let the body attitudes (body to
-inertial) of row ``k`` and the next, ``h`` seconds later, be ``R_k`` and ``R_{k+1}``, with the turn ``theta
-n`` between them (``R_k^T R_{k+1} = exp(theta n^)``, ``n`` a unit vector):
+inertial) of row ``k`` and the next, ``h`` seconds later, be ``R_k`` and ``R_{k+1}``, with the turn
+``theta n`` between them (``R_k^T R_{k+1} = exp(theta n^)``, ``n`` a unit vector):
 
 - `SLERP`: a turn about one axis at constant rate, ``R_k exp(theta n^ t / h)``. SPICE's C-kernels of type 3,
   STK at interpolation order 1, and most libraries do this.
@@ -20,11 +20,11 @@ Joints are linear from row to row; with `HERMITE` they are cubic where the table
 
 `SLERP`, `RATE` and `HERMITE` are pieces of `jaxplan.certificate` as they stand. Motions of `LINEAR` and
 `RODRIGUES` are cut so finely that a turn about one axis at constant rate is close. On a part of ``h`` seconds
-with ``|omega| <= w`` and ``|omega'| <= a`` the angular velocity differs from that of the turn, ``c``, by at
-most ``a h / 2 (1 + h w / 6)``, since by Magnus' expansion the mean of ``omega`` differs from ``c`` by at most
-``w a h^2 / 12``. The angle between two attitudes changes no faster than the difference of their angular
-velocities, so it is at most half of ``h`` times that difference. For `LINEAR`, ``a = 16 c^3 / h^2`` with the
-``c`` above. For `RODRIGUES`, with parameters ``s`` that are linear::
+with ``|omega| <= w`` and ``|omega'| <= a`` the angular velocity differs from that of the turn, ``omega_0``,
+by at most ``a h / 2 (1 + h w / 6)``, since by Magnus' expansion the mean of ``omega`` differs from
+``omega_0`` by at most ``w a h^2 / 12``. The angle between two attitudes changes no faster than the difference
+of their angular velocities, so it is at most half of ``h`` times that difference. For `LINEAR`,
+``a = 16 c^3 / h^2`` with the ``c`` above. For `RODRIGUES`, with parameters ``s`` that are linear::
 
     omega' = 8 |s'|^2 s / (1 + s^2)^2 - 16 (s . s') N / (1 + s^2)^3,   |N| = (1 + s^2) |s'|,
 
@@ -122,7 +122,7 @@ def sampled(
 
     Returns:
         (n, 4) quaternions, body to inertial, scalar first, and (n, J) joints in rad; None for these where the
-            table has no joints.
+        table has no joints.
     """
     own = np.clip(np.searchsorted(table.times, times, side="right") - 1, 0, len(table.times) - 2)
     step = np.diff(table.times)[own]

@@ -95,7 +95,7 @@ def _segment(
 
     Returns:
         Times (k,) s after midnight; quaternions (k, 4), body to inertial, scalar first; angular velocities
-            (k, 3) rad/s in body axes, or None.
+        (k, 3) rad/s in body axes, or None.
 
     Raises:
         ValueError: if its type, frames, times or interpolation are not supported.
