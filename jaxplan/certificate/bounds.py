@@ -54,11 +54,11 @@ class Errors:
     """Bounds of errors on n intervals, or, for `gather`, errors that may remain, one for each trajectory.
 
     Attributes:
-        direction: (S + k, n) of scalar products: of the S sights with inertial axes, which may move, then of
-            the k pairs of directions that are compared in body axes (`motion.Views.within`).
-        spin: (3, n) of the angular velocity and its two derivatives, rad/s, rad/s^2, rad/s^3.
-        joints: (3, J, n) of the J joint angles and their two derivatives, rad, rad/s, rad/s^2.
-        attitude: (n,) of unit vectors turned by the attitude; None where that is not asked for.
+        direction: (S + k, n) errors of scalar products: of the S sights with inertial axes, which may move,
+            then of the k pairs of directions compared in body axes (`motion.Views.within`).
+        spin: (3, n) those of the angular velocity and its two derivatives, rad/s, rad/s^2, rad/s^3.
+        joints: (3, J, n) those of the J joint angles and their two derivatives, rad, rad/s, rad/s^2.
+        attitude: (n,) those of unit vectors turned by the attitude; None where that is not asked for.
     """
 
     direction: np.ndarray
@@ -72,11 +72,10 @@ class Majorants:
     """Majorants on n intervals: bounds of Taylor coefficients about any point, in the unit of half widths h.
 
     Attributes:
-        turning: (orders, n) ``m`` of the module's description, rad; zero at order zero.
-        direction: (orders, S + k, n) of scalar products of sights with axes, in the order of
-            `Errors.direction`.
-        spin: (orders, n) of h times the angular velocity, rad.
-        joints: (orders, J, n) of the joint angles, rad.
+        turning: (orders, n) the majorant ``m`` of the module's description, rad; zero at order zero.
+        direction: (orders, S + k, n) those of scalar products, in the order of `Errors.direction`.
+        spin: (orders, n) that of h times the angular velocity, rad.
+        joints: (orders, J, n) those of the joint angles, rad.
     """
 
     turning: np.ndarray
@@ -86,7 +85,7 @@ class Majorants:
 
     @cached_property
     def attitude(self) -> np.ndarray:
-        """(orders, n) of the attitude, ``exp(m)``, dimensionless."""
+        """(orders, n) majorant ``exp(m)`` of the attitude, dimensionless."""
         return series.exponential(self.turning)
 
 
@@ -96,8 +95,8 @@ class Evidence:
 
     Attributes:
         on: the intervals; those of each trajectory cover all of its duration, in order of time.
-        samples: of the motion at `motion.NODES` of each interval.
-        majorants: of the motion on the intervals.
+        samples: the motion at `motion.NODES` of each interval.
+        majorants: those of the motion on the intervals.
         left_out: bounds of the errors of the polynomials through exact samples.
         rounding: sizes of the rounding errors of the samples.
     """
@@ -127,7 +126,7 @@ def majorants(motion: Motion, on: Intervals, ways: Sequence[Way] = ()) -> Majora
     """Bound the Taylor coefficients of everything that moves on some intervals.
 
     Args:
-        motion: of the trajectories.
+        motion: that of the trajectories.
         on: intervals, each within one piece of every way.
         ways: the moving inertial axes (`motion.Way`); none if empty.
     """
@@ -194,7 +193,7 @@ def gather(
     """Sample trajectories on intervals so short that the polynomials' errors are at most as large as wanted.
 
     Args:
-        motion: of one trajectory or of several.
+        motion: that of one trajectory or of several.
         wanted: the errors that may remain, one a trajectory on the last axis. Where that would take too many
             intervals, larger errors remain.
         ways: the moving inertial axes, known all the time; only for a single trajectory.
@@ -292,7 +291,7 @@ class Rows:
     """Polynomials on intervals; the rows of a task are side by side, in the order of their kinds.
 
     Attributes:
-        coefficients: (K + 1, rows) in the Bernstein basis.
+        coefficients: (K + 1, rows) coefficients in the Bernstein basis, degree K.
         error: (rows,) bound of each polynomial's error.
         kind: (rows,) int, kind of each row.
         low: (tasks,) s, start of each task's interval.

@@ -170,7 +170,7 @@ def excess(craft: Spacecraft, least: tuple[float, float], on: Intervals, majoran
         craft: the spacecraft.
         least: the least limits of momentum, N m s, and of torque, N m.
         on: n intervals.
-        majorants: of the motion on them.
+        majorants: those of the motion on them.
     """
     found, half = np.zeros(len(on.half)), on.half
     for own in _majorants(majorants, craft):
@@ -199,7 +199,7 @@ def _rate(stage: Stage, at: np.ndarray, joints: np.ndarray, order: int) -> np.nd
         stage: the stage.
         at: its axes as `_turned` returns them.
         joints: (derivatives, J, n, m) joint angles and their derivatives.
-        order: of the derivatives to take.
+        order: order of the derivatives to take.
     """
     found = joints[order, stage.yaw] * stage.axes[2][:, None, None]
     return found if stage.pitch is None else found - joints[order, stage.pitch] * at[:, 1]

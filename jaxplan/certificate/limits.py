@@ -231,7 +231,7 @@ def faults(
         limited: the quantities.
         minima: those of a single trajectory.
         allowance: fraction of the limit by which it may be exceeded.
-        times: (n, m) s, of the samples in the trajectory's n intervals.
+        times: (n, m) s, times of the samples in the trajectory's n intervals.
         intervals: where these intervals are among those of `limited`.
     """
     components = [
@@ -278,7 +278,7 @@ def _of_range(name: str, angles: np.ndarray, upper: bool, time: float, met: bool
     """Return a sentence on an angle that is not proved to stay within its range.
 
     Args:
-        name: of the angle.
+        name: name of the angle.
         angles: (3,) rad: the angle met nearest to or farthest beyond the end of the range, the bound that was
             proved, and that end.
         upper: whether it is the upper end.
@@ -343,7 +343,7 @@ def jump_faults(
 
     Args:
         found: for each name of a quantity its jumps (k, c) at k breaks, a column for each component.
-        times: (k,) s, of the breaks.
+        times: (k,) s, times of the breaks.
         smoothness: number of derivatives that the trajectory claims to be continuous.
         jerk_limited: whether the spacecraft limits the platform's jerk: its attitude must then have two
             continuous derivatives, whatever `continuous` says.
@@ -368,8 +368,8 @@ def end_faults(samples: Samples, name: str, end: EndState, instant: tuple[int, i
     """Yield a sentence for each part of a wanted state that the trajectory misses by more than `TOLERANCE`.
 
     Args:
-        samples: of the motion.
-        name: of the state, such as "goal", for the sentences.
+        samples: samples of the motion.
+        name: name of the state, such as "goal", for the sentences.
         end: the wanted state.
         instant: index of the interval, and of the sample in it, at which the state is wanted.
     """

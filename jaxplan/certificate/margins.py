@@ -167,7 +167,7 @@ class Bindings:
         """Sample ``side c`` of pairs, or ``f . (yaw, pitch) - d`` of pairs of rows of joints: (rows, m).
 
         Args:
-            samples: of the motion.
+            samples: samples of the motion.
             on: the intervals that were sampled.
             pair: (rows,) int, index of each row's pair.
             where: (rows,) int, index of each row's interval.
@@ -252,7 +252,7 @@ class Bindings:
         A bound is taken over the cap that the direction may reach from where it is at mid-interval.
 
         Args:
-            evidence: of the trajectories.
+            evidence: samples and bounds of the trajectories.
             pair: (rows,) int, index of each row's pair.
             where: (rows,) int, index of each row's interval.
         """
@@ -300,7 +300,7 @@ class Bindings:
         Args:
             clause: index of the clause.
             time: s.
-            motion: of all trajectories.
+            motion: that of all trajectories.
         """
         pairs = np.flatnonzero(self.layout.clause == clause)
         if len(pairs) > 1:
@@ -317,8 +317,8 @@ class Bindings:
 
         Args:
             clauses: (k,) int, indices of the clauses of the claim's trajectory.
-            minima: of all clauses.
-            motion: of all trajectories.
+            minima: those of all clauses.
+            motion: that of all trajectories.
             claim: what is claimed.
             allowance: rad, by which a margin may be negative.
         """

@@ -3,7 +3,8 @@
 **Trajectories.** ``R`` maps body to inertial coordinates, and angular velocities are in body axes. Joints are
 numbered all yaws, all pitches, all angles of drives: J = 2 T + D for T terminals and D drives. The S *sights*
 are the boresights of terminals, drives and instruments, then axes of the body, then vectors of moving parts.
-On a piece of the platform, called a chart (equation 25, corrected),
+Each piece of the platform has a *chart*, a reference motion at constant rate (``R_a``, ``t_a``, ``Omega``).
+On it (equation 25, corrected)
 
     R(t) = R_a U exp(eta^) U,   U = exp((t - t_a) Omega^ / 2),   eta(t) = b(t) - (t - t_a) Omega,
 
@@ -326,7 +327,7 @@ class Motion:
         chart_attitude: (N, 3, 3) ``R_a``, body to inertial.
         chart_start: (N,) s, ``t_a``.
         chart_rate: (N, 3) rad/s, ``Omega``.
-        mountings: of terminals and drives.
+        mountings: those of terminals and drives.
         fixed_boresights: (i, 3) unit vectors of the instruments, body axes.
         views: directions that are sampled beside the devices' boresights.
     """
@@ -398,7 +399,7 @@ class Motion:
     def sample(self, on: Intervals, nodes: np.ndarray = NODES) -> Samples:
         """Sample the motion at the same places (m,) in [-1, 1] of each interval.
 
-        It is NaN where the rotation vector of a chart is longer than `series.LARGEST_TURN`.
+        It is NaN where ``eta`` or the turn of a chart is longer than `series.LARGEST_TURN`.
         """
         time = on.centre[:, None] + on.half[:, None] * nodes
         turn = self.turn(on, time, 4)

@@ -182,9 +182,9 @@ class _Proof:
     """Bounds of trajectories that are proved together.
 
     Attributes:
-        motion: of all trajectories.
+        motion: that of all trajectories.
         bindings: their pairs of zones and sights.
-        evidence: of all trajectories.
+        evidence: samples and bounds of all trajectories.
         limited: samples of the quantities that their spacecraft limits.
         margin: least margins of all clauses, rad.
         room: least ``1 - |f| / limit`` of the limited components ``f``, trajectory by trajectory.
@@ -253,7 +253,7 @@ def _proved_margin(case: Case, clause: int, found: Minima, pair: int) -> ProvedM
     """Return a clause's margin as `ProvedMargin`.
 
     Args:
-        case: of the claim.
+        case: the claim's case.
         clause: index of the clause.
         found: minima of all clauses.
         pair: index of the pair of zone and sight that decides the margin.
@@ -291,7 +291,7 @@ def negligible(spacecraft: Spacecraft, several: Sequence[Bindings]) -> Errors:
     """Return errors that are `bounds.NEGLIGIBLE` times the angles and limits they are compared with.
 
     Args:
-        spacecraft: of all trajectories.
+        spacecraft: that of all trajectories.
         several: the bindings of each trajectory; the last axis of the errors numbers the trajectories.
     """
     heaviest = 1.0 if spacecraft.inertia is None else np.linalg.norm(inertia.matrix(spacecraft.inertia), 2)

@@ -56,7 +56,7 @@ def left(robust: Robust | None, name: str, bound: np.ndarray) -> np.ndarray:
 
     Args:
         robust: the errors and reserves.
-        name: of the limited quantity, as in `jaxplan.model.limits`.
+        name: name of the limited quantity, as in `jaxplan.model.limits`.
         bound: (c,) limits in SI units.
     """
     if robust is None:
@@ -83,7 +83,7 @@ def faults(robust: Robust | None, craft: Spacecraft, cones: Constraints, names: 
         robust: the errors and reserves; None for no faults.
         craft: the spacecraft, whose form has been checked.
         cones: the constraints, whose form has been checked.
-        names: of zones, by row.
+        names: names of zones, by row.
     """
     if robust is None:
         return

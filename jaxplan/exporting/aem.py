@@ -33,7 +33,7 @@ def write_aem(sampling: Sampling, path: Path) -> None:
     of both. Activities that take no time are mentioned in a comment of the segment beside.
 
     Args:
-        sampling: of the motion, with a start.
+        sampling: the motion's sampling, with a start.
         path: the file. From one writing to the next only the line of CREATION_DATE differs.
     """
     assert sampling.start is not None

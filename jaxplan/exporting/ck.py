@@ -38,7 +38,7 @@ def write_spice(sampling: Sampling, folder: Path) -> None:
     """Write the kernels of attitude, frames, clock and perhaps fields of view to a folder.
 
     Args:
-        sampling: of the motion, with a start.
+        sampling: the motion's sampling, with a start.
         folder: an empty one.
 
     Raises:

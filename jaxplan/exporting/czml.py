@@ -36,7 +36,7 @@ def write_czml(sampling: Sampling, path: Path) -> None:
     """Write the spacecraft, its boresights and fields of view, and the cones of zones, as CZML 1.0.
 
     Args:
-        sampling: of the motion, with a start, and an observer where the orbit is known.
+        sampling: the motion's sampling, with a start, and an observer where the orbit is known.
         path: the file, in UTF-8.
     """
     from czml3 import CZML_VERSION, Document, Packet

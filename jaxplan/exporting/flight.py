@@ -29,7 +29,7 @@ class DaySegment(Protocol):
     """A part of a day: an activity, or a slew between activities.
 
     Attributes:
-        name: of the activity or slew.
+        name: name of the activity or slew.
         kind: one word, such as ``"slew"`` or ``"track"``.
         start: s from the epoch.
         end: s from the epoch.
@@ -61,7 +61,7 @@ class Day(Protocol):
 
     Attributes:
         ok: whether it is certified.
-        scene: with the name, the spacecraft and the epoch.
+        scene: the scene, with name, spacecraft and epoch.
         trajectory: over the whole day; None where there is none.
         segments: its parts in order; each begins where the one before ends, from 0 to the duration.
     """
@@ -85,7 +85,7 @@ class Segment:
     """A part of a flight that has a name in files.
 
     Attributes:
-        name: of the activity or slew.
+        name: name of the activity or slew.
         kind: one word, such as ``"slew"`` or ``"track"``.
         start: s from the epoch.
         end: s from the epoch; never before the start.
@@ -102,7 +102,7 @@ class Flight:
     """A motion to be exported.
 
     Attributes:
-        name: of the scenario.
+        name: name of the scenario.
         spacecraft: the one that moves.
         trajectory: the motion.
         start: UTC of time zero; None where that is not known.

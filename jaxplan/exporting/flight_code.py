@@ -76,7 +76,7 @@ def write_code(sampling: Sampling, folder: Path) -> None:
     """Write ``NAME.c`` and ``NAME.h``; NAME is the object's name or that of the scenario in lower case.
 
     Args:
-        sampling: of the motion; its instants are not used.
+        sampling: the motion's sampling; its instants are not used.
         folder: an empty one.
     """
     flight = sampling.flight

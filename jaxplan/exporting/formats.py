@@ -52,7 +52,7 @@ class Format:
 
     Attributes:
         write: function that writes a motion to a path; for a folder, an empty one.
-        suffix: of default names.
+        suffix: suffix of default names.
         parts: suffixes of the files in a folder; empty for a single file.
         dated: whether it needs an epoch.
         needs: names of modules that must be installed beyond the required ones.
@@ -305,7 +305,7 @@ def free_place(path: str | os.PathLike[str], parts: tuple[str, ...] = (), *, ove
     """Check that a path may be written to, and return it.
 
     Args:
-        path: of a file, or of a folder.
+        path: path of a file, or of a folder.
         parts: suffixes of the files in a folder; empty for a single file.
         overwrite: whether an existing file may be replaced, or a folder that holds only files of these
             suffixes.

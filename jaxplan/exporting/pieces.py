@@ -34,12 +34,12 @@ class Pieces:
     Attributes:
         breaks: (N + 1,) s, ends of the platform's pieces.
         chart: (N,) int, index of the chart of each piece.
-        coefficients: (N, p + 1, 3) rad, of ``b`` by rising powers.
-        quaternions: (C, 4) of charts, ``q_a``, scalar first, with signs such that ``q(t)`` does not jump.
-        starts: (C,) s, ``t_a``.
-        rates: (C, 3) rad/s, ``Omega``.
+        coefficients: (N, p + 1, 3) rad, those of ``b`` by rising powers.
+        quaternions: (C, 4) ``q_a`` of each chart, scalar first, with signs such that ``q(t)`` does not jump.
+        starts: (C,) s, ``t_a`` of each chart.
+        rates: (C, 3) rad/s, ``Omega`` of each chart.
         joint_breaks: (M + 1,) s, ends of the joints' pieces.
-        joint_coefficients: (M, r + 1, J) rad, by rising powers.
+        joint_coefficients: (M, r + 1, J) rad, those of the joints by rising powers.
     """
 
     breaks: np.ndarray
@@ -101,7 +101,7 @@ def write_pieces(sampling: Sampling, path: Path) -> None:
     """Write the polynomials as JSON in UTF-8; docs/flight.md describes its keys.
 
     Args:
-        sampling: of the motion; its instants are not used.
+        sampling: the motion's sampling; its instants are not used.
         path: the file.
     """
     flight = sampling.flight

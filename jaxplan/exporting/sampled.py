@@ -166,8 +166,8 @@ def frames(azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
     """Return the frames of devices whose z axis is the boresight; see the module.
 
     Args:
-        azimuth: (...) rad, of the boresight.
-        elevation: (...) rad, of the boresight.
+        azimuth: (...) rad, azimuth of the boresight.
+        elevation: (...) rad, elevation of the boresight.
 
     Returns:
         (..., 3, 3) rotation matrices, from the device to the axes in which the angles are.
@@ -189,7 +189,7 @@ def device_rates(block: Sampled, number: int) -> np.ndarray:
     """Return angular velocities (k, 3) rad/s of a device with joints relative to the body, in body axes.
 
     Args:
-        block: of the flight.
+        block: a block of the flight's rows.
         number: index of the device: terminals from 0 on, then drives.
     """
     gimbals, values = block.spacecraft.gimbals, block.values

@@ -27,7 +27,7 @@ def write_stk(sampling: Sampling, folder: Path) -> None:
     intervals, each with its kind and name as its data.
 
     Args:
-        sampling: of the motion, with a start.
+        sampling: the motion's sampling, with a start.
         folder: an empty one.
     """
     assert sampling.start is not None

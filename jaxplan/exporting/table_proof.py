@@ -61,8 +61,8 @@ def broken_by(plan: Plan | Day, sampling: Sampling, how: Readings, forgives: For
     """Find what a table breaks, by more than is forgiven, when readers interpolate it.
 
     Args:
-        plan: with the scene.
-        sampling: of the motion, with the table's instants.
+        plan: the plan or day, with its scene.
+        sampling: the motion's sampling, with the table's instants.
         how: what readers do.
         forgives: by how much the table may fall short.
 
@@ -106,8 +106,8 @@ def sparsest(
     For a single manoeuvre, as few as `sparsest_instants` finds; for a day, those of `chosen_instants`.
 
     Args:
-        plan: with the scene.
-        sampling: of the motion; its instants are not used.
+        plan: the plan or day, with its scene.
+        sampling: the motion's sampling; its instants are not used.
         how: what readers do.
         tolerance: rad, by which attitude, devices and joints may be off the motion; it is halved until all
             holds.

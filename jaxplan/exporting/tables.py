@@ -27,8 +27,8 @@ def write_basilisk(sampling: Sampling, path: Path) -> None:
     components, as ``useReferenceFrame = False`` requires.
 
     Args:
-        sampling: of the motion. If it takes no time, its one waypoint is written twice, a second apart, since
-            Basilisk reads zeros for the second of a single one.
+        sampling: the motion's sampling. If it takes no time, its one waypoint is written twice, a second
+            apart, since Basilisk reads zeros for the second of a single one.
         path: the file.
     """
     with path.open("w", encoding="ascii") as file:
@@ -54,7 +54,7 @@ def write_csv(sampling: Sampling, path: Path) -> None:
     with it.
 
     Args:
-        sampling: of the motion; with a start, the last column is ``utc``.
+        sampling: the motion's sampling; with a start, the last column is ``utc``.
         path: the file. Numbers have all their digits.
 
     Raises:
@@ -89,7 +89,7 @@ def write_npz(sampling: Sampling, path: Path) -> None:
     ``segment_end_s`` (s,).
 
     Args:
-        sampling: of the motion; its start is ``epoch_utc``, a text that is empty where there is none.
+        sampling: the motion's sampling; its start is ``epoch_utc``, a text that is empty where there is none.
         path: the file, which holds no pickled objects.
 
     Raises:

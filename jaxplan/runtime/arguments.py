@@ -58,8 +58,8 @@ def floats(name: str, value: object, wanted: str) -> np.ndarray:
     """Return a number or an array of numbers as float64; they may be infinite or NaN.
 
     Args:
-        name: of the argument, for the message.
-        value: of any type.
+        name: name of the argument, for the message.
+        value: a value of any type.
         wanted: what it must be: the words of the message after "must be".
 
     Raises:
@@ -99,8 +99,8 @@ def expect_numbers(name: str, value: object, *last: int) -> None:
     Only shape and type are checked, so that the numbers may be traced.
 
     Args:
-        name: of the argument, for the message.
-        value: of any type.
+        name: name of the argument, for the message.
+        value: a value of any type.
         last: lengths of its last axes; any others may come before.
     """
     if isinstance(value, jax.Array) or (isinstance(value, np.ndarray) and value.dtype.kind == "f"):

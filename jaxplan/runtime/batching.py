@@ -26,7 +26,7 @@ def grouped(items: Sequence[Item], kind: Callable[[Item], Hashable]) -> list[lis
     """Return the indices of the items of each kind; groups are in the order in which their kinds first occur.
 
     Args:
-        items: in any order.
+        items: the items, in any order.
         kind: function from an item to its kind; items of equal kinds make up a group.
     """
     groups: dict[Hashable, list[int]] = {}
@@ -46,7 +46,7 @@ def in_groups(
     """Answer all items, those of one kind in one call.
 
     Args:
-        items: in any order.
+        items: the items, in any order.
         kind: function from an item to its kind.
         answer: function from items of one kind to a sequence of as many answers.
         most: the most items in one call; None for any number.
@@ -135,7 +135,7 @@ def run_all(
     """Drive runs to their ends; the kind of requests that most runs wait for is answered next.
 
     Args:
-        runs: that have not begun; they are changed in place.
+        runs: runs that have not begun; they are changed in place.
         answer: function from the indices of some runs and their requests, all of one kind, to as many
             answers.
         most: the most requests that are answered in one call.

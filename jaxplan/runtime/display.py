@@ -97,7 +97,7 @@ def in_columns(rows: Cells, sides: str) -> list[str]:
     """Return lines of text for a table, with aligned columns.
 
     Args:
-        rows: of cells, all of the same length; the first one may be a head.
+        rows: rows of cells, all of the same length; the first one may be a head.
         sides: a character for each column: "<" aligns left, as for text, ">" aligns right, as for numbers.
     """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

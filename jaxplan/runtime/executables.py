@@ -53,7 +53,7 @@ def load(name: str | None, kinds: str | None) -> Callable[..., Any] | None:
     """Read the executable of a kernel; None if it is not kept, or cannot be loaded, which `refused` counts.
 
     Args:
-        name: of the kernel, from `name_of`; None for one that is not kept.
+        name: name of the kernel, from `name_of`; None for one that is not kept.
         kinds: kinds of its arguments, from `text_of`; None for those of a kernel that is not kept.
     """
     global _refused
@@ -182,7 +182,7 @@ def _save(place: Path, compiled: Any, *, calls_library: bool) -> None:
     """Write an executable to the file `place`, completely or not at all; nothing is raised if that fails.
 
     Args:
-        place: of the file.
+        place: path of the file.
         compiled: the executable.
         calls_library: whether it calls functions of a library, such as LAPACK's, which must be made ready
             before it is loaded.

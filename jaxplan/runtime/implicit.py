@@ -45,7 +45,7 @@ def implicit_root(equations: Equations, inputs: Any, guess: Array) -> Array:
     Args:
         equations: those to solve.
         inputs: all that they depend on, a pytree.
-        guess: (n,) from which Newton's method starts; without influence on the derivative.
+        guess: (n,) where Newton's method starts; without influence on the derivative.
 
     Returns:
         (n,) ``z`` after the last step; whether it is a root is not checked.

@@ -130,7 +130,7 @@ def quick_jit(
     without tracing the function again (`jaxplan.runtime.executables`).
 
     Args:
-        function: to be jitted; inside other traced functions it is as if jitted by `jax.jit`.
+        function: the function to be jitted; inside other traced functions it is as if jitted by `jax.jit`.
         level: how far LLVM optimises, from 0 to 3; None for the highest. At 1, kernels of many small steps
             compile in three quarters of the time and run as quickly, but those of long loops take half as
             long again to run. At 0, for what runs a few times, they compile in a third of the time and take
@@ -232,8 +232,8 @@ def _compiled(
     """Return the executable of a function for arguments of some kinds: read if kept, else compiled and kept.
 
     Args:
-        function: to be compiled.
-        options: of `jax.jit`.
+        function: the function to be compiled.
+        options: options of `jax.jit`.
         flags: compiler options; those that XLA does not know are left out.
         kinds: kinds of the arguments, part of the key under which executables are kept.
         args: an example of the positional arguments, for tracing.

@@ -41,7 +41,7 @@ def linear_map(name: str, forward: Map, backward: Map) -> Callable[[Any, Arrays,
     """Make a linear map that JAX can transpose, batch and jit.
 
     Args:
-        name: of the map in traces and messages.
+        name: name of the map in traces and messages.
         forward: (tree, vector) -> image: the map. The tree is any pytree that the map depends on; vector and
             image are sequences of arrays.
         backward: (tree, image) -> vector: the transpose of the map.

@@ -88,8 +88,8 @@ def ahead(tasks: Sequence[Task]) -> Iterator[Ahead]:
     so with fewer a core would be idle. On a single core there are none.
 
     Args:
-        tasks: in the order in which they will be needed. One that fails ends its thread silently: whoever
-            needs its result will meet and report the same error.
+        tasks: the tasks, in the order in which they will be needed. One that fails ends its thread silently:
+            whoever needs its result will meet and report the same error.
 
     Yields:
         An object that takes further tasks.
@@ -106,7 +106,7 @@ def side_by_side(tasks: Sequence[Task], done: Callable[[], object]) -> None:
     """Run all tasks, as many at once as there are cores; if one fails, raise its error and drop the rest.
 
     Args:
-        tasks: in any order.
+        tasks: the tasks, in any order.
         done: called after each task, in the calling thread.
     """
     pool = ThreadPoolExecutor(cores())

@@ -30,7 +30,7 @@ def read_ck(path: Path, craft: Spacecraft | None = None) -> AttitudeTable:
     """Read the first object of a C-kernel that is relative to J2000, and the joints of its devices if asked.
 
     Args:
-        path: of the ``.bc`` file; clock kernels (``.tsc``) in its folder are loaded meanwhile.
+        path: path of the ``.bc`` file; clock kernels (``.tsc``) in its folder are loaded meanwhile.
         craft: spacecraft whose joints are computed from the frames of its devices, where the kernel has these
             under the numbers that exports give them (those just below the platform's). None to read no
             joints.
@@ -87,7 +87,7 @@ def _joints(
     """Compute joints (k, J) rad and their rates (k, J) rad/s from the rows of devices.
 
     Args:
-        path: of the kernel, for messages.
+        path: path of the kernel, for messages.
         craft: spacecraft with the devices.
         moments: (k,) s of TDB, times of the platform's rows.
         devices: rows (k, 8) of each device.
@@ -124,7 +124,7 @@ def _rows(spice: Any, path: Path, count: int) -> tuple[int, np.ndarray, list[np.
 
     Args:
         spice: the module.
-        path: of the kernel.
+        path: path of the kernel.
         count: number of devices to look for.
 
     Returns:
@@ -177,8 +177,8 @@ def _of_object(
 
     Args:
         spice: the module.
-        path: of the kernel, for messages.
-        handle: of the open kernel.
+        path: path of the kernel, for messages.
+        handle: SPICE's handle of the open kernel.
         segments: what `_segments` yields.
         wanted: number of the object.
         upon: number of its base.

@@ -31,10 +31,10 @@ def load_attitude(path: str | os.PathLike[str], spacecraft: Spacecraft | None = 
     have frames of devices but not how these are mounted, so there joints are only read with `spacecraft`.
 
     Args:
-        path: of the file, or of a folder of format ``"ck"`` or ``"stk"``.
-        spacecraft: whose joints are found by their names, or computed from the frames of its devices where
-            the files have them as `export` writes them (then up to whole turns: all angles of a joint are
-            moved together to be nearest to the middle of its range). None to take joints as the file has
+        path: path of the file, or of a folder of format ``"ck"`` or ``"stk"``.
+        spacecraft: the one whose joints are found by their names, or computed from the frames of its devices
+            where the files have them as `export` writes them (then up to whole turns: all angles of a joint
+            are moved together to be nearest to the middle of its range). None to take joints as the file has
             them.
 
     Returns:

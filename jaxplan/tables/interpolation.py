@@ -58,7 +58,7 @@ class Reading:
         breaks: (n + 1,) s from the first row on, ends of the platform's pieces.
         chart_attitude: (n, 3, 3) rotation matrices, body to inertial, at the start of each piece.
         chart_rate: (n, 3) rad/s, body axes, angular velocity of each piece's chart.
-        coefficients: (n, p + 1, 3) rad, Legendre coefficients of the rotation vector from the chart attitude.
+        coefficients: (n, p + 1, 3) rad, Legendre coefficients of ``b`` (see `jaxplan.certificate.motion`).
         joint_breaks: (k,) s, times of the rows.
         joint_coefficients: (k - 1, p + 1, J) rad, Legendre coefficients of the J joints.
         smoothness: number of derivatives that are claimed to be continuous; -1 claims nothing.

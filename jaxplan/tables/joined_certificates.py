@@ -52,8 +52,8 @@ def with_margins(proof: Certificate, also: Certificate, how: str) -> Certificate
     """Join proofs of two interpolations of a table: the smaller margin, the larger peaks, all faults.
 
     Args:
-        proof: of the main interpolation, whose jumps and other numbers are kept.
-        also: of the other interpolation.
+        proof: certificate for the main interpolation, whose jumps and other numbers are kept.
+        also: certificate for the other interpolation.
         how: its name, which is prefixed to its faults.
     """
     told = tuple(f"with {how.replace('_', ' ')} between rows: {fault}" for fault in also.faults)

@@ -88,8 +88,8 @@ def _segment(
     """Read a segment of a message.
 
     Args:
-        path: of the message, for errors.
-        number: of the segment, from 1 on, for errors.
+        path: path of the message, for errors.
+        number: number of the segment, from 1 on, for errors.
         segment: as the package ccsds_ndm reads it.
         day: midnight of UTC from which times are counted.
 
@@ -140,7 +140,7 @@ def read_stk(path: Path, craft: Spacecraft | None = None) -> AttitudeTable:
     """Read an STK attitude file of quaternions on an inertial frame, and joints from sensor files if asked.
 
     Args:
-        path: of the file.
+        path: path of the file.
         craft: spacecraft whose joints are computed from the sensor files (``.sp``) in the folder, where these
             have the names that exports give them. None to read no joints.
 
@@ -168,9 +168,9 @@ def _stk_joints(path: Path, craft: Spacecraft, times: np.ndarray) -> np.ndarray 
     """Compute joints (k, J) rad from the sensor files beside an attitude file.
 
     Args:
-        path: of the attitude file.
+        path: path of the attitude file.
         craft: spacecraft with the devices.
-        times: (k,) s, of the attitude file's rows.
+        times: (k,) s, times of the attitude file's rows.
 
     Returns:
         None where there is no sensor file with a name of the spacecraft's devices.

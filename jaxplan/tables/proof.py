@@ -353,7 +353,7 @@ class _Claimed:
     """What is claimed of a reader's motion.
 
     Attributes:
-        scene: with the zones and the spacecraft.
+        scene: the scene with zones and spacecraft.
         craft: the spacecraft with limits of rate lowered by `rate_off`.
         robust: the scene's errors, with `Reading.off` added to that of the attitude; None for none.
         limits: names of the quantities whose limits are claimed.

@@ -47,7 +47,7 @@ class AttitudeTable:
         epoch: UTC of time zero; None where that is the start of whatever the table is compared with.
         interpolation: what readers of the table's format do between rows, one of `INTERPOLATIONS`.
         alternative: what some of these readers do instead, another of them; None where all do the same.
-        name: of the table in messages, such as that of its file.
+        name: name of the table in messages, such as that of its file.
     """
 
     times: np.ndarray

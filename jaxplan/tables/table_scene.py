@@ -15,7 +15,7 @@ def as_known(table: AttitudeTable, scene: Scenario) -> tuple[AttitudeTable, Scen
 
     Args:
         table: as it was read.
-        scene: that the table is compared with.
+        scene: the scene that the table is compared with.
 
     Returns:
         The table, the scene, and a sentence for each thing that the table does not tell about.

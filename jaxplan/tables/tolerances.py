@@ -45,7 +45,7 @@ class Forgiven(NamedTuple):
         """Whether everything that a certificate finds fault with is forgiven.
 
         Args:
-            proof: with faults.
+            proof: a certificate with faults.
             continuous: number of derivatives that must not jump; -1 where attitudes may jump.
         """
         margin = proof.min_margin
@@ -64,8 +64,8 @@ def forgiven(deg: object, percent: object) -> Forgiven:
     """Check by how much a table may fall short, and return it as `Forgiven`.
 
     Args:
-        deg: of margins, in [0, 1].
-        percent: of limits, in [0, 10].
+        deg: deg, by which margins may be negative, in [0, 1].
+        percent: percent, by which limits may be exceeded, in [0, 10].
 
     Raises:
         ValueError: if one is no number, or out of its range.
