@@ -135,7 +135,7 @@ def run_all(
     """Drive runs to their ends; the kind of requests that most runs wait for is answered next.
 
     Args:
-        runs: runs that have not begun; they are changed in place.
+        runs: runs that have a next request or are at their end; they are changed in place.
         answer: function from the indices of some runs and their requests, all of one kind, to as many
             answers.
         most: the most requests that are answered in one call.

@@ -89,7 +89,7 @@ def keep_by_default() -> None:
 
 
 def trusted_folder() -> Path | None:
-    """Return the folder in which JAX keeps compiled code; None if there is none or others can write there."""
+    """Return the folder in which JAX keeps compiled code; None if there is none or it cannot be trusted."""
     import jax
 
     named = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]

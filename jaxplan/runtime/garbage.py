@@ -1,4 +1,4 @@
-"""With blocks in which Python looks for cyclic garbage never or seldom, since what they make is kept.
+"""Context managers under which Python never or seldom looks for cyclic garbage, where objects are kept.
 
 Tracing kernels and importing modules makes many objects that stay, and Python would search all of them again
 and again: a tenth of the processor's time of a first plan or gradient, and a fifth of that of imports.

@@ -126,8 +126,9 @@ def quick_jit(
 ) -> Callable[..., Answer]:
     """Jit a function so that it compiles in about half the time, never twice at once, and is kept.
 
-    A thread that needs what another one is compiling waits for that. Later processes read what is compiled
-    without tracing the function again (`jaxplan.runtime.executables`).
+    The time is halved only with an XLA that still has the older kind of loops (see the module). A thread that
+    needs what another one is compiling waits for that. Later processes read what is compiled without tracing
+    the function again (`jaxplan.runtime.executables`).
 
     Args:
         function: the function to be jitted; inside other traced functions it is as if jitted by `jax.jit`.

@@ -169,7 +169,7 @@ def _of_columns(path: Path, columns: Mapping[str, np.ndarray], epoch: np.datetim
 
 
 def _read_basilisk(path: Path) -> AttitudeTable:
-    """Read waypoints: time in s, quaternion, angular velocity and acceleration in inertial components."""
+    """Read waypoints: time, s, quaternion, angular velocity in inertial components; the rest is not used."""
     try:
         rows = np.loadtxt(path, delimiter=",", ndmin=2)
     except ValueError as error:
