@@ -1,30 +1,31 @@
-"""Bounds between samples: errors of the polynomials through them, and their least values.
+"""Error bounds of interpolating polynomials, and proved lower bounds of the minima of many polynomials.
 
-**Interpolation.** A trajectory is sampled on intervals so short that polynomials through the samples leave
-out next to nothing (`gather`). The polynomial of degree K through the samples at `motion.NODES` of an
-interval of half width h is off by at most ``2^(1 - K) h^(K + 1) |f^(K+1)| / (K + 1)!``. Derivatives are
-bounded by majorants (see `series`). Let ``g`` be one of ``eta`` without its constant term. Then ``exp(g)`` is
-one of ``exp(eta^)``: in the expansion around the constant every factor is a rotation, of norm one, or is
-bounded by ``g``. So with ``m = g + |Omega| t`` the attitude has the majorant ``exp(m)``, and the angular
-velocity, which is ``R^T R'``, the majorant ``exp(2 m) m'``. In body axes a boresight, or another vector of a
-terminal's moving part, has the exponential of the majorants of its yaw and its pitch together, and what is
-fixed there is its own majorant, one. In inertial axes ``m`` is added to the exponent. It is the scalar
-product of sight and axis that is interpolated, so where both move the majorant is the product of theirs: the
-exponents of two sights add up, and that of an inertial axis is in `motion`.
+**Interpolation.** `gather` samples trajectories on intervals so short that the polynomials through the
+samples are off by next to nothing. The polynomial of degree K through samples of f at `motion.NODES` of an
+interval of half width h is off by at most ``2^(1 - K) h^(K + 1) max |f^(K+1)| / (K + 1)!``. The derivatives
+are bounded by majorants, which `series` defines. Let ``g`` be a majorant of the rotation vector ``eta`` of
+`motion`, less its constant term. Then ``exp(g)`` is one of ``exp(eta^)``, since in the expansion about the
+constant each factor is a rotation, of norm one, or bounded by ``g``. So with ``m = g + |Omega| t``, ``Omega``
+being the chart rate, ``exp(m)`` is a majorant of the attitude and ``exp(2 m) m'`` one of the angular velocity
+``R^T R'``. In body axes, a majorant of a boresight, or of another vector of a terminal's moving part, is the
+exponential of the sum of the majorants of its yaw and pitch; of a direction fixed in the body it is one. For
+inertial axes ``m`` is added to the exponent. What is interpolated is the scalar product of a sight and an
+axis. Where both move, its majorant is the product of theirs: the exponents of two sights add up, and that of
+a moving inertial axis is given in `motion`.
 
-**Rounding.** Legendre sums err by a few units in the last place of their terms. How an error of ``eta`` moves
-the rest follows from the same majorants, to first order; other steps are taken to err by a few units too.
+**Rounding.** Legendre sums err by a few units in the last place of their terms, and so do other steps. What
+an error of ``eta`` does to the results follows to first order from the same majorants.
 
-**Least values** of many polynomials at once are bounded from below by subdivision in the Bernstein basis
-(`minimise`). On its interval a polynomial lies above the least of its Bernstein coefficients, and the first
-and last of them are its values at the ends. Halving the interval brings the two together quadratically. So:
-bound, drop what is settled, halve the rest, all rows at once. The last axis numbers the rows.
-
-Rows come in nests. An *entry* holds where all its rows do, so its value is that of its worst row; a
-*clause* holds where one of its entries does, so its value is that of its best entry. The rows of one clause
-on one interval form a *task* and are halved together. Clauses belong to *quantities*, for which one least
-value is wanted, and to *owners*, of whom each has a budget of work. What is found for one owner is, to the
-last bit, the same whichever others there are: nothing is summed but along each row by itself.
+**Minima.** `minimise` bounds many polynomials from below by subdivision in the Bernstein basis. On its
+interval a polynomial is nowhere less than the least of its Bernstein coefficients, of which the first and
+last are its values at the ends. Halving the interval brings the two together quadratically. So for all rows
+at once: bound them, drop what is settled (needs no closer bound), and halve the rest. A *row* (last axis) is
+one polynomial on one interval, and rows are nested. An *entry* holds where all of its rows do, so its value
+is that of its worst row; a *clause* holds where one of its entries does, so its value is that of its best
+entry. The rows of one clause on one interval form a *task* and are halved together. The *kind* of a row is
+its place in its clause, the same on every interval. Each clause belongs to a *quantity*, whose least value is
+wanted, and to an *owner* (a trajectory), which has its own budget of work. Results for one owner do not
+depend, to the last bit, on which others there are: the only sums are along each row by itself.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,27 +40,25 @@ from jaxplan.certificate import series
 from jaxplan.certificate.motion import DEGREE, Intervals, Motion, Samples, Way
 from jaxplan.certificate.series import ROUNDING
 
-NEGLIGIBLE = 1e-11  # share of a limit or angle that polynomials may leave out, a hundredth of the allowances
-LEBESGUE = 3.0  # by how much the polynomial through samples at most enlarges their errors, up to degree 12
-_MOST_INTERVALS = (
-    4000  # of a trajectory, or twice as many as before a round: beyond, intervals stay as they are
-)
-_MOST_PARTS = 16  # into which an interval is cut in one round
-_ROUNDS = 12  # of cutting
-_MOST_HALVINGS = 40  # of an interval
-_MOST_ROWS = 400_000  # of an owner, in one round: beyond, its bounds stay as they are
+NEGLIGIBLE = 1e-11  # error that polynomials may make, of a limit or in rad: a hundredth of the allowances
+LEBESGUE = 3.0  # largest factor by which interpolation enlarges the samples' errors, up to degree 12
+_MOST_INTERVALS = 4000  # of a trajectory, or twice those before a round: beyond, no more are cut
+_MOST_PARTS = 16  # into which an interval is cut in one round of `gather`
+_ROUNDS = 12  # of cutting, at most
+_MOST_HALVINGS = 40  # of an interval in `minimise`
+_MOST_ROWS = 400_000  # of an owner in one round of `minimise`: beyond, its bounds stay as they are
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Errors:
-    """Bounds of errors on n intervals.
+    """Bounds of errors on n intervals, or, for `gather`, errors that may remain, one for each trajectory.
 
     Attributes:
-        direction: (S + k, n) of all S sights relative to inertial axes, which may move, then of the k pairs
-            within the body (`motion.Views.within`).
-        spin: (3, n) of the angular velocity and its two derivatives, rad/s, rad/s^2, rad/s^3.
-        joints: (3, J, n) of the joints and their two derivatives, rad, rad/s, rad/s^2.
-        attitude: (n,) of unit vectors that the attitude turns; None where that is not asked for.
+        direction: (S + k, n) errors of scalar products: of the S sights with inertial axes, which may move,
+            then of the k pairs of directions compared in body axes (`motion.Views.within`).
+        spin: (3, n) those of the angular velocity and its two derivatives, rad/s, rad/s^2, rad/s^3.
+        joints: (3, J, n) those of the J joint angles and their two derivatives, rad, rad/s, rad/s^2.
+        attitude: (n,) those of unit vectors turned by the attitude; None where that is not asked for.
     """
 
     direction: np.ndarray
@@ -70,13 +69,13 @@ class Errors:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Majorants:
-    """Bounds of Taylor coefficients about any point of intervals, in the unit of their half widths h.
+    """Majorants on n intervals: bounds of Taylor coefficients about any point, in the unit of half widths h.
 
     Attributes:
-        turning: (orders, n) ``m`` above, rad; zero at order zero.
-        direction: (orders, S + k, n) of scalar products of sights with axes, as `Errors` has them.
-        spin: (orders, n) of h times the angular velocity, rad.
-        joints: (orders, J, n) rad.
+        turning: (orders, n) the majorant ``m`` of the module's description, rad; zero at order zero.
+        direction: (orders, S + k, n) those of scalar products, in the order of `Errors.direction`.
+        spin: (orders, n) that of h times the angular velocity, rad.
+        joints: (orders, J, n) those of the joint angles, rad.
     """
 
     turning: np.ndarray
@@ -86,20 +85,20 @@ class Majorants:
 
     @cached_property
     def attitude(self) -> np.ndarray:
-        """(orders, n) of the attitude, ``exp(m)``."""
+        """(orders, n) majorant ``exp(m)`` of the attitude, dimensionless."""
         return series.exponential(self.turning)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evidence:
-    """Samples of trajectories with all that is needed to bound the motion between them.
+    """Samples of trajectories with everything that is needed to bound the motion between them.
 
     Attributes:
-        on: intervals that cover all the time of each, in its order.
-        samples: of the motion at `motion.NODES` of each.
-        majorants: of the motion on them.
-        left_out: what the polynomials through the samples leave out.
-        rounding: size of the samples' rounding errors.
+        on: the intervals; those of each trajectory cover all of its duration, in order of time.
+        samples: the motion at `motion.NODES` of each interval.
+        majorants: those of the motion on the intervals.
+        left_out: bounds of the errors of the polynomials through exact samples.
+        rounding: sizes of the rounding errors of the samples.
     """
 
     on: Intervals
@@ -110,7 +109,7 @@ class Evidence:
 
 
 def _of_sights(motion: Motion, joints: np.ndarray) -> np.ndarray:
-    """For each sight the sum (..., S, n) of its yaw's and pitch's values among (..., J, n); zero without."""
+    """Sum yaw and pitch values (..., J, n) for each sight: (..., S, n), zero for sights fixed in the body."""
     yaw, pitch = (np.moveaxis(part, 0, -2) for part in motion.mountings.split(np.moveaxis(joints, -2, 0)))
     still = np.zeros((*yaw.shape[:-2], len(motion.fixed), yaw.shape[-1]))
     both = yaw + pitch
@@ -118,18 +117,18 @@ def _of_sights(motion: Motion, joints: np.ndarray) -> np.ndarray:
 
 
 def _within(motion: Motion, of_sights: np.ndarray) -> np.ndarray:
-    """For each pair within the body the sum (..., k, n) of its sight's and its axis' values (..., S, n)."""
+    """Sum the values (..., S, n) of both directions of each pair compared in body axes: (..., k, n)."""
     sight, axis = motion.views.within.T
     return of_sights[..., sight, :] + np.where(axis[:, None] < 0, 0, of_sights[..., axis, :])
 
 
 def majorants(motion: Motion, on: Intervals, ways: Sequence[Way] = ()) -> Majorants:
-    """Majorants of everything that moves on some intervals.
+    """Bound the Taylor coefficients of everything that moves on some intervals.
 
     Args:
-        motion: of the trajectories.
+        motion: that of the trajectories.
         on: intervals, each within one piece of every way.
-        ways: of the inertial axes that move.
+        ways: the moving inertial axes (`motion.Way`); none if empty.
     """
     orders = DEGREE + 5
     centre = on.centre[:, None]
@@ -153,7 +152,7 @@ def majorants(motion: Motion, on: Intervals, ways: Sequence[Way] = ()) -> Majora
 
 
 def interpolation(on: Intervals, bounds: Majorants) -> Errors:
-    """Bounds of the interpolation errors of the polynomials through samples, from majorants."""
+    """Bound the errors of the polynomials through samples on intervals, given the majorants there."""
     factor = 2.0 ** (1 - DEGREE)
     order, unit = DEGREE + 1, on.half ** -np.arange(3.0)[:, None]
     spin = np.stack([perm(order + d, d) * bounds.spin[order + d] for d in range(3)])
@@ -166,7 +165,7 @@ def interpolation(on: Intervals, bounds: Majorants) -> Errors:
 
 
 def rounding(motion: Motion, on: Intervals, bounds: Majorants, ways: Sequence[Way] = ()) -> Errors:
-    """Sizes of the rounding errors of samples, those of axes included; arguments as of `majorants`."""
+    """Estimate the rounding errors of samples, moving axes included; arguments as for `majorants`."""
     unit = on.half ** np.arange(4)[:, None]
     eta = np.linalg.norm(motion.platform.rounding(on.piece, 4), axis=1) * unit
     eta[0] += ROUNDING
@@ -194,11 +193,11 @@ def gather(
     """Sample trajectories on intervals so short that the polynomials' errors are at most as large as wanted.
 
     Args:
-        motion: of one trajectory or of several.
-        wanted: the errors that may remain, with the last axis for the trajectories. Where one would take too
-            many intervals, larger errors remain.
-        ways: the axes that move, where there is a single trajectory; they must be known all the time.
-        further: of intervals and the majorants there, how many times as large as wanted other errors are,
+        motion: that of one trajectory or of several.
+        wanted: the errors that may remain, one a trajectory on the last axis. Where that would take too many
+            intervals, larger errors remain.
+        ways: the moving inertial axes, known all the time; only for a single trajectory.
+        further: function of intervals and their majorants that returns other errors over the wanted ones,
             (n,); None where there are none.
     """
     on = motion.pieces(ways)
@@ -229,7 +228,7 @@ def gather(
 
 
 def _excess(errors: Errors, wanted: Errors, on: Intervals) -> np.ndarray:
-    """The worst ratio of an error to the one wanted on each interval, (n,), at least one."""
+    """Return the largest ratio of an error to the wanted one on each interval, (n,), at least one."""
     ratios = (
         errors.direction / wanted.direction[:, on.trajectory],
         errors.spin / wanted.spin[:, on.trajectory],
@@ -240,13 +239,13 @@ def _excess(errors: Errors, wanted: Errors, on: Intervals) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layout:
-    """How rows nest. Each row is of a kind; kinds are numbered clause by clause and entry by entry.
+    """How rows nest in entries and clauses. Kinds are numbered clause by clause, in each entry by entry.
 
     Attributes:
         opens_entry: (kinds,) bool, whether the kind is the first of its entry.
         opens_clause: (kinds,) bool, whether it is the first of its clause.
-        quantity: (clauses,) int, the quantity each clause belongs to.
-        owner: (clauses,) int, the owner each clause belongs to.
+        quantity: (clauses,) int, the quantity that each clause belongs to.
+        owner: (clauses,) int, the owner (trajectory) that each clause belongs to.
     """
 
     opens_entry: np.ndarray
@@ -256,7 +255,7 @@ class Layout:
 
     @classmethod
     def joined(cls, layouts: Sequence[Self]) -> Self:
-        """One layout of those of several owners, each with a single quantity, numbered in this order."""
+        """Concatenate layouts of one quantity and one owner each; both are numbered in the order given."""
         owner = np.repeat(np.arange(len(layouts)), [len(layout.owner) for layout in layouts])
         return cls(
             opens_entry=np.concatenate([layout.opens_entry for layout in layouts]),
@@ -271,7 +270,7 @@ class Layout:
         return np.cumsum(self.opens_clause) - 1
 
     def fold(self, kind: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Values of tasks from those of their rows: the best entry's worst row.
+        """Reduce values of rows to those of their tasks: the largest over entries of the least over rows.
 
         Args:
             kind: (rows,) int, kinds of the rows, those of a task side by side.
@@ -289,13 +288,13 @@ class Layout:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rows:
-    """Polynomials on intervals, the rows of each task together and in the order of their kinds.
+    """Polynomials on intervals; the rows of a task are side by side, in the order of their kinds.
 
     Attributes:
-        coefficients: (K + 1, rows) in the Bernstein basis.
+        coefficients: (K + 1, rows) coefficients in the Bernstein basis, degree K.
         error: (rows,) bound of each polynomial's error.
-        kind: (rows,) int, of each row.
-        low: (tasks,) s, start of the interval.
+        kind: (rows,) int, kind of each row.
+        low: (tasks,) s, start of each task's interval.
         high: (tasks,) s, its end.
     """
 
@@ -308,12 +307,12 @@ class Rows:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Minima:
-    """What is known of each clause's least value.
+    """What is known of the least value of each clause over all time.
 
     Attributes:
-        bound: (clauses,) proved lower bound.
-        seen: (clauses,) least value that was evaluated, an upper bound.
-        time: (clauses,) s, at which that is.
+        bound: (clauses,) proved lower bound; infinite before any proof.
+        seen: (clauses,) least value that was evaluated, an upper bound of the least one.
+        time: (clauses,) s, at which `seen` was evaluated.
     """
 
     bound: np.ndarray
@@ -326,7 +325,7 @@ class Minima:
         return cls(bound=np.full(clauses, np.inf), seen=np.full(clauses, np.inf), time=np.zeros(clauses))
 
     def part(self, of: slice) -> Self:
-        """The minima of a slice of the clauses, which share memory with these."""
+        """Return the minima of a slice of the clauses; its arrays are views into these."""
         return type(self)(bound=self.bound[of], seen=self.seen[of], time=self.time[of])
 
     def meet(self, clause: np.ndarray, value: np.ndarray, time: np.ndarray) -> None:
@@ -336,7 +335,7 @@ class Minima:
         self.time[clause[least]] = time[least]
 
     def wanted(self, layout: Layout, tolerance: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """For each clause the lower bound that suffices, see `minimise`; `tolerance` as there."""
+        """Return for each clause the lower bound that is close enough; `tolerance` as for `minimise`."""
         least = np.full(layout.quantity.max(initial=0) + 1, np.inf)
         np.minimum.at(least, layout.quantity, self.seen)
         enough = np.maximum(least - tolerance(least), 0)[layout.quantity]
@@ -345,19 +344,20 @@ class Minima:
 
 @lru_cache
 def to_bernstein(degree: int) -> np.ndarray:
-    """Matrix from values at the extrema of the Chebyshev polynomial to Bernstein coefficients.
+    """Return the matrix that maps values at extrema of the Chebyshev polynomial to Bernstein coefficients.
 
-    Both are in rising order of their places. The Chebyshev polynomials have
+    Nodes rise from -1 to 1, coefficients go from the start of the interval to its end. The Chebyshev
+    polynomials
 
-        T_n(2 u - 1) = sum_j (-1)^(n - j) C(2 n, 2 j) u^j (1 - u)^(n - j);
+        T_n(2 u - 1) = sum_j (-1)^(n - j) C(2 n, 2 j) u^j (1 - u)^(n - j)
 
-    times ``(u + (1 - u))^(K - n)`` they are of degree K, in exact integers.
+    are raised to degree K by the factor ``(u + (1 - u))^(K - n)``, in exact integers.
 
     Args:
         degree: K.
 
     Returns:
-        (K + 1, K + 1); its largest row sum is `growth`.
+        (K + 1, K + 1); its largest absolute row sum is `growth`.
     """
     order = np.arange(degree + 1)
     cosines = np.cos(np.pi / degree * np.outer(order, degree - order))  # T_n at the nodes
@@ -375,12 +375,12 @@ def to_bernstein(degree: int) -> np.ndarray:
 
 @lru_cache
 def growth(degree: int) -> float:
-    """By how much `to_bernstein` may enlarge an error: it grows like 2^K, 733 for K = 10."""
+    """Return the largest factor by which `to_bernstein` may enlarge an error; about 2^K, 733 for K = 10."""
     return float(np.abs(to_bernstein(degree)).sum(axis=1).max())
 
 
 def to_rows(samples: np.ndarray) -> np.ndarray:
-    """Bernstein coefficients (K + 1, rows) from samples (rows, K + 1) at the nodes of `to_bernstein`."""
+    """Turn samples (rows, K + 1) at `motion.NODES` into Bernstein coefficients (K + 1, rows)."""
     values = np.ascontiguousarray(samples.T)
     if values.shape[1] == 1:  # of one row alone numpy takes the sum in another order
         return to_rows(np.repeat(samples, 2, axis=0))[:, :1]
@@ -388,10 +388,7 @@ def to_rows(samples: np.ndarray) -> np.ndarray:
 
 
 def _halved(coefficients: np.ndarray) -> np.ndarray:
-    """Bernstein coefficients (K + 1, 2 rows) on all left half intervals and then on all right ones.
-
-    By de Casteljau's algorithm, from those (K + 1, rows) on the whole intervals.
-    """
+    """Halve intervals: Bernstein coefficients (K + 1, rows) to (K + 1, 2 rows), left halves first."""
     last, count = len(coefficients) - 1, coefficients.shape[1]
     halves = np.empty((last + 1, 2 * count))
     left, right = halves[:, :count], halves[:, count:]
@@ -410,18 +407,19 @@ def minimise(
     value: Callable[[np.ndarray, np.ndarray], np.ndarray],
     tolerance: Callable[[np.ndarray], np.ndarray],
 ) -> None:
-    """Bound the least value of every clause over all its tasks, and update `minima` with it.
+    """Bound the least value of every clause over all of its tasks, and store the bounds in `minima`.
 
-    The least clause of a quantity is bounded to within the tolerance, and so is every clause that falls
-    below zero; of the others it is only proved that they are larger. Where the work for an owner exceeds a
-    fixed budget, its bounds are less tight, but remain bounds.
+    The least clause of each quantity, and every clause that falls below zero, is bounded to within the
+    tolerance; the others are only proved to be larger than the least. Where an owner takes more work than its
+    fixed budget, its bounds stay wider but remain bounds.
 
     Args:
-        rows: what is not settled yet.
+        rows: polynomials that are not settled yet.
         layout: how rows nest.
         minima: what is known already; changed in place.
-        value: function of polynomials' values (..., rows), with which it rises, and of rows' kinds (rows,).
-        tolerance: how close a bound must come to the least value met, (clauses,) to (clauses,).
+        value: maps polynomials' values (..., rows), in which it must rise, and the rows' kinds (rows,) to the
+            clauses' measure, (..., rows).
+        tolerance: maps the least values met (clauses,) to how close bounds must come to them (clauses,).
     """
     clause_of = layout.clause
     coefficients, error, kind, low, high = rows.coefficients, rows.error, rows.kind, rows.low, rows.high

@@ -1,4 +1,4 @@
-"""The data of a certificate: the claim about a trajectory that is to be proved, and what is proved of it."""
+"""Data of a certificate: what is claimed about a trajectory, and what was proved of it."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -19,10 +19,10 @@ _ANGLES = frozenset(quantity.name for quantity in QUANTITIES if quantity.power =
 @shown("joints deg", "angular_velocity deg/s", "joint_rates deg/s", "attitude")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EndState:
-    """The state that a trajectory must start from, or end in.
+    """The state that a trajectory must start from or end in, of n terminals and d drives.
 
     Attributes:
-        attitude: (3, 3) body to inertial.
+        attitude: (3, 3) rotation matrix, body to inertial.
         joints: (2n + d,) rad, all yaws, all pitches, all drives.
         angular_velocity: (3,) rad/s, body axes; None for rest.
         joint_rates: (2n + d,) rad/s; None for rest.
@@ -42,18 +42,21 @@ class Claim:
     Attributes:
         trajectory: the manoeuvre.
         spacecraft: its devices and limits.
-        cones: all zones, padded or not.
-        zone_names: names of the zones in the order of the cones' rows.
+        cones: all pointing constraints, padded with empty rows or not.
+        zone_names: a name for each row of `cones` that is not padding, in their order.
         start: the state it must start from; None for any.
         goal: the state it must end in; None for any.
-        sight_names: (S,) names of all that the constraints bind: devices, axes of the body, and vectors of
-            terminals' moving parts; None for general names of those that are no devices.
-        robust: errors of attitude and joints for which zones and ranges must hold, and the reserve of torque;
-            spacecraft and cones are without them. None for none.
+        sight_names: (S,) names of all sights (directions that the constraints bind): devices, axes of the
+            body, and vectors of terminals' moving parts. None for the devices' names and general names for
+            the rest.
+        robust: errors of attitude and joints under which zones and ranges must hold, and percentages of
+            torque and wheel momentum kept in reserve; they are not yet taken off in `spacecraft` and `cones`.
+            None for no errors and reserves.
         limits: names of the quantities whose limits are claimed to hold (`jaxplan.model.limits`); None for
-            all that the spacecraft limits. Of a motion whose rates jump nothing can be said of torque.
-        continuous: how many derivatives of attitude and joints must be continuous whatever the trajectory
-            claims: one, or none of a motion whose rates jump, or minus one where the attitude does, too.
+            all that the spacecraft limits. Nothing can be claimed of the torque of a motion whose rates jump.
+        continuous: number of derivatives of attitude and joints that must be continuous whatever the
+            trajectory itself claims: 1 normally, 0 for a motion whose rates jump, -1 where even the attitude
+            may jump.
     """
 
     trajectory: Trajectory
@@ -69,7 +72,7 @@ class Claim:
 
     @property
     def sights(self) -> Sequence[str]:
-        """(S,) names of all that the constraints bind, general ones where `sight_names` is None."""
+        """(S,) names of all sights; those that are no devices have general names if none are given."""
         if self.sight_names is not None:
             return self.sight_names
         names = self.spacecraft.device_names
@@ -78,21 +81,22 @@ class Claim:
 
     @property
     def ends(self) -> dict[str, EndState]:
-        """The wanted states by their names, "start" and "goal"."""
+        """The states wanted at the ends by name, "start" and "goal"; those that are None are left out."""
         return {name: end for name in ("start", "goal") if (end := getattr(self, name)) is not None}
 
 
 @shown("bound deg", "device", "zone", "time s", "zones")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProvedMargin:
-    """How far a device stays from breaking a zone, or from breaking the last zone of a group.
+    """How far a device stays from breaking a zone, or all zones of a group of which one must hold.
 
     Attributes:
-        zones: names; several if they are a group, of which one must hold at every instant.
-        bound: rad, lower bound of the margin over all time, with what errors may take of it taken off.
+        zones: names of the zone, or of all zones of the group.
+        bound: rad, proved lower bound of the margin over all time, less what errors (`Claim.robust`) may
+            take; positive where the zone is kept.
         time: s, when the margin is smallest, to the resolution of the proof.
-        zone: the one that decides then.
-        device: name of the device that decides then, or of what else is bound.
+        zone: name of the zone that decides the margin then.
+        device: name of the device, axis or vector that decides the margin then.
     """
 
     zones: tuple[str, ...]
@@ -107,28 +111,27 @@ class ProvedMargin:
 class Certificate:
     """What is proved of a trajectory, for all times and not for samples alone.
 
-    Of a trajectory that cannot be evaluated only `certified` (False) and `faults` are filled.
+    For a trajectory that cannot be evaluated `faults` says why, and margins, peaks and jumps stay empty.
 
     Attributes:
-        certified: whether everything holds.
-        min_margin: rad, lower bound over all time, devices and zones (of zones in a group, that of the
-            best), with what errors may take of it (`Claim.robust`) taken off; None where no zone binds a
-            device.
-        worst_time: s, when the margin is smallest, to the resolution of the proof; None likewise.
-        worst_device: name of the device whose margin is smallest then, or of what else is bound, such as
-            "axis (0, 0, 1) of the body"; None likewise.
-        worst_zone: name of the zone; None likewise.
-        peaks: upper bounds over all time of the largest component over its limit, of torques and joint angles
-            over what errors and reserve leave of that: "angular_velocity", "angular_acceleration",
-            "joint_rates", "joint_accelerations", "yaw", "pitch" and, where they are
-            limited, "torque", "wheel_momentum", "jerk", of wheels "wheel_torques", "wheel_momenta", and of
-            lengths of vectors "angular_velocity_norm", "angular_acceleration_norm". Those of joints are
-            absent without terminals.
-        peak_times: s, when each is reached.
-        jumps: largest jump at any break: "attitude", "angular_velocity", "angular_acceleration",
+        certified: whether everything that was claimed is proved.
+        min_margin: rad, lower bound of the margin over all time, sights and zones (in a group of zones, the
+            best one counts), less what errors may take (`Claim.robust`); positive where zones are kept. None
+            where no zone binds anything.
+        worst_time: s, when the margin is smallest, to the resolution of the proof; None like `min_margin`.
+        worst_device: name of the device whose margin is smallest then, or of another sight, such as "axis
+            (0, 0, 1) of the body"; None like `min_margin`.
+        worst_zone: name of the zone; None like `min_margin`.
+        peaks: by name of a quantity, an upper bound over all time of its largest component over its limit
+            (for torques, momenta and joint angles over what errors and reserve leave of the limit; for angles
+            measured from the middle of the range): those of `jaxplan.model.limits` that are limited and
+            claimed, such as "angular_velocity", "joint_rates", "yaw", "torque" or "wheel_momenta". Those of
+            joints the spacecraft does not have are absent.
+        peak_times: s, when each peak is reached.
+        jumps: largest jump at any break of "attitude", "angular_velocity", "angular_acceleration",
             "angular_jerk", "joints", "joint_rates", "joint_accelerations", "joint_jerks" (rad, rad/s,
             rad/s^2, rad/s^3).
-        faults: a sentence for each thing that fails.
+        faults: a sentence for each thing that fails; empty where certified.
         evaluations: number of instants at which the trajectory was evaluated.
     """
 
@@ -144,7 +147,7 @@ class Certificate:
     evaluations: int = 0
 
     def rows(self) -> list[tuple[str, str]]:
-        """What is proved, as (label, value) rows for a table."""
+        """Return what is proved as (label, value) pairs for a table."""
         rows = [("certified", "yes, at every instant" if self.certified else "no: not certified")]
         rows += [("", fault) for fault in self.faults]
         worst = (self.worst_device, self.worst_zone, self.worst_time)
@@ -160,15 +163,15 @@ class Certificate:
 def margin_and_peaks(
     margin: float | None, worst: tuple[str | None, str | None, float | None], peaks: Mapping[str, float]
 ) -> list[tuple[str, str]]:
-    """Return the smallest margin and all peaks of a certificate as (label, value) rows for a table.
+    """Format the smallest margin and all peaks of a certificate as (label, value) pairs for a table.
 
-    A joint may rest at an end of its range, which is no load: of its angle the row says how near to that it
-    comes.
+    A joint may rest at an end of its range, which is no load. So the peak of a joint angle is given as a
+    percentage of the way from the middle of its range to an end.
 
     Args:
-        margin: rad, the smallest; None without a row of it.
-        worst: device and zone whose margin that is, and when, s.
-        peaks: shares of limits by name, as `Certificate.peaks`.
+        margin: rad, the smallest; None to leave out its row.
+        worst: device and zone with that margin, and its time, s.
+        peaks: largest values over limits by name, as in `Certificate.peaks`.
     """
     rows = []
     if margin is not None:
@@ -181,13 +184,13 @@ def margin_and_peaks(
 
 
 def faults_later(proof: Certificate, begin: float) -> list[str]:
-    """Tell what could not be proved of a part of a motion with times from the start of the whole.
+    """Return the faults of a part's certificate with times counted from the start of the whole motion.
 
-    Certificates of parts tell times from their own start, as "at t = 3.25 s".
+    Sentences of the part count time from its own start, as in "at t = 3.25 s".
 
     Args:
-        proof: of the part.
-        begin: s, of the part.
+        proof: certificate of the part.
+        begin: s, start of the part within the whole motion.
     """
     return [
         re.sub(r"at t = (\S+) s", lambda found: f"at {begin + float(found[1]):.2f} s", fault)

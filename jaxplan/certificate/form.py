@@ -1,7 +1,8 @@
-"""Checks before a trajectory can be evaluated: shapes, finite numbers, rotations, rising breaks.
+"""Checks that a claim can be evaluated at all: shapes, finite numbers, rotations, rising breaks.
 
-The checks go in three stages, each of which relies on the ones before: shapes; that every number is finite;
-what the numbers are. `faults` has the sentences of the first stage that finds any.
+The checks are made in three stages, each of which relies on the ones before: that shapes are right; that
+every number is finite; that the numbers are such as they must be (rotations, unit vectors, rising times, and
+so on). `faults` returns the sentences of the first stage that finds anything.
 """
 
 import dataclasses
@@ -18,7 +19,7 @@ from jaxplan.model.directions import DirectionPath
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import ALLOCATIONS
 
-_ORTHONORMAL = 1e-9  # largest entry of R^T R - 1 of a rotation matrix
+_ORTHONORMAL = 1e-9  # largest entry of |R^T R - 1| that a rotation matrix may have
 _UNIT = 1e-6  # by how much the length of a direction may miss one; directions are normalised before use
 _SAME_TIME = 1e-12  # of the duration: by how much the last breaks of platform and joints may differ
 
@@ -28,7 +29,7 @@ Data = TypeVar("Data", bound=Any)
 
 
 def _arrays(data: Any) -> dict[str, np.ndarray]:
-    """All arrays of a dataclass by name, in float64, without those that are None, and without paths."""
+    """Return the arrays of a dataclass by field name, in float64, without static fields, None and paths."""
     fields = dataclasses.fields(data)
     names = (f.name for f in fields if not f.metadata.get("static") and f.name != "paths")
     given = ((name, getattr(data, name)) for name in names)
@@ -36,28 +37,28 @@ def _arrays(data: Any) -> dict[str, np.ndarray]:
 
 
 def plain(data: Data) -> Data:
-    """The same trajectory or constraints with all arrays in numpy's float64."""
+    """Return a copy of a trajectory or of constraints with all arrays as float64 numpy arrays; paths stay."""
     return dataclasses.replace(data, **_arrays(data))
 
 
 def is_static(trajectory: Trajectory) -> bool:
-    """Whether the trajectory is a state without duration: breaks and joint breaks are [0, 0]."""
+    """Whether the trajectory is a state without duration: breaks and joint breaks are both [0, 0]."""
     return all(np.array_equal(breaks, [0, 0]) for breaks in (trajectory.breaks, trajectory.joint_breaks))
 
 
 def held(trajectory: Data) -> Data:
-    """A trajectory without duration, changed to one that keeps its state for a second."""
+    """Return a copy of a trajectory without duration in which its state is kept for one second."""
     second = np.array([0.0, 1.0])
     return dataclasses.replace(trajectory, breaks=second, joint_breaks=second)
 
 
 def faults(claim: Claim, trajectory: Trajectory, cones: Constraints) -> list[str]:
-    """A sentence for every fault of the first stage that finds any.
+    """Return a sentence for every fault found by the first stage that finds any; none if all is well.
 
     Args:
         claim: what is claimed.
-        trajectory: its trajectory, as `plain` gives it.
-        cones: its constraints, as `plain` gives them.
+        trajectory: the claim's trajectory, as `plain` returns it.
+        cones: the claim's constraints, as `plain` returns them.
     """
     craft, ends = claim.spacecraft, claim.ends
     moving = {f"cones.paths[{row}]": path for row, path in enumerate(cones.paths) if path is not None}
@@ -92,7 +93,13 @@ def faults(claim: Claim, trajectory: Trajectory, cones: Constraints) -> list[str
 
 
 def _shapes(given: dict[str, np.ndarray], claim: Claim, cones: Constraints) -> Iterator[str]:
-    """Yield a fault for each array, by name, of wrong shape; a curve needs a piece and a coefficient."""
+    """Yield a sentence for each array of wrong shape; a curve needs a piece and a coefficient at least.
+
+    Args:
+        given: float64 arrays by name, such as "trajectory.breaks".
+        claim: what is claimed.
+        cones: its constraints.
+    """
     rows, joints = cones.half_angle.size, claim.spacecraft.joint_count
     body, carried = (len(np.atleast_1d(vectors)) for vectors in (cones.body, cones.carried))
     sights = len(claim.spacecraft.device_names) + body + carried
@@ -125,30 +132,30 @@ def _shapes(given: dict[str, np.ndarray], claim: Claim, cones: Constraints) -> I
 
 
 def _wrong(arrays: dict[str, np.ndarray], good: Callable[[np.ndarray], bool], *tail: int) -> list[str]:
-    """Names of the arrays (..., *tail) for which `good` is False; it is first asked of all of them in one."""
+    """Return the names of the arrays (..., *tail) for which `good` is False; all are first tried in one."""
     if good(np.concatenate([array.reshape(-1, *tail) for array in arrays.values()])):
         return []
     return [name for name, array in arrays.items() if not good(array)]
 
 
 def _rotations(matrices: np.ndarray) -> bool:
-    """Whether all matrices (..., 3, 3) are rotations: R^T R is the identity within `_ORTHONORMAL`."""
+    """Whether all matrices (..., 3, 3) are rotations, with R^T R the identity within `_ORTHONORMAL`."""
     off = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3))
     return bool((off <= _ORTHONORMAL).all() and (np.linalg.det(matrices) > 0).all())
 
 
 def _unit(vectors: np.ndarray) -> bool:
-    """Whether all vectors (..., 3) have lengths that differ from one by at most `_UNIT`."""
+    """Whether the lengths of all vectors (..., 3) differ from one by at most `_UNIT`."""
     return bool((np.abs(np.linalg.norm(vectors, axis=-1) - 1) <= _UNIT).all())
 
 
 def _across(first: np.ndarray, second: np.ndarray) -> bool:
-    """Whether two vectors (3,) are unit vectors at right angles, with `_UNIT` for rounding."""
+    """Whether two vectors (3,) are unit vectors at right angles to each other, both to within `_UNIT`."""
     return _unit(first) and _unit(second) and bool(abs(np.dot(first, second)) <= _UNIT)
 
 
 def _trajectory(trajectory: Trajectory) -> Iterator[str]:
-    """Yield the faults of a trajectory's breaks, and of one without duration that is not constant."""
+    """Yield the faults of a trajectory's breaks; without duration, it must also be constant."""
     ends = trajectory.breaks[[0, -1]]
     if ends[0] != 0:
         yield f"trajectory.breaks start at {ends[0]:g} s and not at 0"
@@ -169,9 +176,9 @@ def _cones(cones: Constraints, still: np.ndarray, zones: int, craft: Spacecraft)
     """Yield the faults of the numbers of constraints, and of what their rows bind.
 
     Args:
-        cones: the constraints in float64.
-        still: (Z,) bool, rows whose axes stand still.
-        zones: number of rows that have a name.
+        cones: the constraints in float64, Z rows.
+        still: (Z,) bool, whether the axis of each row stands still.
+        zones: number of rows that have a name; the rows after them must bind nothing.
         craft: the spacecraft.
     """
     terminals, gimbals = len(craft.terminals), len(craft.terminals) + len(craft.drives)
@@ -206,12 +213,12 @@ def _cones(cones: Constraints, still: np.ndarray, zones: int, craft: Spacecraft)
 
 
 def _whole(numbers: np.ndarray, count: int) -> bool:
-    """Whether all numbers are integers in [0, count)."""
+    """Whether all numbers are integers from 0 to `count` - 1."""
     return bool(((numbers == np.floor(numbers)) & (numbers >= 0) & (numbers < count)).all())
 
 
 def _path(name: str, path: DirectionPath, last: float) -> Iterator[str]:
-    """Yield the faults of the times of an axis that moves, in a trajectory that ends at `last` s."""
+    """Yield the faults of the times of a moving axis; it must be known from 0 to `last` s."""
     times = np.asarray(path.times, np.float64)
     if not (np.diff(times) > 0).all():
         yield f"{name}.times do not rise"
@@ -220,7 +227,7 @@ def _path(name: str, path: DirectionPath, last: float) -> Iterator[str]:
 
 
 def _spacecraft(spacecraft: Spacecraft) -> Iterator[str]:
-    """Yield the faults of a spacecraft's limits, mountings and boresights."""
+    """Yield the faults of a spacecraft's limits, mountings, joint ranges, boresights, wheels and inertias."""
     positive = []
     of_axes = "rate_limit", "acceleration_limit", "jerk_limit", "torque_limit", "wheel_momentum_limit"
     for name in (*of_axes, "rate_norm_limit", "acceleration_norm_limit"):
@@ -242,7 +249,7 @@ def _spacecraft(spacecraft: Spacecraft) -> Iterator[str]:
         elif not _across(mounting.yaw_axis, mounting.boresight):
             yield f"the mount of {terminal.name} is no pair of unit vectors at right angles, to {_UNIT:g}"
         for name in ("yaw_limit", "yaw_range", "pitch_limit", "pitch_range"):
-            given = getattr(terminal, name)  # the pitch's is cut short below 90 deg, whatever it was
+            given = getattr(terminal, name)  # finite or not, joint_ranges cuts the pitch's below 90 deg
             if given is not None and not np.isfinite(given).all():
                 yield f"{name} of {terminal.name} is not finite"
     for drive in spacecraft.drives:
@@ -270,7 +277,7 @@ def _spacecraft(spacecraft: Spacecraft) -> Iterator[str]:
 
 
 def _stages(spacecraft: Spacecraft) -> Iterator[str]:
-    """Yield the faults of inertias of what joints turn."""
+    """Yield the faults of inertias of stages, the parts that joints turn (see `inertia`)."""
     named = [
         (f"{name} of {device.name}", getattr(device, name))
         for devices, names in (
@@ -284,13 +291,13 @@ def _stages(spacecraft: Spacecraft) -> Iterator[str]:
     faults = [f"{name} is no inertia" for name, own in given if not _is_inertia(own)]
     yield from faults
     if given and not faults and spacecraft.inertia is not None:
-        left = inertia.left(spacecraft)  # it is told, too, where a mount is not finite
+        left = inertia.left(spacecraft)  # not finite where a mount is not
         if not np.isfinite(left).all() or not np.linalg.eigvalsh((left + left.T) / 2)[0] > 0:
             yield "spacecraft.inertia is not more than the inertias of what its joints turn"
 
 
 def _is_inertia(given: np.ndarray) -> bool:
-    """Whether an array is an inertia: a positive definite symmetric matrix (3, 3), or three moments."""
+    """Whether an array is an inertia: a positive definite symmetric (3, 3), or positive moments (3,)."""
     if given.shape not in ((3,), (3, 3)) or not np.isfinite(given).all():
         return False
     own = inertia.matrix(given)
@@ -299,7 +306,7 @@ def _is_inertia(given: np.ndarray) -> bool:
 
 
 def _wheels(spacecraft: Spacecraft) -> Iterator[str]:
-    """Yield the faults of a spacecraft's wheels."""
+    """Yield the faults of a spacecraft's reaction wheels: their numbers, axes and allocation."""
     wheels = spacecraft.wheels
     if spacecraft.allocation not in ALLOCATIONS:
         yield f"spacecraft.allocation = {spacecraft.allocation!r} is not known"

@@ -1,24 +1,27 @@
-"""The momentum of a spacecraft and its derivative, computed anew for the certificate.
+"""The momentum of a spacecraft with moving stages and its derivative, computed anew for the certificate.
 
-Seen from the body, with its angular velocity ``w`` (body axes), the momentum of the whole is
+A *stage* is a part of a terminal or drive that joints turn and that has an inertia of its own. With the
+angular velocity ``w`` in body axes, the momentum of the whole, in body axes, and its derivative there are
 
     L = J_0 w + sum I_k (w + g_k),    L' = J_0 w' + sum g_k x I_k (w + g_k) + I_k (w' + g_k' + w x g_k)
 
-over the *stages* of terminals and drives that have an inertia: ``I_k``, about the stage's own centre of mass,
-and its angular velocity ``g_k`` relative to the body, in body axes. ``J_0`` is the inertia ``J`` of the whole
-less all ``I_k`` with joints at zero. With ``u`` the yaw axis, ``e`` the pitch axis (opposite to the left at
-zero angles, and turned by the yaw), and yaw and pitch ``y`` and ``p``,
+with sums over all stages. ``I_k`` is the inertia of stage k about its own centre of mass, and ``g_k`` its
+angular velocity relative to the body, both in body axes. ``J_0`` is the inertia ``J`` of the whole less all
+``I_k`` with joints at zero. With yaw ``y``, pitch ``p``, the yaw axis ``u``, and the pitch axis ``e`` (which
+the yaw turns; at zero angles it is opposite to the direction on the left),
 
-    g = y' u + p' e,    g' = y'' u + p'' e + p' y' u x e,    I = C I_0 C^T,    C = exp(y u^) exp(p e_0^),
+    g = y' u + p' e,    g' = y'' u + p'' e + p' y' u x e,    I = C I_0 C^T,    C = exp(y u^) exp(p e_0^).
 
-where a stage that does not pitch, such as a drive, has no ``p``.
+For a stage that does not pitch, such as a drive, ``p`` is zero.
 
 **Between samples.** The momentum of a stage has the majorant (see `bounds` and `series`)
 
-    |I_0| exp(2 (y + p)) (s + y' + p' exp(y)),    s of w, y and p of the angles without constant terms,
+    |I_0| exp(2 (y + p)) (s + y' + p' exp(y)),
 
-since ``C`` has the majorant ``exp(y + p)`` and ``e`` the majorant ``exp(y)``; that of ``L'`` is its
-derivative. How errors of the angles and of ``w`` move it follows from the same majorant, to first order.
+where ``s`` is the majorant of ``w``, and ``y`` and ``p`` are those of the angles without constant terms,
+since ``C`` has the majorant ``exp(y + p)`` and ``e`` the majorant ``exp(y)``. The majorant of ``L'`` is its
+derivative. What errors of the angles and of ``w`` do to the momentum follows from the same majorant to first
+order.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -33,9 +36,9 @@ from jaxplan.certificate.motion import DEGREE, Intervals, Mountings, Samples
 from jaxplan.certificate.series import ROUNDING
 from jaxplan.model.spacecraft import Spacecraft
 
-_FACTOR = 2.0 ** (1 - DEGREE)  # of what polynomials through samples leave out
+_FACTOR = 2.0 ** (1 - DEGREE)  # of interpolation errors, see `bounds`
 T = TypeVar("T")
-Sampled = Sequence[np.ndarray]  # values, what is left out, and rounding
+Sampled = Sequence[np.ndarray]  # samples, bound of the interpolation error, size of the rounding error
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,10 +46,10 @@ class Stage:
     """A moving part of a terminal or drive that has an inertia of its own, and the joints that turn it.
 
     Attributes:
-        axes: (3, 3) unit vectors in body axes, rows: boresight, left and yaw axis at zero angles.
-        inertia: (3, 3) kg m^2, along these axes.
-        yaw: number of the joint that yaws it.
-        pitch: number of the joint that lifts it; None for none.
+        axes: (3, 3) unit vectors in body axes as rows, at zero angles: boresight, left, yaw axis.
+        inertia: (3, 3) kg m^2, about its own centre of mass, along these axes.
+        yaw: index of the joint that turns it about the yaw axis.
+        pitch: index of the joint that pitches it; None if none does.
     """
 
     axes: np.ndarray
@@ -56,17 +59,17 @@ class Stage:
 
     @property
     def at_zero(self) -> np.ndarray:
-        """(3, 3) kg m^2 in body axes, at zero angles."""
+        """(3, 3) kg m^2, its inertia in body axes at zero joint angles."""
         return self.axes.T @ self.inertia @ self.axes
 
     @property
     def size(self) -> float:
-        """The most by which its inertia makes a vector longer, kg m^2."""
+        """Spectral norm of its inertia, kg m^2: the largest factor by which it lengthens a vector."""
         return float(np.linalg.norm(self.inertia, 2))
 
 
 def stages(craft: Spacecraft) -> Iterator[Stage]:
-    """Yield the stages that have an inertia."""
+    """Yield the stages of a spacecraft: the parts with an inertia of their own."""
     axes, count = Mountings.of(craft).axes, len(craft.terminals)
     for number, terminal in enumerate(craft.terminals):
         for given, pitch in ((terminal.yaw_inertia, None), (terminal.pitch_inertia, count + number)):
@@ -78,13 +81,13 @@ def stages(craft: Spacecraft) -> Iterator[Stage]:
 
 
 def matrix(given: np.ndarray) -> np.ndarray:
-    """The matrix (3, 3) of an inertia that is given as one, or by three moments."""
+    """Return an inertia as a matrix (3, 3); it is given as one or by three principal moments (3,)."""
     own = np.asarray(given, np.float64)
     return np.diag(own) if own.shape == (3,) else own
 
 
 def left(craft: Spacecraft) -> np.ndarray:
-    """The inertia (3, 3) kg m^2 that no joint turns."""
+    """Return the inertia (3, 3) kg m^2, ``J_0``, of the whole less all stages at zero angles."""
     inertia = matrix(np.asarray(craft.inertia, np.float64))
     for stage in stages(craft):
         inertia = inertia - stage.at_zero
@@ -92,13 +95,13 @@ def left(craft: Spacecraft) -> np.ndarray:
 
 
 def fixed(craft: Spacecraft) -> tuple[np.ndarray, float]:
-    """The inertia (3, 3) kg m^2 that no joint turns, and the most by which it makes a vector longer."""
+    """Return ``J_0`` (3, 3) kg m^2, the inertia of what no joint turns, and its spectral norm."""
     inertia = left(craft)
     return inertia, float(np.linalg.norm(inertia, 2))
 
 
 def numbers(craft: Spacecraft) -> np.ndarray:
-    """All numbers of the stages, and which joints turn them, (s, 20)."""
+    """Return axes, inertia, and yaw and pitch indices (-1 for no pitch) of all s stages as rows (s, 20)."""
     rows = [
         [*one.axes.ravel(), *one.inertia.ravel(), one.yaw, -1 if one.pitch is None else one.pitch]
         for one in stages(craft)
@@ -107,22 +110,26 @@ def numbers(craft: Spacecraft) -> np.ndarray:
 
 
 def momentum(evidence: Evidence, craft: Spacecraft) -> Sampled:
-    """The momentum ``L`` (3, n, m) N m s, body axes, what is left out of it (n,), and rounding (n,)."""
+    """Return the momentum ``L`` (3, n, m) N m s, body axes, with error bounds.
+
+    Returns:
+        Samples; bound of the interpolation error (n,); size of the rounding error (n,).
+    """
     return _both(evidence, craft)[0]
 
 
 def change(evidence: Evidence, craft: Spacecraft) -> Sampled:
-    """The derivative ``L'`` (3, n, m) N m, body axes, what is left out of it (n,), and rounding (n,)."""
+    """Return the derivative ``L'`` (3, n, m) N m, body axes, with error bounds as of `momentum`."""
     return _both(evidence, craft)[1]
 
 
 def _both(evidence: Evidence, craft: Spacecraft) -> tuple[Sampled, Sampled]:
-    """The momentum and its derivative, see `momentum` and `change`; made once for torque and momentum."""
+    """Return the results of `momentum` and `change`; they are computed once and kept in `evidence`."""
     return _once(evidence, "_momentum_and_change", craft, lambda: _sampled(evidence, craft))
 
 
 def _sampled(evidence: Evidence, craft: Spacecraft) -> tuple[Sampled, Sampled]:
-    """The momentum and its derivative, made anew."""
+    """Compute the results of `momentum` and `change`."""
     inertia, size = fixed(craft)
     spin, joints, half = evidence.samples.spin, evidence.samples.joints, evidence.on.half
     values = [np.einsum("ij,jnm->inm", inertia, spin[order]) for order in range(2)]
@@ -140,7 +147,7 @@ def _sampled(evidence: Evidence, craft: Spacecraft) -> tuple[Sampled, Sampled]:
 
 
 def at_starts(samples: Samples, first: np.ndarray, craft: Spacecraft) -> np.ndarray:
-    """The momentum ``L`` (3, k) N m s, body axes, at the starts of intervals by number (k,)."""
+    """Return the momentum ``L`` (3, k) N m s, body axes, at the starts of intervals `first` (k,)."""
     found = np.sum(fixed(craft)[0][:, :, None] * samples.spin[0][:, first, 0], axis=1)
     spin, joints = samples.spin[:, :, first, :1], samples.joints[:, :, first, :1]
     for stage in stages(craft):
@@ -149,7 +156,7 @@ def at_starts(samples: Samples, first: np.ndarray, craft: Spacecraft) -> np.ndar
 
 
 def majorant(majorants: Majorants, craft: Spacecraft) -> np.ndarray:
-    """Majorant (orders, n) of the momentum ``L`` times the half widths, N m s^2."""
+    """Return the majorant (orders, n), N m s^2, of the momentum ``L`` times the half widths of intervals."""
     found = fixed(craft)[1] * majorants.spin
     for own in _majorants(majorants, craft):
         found = found[: len(own)] + own
@@ -157,13 +164,13 @@ def majorant(majorants: Majorants, craft: Spacecraft) -> np.ndarray:
 
 
 def excess(craft: Spacecraft, least: tuple[float, float], on: Intervals, majorants: Majorants) -> np.ndarray:
-    """How many times as large as wanted is what is left out of what stages carry, (n,).
+    """Return how many times as large as wanted the interpolation errors of the stages' momenta are, (n,).
 
     Args:
         craft: the spacecraft.
         least: the least limits of momentum, N m s, and of torque, N m.
-        on: intervals.
-        majorants: of the motion on them.
+        on: n intervals.
+        majorants: those of the motion on them.
     """
     found, half = np.zeros(len(on.half)), on.half
     for own in _majorants(majorants, craft):
@@ -175,7 +182,7 @@ def excess(craft: Spacecraft, least: tuple[float, float], on: Intervals, majoran
 
 
 def _turned(stage: Stage, joints: np.ndarray) -> np.ndarray:
-    """A stage's axes (3, axis, n, m) in body axes, at joints (J, n, m) rad."""
+    """Return a stage's axes (3, axis, n, m) in body axes at joint angles (J, n, m) rad; components first."""
     ahead, left, up = (axis[:, None, None] for axis in stage.axes)
     cosine, sine = np.cos(joints[stage.yaw]), np.sin(joints[stage.yaw])
     level, aside = cosine * ahead + sine * left, cosine * left - sine * ahead
@@ -186,25 +193,32 @@ def _turned(stage: Stage, joints: np.ndarray) -> np.ndarray:
 
 
 def _rate(stage: Stage, at: np.ndarray, joints: np.ndarray, order: int) -> np.ndarray:
-    """Joint rates (`order` 1) or accelerations (2) about a stage's axes of rotation, summed, (3, n, m)."""
+    """Return ``y' u + p' e`` (`order` 1) or ``y'' u + p'' e`` (`order` 2) of a stage, (3, n, m), body axes.
+
+    Args:
+        stage: the stage.
+        at: its axes as `_turned` returns them.
+        joints: (derivatives, J, n, m) joint angles and their derivatives.
+        order: order of the derivatives to take.
+    """
     found = joints[order, stage.yaw] * stage.axes[2][:, None, None]
     return found if stage.pitch is None else found - joints[order, stage.pitch] * at[:, 1]
 
 
 def _times_inertia(stage: Stage, at: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """``I_k`` times vectors (3, n, m)."""
+    """Multiply vectors (3, n, m) in body axes by a stage's inertia ``I_k``; `at` as `_turned` returns it."""
     own = np.einsum("ianm,inm->anm", at, vector)
     return np.einsum("ianm,anm->inm", at, np.einsum("ab,bnm->anm", stage.inertia, own))
 
 
 def _carried(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """The momentum (3, n, m) N m s that a stage adds to that of the whole, ``L``, at samples of a motion."""
+    """Return the momentum (3, n, m) N m s, body axes, that a stage adds to ``L`` at samples of a motion."""
     at = _turned(stage, joints[0])
     return _times_inertia(stage, at, spin[0] + _rate(stage, at, joints, 1))
 
 
 def _carried_and_change(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute what `_carried` does, and the torque (3, n, m) N m that it adds to the derivative ``L'``."""
+    """Return the result of `_carried` and what the stage adds to the derivative ``L'``, (3, n, m) N m."""
     at = _turned(stage, joints[0])
     rate, driven = _rate(stage, at, joints, 1), spin[1] + _rate(stage, at, joints, 2)
     if stage.pitch is not None:  # the pitch axis is opposite to the left, which yaws
@@ -216,7 +230,7 @@ def _carried_and_change(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> t
 
 
 def _angles(majorants: Majorants, stage: Stage) -> tuple[np.ndarray, np.ndarray]:
-    """Majorants (orders, n) of a stage's yaw and pitch, rad, without their constant terms."""
+    """Return majorants (orders, n) of a stage's yaw and pitch (zero if none), rad, less constant terms."""
     yaw = majorants.joints[:, stage.yaw].copy()
     pitch = np.zeros_like(yaw) if stage.pitch is None else majorants.joints[:, stage.pitch].copy()
     yaw[0] = pitch[0] = 0
@@ -224,12 +238,12 @@ def _angles(majorants: Majorants, stage: Stage) -> tuple[np.ndarray, np.ndarray]
 
 
 def _majorants(majorants: Majorants, craft: Spacecraft) -> list[np.ndarray]:
-    """`_majorant` of every stage, made once for all quantities."""
+    """Return `_majorant` of every stage; they are computed once and kept in `majorants`."""
     return _once(majorants, "_of_stages", craft, lambda: [_majorant(majorants, own) for own in stages(craft)])
 
 
 def _once(owner: object, name: str, craft: Spacecraft, make: Callable[[], T]) -> T:
-    """Make what follows from an unchanging owner and a spacecraft once, and keep it in the owner."""
+    """Return the result of `make`, kept in the owner's attribute `name` for later calls with this craft."""
     known: dict[str, tuple[Spacecraft, T]] = vars(owner)
     if name not in known or known[name][0] is not craft:
         known[name] = craft, make()
@@ -237,7 +251,7 @@ def _once(owner: object, name: str, craft: Spacecraft, make: Callable[[], T]) ->
 
 
 def _majorant(majorants: Majorants, stage: Stage) -> np.ndarray:
-    """Majorant (orders, n) of what a stage carries times the half widths, N m s^2."""
+    """Return the majorant (orders, n), N m s^2, of a stage's momentum times the half widths of intervals."""
     yaw, pitch = _angles(majorants, stage)
     swung = series.product("n,n->n", series.slope(pitch), series.exponential(yaw))
     spinning = majorants.spin[: len(swung)] + series.slope(yaw) + swung
@@ -245,7 +259,7 @@ def _majorant(majorants: Majorants, stage: Stage) -> np.ndarray:
 
 
 def _error(evidence: Evidence, stage: Stage) -> np.ndarray:
-    """Sizes (2, n) of rounding errors of what a stage adds to h L and to h^2 L', h the half widths."""
+    """Return sizes (2, n) of rounding errors of a stage's part of h L and of h^2 L', h the half widths."""
     bounds, half = evidence.majorants, evidence.on.half
     yaw, pitch = (own[:3] for own in _angles(bounds, stage))
     unit = half ** np.arange(3)[:, None] / np.array([1, 1, 2])[:, None]

@@ -1,13 +1,14 @@
 """Proof of limits at every instant, of continuity at breaks, and of the wanted states at the ends.
 
 **Limits** are on rates, accelerations, jerk, joint angles, torque and momentum, and on wheels (`wheels`).
-Every limited quantity has components ``f`` that must stay within ``-limit`` and ``+limit``; angles of joints
-count from the middle of their range, half of which is their limit. The margin of a component is
-``1 - |f| / limit``, so that a peak over its limit is one minus the least margin. Of the length of a vector,
-which is not smooth where it is zero, the square is sampled, and the margin is that of its root.
+Every limited quantity has components ``f`` that must stay between ``-limit`` and ``+limit``. Joint angles are
+measured from the middle of their range, and half of the range is their limit. The *margin* of a component is
+``1 - |f| / limit``, dimensionless and positive within the limit; the *peak* of a quantity is one minus its
+least margin. The length of a vector is not smooth where it is zero, so its square is sampled; the margin is
+still that of the length.
 
-**Joins.** The samples of an interval include both of its ends, so the last of one and the first of the next
-are the values left and right of the same instant.
+**Joins.** The samples of an interval include both of its ends. So the last sample of one interval and the
+first of the next are the values just before and just after the same instant.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -33,7 +34,7 @@ _UNITS = ("rad", "rad/s", "rad/s^2", "rad/s^3")
 
 
 def tolerance(margin: np.ndarray) -> np.ndarray:
-    """How close a bound must come to the least margin met: a twentieth of it, from 1e-10 to 5e-7."""
+    """Return how close a bound must come to the least margin met: a twentieth of that, from 1e-10 to 5e-7."""
     return np.clip(np.abs(margin) / 20, 1e-10, 5e-7)
 
 
@@ -41,9 +42,11 @@ def tolerance(margin: np.ndarray) -> np.ndarray:
 class Limited:
     """Samples of a limited quantity, in SI units: c components at m instants of each of n intervals.
 
+    For the length of a vector, values, left_out and rounding are those of its square.
+
     Attributes:
-        limit: the limit, which gives names and unit.
-        values: (c, n, m) samples less the centre of the range; of a length its square, so are the next two.
+        limit: the limit, with the quantity's name and unit.
+        values: (c, n, m) samples, from which the centre of the range has been subtracted.
         left_out: (c, n) or (n,), bound of the error of the polynomials through the samples.
         rounding: (c, n) or (n,), size of the samples' rounding errors.
         bound: (c,) the limit of each component, positive.
@@ -57,12 +60,12 @@ class Limited:
 
     @property
     def name(self) -> str:
-        """Its key in the certificate."""
+        """Name of the quantity, its key in the certificate."""
         return self.limit.quantity.name
 
     @property
     def scale(self) -> np.ndarray:
-        """(c,) the value of the samples at the limit: the bound, or its square for a length."""
+        """(c,) largest value that `values` may have: the bound, or its square for the length of a vector."""
         return self.bound**2 if self.limit.quantity.of_length else self.bound
 
 
@@ -72,10 +75,13 @@ def quantities(
     robust: Robust | None = None,
     claimed: frozenset[str] | None = None,
 ) -> list[Limited]:
-    """Samples of the quantities that the spacecraft limits, in the order of the certificate.
+    """Sample the quantities that a spacecraft limits, in the order of `jaxplan.model.limits.QUANTITIES`.
 
-    Their bounds are what errors and reserve leave of the limits. Those whose names are not `claimed` are left
-    out; None for none of them.
+    Args:
+        spacecraft: whose limits are meant.
+        evidence: samples of the motion with error bounds.
+        robust: errors and reserves that are taken off the limits; None for none.
+        claimed: names of the quantities to take; None for all that are limited.
     """
     found = []
     for limit in limits(spacecraft):
@@ -93,23 +99,19 @@ def quantities(
     return found
 
 
-_Sampled = Sequence[np.ndarray]  # values, what is left out, and rounding
+_Sampled = Sequence[np.ndarray]  # samples, bound of the interpolation error, size of the rounding error
 
 
 def _spin(evidence: Evidence, derivative: int) -> _Sampled:
-    """The angular velocity, body axes, or its derivative of order `derivative` (0 the velocity itself)."""
+    """Angular velocity in body axes (`derivative` 0), or its derivative of that order, with error bounds."""
     return [part.spin[derivative] for part in (evidence.samples, evidence.left_out, evidence.rounding)]
 
 
 def _square(evidence: Evidence, derivative: int) -> _Sampled:
-    """Samples of the squared norm of the angular velocity, or of a derivative of it, with error bounds.
-
-    Args:
-        evidence: samples and bounds of the motion.
-        derivative: order of the derivative; 0 for the angular velocity itself.
+    """Squared norm of the angular velocity (`derivative` 0), or of its derivative of that order.
 
     Returns:
-        Values, bound of the truncation error, and bound of the rounding error.
+        Samples (1, n, m); bound of the interpolation error (n,); size of the rounding error (n,).
     """
     values, _, rounding = _spin(evidence, derivative)
     size = evidence.majorants.spin
@@ -121,13 +123,13 @@ def _square(evidence: Evidence, derivative: int) -> _Sampled:
 
 
 def _joints(evidence: Evidence, derivative: int, some: slice = slice(None)) -> _Sampled:
-    """Joint angles, rad, or their derivative of order `derivative` (0 the angles); `some` selects joints."""
+    """Angles of `some` joints, rad (`derivative` 0), or their derivative of that order, with error bounds."""
     parts = evidence.samples, evidence.left_out, evidence.rounding
     return [part.joints[derivative, some] for part in parts]
 
 
 def _torque(evidence: Evidence, spacecraft: Spacecraft) -> _Sampled:
-    """The torque ``L' + w x L``, N m, body axes."""
+    """Torque ``L' + w x L`` in body axes, N m, with error bounds."""
     momentum, _, of_momentum = inertia.momentum(evidence, spacecraft)
     change, left_out, rounding = inertia.change(evidence, spacecraft)
     torque = change + np.cross(evidence.samples.spin[0], momentum, axis=0)
@@ -138,7 +140,7 @@ def _torque(evidence: Evidence, spacecraft: Spacecraft) -> _Sampled:
     return torque, left_out + 2.0 ** (1 - DEGREE) * crossed, rounding
 
 
-# The certificate's own formula for every quantity; a limit on another one cannot be proved.
+# How the certificate samples each quantity; a limit on any other could not be proved.
 _SAMPLED: dict[str, Callable[[Evidence, Spacecraft], _Sampled]] = {
     "angular_velocity": lambda evidence, _: _spin(evidence, 0),
     "angular_acceleration": lambda evidence, _: _spin(evidence, 1),
@@ -160,11 +162,11 @@ _SAMPLED: dict[str, Callable[[Evidence, Spacecraft], _Sampled]] = {
 
 
 def prove(limited: Sequence[Limited], evidence: Evidence) -> Minima:
-    """Bound the least of ``1 - |f| / limit`` over all time.
+    """Bound the least margin ``1 - |f| / limit`` of every component over all time.
 
     Returns:
-        The minima, a clause each for the components of all quantities in turn, trajectory by trajectory; none
-        where no quantity is limited.
+        Minima with a clause for each component, all quantities of the first trajectory first, then those of
+        the next. Empty where no quantity is limited.
     """
     if not limited:
         return Minima.of(0)
@@ -202,9 +204,11 @@ def prove(limited: Sequence[Limited], evidence: Evidence) -> Minima:
 
 
 def peaks(limited: Sequence[Limited], minima: Minima) -> dict[str, tuple[float, float]]:
-    """Upper bound of the largest ``|f| / limit`` of each quantity, by name, and the time of it, s.
+    """Return, by name, an upper bound of each quantity's largest ``|f| / limit`` and its time, s.
 
-    `minima` are those of one trajectory.
+    Args:
+        limited: the quantities.
+        minima: those of a single trajectory.
     """
     found, begin = {}, 0
     for quantity in limited:
@@ -225,10 +229,10 @@ def faults(
 
     Args:
         limited: the quantities.
-        minima: those of one trajectory.
-        allowance: the share of the limit by which it may be passed.
-        times: (n, m) s, of the samples in its n intervals.
-        intervals: which these are among those of `limited`.
+        minima: those of a single trajectory.
+        allowance: fraction of the limit by which it may be exceeded.
+        times: (n, m) s, times of the samples in the trajectory's n intervals.
+        intervals: where these intervals are among those of `limited`.
     """
     components = [
         (one.limit.quantity, owner, limit, one, place)
@@ -259,7 +263,7 @@ def faults(
 
 
 def _at(values: np.ndarray, times: np.ndarray, time: float) -> float:
-    """The value at a time, s, of polynomials through values (n, m) at Chebyshev extrema, times (n, m) s."""
+    """Interpolate values (n, m), given at Chebyshev extrema of n intervals, times (n, m) s, at one time."""
     own = max(int(np.searchsorted(times[:, 0], time, side="right")) - 1, 0)
     apart = time - times[own]
     nearest = int(np.argmin(np.abs(apart)))
@@ -271,14 +275,15 @@ def _at(values: np.ndarray, times: np.ndarray, time: float) -> float:
 
 
 def _of_range(name: str, angles: np.ndarray, upper: bool, time: float, met: bool) -> str:
-    """A sentence on an angle that is not proved to stay within its range.
+    """Return a sentence on an angle that is not proved to stay within its range.
 
     Args:
-        name: of the angle.
-        angles: (3,) rad, the one met farthest out, the bound that was proved, and the end of the range.
-        upper: whether that is the upper end.
-        time: s, when it was met.
-        met: whether the one met is beyond the end, and not the bound alone.
+        name: name of the angle.
+        angles: (3,) rad: the angle met nearest to or farthest beyond the end of the range, the bound that was
+            proved, and that end.
+        upper: whether it is the upper end.
+        time: s, when that angle was met.
+        met: whether the angle met is itself beyond the end; else only the bound is.
     """
     reached, bound, end = np.rad2deg(angles).tolist()
     apart = abs((reached if met else bound) - end)
@@ -292,30 +297,31 @@ def _of_range(name: str, angles: np.ndarray, upper: bool, time: float, met: bool
 
 
 def _share(value: float) -> str:
-    """Text of a share of a limit, with three digits of its difference from one, or two places."""
+    """Format a value over its limit, with enough digits to show how it differs from one."""
     apart = abs(value - 1)
     places = 2 if not 0 < apart < 1 else 2 + max(0, int(np.ceil(-np.log10(apart))))
     return f"{value:.{min(places, 15)}f}".rstrip("0").rstrip(".") if np.isfinite(value) else f"{value}"
 
 
 def _single(name: str) -> str:
-    """Words for the name of a quantity of joints or wheels, of one of them: "joint rate"."""
+    """Turn the name of a quantity of joints or wheels into words for a single one, as in "joint rate"."""
     return "wheel momentum" if name == "wheel_momenta" else _words(name).removesuffix("s")
 
 
 def _apart(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Angle (...) rad between attitudes (3, 3, ...), exact when small.
+    """Return the angles (...) rad between attitudes (3, 3, ...), accurate also when small.
 
-    The norm of their difference is ``sqrt(8) sin(angle / 2)``.
+    The norm of the difference of two rotation matrices is ``sqrt(8) sin(angle / 2)``.
     """
     distance = np.linalg.norm((first - second).reshape(9, *first.shape[2:]), axis=0)
     return 2 * np.arcsin(np.minimum(distance / np.sqrt(8), 1))
 
 
 def jumps(samples: Samples) -> dict[str, np.ndarray]:
-    """Jumps (n, c) of c components from each of n intervals to the next, by the names of `Certificate.jumps`.
+    """Return absolute jumps (n, c) of c components from each of n intervals to the next.
 
-    The last one is from the last interval to the first, so that there are two at least (see `motion`).
+    The keys are those of `Certificate.jumps`; the attitude's jump is an angle. The last row is from the last
+    interval to the first and has no meaning; with it there are two rows at least (see `motion`).
     """
     turn = _apart(samples.attitude[..., -1], np.roll(samples.attitude[..., 0], -1, axis=-1))
     found = {_PLATFORM[0]: turn[:, None]}
@@ -333,15 +339,15 @@ def jump_faults(
     joint_names: Sequence[str],
     continuous: int = 1,
 ) -> Iterator[str]:
-    """Yield a message for each quantity that is discontinuous although it must be continuous.
+    """Yield a sentence for each quantity that has a jump although it must be continuous.
 
     Args:
-        found: by name of a quantity its jumps (k, c) at the breaks, a column a component.
-        times: (k,) s, of the breaks.
+        found: for each name of a quantity its jumps (k, c) at k breaks, a column for each component.
+        times: (k,) s, times of the breaks.
         smoothness: number of derivatives that the trajectory claims to be continuous.
         jerk_limited: whether the spacecraft limits the platform's jerk: its attitude must then have two
             continuous derivatives, whatever `continuous` says.
-        joint_names: one a joint.
+        joint_names: a name for each joint.
         continuous: number of derivatives that must be continuous whatever the trajectory claims.
     """
     for name, steps in found.items():
@@ -359,13 +365,13 @@ def jump_faults(
 
 
 def end_faults(samples: Samples, name: str, end: EndState, instant: tuple[int, int]) -> Iterator[str]:
-    """Yield a sentence for each part of a wanted state that the trajectory misses.
+    """Yield a sentence for each part of a wanted state that the trajectory misses by more than `TOLERANCE`.
 
     Args:
-        samples: of the motion.
-        name: of the state, for the sentences.
+        samples: samples of the motion.
+        name: name of the state, such as "goal", for the sentences.
         end: the wanted state.
-        instant: number of the interval, and of the sample there, at which it must be.
+        instant: index of the interval, and of the sample in it, at which the state is wanted.
     """
     at = (..., *instant)
     velocity = 0.0 if end.angular_velocity is None else end.angular_velocity
@@ -382,5 +388,5 @@ def end_faults(samples: Samples, name: str, end: EndState, instant: tuple[int, i
 
 
 def _words(name: str) -> str:
-    """A name with spaces for underscores."""
+    """Replace underscores in a name by blanks."""
     return name.replace("_", " ")

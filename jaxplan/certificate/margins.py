@@ -1,21 +1,24 @@
 """Pointing constraints, and proved lower bounds of their margins over all time.
 
-The margin of a sight to a cone is the angle by which it is clear, as in equations (11) and (12). It is taken
-from the square of the chord between sight and axis,
+A *sight* is a direction that a constraint binds, and a *row* a cone about an axis that sights must stay out
+of or in (see `jaxplan.model.constraints`). The margin of a sight to a cone is the angle in rad by which it is
+clear of the cone's edge, as in equations (11) and (12); it is positive where the constraint is kept. It is
+computed from the square of the chord between sight ``p`` and axis ``e``,
 
     c = |p - e|^2 = 2 - 2 p . e = 4 sin^2(angle / 2),
 
-which is linear in p and in e and loses no digit at small angles. A cone of more than a right angle is the
-complement of the opposite one.
+which is linear in p and in e and loses no digit at small angles. A cone of more than a right angle is treated
+as the complement of the opposite cone.
 
-An inertial axis that moves is taken where it is at each instant. An axis of the body, or one that is itself a
-sight, is taken in body axes, where the platform's turn does not count. The errors of polynomials in time that
-follow from the motion of both are in the evidence. The margin of a row of joints is ``f . (yaw, pitch) - d``.
+A moving inertial axis is evaluated at each instant. If the axis is fixed in the body or is itself a sight,
+both directions are taken in body axes, where the platform's turn does not count. `bounds.Evidence` holds the
+errors of polynomials in time that follow from the motion of both. A row of joints binds a terminal's joint
+angles instead of directions; its margin is ``f . (yaw, pitch) - d``.
 
-An entry holds where all its rows do, for all that they bind; a constraint where one of its entries does. A
-constraint of a single entry must hold for each sight by itself, so each is a clause (see `bounds`); one of
-several entries is a single clause. The clauses of a trajectory are tasks on its own intervals only, so what
-is proved of it is the same alone and among others.
+An entry holds where all its rows do, for all sights that they bind; a constraint holds where one of its
+entries does. A constraint of a single entry must hold for each sight by itself, so each sight makes a clause
+(see `bounds`); one of several entries is a single clause. The clauses of a trajectory have tasks on its own
+intervals only, so what is proved of it does not depend on the other trajectories.
 """
 
 from collections.abc import Iterator, Sequence
@@ -38,29 +41,31 @@ _MIDDLE = slice(DEGREE // 2, DEGREE // 2 + 1)  # of an interval, among its sampl
 
 
 def tolerance(margin: np.ndarray) -> np.ndarray:
-    """How close a bound comes to the least margin met: one in a hundred, at most 1e-4 rad, at least 1e-10."""
+    """Return how close a bound must come to the least margin met: 1 % of it, from 1e-10 to 1e-4 rad."""
     return np.clip(np.abs(margin) / 100, 1e-10, 1e-4)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bindings:
-    """All pairs of a row and a sight that it binds; they are the kinds of `layout`.
+    """All pairs of a row and a sight that it binds; the pairs are the kinds of `layout`.
 
     Attributes:
-        row: (pairs,) number of the row, among those of its trajectory.
-        sight: (pairs,) number of the sight.
-        frame: (pairs,) what the axis belongs to, as in `jaxplan.model.constraints`.
-        partner: (pairs,) the sight that is the axis, where one is.
-        axis: (pairs, 3) unit vector, the cone's or its opposite; NaN where it moves; of rows of joints ``f``.
-        flip: (pairs,) -1 where the axis is the cone's opposite, else +1.
-        angle: (pairs,) rad, at most a right angle: half angle of the cone about that axis; of rows of
-            joints ``d``; either with what errors take of the margin (`tube`).
-        side: (pairs,) +1 to stay outside of that cone, -1 to stay inside; +1 for a row of joints.
-        view: (pairs,) number of the pair's scalar product among those of `bounds.Errors`.
+        row: (pairs,) index of the row within the constraints of its trajectory.
+        sight: (pairs,) index of the sight.
+        frame: (pairs,) what the axis is fixed to: `INERTIAL`, `BODY`, `SIGHT` or, for rows of joints,
+            `JOINTS`.
+        partner: (pairs,) index of the sight that is the axis, where `frame` is `SIGHT`.
+        axis: (pairs, 3) unit vector, the cone's axis or its opposite; NaN where it moves. For rows of joints
+            ``f`` and a zero.
+        flip: (pairs,) -1 where `axis` is the opposite of the cone's axis, else +1.
+        angle: (pairs,) rad, half angle of the cone about `axis`, at most a right angle; for rows of joints
+            ``d``. What errors take off the margin (`tube`) is included.
+        side: (pairs,) +1 to stay outside of the cone about `axis`, -1 to stay inside; +1 for rows of joints.
+        view: (pairs,) index of the pair's scalar product within `bounds.Errors.direction`.
         views: directions that are sampled beside the devices' boresights.
-        ways: the inertial axes that move, by row.
-        terminals: number of terminals, T.
-        layout: how pairs make up constraints; owners are the trajectories on which they must hold.
+        ways: the moving inertial axes, by index of the row.
+        terminals: number of terminals.
+        layout: how pairs make up constraints; owners are the trajectories in which they must hold.
     """
 
     row: np.ndarray
@@ -79,12 +84,12 @@ class Bindings:
 
     @classmethod
     def of(cls, cones: Constraints, terminals: int, lost: np.ndarray | None = None) -> Self:
-        """The pairs of constraints in float64 whose form has been checked.
+        """Collect the pairs of constraints whose form has been checked, with arrays in float64.
 
         Args:
             cones: the constraints.
-            terminals: number of them.
-            lost: (Z, S) rad, what the margin of each pair loses to errors; None for nothing.
+            terminals: number of terminals.
+            lost: (rows, sights) rad, what errors take off the margin of each pair; None for nothing.
         """
         row, sight, layout = _nested(cones)
         frame, partner = cones.frame[row].astype(int), cones.partner[row].astype(int)
@@ -120,7 +125,7 @@ class Bindings:
 
     @classmethod
     def joined(cls, several: Sequence[Self]) -> Self:
-        """The pairs of several trajectories of the same views without moving axes, or of a single one."""
+        """Concatenate the pairs of trajectories with the same views; with moving axes only one is allowed."""
         if len(several) == 1:
             return several[0]
         arrays = [field.name for field in fields(cls) if field.name not in _SHARED]
@@ -134,20 +139,20 @@ class Bindings:
 
     @property
     def narrowest(self) -> float:
-        """The least half angle of a cone, at most a right angle, rad."""
+        """The least half angle of all cones, rad; a right angle where there are none."""
         return float(np.min(self.angle[self.frame != JOINTS], initial=np.pi / 2))
 
     @cached_property
     def has_joints(self) -> bool:
-        """Whether there are rows of joints, whose margins are angles of joints."""
+        """Whether there are rows of joints, whose margins are those of joint angles."""
         return bool((self.frame == JOINTS).any())
 
     def margin(self, value: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """Margins in rad from values of `_values`, with which they rise.
+        """Convert values of `_values` to margins in rad; margins rise with the values.
 
         Args:
             value: (..., rows).
-            pair: (rows,) int, number of each row's pair.
+            pair: (rows,) int, index of each row's pair.
 
         Returns:
             (..., rows).
@@ -159,19 +164,19 @@ class Bindings:
     def _values(
         self, samples: Samples, on: Intervals, pair: np.ndarray, where: np.ndarray, at: slice = _ALL
     ) -> np.ndarray:
-        """Samples (rows, m) of ``side c`` of some pairs, and of ``f . (yaw, pitch) - d`` of rows of joints.
+        """Sample ``side c`` of pairs, or ``f . (yaw, pitch) - d`` of pairs of rows of joints: (rows, m).
 
         Args:
-            samples: of the motion.
+            samples: samples of the motion.
             on: the intervals that were sampled.
-            pair: (rows,) int, number of each row's pair.
-            where: (rows,) int, number of each row's interval.
-            at: which samples of an interval, m of them.
+            pair: (rows,) int, index of each row's pair.
+            where: (rows,) int, index of each row's interval.
+            at: which m samples of an interval to take.
         """
         sight, frame, flip = self.sight[pair], self.frame[pair], self.flip[pair, None, None]
 
         def apart_from(axes: np.ndarray, seen: np.ndarray, of: np.ndarray | slice = _ALL) -> np.ndarray:
-            """Vectors (rows, 3, m) from axes to the sights, inertial or in body axes."""
+            """Return vectors (rows, 3, m) from axes to sights; both inertial or both in body axes."""
             difference: np.ndarray = seen[sight[of], :, where[of], at] - axes
             return difference
 
@@ -196,15 +201,19 @@ class Bindings:
         return values
 
     def _linear(self, pair: np.ndarray) -> np.ndarray:
-        """Indices of those of some pairs (rows,) that are of rows of joints."""
+        """Return the places in `pair` (rows,) of those pairs that are of rows of joints."""
         return np.flatnonzero(self.frame[pair] == JOINTS)
 
     def _weighed(
         self, weight: np.ndarray, joints: np.ndarray, pair: np.ndarray, where: np.ndarray
     ) -> np.ndarray:
-        """Weighted sums (rows, ...) of yaw and pitch of pairs on intervals `where`, both (rows,) int.
+        """Return ``w_1 yaw + w_2 pitch`` (rows, ...) of the terminals of pairs of rows of joints.
 
-        Weights are (rows, 3), of which the last counts for nothing, joints (J, n, ...).
+        Args:
+            weight: (rows, 3) ``w``, of which the last component is not used.
+            joints: (J, n, ...) values of all joints on n intervals.
+            pair: (rows,) int, index of each row's pair.
+            where: (rows,) int, index of each row's interval.
         """
         # rows of joints are of terminals, whose yaws come first and whose pitches follow
         yaw = joints[self.sight[pair], where].T
@@ -220,10 +229,10 @@ class Bindings:
         number = np.diff(on.begins)[self.layout.owner]
         clause = np.repeat(np.arange(len(number)), number)
         interval = on.begins[self.layout.owner][clause] + places(number)
-        # First a cap around the direction at mid-interval, as wide as it may move: that settles nearly all.
+        # First bound the direction by a cap around where it is at mid-interval: that settles nearly all.
         pair, where = self._rows_of(clause, interval)
         lower, met = self.layout.fold(pair, self.margin(self._caps(evidence, pair, where), pair))
-        minima.meet(clause[::-1], met[::-1], on.centre[interval[::-1]])  # of equals the first
+        minima.meet(clause[::-1], met[::-1], on.centre[interval[::-1]])  # of equal values the first
         settled = lower >= minima.wanted(self.layout, tolerance)[clause]
         np.minimum.at(minima.bound, clause[settled], lower[settled])
         if not np.all(settled):
@@ -232,18 +241,20 @@ class Bindings:
         return minima
 
     def _rows_of(self, clause: np.ndarray, interval: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs and intervals (rows,) of all rows of tasks, given by clauses and intervals, (tasks,) each."""
+        """Return pairs and intervals (rows,) of all rows of tasks, given clauses and intervals (tasks,)."""
         opening = np.flatnonzero(self.layout.opens_clause)
         size = np.diff(np.append(opening, len(self.row)))[clause]
         return np.repeat(opening[clause], size) + places(size), np.repeat(interval, size)
 
     def _caps(self, evidence: Evidence, pair: np.ndarray, where: np.ndarray) -> np.ndarray:
-        """Lower bounds of `_values` on intervals, and the values in their middles: (2, rows).
+        """Return lower bounds of `_values` on intervals, and the values at mid-interval: (2, rows).
+
+        A bound is taken over the cap that the direction may reach from where it is at mid-interval.
 
         Args:
-            evidence: of the trajectories.
-            pair: (rows,) int, number of each row's pair.
-            where: (rows,) int, number of each row's interval.
+            evidence: samples and bounds of the trajectories.
+            pair: (rows,) int, index of each row's pair.
+            where: (rows,) int, index of each row's interval.
         """
         side = self.side[pair]
         middle = self._values(evidence.samples, evidence.on, pair, where, _MIDDLE)[:, 0]
@@ -257,17 +268,17 @@ class Bindings:
         return np.stack([least, middle])
 
     def _noise(self, evidence: Evidence, pair: np.ndarray, where: np.ndarray) -> np.ndarray:
-        """Sizes (rows,) of the rounding errors of `_values` of rows of joints; arguments as of `_caps`."""
+        """Return sizes (rows,) of rounding errors of `_values` for rows of joints; arguments as `_caps`."""
         angle, weight = self.angle[pair], np.abs(self.axis[pair])
         return self._weighed(weight, evidence.rounding.joints[0], pair, where) + ROUNDING * np.abs(angle)
 
     def _rows(self, evidence: Evidence, clause: np.ndarray, interval: np.ndarray) -> Rows:
-        """The polynomials through `_values` for tasks, given by clause (tasks,) and interval (tasks,)."""
+        """Return the polynomials through `_values` for tasks, given clauses and intervals (tasks,)."""
         pair, where = self._rows_of(clause, interval)
         view, on = self.view[pair], evidence.on
         values = self._values(evidence.samples, on, pair, where)
         largest = np.abs(values).max(axis=1)
-        # With |p| = 1 an error d of p changes c by 2 |p - e| d at most, but what is left out by 2 d.
+        # With |p| = 1 an error d of p changes c by at most 2 |p - e| d, but one of p . e changes it by 2 d.
         noise = 2 * evidence.rounding.direction[view, where] * np.sqrt(largest)
         left_out = 2 * evidence.left_out.direction[view, where]
         linear = self._linear(pair)
@@ -284,9 +295,12 @@ class Bindings:
         )
 
     def deciding(self, clause: int, time: float, motion: Motion) -> int:
-        """Number of the pair whose margin is that of a clause, by number, at a time, s.
+        """Return the index of the pair that decides a clause's margin at a time: worst one of the best entry.
 
-        It is the worst one of the best entry; `motion` is that of all trajectories.
+        Args:
+            clause: index of the clause.
+            time: s.
+            motion: that of all trajectories.
         """
         pairs = np.flatnonzero(self.layout.clause == clause)
         if len(pairs) > 1:
@@ -302,11 +316,11 @@ class Bindings:
         """Yield a sentence for each clause whose margin is not proved to be at least minus the allowance.
 
         Args:
-            clauses: (k,) int, those of the trajectory of the claim.
-            minima: of all clauses.
-            motion: of all trajectories.
+            clauses: (k,) int, indices of the clauses of the claim's trajectory.
+            minima: those of all clauses.
+            motion: that of all trajectories.
             claim: what is claimed.
-            allowance: rad.
+            allowance: rad, by which a margin may be negative.
         """
         for clause in clauses[~(minima.bound[clauses] >= -allowance)].tolist():
             time, seen, bound = minima.time[clause], minima.seen[clause], minima.bound[clause]
@@ -315,7 +329,7 @@ class Bindings:
             single = self.layout.opens_entry[own].sum() == 1
             alone = len({claim.zone_names[row] for row in self.row[own]}) == 1  # and no group of zones
             kind, wrong = self._kind(pair)
-            if alone and not single and self.frame[pair] != JOINTS:  # a field of view by its edges
+            if alone and not single and self.frame[pair] != JOINTS:  # a field of view, made of its edges
                 kind, wrong = "zone", "too close to"
             sight, name = claim.sights[self.sight[pair]], claim.zone_names[self.row[pair]]
             place = name if name.startswith(f"{kind} ") else f"the {kind} {name}"
@@ -329,7 +343,7 @@ class Bindings:
                 yield f"the margin of {sight} to {place} {proof}"
 
     def _kind(self, pair: int) -> tuple[str, str]:
-        """The kind of a pair's row and the side on which a sight breaks it, as messages have them."""
+        """Return words for a pair's row and for where a sight breaks it: ("keep-out zone", "inside")."""
         if self.frame[pair] == JOINTS:
             return "mask", "inside"
         outside = self.flip[pair] * self.side[pair] > 0
@@ -337,12 +351,12 @@ class Bindings:
 
 
 def _nested(cones: Constraints) -> tuple[np.ndarray, np.ndarray, Layout]:
-    """Rows and sights (pairs,) of all pairs that are bound, and their layout, with a single owner."""
+    """Return rows and sights (pairs,) of all bound pairs, clause by clause, and their layout."""
     row, sight = np.nonzero(cones.bound)
     entry, group = cones.entry[row].astype(int), cones.group[row].astype(int)
-    leading = cones.group[np.unique(entry)].astype(int)  # a constraint for each of its entries
+    leading = cones.group[np.unique(entry)].astype(int)  # the constraint of each entry
     shared = np.bincount(leading, minlength=len(cones.group))[group] > 1
-    part = np.where(shared, entry, sight)  # of a constraint: what must hold by itself
+    part = np.where(shared, entry, sight)  # the entry of the layout, see the module's description
     order = np.lexsort((sight, row, part, group))
     row, sight, part, group, shared = (each[order] for each in (row, sight, part, group, shared))
     new_group = np.append(True, group[1:] != group[:-1])[: len(row)]

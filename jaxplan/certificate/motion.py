@@ -1,26 +1,28 @@
-"""Motion of platform, joints and moving axes, computed anew for the certificate from their definition.
+"""Motion of platform, joints and moving axes, computed anew for the certificate from its definition.
 
-**Trajectories.** Conventions. ``R`` maps body to inertial, angular velocities are in body axes, joints are
-all yaws, all pitches and all angles of drives (J = 2T + D), sights the boresights of terminals, drives and
-instruments, axes of the body, and vectors of moving parts (S). On a piece (equation 25, corrected)
+**Trajectories.** ``R`` maps body to inertial coordinates, and angular velocities are in body axes. Joints are
+numbered all yaws, all pitches, all angles of drives: J = 2 T + D for T terminals and D drives. The S *sights*
+are the boresights of terminals, drives and instruments, then axes of the body, then vectors of moving parts.
+Each piece of the platform has a *chart*, a reference motion at constant rate (``R_a``, ``t_a``, ``Omega``).
+On it (equation 25, corrected)
 
     R(t) = R_a U exp(eta^) U,   U = exp((t - t_a) Omega^ / 2),   eta(t) = b(t) - (t - t_a) Omega,
 
-with ``b`` and the joints polynomials. Of the trajectory's making nothing else is used: the angular velocity
-and its derivatives are those of the quaternion of ``R``. In its own axes (`Mountings`) a terminal points
-along ``v(yaw, pitch)`` of equation (13); what is left of that and above it turns with it. A drive has a yaw
-alone, and a pitch that stays as it is.
+where ``b``, a rotation vector, and the joint angles are polynomials. Nothing else is used of how the
+trajectory was made: the angular velocity and its derivatives are those of the quaternion of ``R``. In its own
+axes (`Mountings`) a terminal points along ``v(yaw, pitch)`` of equation (13), and the directions to its left
+and upwards turn with it. A drive has a yaw alone; its pitch stays as it is mounted.
 
-The motion is sampled on intervals, each within one piece of the platform and one of the joints, at `NODES`,
-which include both ends; so what lies left and right of a break is there to be compared. Trajectories of one
-spacecraft are evaluated together, their intervals one after the other. What is found on an interval is, to
-the last bit, the same whichever others there are, as long as there are others: over a single one numpy sums
-in another order. So every trajectory is cut in two at least.
+The motion is sampled at `NODES` of intervals, each within one piece of the platform and one of the joints.
+Both ends are among the nodes, so that values just before and after a break can be compared. Trajectories of
+one spacecraft are evaluated together, with their intervals one after the other. Results on an interval do not
+depend, to the last bit, on which others there are, but on whether there are any, as numpy sums in another
+order over a single one. So every trajectory is cut into two at least.
 
-**Axes that move** (*ways*) are ``e = s / |s|``, with ``s`` the cubic between two samples of the given slopes
+**Moving axes** (*ways*) are ``e = s / |s|``, where ``s`` is the cubic between two samples with given slopes
 there. The majorant of ``e`` on an interval (see `series`) is that of ``s`` times that of ``q^(-1/2)`` with
-``q = |s|^2``: where ``q`` is at least ``l`` on the interval, and ``Q`` is a majorant of it without its
-constant term, ``(l - Q)^(-1/2)`` is one.
+``q = |s|^2``. If ``q`` is at least ``l`` on the interval and ``Q`` is its majorant without the constant term,
+then ``(l - Q)^(-1/2)`` is a majorant of ``q^(-1/2)``.
 """
 
 from collections.abc import Sequence
@@ -41,7 +43,7 @@ NODES = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)  # in [-1, 1]: extrema o
 
 
 class Trajectory(Protocol):
-    """A trajectory as the certificate reads it: N pieces of the platform, M of the joints."""
+    """A trajectory as the certificate reads it: N pieces of the platform, M of the J joints; degree p."""
 
     @property
     def breaks(self) -> np.ndarray:
@@ -49,40 +51,40 @@ class Trajectory(Protocol):
 
     @property
     def chart_attitude(self) -> np.ndarray:
-        """(N, 3, 3) ``R_a``, body to inertial."""
+        """(N, 3, 3) rotation matrices ``R_a``, body to inertial."""
 
     @property
     def chart_start(self) -> np.ndarray:
-        """(N,) s, ``t_a``."""
+        """(N,) s, ``t_a``, the time at which each chart's own turn ``U`` is zero."""
 
     @property
     def chart_rate(self) -> np.ndarray:
-        """(N, 3) rad/s, ``Omega``."""
+        """(N, 3) rad/s, ``Omega``, the constant angular velocity of each chart."""
 
     @property
     def coefficients(self) -> np.ndarray:
-        """(N, p + 1, 3) rad, Legendre coefficients of ``b``."""
+        """(N, p + 1, 3) rad, Legendre coefficients of ``b`` on each piece."""
 
     @property
     def joint_breaks(self) -> np.ndarray:
-        """(M + 1,) s, ends of the joints' pieces."""
+        """(M + 1,) s, ends of the joints' pieces, from 0 to the duration."""
 
     @property
     def joint_coefficients(self) -> np.ndarray:
-        """(M, p + 1, J) rad, Legendre coefficients of the joints."""
+        """(M, p + 1, J) rad, Legendre coefficients of the joint angles on each piece."""
 
     @property
     def smoothness(self) -> int:
-        """How many derivatives by time are claimed to be continuous at all breaks, which is to be proved."""
+        """Number of time derivatives that are claimed to be continuous at all breaks, to be proved."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Way:
-    """A moving inertial axis as a function of time, a normalised cubic spline.
+    """A moving inertial axis as a function of time, a cubic spline ``s`` scaled to unit length.
 
     Attributes:
         breaks: (n,) s, ends of its pieces.
-        cubics: (4, 3, n - 1) Taylor coefficients of ``s`` on each piece about its start.
+        cubics: (4, 3, n - 1) Taylor coefficients of ``s`` on each piece about the start of the piece.
     """
 
     breaks: np.ndarray
@@ -90,7 +92,7 @@ class Way:
 
     @classmethod
     def of(cls, path: DirectionPath) -> Self:
-        """The axis of a path, whose numbers must be finite and whose times rise."""
+        """Make the way of a path, whose numbers must be finite and whose times must rise."""
         times, p, m = (np.asarray(part, np.float64) for part in (path.times, path.samples, path.slopes))
         h = np.diff(times)[:, None]
         chord = np.diff(p, axis=0) / h
@@ -98,19 +100,19 @@ class Way:
         return cls(breaks=times, cubics=np.moveaxis(np.stack([p[:-1], m[:-1], square, cube]), 1, 2))
 
     def holding(self, time: np.ndarray) -> np.ndarray:
-        """Numbers (n,) of the pieces that hold at times (n,) s; at a break the later one."""
+        """Return indices (n,) of the pieces that contain times (n,) s; the later one at a break."""
         return np.clip(np.searchsorted(self.breaks, time, side="right") - 1, 0, len(self.breaks) - 2)
 
     def at(self, piece: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Unit vectors (3, n, m) at times (n, m) s of some pieces (n,)."""
+        """Return unit vectors (3, n, m), inertial, at times (n, m) s of pieces with indices (n,)."""
         value = self._taylor(piece, time)[0]
         return value / np.linalg.norm(value, axis=0)
 
     def majorant(self, centre: np.ndarray, half: np.ndarray, orders: int) -> np.ndarray:
-        """Majorant (orders, n) on intervals within pieces, in the unit of half widths; one at order zero.
+        """Return the majorant (orders, n) on intervals within pieces, in the unit of half widths.
 
         Args:
-            centre: (n,) s, of the intervals.
+            centre: (n,) s, centres of the intervals.
             half: (n,) s, their half widths.
             orders: number of orders to return.
         """
@@ -124,16 +126,16 @@ class Way:
         return found
 
     def rounding(self, centre: np.ndarray, half: np.ndarray) -> np.ndarray:
-        """Sizes (n,) of the rounding errors of `at` on intervals of centres (n,) and half widths (n,), s."""
+        """Return sizes (n,) of rounding errors of `at` on intervals, by centres and half widths (n,) s."""
         return ROUNDING * (1 + np.linalg.norm(self._cubic(centre, half), axis=1).sum(axis=0))
 
     def _cubic(self, centre: np.ndarray, half: np.ndarray) -> np.ndarray:
-        """Taylor coefficients (4, 3, n) of ``s`` about centres (n,) s, in the unit of half widths (n,) s."""
+        """Return Taylor coefficients (4, 3, n) of ``s`` about centres (n,) s, in units of `half` (n,) s."""
         about = self._taylor(self.holding(centre), centre[:, None])[..., 0]
         return about * half ** np.arange(4)[:, None, None]
 
     def _taylor(self, piece: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Taylor coefficients (4, 3, n, m) of ``s`` about times (n, m) s, on pieces (n,) by number."""
+        """Return Taylor coefficients (4, 3, n, m) of ``s`` about times (n, m) s, on pieces by index (n,)."""
         x = time - self.breaks[piece, None]
         a, b, c, d = self.cubics[:, :, piece, None]
         return np.stack(
@@ -142,7 +144,12 @@ class Way:
 
 
 def _inverse_root(least: np.ndarray, majorant: np.ndarray) -> np.ndarray:
-    """Series (orders, n) of ``(least - Q)^(-1/2)``, ``Q`` the majorant (orders, n) without constant term."""
+    """Return the series (orders, n) of ``(least - Q)^(-1/2)``.
+
+    Args:
+        least: (n,) positive constant term; NaN makes the result NaN.
+        majorant: (orders, n) ``Q``, of which order zero is not used.
+    """
     result = np.empty_like(majorant)
     result[0] = least**-0.5
     for k in range(1, len(majorant)):
@@ -152,20 +159,20 @@ def _inverse_root(least: np.ndarray, majorant: np.ndarray) -> np.ndarray:
 
 
 def places(sizes: np.ndarray) -> np.ndarray:
-    """The ranges ``0 .. size - 1`` of sizes (k,), one after the other: (sum of sizes,)."""
+    """Return the ranges ``0 .. size - 1`` for all sizes (k,), one after the other: (sum of sizes,)."""
     return np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Intervals:
-    """Intervals of time with the pieces that hold on them, those of a trajectory in the order of time.
+    """Intervals of time with the pieces that contain them, trajectory by trajectory and in order of time.
 
     Attributes:
         low: (n,) s, where each begins.
         high: (n,) s, where it ends.
-        piece: (n,) number of the platform's piece.
-        joint_piece: (n,) number of the joints' piece.
-        trajectory: (n,) number of the trajectory, rising.
+        piece: (n,) index of the platform's piece.
+        joint_piece: (n,) index of the joints' piece.
+        trajectory: (n,) index of the trajectory, not falling.
     """
 
     low: np.ndarray
@@ -176,27 +183,27 @@ class Intervals:
 
     @cached_property
     def centre(self) -> np.ndarray:
-        """(n,) s, middles."""
+        """(n,) s, midpoints of the intervals."""
         return (self.low + self.high) / 2
 
     @cached_property
     def half(self) -> np.ndarray:
-        """(n,) s, half widths."""
+        """(n,) s, half widths of the intervals."""
         return (self.high - self.low) / 2
 
     @cached_property
     def begins(self) -> np.ndarray:
-        """(trajectories + 1,) number of the first interval of each trajectory, and n."""
+        """(trajectories + 1,) index of the first interval of each trajectory, then n."""
         return np.searchsorted(self.trajectory, np.arange(self.trajectory[-1] + 2))
 
     @classmethod
     def joined(cls, several: Sequence[Self]) -> Self:
-        """The intervals of several trajectories, one after the other."""
+        """Concatenate the intervals of several trajectories."""
         names = [each.name for each in fields(cls)]
         return cls(**{name: np.concatenate([getattr(on, name) for on in several]) for name in names})
 
     def cut(self, parts: np.ndarray) -> Self:
-        """The intervals, each cut into a number of equal parts, `parts` (n,) int."""
+        """Return the intervals with each cut into equal parts, as many as `parts` (n,) int says."""
         whole = {each.name: np.repeat(getattr(self, each.name), parts) for each in fields(self)}
         share = places(parts) / np.repeat(parts, parts)
         low = whole["low"] + share * (whole["high"] - whole["low"])
@@ -211,9 +218,10 @@ class Samples:
 
     Attributes:
         time: (n, m) s.
-        attitude: (3, 3, n, m) body to inertial.
-        spin: (3, 3, n, m) angular velocity and its two derivatives (first axis), rad/s, rad/s^2, rad/s^3.
-        joints: (4, J, n, m) joints and their three derivatives, rad, rad/s, ...
+        attitude: (3, 3, n, m) rotation matrices, body to inertial.
+        spin: (3, 3, n, m) angular velocity and its two derivatives (first axis), body axes, rad/s, rad/s^2,
+            rad/s^3.
+        joints: (4, J, n, m) joint angles and their three derivatives, rad, rad/s, ...
         in_body: (S, 3, n, m) sights, unit vectors in body axes.
         boresights: (S, 3, n, m) sights, inertial unit vectors.
     """
@@ -228,14 +236,15 @@ class Samples:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Views:
-    """Directions that are sampled beside the inertial boresights of the devices; none by default.
+    """Directions that are sampled beside the boresights of the devices; none by default.
 
     Attributes:
         body: (b, 3) unit vectors, axes of the body that are sights.
-        carrier: (v,) int, the devices whose moving parts carry further sights.
-        carried: (v, 3) unit vectors, these sights at no angles: ahead, to the left, and up.
-        within: (k, 2) int, pairs whose scalar products are taken in body axes: a sight, and the sight that is
-            the axis, or -1 for axes of the body.
+        carrier: (v,) int, indices of the devices whose moving parts carry further sights.
+        carried: (v, 3) unit vectors, these sights at zero joint angles, by components ahead, left and up of
+            their device's axes (`Mountings.axes`).
+        within: (k, 2) int, pairs of directions that are compared in body axes: index of a sight, and index of
+            the sight that is the axis, or -1 where the axis is fixed in the body.
     """
 
     body: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
@@ -245,7 +254,7 @@ class Views:
 
     @classmethod
     def of(cls, cones: Constraints, within: np.ndarray) -> Self:
-        """The views of checked constraints with arrays in float64, and of pairs `within` as above."""
+        """Return the views of checked constraints with arrays in float64; `within` is as in `Views`."""
         return cls(
             body=cones.body / np.linalg.norm(cones.body, axis=-1, keepdims=True),
             carrier=cones.carrier.astype(int),
@@ -259,9 +268,10 @@ class Mountings:
     """How devices with joints are mounted on the body: T terminals, then D drives.
 
     Attributes:
-        axes: (T + D, 3, 3) unit vectors in body axes, rows: where a terminal points at no angles, or across a
-            drive's axis; what is to the left of that; the axis of the yaw.
-        tilts: (D,) rad, of drives' boresights above the plane across their axes.
+        axes: (T + D, 3, 3) unit vectors in body axes as rows: ahead, left, up. Up is the axis of rotation of
+            yaw or drive; ahead is the boresight at zero angles, for a drive projected onto the plane across
+            its axis.
+        tilts: (D,) rad, elevation of drives' boresights above the plane across their axes.
     """
 
     axes: np.ndarray
@@ -269,7 +279,7 @@ class Mountings:
 
     @classmethod
     def of(cls, spacecraft: Spacecraft) -> Self:
-        """The mountings of a spacecraft whose numbers have been checked."""
+        """Return the mountings of a spacecraft whose numbers have been checked."""
         axes, tilts = list[np.ndarray](), list[float]()
         for terminal in spacecraft.terminals:
             if terminal.mounting is None:
@@ -285,16 +295,18 @@ class Mountings:
         return cls(axes=np.array(axes, np.float64).reshape(-1, 3, 3), tilts=np.array(tilts, np.float64))
 
     def split(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Yaws and pitches (T + D, ...) of devices, from joints (J, ...); of a drive its angle and zero."""
+        """Split joints (J, ...) into yaws and pitches (T + D, ...); drives have yaw alone, pitch zero."""
         terminals = len(self.axes) - len(self.tilts)
         yaw, pitch, angle = np.split(joints, [terminals, 2 * terminals])
         return np.concatenate([yaw, angle]), np.concatenate([pitch, np.zeros_like(angle)])
 
 
 def _axes(axis: np.ndarray, boresight: np.ndarray) -> tuple[np.ndarray, float]:
-    """Axes (3, 3) of a device, as rows of `Mountings.axes`, and its boresight's tilt, rad.
+    """Return the axes (3, 3) of a device as in `Mountings.axes`, and the tilt of its boresight, rad.
 
-    `axis`, about which the device turns, and `boresight` are (3,), body axes.
+    Args:
+        axis: (3,) body axes, about which the device turns.
+        boresight: (3,) body axes, at zero angle; not along the axis.
     """
     up = np.asarray(axis, np.float64) / np.linalg.norm(axis)
     ahead = np.asarray(boresight, np.float64)
@@ -305,15 +317,17 @@ def _axes(axis: np.ndarray, boresight: np.ndarray) -> tuple[np.ndarray, float]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """Curves of the platform and the joints, of one trajectory or of several, with the sights they carry.
+    """Curves of platform and joints, of one trajectory or of several, with the sights they carry.
+
+    All trajectories are of one spacecraft; their pieces are numbered one after the other, N in all.
 
     Attributes:
         platform: polynomials of ``b``, rad.
-        joints: polynomials of the joints, rad.
-        chart_attitude: (N, 3, 3) ``R_a``.
+        joints: polynomials of the joint angles, rad.
+        chart_attitude: (N, 3, 3) ``R_a``, body to inertial.
         chart_start: (N,) s, ``t_a``.
         chart_rate: (N, 3) rad/s, ``Omega``.
-        mountings: of terminals and drives.
+        mountings: those of terminals and drives.
         fixed_boresights: (i, 3) unit vectors of the instruments, body axes.
         views: directions that are sampled beside the devices' boresights.
     """
@@ -329,7 +343,7 @@ class Motion:
 
     @classmethod
     def of(cls, spacecraft: Spacecraft, views: Views, *trajectories: Trajectory) -> Self:
-        """The motion of checked trajectories in float64, all of the same number of coefficients a piece."""
+        """Join checked trajectories in float64, all with the same number of coefficients in each piece."""
         fixed = spacecraft.fixed_boresights
         return cls(
             platform=Pieces.of(*((one.breaks, one.coefficients) for one in trajectories)),
@@ -344,11 +358,11 @@ class Motion:
 
     @cached_property
     def fixed(self) -> np.ndarray:
-        """(f, 3) unit vectors, all sights that are fixed in the body."""
+        """(f, 3) unit vectors in body axes, all sights that are fixed in the body: instruments, then axes."""
         return np.concatenate([self.fixed_boresights, self.views.body])
 
     def between(self, edges: np.ndarray, trajectory: int = 0) -> Intervals:
-        """The intervals of a trajectory, by number, between edges (n + 1,) s, its breaks among them."""
+        """Return the intervals of the trajectory of this index between edges (n + 1,) s, breaks included."""
         centre = (edges[:-1] + edges[1:]) / 2
         return Intervals(
             low=edges[:-1],
@@ -359,10 +373,10 @@ class Motion:
         )
 
     def pieces(self, ways: Sequence[Way] = ()) -> Intervals:
-        """The longest intervals on which no piece changes, those of ways included; two a trajectory at least.
+        """Return the longest intervals within single pieces; at least two for each trajectory.
 
         Args:
-            ways: zones' axes that move, where there is a single trajectory.
+            ways: the moving inertial axes, only for a single trajectory.
         """
         found = []
         for number in range(len(self.platform.begins) - 1):
@@ -375,7 +389,7 @@ class Motion:
         return Intervals.joined(found)
 
     def turn(self, on: Intervals, time: np.ndarray, orders: int) -> np.ndarray:
-        """Jets (orders, 3, n, m) of ``eta``, rad, at times (n, m) s of n intervals; at least two orders."""
+        """Return jets (orders, 3, n, m) of ``eta``, rad, at times (n, m) s of n intervals; `orders` > 1."""
         eta = self.platform.taylor(on.piece, time, orders)
         rate = self.chart_rate[on.piece].T[..., None]
         eta[0] -= (time - self.chart_start[on.piece, None]) * rate
@@ -383,9 +397,9 @@ class Motion:
         return eta
 
     def sample(self, on: Intervals, nodes: np.ndarray = NODES) -> Samples:
-        """The motion at the same places (m,) in [-1, 1] of each interval.
+        """Sample the motion at the same places (m,) in [-1, 1] of each interval.
 
-        Where a chart turns by more than `series.LARGEST_TURN` it is NaN.
+        It is NaN where ``eta`` or the turn of a chart is longer than `series.LARGEST_TURN`.
         """
         time = on.centre[:, None] + on.half[:, None] * nodes
         turn = self.turn(on, time, 4)
@@ -412,7 +426,7 @@ class Motion:
         )
 
     def _in_body(self, joints: np.ndarray) -> np.ndarray:
-        """Sights (S, 3, n, m), unit vectors in body axes, at joints (J, n, m) rad."""
+        """Return the sights (S, 3, n, m), unit vectors in body axes, at joint angles (J, n, m) rad."""
         azimuth, elevation = self.mountings.split(joints)
         if len(self.mountings.tilts):
             elevation[-len(self.mountings.tilts) :] += self.mountings.tilts[:, None, None]

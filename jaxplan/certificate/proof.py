@@ -1,7 +1,8 @@
-"""Prove claims, many at once, and every margin of one claim.
+"""Certify claims, many at once, and bound every margin of one claim.
 
-Claims are put in groups of one shape, whose trajectories lie one after the other in the same arrays; see
-`motion` and `bounds`. What is said of each is, to the last bit, the same whichever others there are.
+Claims whose spacecraft and arrays are alike make up a group, and the trajectories of a group lie one after
+the other in the same arrays; see `motion` and `bounds`. The result for a claim does not depend, to the last
+bit, on which other claims are certified with it.
 """
 
 from collections.abc import Callable, Hashable, Sequence
@@ -23,27 +24,30 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import in_groups
 
 MARGIN_ALLOWANCE = 1e-9  # rad by which a margin may fall below zero
-LIMIT_ALLOWANCE = 1e-9  # of the limit, by which it may be passed
+LIMIT_ALLOWANCE = 1e-9  # fraction of a limit by which it may be exceeded
 _TOGETHER = 16  # trajectories that are proved at once, so that their samples stay in the cache
-_PIECES = 64  # of a trajectory: longer ones are proved one by one
+_PIECES = 64  # most breaks of a trajectory that is proved with others
 
 
 def certify(claim: Claim) -> Certificate:
     """Prove that a trajectory keeps all limits and zones and ends where it should, or say what fails.
 
-    Certified is a trajectory on which at every instant every zone and every limit holds, attitude,
-    joints and their rates are continuous, with as many more derivatives as it claims, and which starts and
+    A trajectory is certified if at every instant it keeps every zone and every limit; if attitude, joints and
+    their rates are continuous, and as many further derivatives as the trajectory claims; and if it starts and
     ends in the wanted states.
 
     Returns:
-        The certificate. Whatever the numbers are, nothing is raised.
+        The certificate. Bad numbers lead to faults in it and never to an exception.
     """
     return certify_batch([claim])[0]
 
 
 def certify_batch(claims: Sequence[Claim]) -> list[Certificate]:
-    """Certify many trajectories together, in less time than one by one; see `certify`."""
-    with np.errstate(all="ignore"):  # NaN and infinities are found by their values
+    """Certify many trajectories together, faster than one by one; certificates are in the order of claims.
+
+    See `certify`.
+    """
+    with np.errstate(all="ignore"):  # NaN and infinities are detected in the results
         cases = [Case.of(claim) for claim in claims]
         legible = [case for case in cases if isinstance(case, Case)]
         proved = iter(in_groups(legible, lambda case: case.kind, _certify, most=_TOGETHER))
@@ -51,13 +55,13 @@ def certify_batch(claims: Sequence[Claim]) -> list[Certificate]:
 
 
 def prove_margins(claim: Claim) -> tuple[ProvedMargin, ...]:
-    """Bound the margin of every device to every zone that binds it, each as closely as the smallest of all.
+    """Bound the margin of every sight to every zone that binds it, each as closely as the smallest of all.
 
     `certify` bounds the larger margins only as far as its answer needs; this takes more work.
 
     Returns:
-        One a pair of zone and device, and one for all the zones of a group; in the order of the zones,
-        groups last. None of a trajectory that cannot be evaluated.
+        One margin for each pair of zone and sight, and one for each group of zones; in the order of the
+        constraints' rows. Empty for a trajectory that cannot be evaluated.
     """
     with np.errstate(all="ignore"):
         case = Case.of(claim)
@@ -80,12 +84,12 @@ def prove_margins(claim: Claim) -> tuple[ProvedMargin, ...]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
-    """A claim whose form has been checked.
+    """A claim whose form has been checked, with what is computed from it before the proof.
 
     Attributes:
         claim: as it was made.
-        static: whether it is of a state without duration, which is held for a second.
-        curve: its trajectory in float64, held for a second if static.
+        static: whether it is of a state without duration, which is kept for one second instead.
+        curve: its trajectory in float64; if static, that of one second.
         bindings: the pairs of its zones and sights.
     """
 
@@ -96,7 +100,7 @@ class Case:
 
     @classmethod
     def of(cls, claim: Claim) -> Self | Certificate:
-        """The case, or a certificate that says what is wrong with its form."""
+        """Check a claim; return the case, or a certificate whose faults say what is wrong with its form."""
         curve, cones = form.plain(claim.trajectory), form.plain(claim.cones)
         refused = form.faults(claim, curve, cones)
         if refused:
@@ -115,7 +119,7 @@ class Case:
     def kind(self) -> Hashable:
         """A key that is equal for cases that may be proved together."""
         if self.bindings.ways or len(self.curve.breaks) > _PIECES:
-            return id(self)  # alone
+            return id(self)  # to be proved alone
         craft = self.claim.spacecraft
         given = (quantity.given(craft) for quantity in QUANTITIES)
         mountings = Mountings.of(craft)
@@ -137,7 +141,7 @@ class Case:
 
 
 def _gathered(cases: Sequence[Case]) -> tuple[Motion, Bindings, Evidence]:
-    """The motion of cases of one kind side by side, the sights held against zones, and bounds of both."""
+    """Return motion, bindings and evidence of cases of one kind, their trajectories one after the other."""
     craft, several = cases[0].claim.spacecraft, [case.bindings for case in cases]
     bindings = Bindings.joined(several)
     motion = Motion.of(craft, bindings.views, *(case.curve for case in cases))
@@ -152,7 +156,7 @@ def _legible(evidence: Evidence) -> bool:
 
 
 def _certify(cases: Sequence[Case]) -> list[Certificate]:
-    """Certificates of cases of one kind."""
+    """Certify cases of one kind together; return their certificates in order."""
     motion, bindings, evidence = _gathered(cases)
     if not _legible(evidence):
         if len(cases) > 1:
@@ -178,13 +182,13 @@ class _Proof:
     """Bounds of trajectories that are proved together.
 
     Attributes:
-        motion: of all trajectories.
+        motion: that of all trajectories.
         bindings: their pairs of zones and sights.
-        evidence: of all trajectories.
-        limited: samples of what their spacecraft limits.
-        margin: least margins of the clauses of all.
-        room: least ``1 - |f| / limit`` of the limited components, trajectory by trajectory.
-        jumps: of every component from every interval to the next, as of `limits.jumps`.
+        evidence: samples and bounds of all trajectories.
+        limited: samples of the quantities that their spacecraft limits.
+        margin: least margins of all clauses, rad.
+        room: least ``1 - |f| / limit`` of the limited components ``f``, trajectory by trajectory.
+        jumps: jumps of every component from each interval to the next, as `limits.jumps` returns them.
     """
 
     motion: Motion
@@ -196,7 +200,7 @@ class _Proof:
     jumps: dict[str, np.ndarray]
 
     def certificate(self, case: Case, place: int) -> Certificate:
-        """The certificate of a case, whose trajectory has the number `place` among all."""
+        """Return the certificate of a case; `place` is the index of its trajectory among all."""
         claim, bindings, margin, samples = case.claim, self.bindings, self.margin, self.evidence.samples
         first, beyond = self.evidence.on.begins[place : place + 2].tolist()
         clauses = np.flatnonzero(bindings.layout.owner == place)
@@ -246,7 +250,14 @@ class _Proof:
 
 
 def _proved_margin(case: Case, clause: int, found: Minima, pair: int) -> ProvedMargin:
-    """The margin of a clause, by number, as `ProvedMargin`; `pair` is the one that decides it."""
+    """Return a clause's margin as `ProvedMargin`.
+
+    Args:
+        case: the claim's case.
+        clause: index of the clause.
+        found: minima of all clauses.
+        pair: index of the pair of zone and sight that decides the margin.
+    """
     bindings, names = case.bindings, case.claim.zone_names
     rows = np.unique(bindings.row[bindings.layout.clause == clause])
     return ProvedMargin(
@@ -259,7 +270,10 @@ def _proved_margin(case: Case, clause: int, found: Minima, pair: int) -> ProvedM
 
 
 def carried_excess(craft: Spacecraft) -> Callable[[Intervals, Majorants], np.ndarray] | None:
-    """How far errors of what stages carry exceed what is wanted, for `bounds.gather`; None without stages."""
+    """Return the function that `bounds.gather` needs for errors of the stages' momenta; None without stages.
+
+    From intervals and majorants it computes how many times as large as wanted these errors are.
+    """
     if not len(inertia.numbers(craft)):
         return None
     least = dict.fromkeys((1, 2), np.inf)
@@ -274,11 +288,11 @@ def carried_excess(craft: Spacecraft) -> Callable[[Intervals, Majorants], np.nda
 
 
 def negligible(spacecraft: Spacecraft, several: Sequence[Bindings]) -> Errors:
-    """Errors that are `bounds.NEGLIGIBLE` beside the angles and limits they are compared with.
+    """Return errors that are `bounds.NEGLIGIBLE` times the angles and limits they are compared with.
 
     Args:
-        spacecraft: of all trajectories.
-        several: the bindings of each, which number the last axis.
+        spacecraft: that of all trajectories.
+        several: the bindings of each trajectory; the last axis of the errors numbers the trajectories.
     """
     heaviest = 1.0 if spacecraft.inertia is None else np.linalg.norm(inertia.matrix(spacecraft.inertia), 2)
     spin, joints, attitude = np.full(3, np.inf), [[np.zeros(0)] for _ in range(3)], None

@@ -1,16 +1,16 @@
-"""Power series in time of what moves, and piecewise polynomials in the Legendre basis.
+"""Power series in time of moving quantities, and piecewise polynomials in the Legendre basis.
 
-**Jets** are the first Taylor coefficients of functions of time, many at once. A jet is an array whose first
-axis is the order: ``f(t + s) = sum_k jet[k] s^k``. The last axis numbers the instants (or intervals), ``n``
-below. A majorant of a function on an interval is a jet of numbers that bound the length of its Taylor
-coefficients about every point of the interval. Sums, products and exponentials of majorants are majorants, so
-the same functions serve for both.
+**Jets** are the first K Taylor coefficients of functions of time, many at once. A jet is an array whose first
+axis is the order: ``f(t + s) = sum_k jet[k] s^k``. The last axis, of length n below, numbers the instants or
+intervals. A *majorant* of a function on an interval is a jet of numbers that bound the length of its Taylor
+coefficients about every point of the interval. Sums, products and exponentials of majorants are again
+majorants, so the same functions serve for both.
 
-Quaternions are unit, scalar first; ``q v q*`` turns body into inertial coordinates.
+Quaternions ``q`` are of unit length, scalar first; ``q v q*`` turns body into inertial coordinates.
 
-**Pieces** are polynomials in the Legendre basis, evaluated with all their derivatives. Derivatives are taken
-of the Legendre coefficients, once, in their own basis: a change to powers over a whole piece would cost four
-digits at order 12.
+**Pieces** are polynomials in the Legendre basis, evaluated with all their derivatives. The Legendre
+coefficients of the derivatives are computed once: a change to powers of time over a whole piece would cost
+four digits at order 12.
 """
 
 from dataclasses import dataclass
@@ -28,10 +28,10 @@ _TERMS = 32  # of that series
 
 
 def product(subscripts: str, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Jet of a product of two functions, ``f_k = sum_i a_i b_(k-i)``.
+    """Return the jet of a product of two functions, ``f_k = sum_i a_i b_(k-i)``.
 
     Args:
-        subscripts: of one factor with the other, as `numpy.einsum` takes them, without the order.
+        subscripts: how the factors are multiplied, as `numpy.einsum` takes it, without the axis of the order.
         first: (K, ...) jet.
         second: (K, ...) jet.
 
@@ -46,18 +46,14 @@ def product(subscripts: str, first: np.ndarray, second: np.ndarray) -> np.ndarra
 
 
 def slope(jet: np.ndarray) -> np.ndarray:
-    """Jet of the derivative, one order shorter: ``f'_k = (k + 1) f_(k+1)``."""
+    """Return the jet of the derivative, one order shorter: ``f'_k = (k + 1) f_(k+1)``."""
     return jet[1:] * np.arange(1, len(jet)).reshape(-1, *[1] * (jet.ndim - 1))
 
 
 def exponential(jet: np.ndarray) -> np.ndarray:
-    """Jet of ``exp(f)`` for scalars ``f``, from ``k e_k = sum_i i f_i e_(k-i)``.
+    """Return the jet (K, ...) of ``exp(f)`` from the jet (K, ...) of scalars ``f``.
 
-    Args:
-        jet: (K, ...) of f.
-
-    Returns:
-        (K, ...).
+    It follows from ``k e_k = sum_i i f_i e_(k-i)``.
     """
     rate = slope(jet)
     result = np.empty_like(jet)
@@ -69,14 +65,14 @@ def exponential(jet: np.ndarray) -> np.ndarray:
 
 @lru_cache
 def _binomials(orders: int, length: int) -> np.ndarray:
-    """Binomial coefficients ``j over k`` (orders, length), k along the first axis."""
+    """Return binomial coefficients ``j over k`` as an array (orders, length), k along the first axis."""
     return np.array([[comb(j, k) for j in range(length)] for k in range(orders)], dtype=float)
 
 
 def majorant(sizes: np.ndarray, orders: int) -> np.ndarray:
-    """Majorant of a polynomial on an interval, from the sizes of its Taylor coefficients about the centre.
+    """Return the majorant of a polynomial on an interval, from its Taylor coefficients about the centre.
 
-    Both are in the unit of the half width h.
+    The unit of time of both is the half width of the interval.
 
     Args:
         sizes: (p + 1, ...) lengths of the Taylor coefficients.
@@ -90,13 +86,13 @@ def majorant(sizes: np.ndarray, orders: int) -> np.ndarray:
 
 @lru_cache
 def _chain_series(members: int) -> np.ndarray:
-    """Coefficients of ``f_m = sum_j (-x^2 / 2)^j / (j! (2 (m + j) - 1)!!)``: (members, terms)."""
+    """Return coefficients (members, terms) of ``f_m = sum_j (-x^2 / 2)^j / (j! (2 (m + j) - 1)!!)``."""
     odd = np.cumprod([1.0, *range(1, 2 * (members + _TERMS), 2)])  # (2 i - 1)!!
     return np.array([[1 / (factorial(j) * odd[m + j]) for j in range(_TERMS)] for m in range(members)])
 
 
 def _cosine_and_sinc(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Jets (K, n) of ``cos x`` and ``sin x / x`` from that (K, n) of ``x^2``, smooth at zero.
+    """Return jets (K, n) of ``cos x`` and ``sin x / x``, smooth at zero, from the jet (K, n) of ``x^2``.
 
     They begin the chain ``f_0 = cos x, f_1 = sin x / x, ...`` in which ``df_m / d(x^2) = -f_(m+1) / 2``:
     order k + 1 of one member follows from the orders up to k of the next.
@@ -113,10 +109,10 @@ def _cosine_and_sinc(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def quaternion(rotation_vector: np.ndarray) -> np.ndarray:
-    """Jet of the unit quaternion of a rotation vector.
+    """Return the jet of the unit quaternion, scalar first, of a rotation vector.
 
     Args:
-        rotation_vector: (K, 3, n) rad.
+        rotation_vector: (K, 3, n) jet, rad.
 
     Returns:
         (K, 4, n); NaN where the rotation vector is longer than `LARGEST_TURN`.
@@ -128,7 +124,7 @@ def quaternion(rotation_vector: np.ndarray) -> np.ndarray:
 
 
 def multiply(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Jet of Hamilton's product of two quaternions, both (K, 4, n)."""
+    """Return the jet (K, 4, n) of Hamilton's product of two quaternion jets (K, 4, n), scalar first."""
     w, x, y, z = np.moveaxis(first, 1, 0)
     rows = ((w, -x, -y, -z), (x, w, -z, y), (y, z, w, -x), (z, -y, x, w))
     matrix = np.stack([np.stack(row, axis=1) for row in rows], axis=1)
@@ -136,7 +132,7 @@ def multiply(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def rotation(quaternion: np.ndarray) -> np.ndarray:
-    """Rotation matrices (3, 3, n) of unit quaternions (4, n), which are no jets."""
+    """Return the rotation matrices (3, 3, n) of unit quaternions (4, n), scalar first; values, not jets."""
     w, x, y, z = quaternion
     return np.array(
         [
@@ -148,7 +144,7 @@ def rotation(quaternion: np.ndarray) -> np.ndarray:
 
 
 def body_rate(quaternion_jet: np.ndarray) -> np.ndarray:
-    """Jet (K - 1, 3, n) of the angular velocity ``2 q* q'``, rad/s, body axes, from that (K, 4, n) of q."""
+    """Return the jet (K - 1, 3, n) of the angular velocity ``2 q* q'``, rad/s, body axes, from one of q."""
     conjugate = quaternion_jet * np.array([1, -1, -1, -1])[:, None]
     return 2 * multiply(conjugate[:-1], slope(quaternion_jet))[:, 1:]
 
@@ -160,7 +156,7 @@ _ENDS = slice(None, -1), slice(1, None)
 
 @lru_cache
 def _operators(degree: int) -> np.ndarray:
-    """Matrices (k, to, from) that map Legendre coefficients to those of the k-th derivative over k!."""
+    """Return matrices (k, to, from) from Legendre coefficients to those of the k-th derivative over k!."""
     once = np.zeros((degree + 1, degree + 1))
     once[:degree] = legendre.legder(np.eye(degree + 1))[:degree]
     powers = [np.eye(degree + 1)]
@@ -173,14 +169,14 @@ def _operators(degree: int) -> np.ndarray:
 class Pieces:
     """Polynomials of degree p in c components on the intervals between breaks, of one curve or of several.
 
-    The pieces of all curves are numbered one after the other.
+    The N pieces of all curves are numbered one after the other.
 
     Attributes:
         first: (N,) s, where each piece begins.
         last: (N,) s, where it ends.
-        derivatives: (N, p + 1, p + 1, c) Legendre coefficients (second axis) of the k-th derivative in time
-            over k! (third axis).
-        begins: (curves + 1,) number of each curve's first piece, and N.
+        derivatives: (N, p + 1, p + 1, c) Legendre coefficients (second axis) of the k-th time derivative over
+            k! (third axis, k).
+        begins: (curves + 1,) index of each curve's first piece, then N.
     """
 
     first: np.ndarray
@@ -190,11 +186,11 @@ class Pieces:
 
     @classmethod
     def of(cls, *curves: tuple[np.ndarray, np.ndarray]) -> Self:
-        """The pieces of curves, each given by breaks (pieces + 1,) s and coefficients (pieces, p + 1, c)."""
+        """Join curves, each given by breaks (pieces + 1,) s and coefficients (pieces, p + 1, c)."""
         first, last = (np.concatenate([breaks[part] for breaks, _ in curves]) for part in _ENDS)
         coefficients = np.concatenate([own for _, own in curves])
         pieces, length, components = coefficients.shape
-        # One product a piece, so that none depends on how many there are.
+        # One product for each piece, so that results do not depend on the number of pieces.
         derivatives = _operators(length - 1).reshape(-1, length) @ coefficients
         derivatives = derivatives.reshape(pieces, length, length, components).swapaxes(1, 2)
         unit = (2 / (last - first))[:, None, None] ** np.arange(length)[:, None]
@@ -207,29 +203,32 @@ class Pieces:
 
     @property
     def length(self) -> int:
-        """Number of coefficients, p + 1."""
+        """Number of coefficients of each piece, p + 1."""
         return self.derivatives.shape[1]
 
     def breaks(self, curve: int = 0) -> np.ndarray:
-        """Breaks (pieces + 1,) s of one curve, by number."""
+        """Return the breaks (pieces + 1,) s of the curve with this index."""
         own = slice(*self.begins[curve : curve + 2])
         return np.append(self.first[own], self.last[own][-1:])
 
     def holding(self, time: np.ndarray, curve: int = 0) -> np.ndarray:
-        """Numbers of the pieces of the given curve that hold at times (n,) s; at a break the later one."""
+        """Return indices (n,) of the curve's pieces that contain times (n,) s; the later one at a break.
+
+        Beyond the ends it is the first or the last piece.
+        """
         begin, end = self.begins[curve : curve + 2]
         return begin + np.clip(np.searchsorted(self.first[begin:end], time, side="right") - 1, 0, None)
 
     def taylor(self, piece: np.ndarray, time: np.ndarray, orders: int) -> np.ndarray:
-        """Taylor coefficients about some instants.
+        """Return Taylor coefficients about given instants.
 
         Args:
-            piece: (n,) number of the polynomial to take.
-            time: (n, m) s.
-            orders: how many coefficients.
+            piece: (n,) index of the polynomial to evaluate.
+            time: (n, m) s; outside of the piece its polynomial is continued.
+            orders: how many coefficients; those beyond the degree are zero.
 
         Returns:
-            (orders, c, n, m), of the powers of seconds.
+            (orders, c, n, m), of powers of seconds.
         """
         first, last = self.first[piece, None], self.last[piece, None]
         argument = ((time - first) - (last - time)) / (last - first)
@@ -242,9 +241,9 @@ class Pieces:
         return result
 
     def rounding(self, piece: np.ndarray, orders: int) -> np.ndarray:
-        """Sizes (orders, c, n) of the rounding errors of `taylor` on whole pieces (n,), by number.
+        """Return sizes (orders, c, n) of the rounding errors of `taylor` anywhere on pieces, by index (n,).
 
-        They are those of the sums and, a quarter as large relative to its slope, that of their argument.
+        They are those of the sums and, a quarter as large relative to the slope, that of the argument.
         """
         terms = np.abs(self.derivatives[:, :, : orders + 1]).sum(axis=1)  # (N, orders, c)
         sizes = np.zeros((len(terms), orders + 1, terms.shape[2]))

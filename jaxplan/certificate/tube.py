@@ -1,10 +1,12 @@
 """How much errors of attitude and joints, and reserves, take off margins and limits in a certificate.
 
-The certificate's own writing. A turn of the platform by at most ``e`` moves each direction of the body by at
-most ``e``. Turns of a terminal's yaw and pitch by ``q`` move what it carries by the turn that both make
-together: about axes at right angles, as unit quaternions ``(cos, sin z)`` and ``(cos, sin y)`` of ``q / 2``.
-By the triangle inequality such angles add up, and a margin falls by their sum. Seen from the body nothing of
-the platform's turn is left, and where the same joints carry both directions nothing of theirs either.
+This repeats `jaxplan.model.robust` independently, for the certificate alone. A turn of the platform by at
+most ``e`` moves each direction of the body by at most ``e``. If a terminal's yaw and pitch are each off by
+``q``, what it carries is turned by the product of two rotations about axes at right angles, with unit
+quaternions ``(cos, sin z)`` and ``(cos, sin y)`` of ``q / 2``. The angle of that product is the device's
+*swing*; a drive's swing is ``q``. By the triangle inequality such angles add up, and a margin falls by their
+sum. As seen from the body, the platform's turn has no effect, and where the same joints carry both
+directions, neither have those.
 """
 
 from collections.abc import Iterator
@@ -15,14 +17,14 @@ from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT, Constraints
 from jaxplan.model.robust import Robust
 from jaxplan.model.spacecraft import Spacecraft
 
-_BODY = -1  # number of what carries a sight that no joint turns
-_MOST = (np.pi / 2, np.pi / 2, 100.0, 100.0)  # above the errors, rad, and the reserves, percent
+_BODY = -1  # stands for the body among the devices that carry sights
+_MOST = (np.pi / 2, np.pi / 2, 100.0, 100.0)  # upper bounds of both errors, rad, and both reserves, percent
 _ANGLES = ("yaw", "pitch", "drive")
 _TORQUES, _MOMENTA = ("torque", "wheel_torques"), ("wheel_momentum", "wheel_momenta")
 
 
 def losses(robust: Robust, craft: Spacecraft, cones: Constraints) -> np.ndarray:
-    """The angles (Z, S) rad by which errors lower the margin of each sight to each row of constraints."""
+    """Return the angles (Z, S) rad by which errors lower the margin of each of S sights to each of Z rows."""
     carrier, swing = _carriers(robust, craft, cones)
     frame = cones.frame[:, None]
     other = np.where(frame == SIGHT, carrier[cones.partner.astype(int)][:, None], _BODY)
@@ -33,10 +35,15 @@ def losses(robust: Robust, craft: Spacecraft, cones: Constraints) -> np.ndarray:
 
 
 def _carriers(robust: Robust, craft: Spacecraft, cones: Constraints) -> tuple[np.ndarray, np.ndarray]:
-    """Devices (S,) that carry the sights, by number, `_BODY` for the body; and each device's swing, rad."""
+    """Return the devices that carry the sights, and the swing of each device.
+
+    Returns:
+        (S,) int, indices of devices with joints, or `_BODY` for sights that no joint turns. Swings, rad, of
+        all devices with joints, then zero for the body, where `_BODY` finds it.
+    """
     half = float(robust.joint_error) / 2
     cosine, sine = np.cos(half), np.sin(half)
-    vector = np.array([sine * sine, cosine * sine, sine * cosine])  # of the product of both quaternions
+    vector = np.array([sine * sine, cosine * sine, sine * cosine])  # part of the product of both quaternions
     both = 2 * np.arctan2(np.linalg.norm(vector), cosine * cosine)
     swing = [both] * len(craft.terminals) + [float(robust.joint_error)] * len(craft.drives) + [0.0]
     gimbals, still = len(swing) - 1, len(craft.instruments) + len(cones.body)
@@ -45,7 +52,13 @@ def _carriers(robust: Robust, craft: Spacecraft, cones: Constraints) -> tuple[np
 
 
 def left(robust: Robust | None, name: str, bound: np.ndarray) -> np.ndarray:
-    """Limits (c,) of a quantity, given by its name, after errors and reserves are taken off; SI units."""
+    """Return limits (c,) less what errors and reserves take off them; unchanged if `robust` is None.
+
+    Args:
+        robust: the errors and reserves.
+        name: name of the limited quantity, as in `jaxplan.model.limits`.
+        bound: (c,) limits in SI units.
+    """
     if robust is None:
         return bound
     if name in _ANGLES:
@@ -56,7 +69,7 @@ def left(robust: Robust | None, name: str, bound: np.ndarray) -> np.ndarray:
 
 
 def numbers(robust: Robust | None) -> tuple[float, ...]:
-    """The errors, rad, and the reserves, percent; none without."""
+    """Return both errors, rad, and both reserves, percent; an empty tuple for None."""
     if robust is None:
         return ()
     errors = float(robust.attitude_error), float(robust.joint_error)
@@ -64,13 +77,13 @@ def numbers(robust: Robust | None) -> tuple[float, ...]:
 
 
 def faults(robust: Robust | None, craft: Spacecraft, cones: Constraints, names: list[str]) -> Iterator[str]:
-    """Yield a sentence for each error that is none, and for what no tube leaves anything of.
+    """Yield a sentence for errors or reserves out of range, and for each joint range or zone used up by them.
 
     Args:
-        robust: the errors.
-        craft: the spacecraft, whose form is good.
-        cones: the constraints, whose form is good.
-        names: of zones, by row.
+        robust: the errors and reserves; None for no faults.
+        craft: the spacecraft, whose form has been checked.
+        cones: the constraints, whose form has been checked.
+        names: names of zones, by row.
     """
     if robust is None:
         return

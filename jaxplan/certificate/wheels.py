@@ -1,19 +1,21 @@
-"""What reaction wheels give and hold on a trajectory, computed anew for the certificate.
+"""Torque and momentum of reaction wheels on a trajectory, computed anew for the certificate.
 
-With the attitude ``R``, the angular velocity ``w`` (body axes) and the momentum ``L`` of all but the wheels,
-which is ``J w`` without stages that move (`inertia`), the total ``H = R_0 (L_0 + h_0)`` stays as it is in
-inertial axes; the wheels hold ``h`` and give the platform the torque ``tau``:
+Let ``R`` be the attitude (body to inertial), ``w`` the angular velocity in body axes, and ``L`` the momentum
+in body axes of all but the wheels (`inertia`; ``J w`` where no stages move). The total momentum
+``H = R_0 (L_0 + h_0)`` is constant in inertial axes, with index 0 for the start. The wheels hold the momentum
+``h`` and give the platform the torque ``tau``, both in body axes:
 
     h = R^T H - L,    tau = L' + w x (R^T H),    h_0 the sum of what each wheel stores at the start.
 
-Of an array that shares out by the pseudo-inverse ``P`` of its axes, wheel by wheel ``P tau`` and
-``stored + P (h - h_0)`` are limited. Of one whose envelope is asked for it is, for each pair of wheels, the
-product of ``tau`` and of ``h`` with the unit vector across both axes: no sharing out gives more along it
-than the sum of what the limits of all wheels have there. A pair of parallel axes has no such vector, and its
-row is zero.
+Limits are on products of ``tau`` and ``h`` with *rows* (r, 3). An array with the allocation by the
+pseudo-inverse has a row for each wheel: with the pseudo-inverse ``P`` of the wheels' axes, ``P tau`` and
+``stored + P (h - h_0)`` are limited. With the allocation "minimax" only the envelope counts, which is all
+that some distribution over the wheels can reach. It has a row for each pair of wheels, the unit vector at
+right angles to both axes: along it, no distribution gives more than the sum of what all wheels' limits have
+there. For a pair of parallel axes there is no such vector, and the row is zero.
 
-Left out by the polynomials through the samples: of ``R^T H`` what the majorant ``|H| exp(m)`` of the
-attitude says (`bounds`), of ``w x (R^T H)`` the product of that with the majorant of ``w``.
+The interpolation error of ``R^T H`` follows from the majorant ``|H| exp(m)`` of the attitude (`bounds`), that
+of ``w x (R^T H)`` from the product of this with the majorant of ``w``.
 """
 
 from collections.abc import Sequence
@@ -32,13 +34,16 @@ _LIMITS = {"wheel_torques": "torque", "wheel_momenta": "momentum"}  # attributes
 
 
 def numbers(craft: Spacecraft) -> np.ndarray:
-    """All numbers of the wheels, (n, 6): axes, limits of torque and momentum, and what is stored."""
+    """Return the numbers of n wheels as rows (n, 6): axis, limits of torque and momentum, stored momentum."""
     own = [[*wheel.axis, wheel.torque, wheel.momentum, wheel.stored] for wheel in craft.wheels]
     return np.array(own, np.float64).reshape(-1, 6)
 
 
 def bounds(craft: Spacecraft, name: str) -> np.ndarray:
-    """Limits (r,) of the rows of an array of wheels, N m or N m s, by the quantity's name."""
+    """Return the limits (r,) of an array's rows, N m for "wheel_torques" or N m s for "wheel_momenta".
+
+    A row that is zero has the limit 1, which is always kept.
+    """
     given = np.array([getattr(wheel, _LIMITS[name]) for wheel in craft.wheels], np.float64)
     if craft.allocation != _ENVELOPE:
         return given
@@ -48,7 +53,11 @@ def bounds(craft: Spacecraft, name: str) -> np.ndarray:
 
 
 def torques(evidence: Evidence, craft: Spacecraft) -> Sequence[np.ndarray]:
-    """Products (r, n, m) N m of the rows with the wheels' torque, what is left out, and rounding."""
+    """Return products (r, n, m) N m of the rows with the wheels' torque ``tau``, with error bounds.
+
+    Returns:
+        Samples; bounds of the interpolation errors (r, n); sizes of the rounding errors (r, n).
+    """
     change, of_change, rounding = inertia.change(evidence, craft)
     total, carried = _total(evidence, craft)
     values = change + np.cross(evidence.samples.spin[0], carried, axis=0)
@@ -60,7 +69,7 @@ def torques(evidence: Evidence, craft: Spacecraft) -> Sequence[np.ndarray]:
 
 
 def momenta(evidence: Evidence, craft: Spacecraft) -> Sequence[np.ndarray]:
-    """Momenta (r, n, m) N m s that the rows limit, what is left out of them, and their rounding."""
+    """Return the momenta (r, n, m) N m s that the rows limit, with error bounds as of `torques`."""
     rows, (own, of_own, rounding) = rows_of(craft), inertia.momentum(evidence, craft)
     total, carried = _total(evidence, craft)
     values = carried - own
@@ -75,7 +84,7 @@ def momenta(evidence: Evidence, craft: Spacecraft) -> Sequence[np.ndarray]:
 
 
 def negligible(craft: Spacecraft) -> np.ndarray:
-    """(4,) errors as large as a limit: of angular velocity and its two derivatives, and of the attitude."""
+    """Return errors as large as a limit: (4,), of angular velocity, its two derivatives, and the attitude."""
     sizes = np.linalg.norm(rows_of(craft), axis=1)
     sizes[sizes == 0] = np.nan
     torque, momentum = (float(np.nanmin(bounds(craft, name) / sizes)) for name in _LIMITS)
@@ -86,13 +95,13 @@ def negligible(craft: Spacecraft) -> np.ndarray:
 
 
 def _along(rows: np.ndarray, values: np.ndarray, *errors: np.ndarray) -> Sequence[np.ndarray]:
-    """Products (r, n, m) of rows with vectors (3, n, m), and errors (r, n) that errors (n,) make there."""
+    """Return products (r, n, m) of rows with vectors (3, n, m), and errors (r, n) from the vectors' (n,)."""
     sizes = np.linalg.norm(rows, axis=1)[:, None]
     return np.einsum("ri,inm->rnm", rows, values), *(sizes * error for error in errors)
 
 
 def _total(evidence: Evidence, craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
-    """Sizes (n,) N m s of the total momenta, and the momenta in body axes (3, n, m)."""
+    """Return the lengths (n,) N m s of the total momentum ``H``, and ``R^T H`` (3, n, m) in body axes."""
     samples, on = evidence.samples, evidence.on
     first = on.begins[:-1]
     stored = _axes(craft).T @ numbers(craft)[:, 5]
@@ -102,7 +111,7 @@ def _total(evidence: Evidence, craft: Spacecraft) -> tuple[np.ndarray, np.ndarra
 
 
 def _rounding(evidence: Evidence) -> np.ndarray:
-    """Size (n,) of the rounding errors of unit vectors that the attitude turns there and back."""
+    """Return sizes (n,) of rounding errors of unit vectors turned by the attitude at the start and back."""
     own, on = evidence.rounding.attitude, evidence.on
     if own is None:
         raise ValueError("rounding of the attitude is not known")
@@ -110,13 +119,13 @@ def _rounding(evidence: Evidence) -> np.ndarray:
 
 
 def _axes(craft: Spacecraft) -> np.ndarray:
-    """Axes (n, 3) of the wheels, unit vectors."""
+    """Return the axes (n, 3) of the wheels, scaled to unit length, in body axes."""
     axes = numbers(craft)[:, :3]
     return axes / np.linalg.norm(axes, axis=1, keepdims=True)
 
 
 def rows_of(craft: Spacecraft) -> np.ndarray:
-    """Rows (r, 3) of the array of wheels."""
+    """Return the rows (r, 3) of an array of wheels, whose products with torque and momentum are limited."""
     axes = _axes(craft)
     if craft.allocation != _ENVELOPE:
         return np.linalg.pinv(axes.T)

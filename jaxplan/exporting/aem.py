@@ -1,4 +1,4 @@
-"""A CCSDS Attitude Ephemeris Message 2.0 (504.0-B-2) in its keyword form, a segment for each activity."""
+"""Writer of CCSDS Attitude Ephemeris Messages 2.0 (504.0-B-2) as keywords, a segment for each activity."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,14 +27,14 @@ class _Stretch:
 def write_aem(sampling: Sampling, path: Path) -> None:
     """Write an Attitude Ephemeris Message.
 
-    The frame A is the inertial one, B the body. Quaternions turn A into B in the message's sense, which is
-    ours of body to inertial, with the scalar last; angular velocities are in degrees per second in body axes;
-    times are UTC. The instant at which one activity ends and the next begins is in the segments of both.
-    Activities that take no time are told of in a comment of the segment beside.
+    Frame A is the inertial one, and frame B the body. Quaternions turn A into B as the message defines it,
+    which means body to inertial as everywhere here, but the scalar is last. Angular velocities are in deg/s
+    in body axes, times are UTC. The instant at which one activity ends and the next begins is in the segments
+    of both. Activities that take no time are mentioned in a comment of the segment beside.
 
     Args:
-        sampling: with a start.
-        path: the file. Its CREATION_DATE is the one line that differs from one writing to the next.
+        sampling: the motion's sampling, with a start.
+        path: the file. From one writing to the next only the line of CREATION_DATE differs.
     """
     assert sampling.start is not None
     stretches = _stretches(sampling)
@@ -59,7 +59,7 @@ def write_aem(sampling: Sampling, path: Path) -> None:
 
 
 def _stretches(sampling: Sampling) -> list[_Stretch]:
-    """The segments of the message, which meet in a row; one of the day without rows joins the next one."""
+    """Return the message's segments, which meet in a row; segments of the day without rows join the next."""
     last = len(sampling.times) - 1
     found: list[_Stretch] = []
     waiting: tuple[Segment, ...] = ()
@@ -71,13 +71,13 @@ def _stretches(sampling: Sampling) -> list[_Stretch]:
             begin, waiting = end, ()
     if not found:
         return [_Stretch(0, last, waiting)]
-    if waiting:  # nothing comes after them
+    if waiting:  # nothing comes after them that they could join
         found[-1] = _Stretch(found[-1].first, last, (*found[-1].segments, *waiting))
     return found
 
 
 def _metadata(sampling: Sampling, stretch: _Stretch) -> Iterator[str]:
-    """Yield the lines in front of the rows of a segment."""
+    """Yield the lines before the rows of a message's segment, from META_START to DATA_START."""
     assert sampling.start is not None
     names = sampling.names
     body = names.frame_name or _BODY
@@ -97,7 +97,7 @@ def _metadata(sampling: Sampling, stretch: _Stretch) -> Iterator[str]:
         "ATTITUDE_TYPE": "QUATERNION/ANGVEL",
         "ANGVEL_FRAME": body,
     }
-    if sampling.tolerance is not None:  # the instants are chosen for this
+    if sampling.tolerance is not None:  # the instants are chosen for linear interpolation
         pairs |= {"INTERPOLATION_METHOD": "LINEAR", "INTERPOLATION_DEGREE": "1"}
     yield from (f"{key} = {value}\n" for key, value in pairs.items())
     yield "META_STOP\n"
@@ -105,6 +105,6 @@ def _metadata(sampling: Sampling, stretch: _Stretch) -> Iterator[str]:
 
 
 def _moment(sampling: Sampling, time: float) -> str:
-    """UTC of a time, s."""
+    """Return the UTC text of a time, s from the start."""
     assert sampling.start is not None
     return utc_texts(sampling.start, np.array([time]))[0]

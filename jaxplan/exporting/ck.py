@@ -1,13 +1,13 @@
-"""A SPICE C-kernel of type 3 with its frame and clock kernels: ``attitude.bc``, ``frames.tf``, ``clock.tsc``.
+"""Writer of a SPICE C-kernel of type 3 with its other kernels: ``attitude.bc``, ``frames.tf``, ``clock.tsc``.
 
 Where devices have rectangular fields of view, these are in an instrument kernel ``instruments.ti``.
 
-SPICE stores the C-matrix, which maps inertial to body: the inverse of ours, hence the conjugate quaternion;
-angular velocities are those of the frame in the components of the frame it is based on, in rad/s. Time is
-ephemeris time (TDB).
+SPICE stores C-matrices, which map inertial to body coordinates. That is the inverse of attitudes here, so
+quaternions are conjugated. Angular velocities are those of a frame relative to its base frame, in components
+of the base, in rad/s. Times are ephemeris time (TDB).
 
-A flight is in one file without gaps: each frame has as many segments of SPICE as there are blocks of rows,
-and the last row of one is the first of the next, so that the attitude is interpolated at every instant.
+A flight is in one file without gaps: each frame has one SPICE segment for each block of rows, and the last
+row of a block is the first of the next, so that the attitude is interpolated at every instant.
 """
 
 import re
@@ -31,18 +31,18 @@ from jaxplan.exporting.text_lines import plain
 from jaxplan.geometry import quaternion
 from jaxplan.model.epochs import ephemeris_time, utc_texts
 
-_MARGIN = 1e-6  # s, by which a kernel is valid longer at both ends, as times near 2030 are rounded to 1e-7 s
+_MARGIN = 1e-6  # s, by which a kernel extends beyond both ends, as times near 2030 are rounded to 1e-7 s
 
 
 def write_spice(sampling: Sampling, folder: Path) -> None:
-    """Write the kernels of attitude, frames and clock to a folder.
+    """Write the kernels of attitude, frames, clock and perhaps fields of view to a folder.
 
     Args:
-        sampling: with a start.
+        sampling: the motion's sampling, with a start.
         folder: an empty one.
 
     Raises:
-        ValueError: if SPICE refuses, with its words; if there are too many devices.
+        ValueError: if SPICE refuses, with its message; if there are too many devices.
     """
     from spiceypy.utils.exceptions import SpiceyError
 
@@ -63,9 +63,9 @@ def write_spice(sampling: Sampling, folder: Path) -> None:
 
 @contextmanager
 def _pool_holding(kernel: str) -> Iterator[None]:
-    """Load a text kernel into SPICE's pool of variables for a while, and restore the pool afterwards.
+    """Load a text kernel into SPICE's pool of variables within a with block, and restore the pool afterwards.
 
-    Loading and unloading a file would throw away what the user has put into the pool by hand.
+    Loading and unloading a file would lose what the user has put into the pool by hand.
     """
     import spiceypy as spice
 
@@ -73,7 +73,7 @@ def _pool_holding(kernel: str) -> Iterator[None]:
     names = [line.split()[0] for line in lines if " = " in line or " += " in line]
     before: dict[str, tuple[str, Any]] = {}
     for name in names:
-        with spice.no_found_check():  # expool would find numbers only
+        with spice.no_found_check():  # expool would find numeric variables only
             count, kind, found = spice.dtpool(name)
         if found:
             before[name] = (kind, (spice.gcpool if kind == "C" else spice.gdpool)(name, 0, count))
@@ -88,7 +88,7 @@ def _pool_holding(kernel: str) -> Iterator[None]:
 
 
 def _write_c_kernel(sampling: Sampling, frames: Frames, path: Path) -> None:
-    """Write the C-kernel, segments each for platform and devices with joints; their frames are loaded."""
+    """Write the C-kernel of platform and devices with joints; SPICE must know their frames and clock."""
     import spiceypy as spice
 
     assert sampling.start is not None
@@ -125,14 +125,14 @@ def _write_c_kernel(sampling: Sampling, frames: Frames, path: Path) -> None:
 
 
 def _stretched(rows: np.ndarray, ends: tuple[bool, bool]) -> np.ndarray:
-    """The rows (k, ...), the first twice where `ends` say so, and the last."""
+    """Return the rows (k, ...) with the first or last one doubled where `ends` (first, last) is True."""
     return np.pad(rows, ((int(ends[0]), int(ends[1])), *[(0, 0)] * (rows.ndim - 1)), mode="edge")
 
 
 def _motions(block: Sampled, frames: Frames) -> Iterator[tuple[int, str, np.ndarray, np.ndarray]]:
     """Yield each moving frame's number, its base, matrices (k, 3, 3) frame to base, and rates (k, 3) rad/s.
 
-    Rates are the frame's angular velocity relative to the base, in the base's components.
+    Rates are the frame's angular velocity relative to the base, in components of the base.
     """
     values = block.values
     yield frames.bus.number, "J2000", values.attitude, block.inertial(values.angular_velocity)
@@ -142,7 +142,7 @@ def _motions(block: Sampled, frames: Frames) -> Iterator[tuple[int, str, np.ndar
 
 
 def _comments(sampling: Sampling) -> Iterator[str]:
-    """Yield lines for the file's comment area: what it is of, and the segments of a day."""
+    """Yield lines for the comment area: the scenario's name and a day's segments; none for a plan."""
     segments = sampling.flight.segments
     if not segments or sampling.start is None:
         return

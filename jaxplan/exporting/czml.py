@@ -1,10 +1,10 @@
-"""CZML for CesiumJS and others that read it, made by czml3.
+"""Writer of CZML for CesiumJS and other viewers, by means of czml3.
 
-Where something is and how it is turned is stated along axes that are fixed to the Earth, with its turning of
-IAU 2006 by pyerfa, UTC standing for UT1. So nothing depends on what a reader knows of the Earth's turning;
-only the stars that it draws do. The position follows the polynomial of degree 7 through the eight nearest
-samples, the attitude the turn about one axis between two (``LINEAR`` of quaternions). Lines end at points
-that have samples of their own, since no point of CZML moves along with an attitude in CesiumJS.
+Positions and attitudes are given relative to Earth-fixed axes, with the Earth's rotation of IAU 2006 from
+pyerfa and UTC in place of UT1. So nothing depends on the viewer's own model of the Earth's rotation, except
+the stars that it draws. Positions follow the polynomial of degree 7 through the eight nearest samples, and
+attitudes turn about one axis between two samples (``LINEAR`` of quaternions). Lines end at points that have
+samples of their own, since CesiumJS has no points that move along with an attitude.
 """
 
 from collections.abc import Iterator
@@ -24,10 +24,10 @@ LENGTH = 1e6
 """m: of lines, from the spacecraft on."""
 STANDS = np.array([7e6, 0.0, 0.0])
 """m: where a spacecraft of no known orbit is drawn, along axes that are fixed to the Earth."""
-_STEP = 60.0  # s, most between samples of the position, and of what depends on it and on time alone
+_STEP = 60.0  # s, largest between samples of the position, and of what depends on it and on time alone
 _DEGREE = 7
-_ENDS_STEP = 5.0  # s, most between samples of ends of lines: a low orbit bends by 30 m in between
-_EARTH_SHARE = 0.1  # of the tolerance: what the Earth's turning may add between two samples
+_ENDS_STEP = 5.0  # s, largest between samples of ends of lines: a low orbit bends by 30 m in between
+_EARTH_SHARE = 0.1  # fraction of the tolerance that the Earth's rotation may add between two samples
 _RIM = 24  # points on the rim of a cone
 _SATELLITE = "spacecraft"
 
@@ -36,7 +36,7 @@ def write_czml(sampling: Sampling, path: Path) -> None:
     """Write the spacecraft, its boresights and fields of view, and the cones of zones, as CZML 1.0.
 
     Args:
-        sampling: with a start, and an observer where the orbit is known.
+        sampling: the motion's sampling, with a start, and an observer where the orbit is known.
         path: the file, in UTF-8.
     """
     from czml3 import CZML_VERSION, Document, Packet
@@ -63,16 +63,17 @@ def write_czml(sampling: Sampling, path: Path) -> None:
 
 
 def _start(sampling: Sampling) -> np.datetime64:
-    """UTC of time zero."""
+    """Return UTC of time zero."""
     assert sampling.start is not None
     return sampling.start
 
 
 def _finer(sampling: Sampling) -> Sampling:
-    """The sampling with as many more instants as the Earth's turning needs.
+    """Return the sampling with as many more instants as the Earth's rotation needs.
 
-    Between two attitudes ``b`` apart, while the Earth turns by ``a``, one turn about one axis differs from
-    the product of two by ``|a x b| / 8`` at most, to second order (Baker, Campbell, Hausdorff).
+    Between two attitudes an angle ``b`` apart, while the Earth turns by ``a``, one turn about one axis
+    differs from the product of both turns by at most ``|a x b| / 8``, to second order (Baker, Campbell,
+    Hausdorff). Unchanged where no tolerance is given.
     """
     if sampling.tolerance is None or len(sampling.times) < 2:
         return sampling
@@ -87,7 +88,7 @@ def _finer(sampling: Sampling) -> Sampling:
 
 
 def _places(sampling: Sampling, times: np.ndarray) -> np.ndarray:
-    """Positions (k, 3) m of the spacecraft along axes that are fixed to the Earth, at times (k,) s."""
+    """Return positions (k, 3) m of the spacecraft along Earth-fixed axes at times (k,) s from the start."""
     if sampling.observer is None:
         return np.tile(STANDS, (len(times), 1))
     epoch = _start(sampling)
@@ -96,13 +97,13 @@ def _places(sampling: Sampling, times: np.ndarray) -> np.ndarray:
 
 
 def _grid(duration: float) -> np.ndarray:
-    """Times (k,) s in equal steps for polynomials of `_DEGREE`; a single one of a motion without duration."""
+    """Return times (k,) s in equal steps for polynomials of degree `_DEGREE`; zero alone for no duration."""
     count = max(_DEGREE, int(np.ceil(duration / _STEP))) + 1
     return np.unique(np.linspace(0.0, duration, count))
 
 
 def _position(times: np.ndarray, places: np.ndarray, epoch: str, degree: int) -> Any:
-    """The samples of a position, (k,) s and (k, 3) m, with how they are interpolated."""
+    """Return a CZML position from samples at times (k,) s and places (k, 3) m, interpolated with a degree."""
     from czml3.enums import InterpolationAlgorithms
     from czml3.properties import Position
 
@@ -116,7 +117,7 @@ def _position(times: np.ndarray, places: np.ndarray, epoch: str, degree: int) ->
 
 
 def _spacecraft(sampling: Sampling, name: str, epoch: str, span: Any) -> Any:
-    """The packet of the spacecraft: position, attitude, name and trail."""
+    """Return the packet of the spacecraft: position, attitude, name and trail."""
     from czml3 import Packet
     from czml3.enums import InterpolationAlgorithms
     from czml3.properties import Label, Orientation, Point
@@ -191,7 +192,7 @@ def _devices(sampling: Sampling, epoch: str) -> Iterator[Any]:
 
 
 def _cones(sampling: Sampling, epoch: str) -> Iterator[Any]:
-    """Yield the packets of zones about inertial axes, that move or not: the rim of each cone, and spokes."""
+    """Yield the packets of zones about inertial axes, still or moving: each cone's rim, and spokes to it."""
     around = 2 * np.pi * np.arange(_RIM) / _RIM
     for number, zone in enumerate(sampling.flight.cones):
         path = zone.path
@@ -222,14 +223,14 @@ def _cones(sampling: Sampling, epoch: str) -> Iterator[Any]:
 
 
 def _end(key: str, position: Any) -> Any:
-    """The packet of a point at which lines end."""
+    """Return the packet of a point at which lines end."""
     from czml3 import Packet
 
     return Packet(id=key, parent=_SATELLITE, position=position)
 
 
 def _line(key: str, name: str, ends: list[str], colour: str) -> Any:
-    """The packet of a straight polyline through the positions of others."""
+    """Return the packet of a straight polyline through the positions of other packets."""
     from czml3 import Packet
     from czml3.enums import ArcTypes
     from czml3.properties import Polyline, PositionList
@@ -248,14 +249,14 @@ def _line(key: str, name: str, ends: list[str], colour: str) -> Any:
 
 
 def _material(colour: str) -> Any:
-    """A plain colour, ``#RRGGBB``."""
+    """Return the CZML material of a plain colour ``#RRGGBB``."""
     from czml3.properties import PolylineMaterial, SolidColorMaterial
 
     return PolylineMaterial(solidColor=SolidColorMaterial(color=_rgba(colour)))
 
 
 def _rgba(colour: str) -> Any:
-    """A colour ``#RRGGBB`` in numbers."""
+    """Return a colour ``#RRGGBB`` as a CZML colour, opaque."""
     from czml3.properties import Color
 
     return Color(rgba=[*bytes.fromhex(colour[1:]), 255])

@@ -1,7 +1,7 @@
-"""The motion that an export writes, of a spacecraft from an epoch on: one plan's, or that of a whole day.
+"""The motion that an export writes: that of one plan, or of a whole day.
 
-A `Flight` is made of a plan, which is one manoeuvre and has no segments, or of a `Day`, whatever class that
-is: anything with the few attributes that are named there.
+A `Flight` is made from a plan, which is one manoeuvre without segments, or from a `Day`. That is any object
+with the few attributes named there, whatever its class.
 """
 
 from collections.abc import Sequence
@@ -18,19 +18,19 @@ from jaxplan.planner import Plan, certify
 from jaxplan.runtime.arguments import expect, number
 from jaxplan.trajectory import Trajectory
 
-APART = 1e-6  # s: nearer instants would coincide in files that count seconds from the year 2000
+APART = 1e-6  # s: instants closer together would coincide in files that count seconds from the year 2000
 
 
 class UncertifiedError(ValueError):
-    """A plan is not written, since its motion is not certified."""
+    """A plan or day is not written, because its motion or its table is not certified."""
 
 
 class DaySegment(Protocol):
-    """A part of a day.
+    """A part of a day: an activity, or a slew between activities.
 
     Attributes:
-        name: of the activity, or of the slew.
-        kind: in a word, such as ``"slew"`` or ``"track"``.
+        name: name of the activity or slew.
+        kind: one word, such as ``"slew"`` or ``"track"``.
         start: s from the epoch.
         end: s from the epoch.
     """
@@ -55,15 +55,15 @@ class Proof(Protocol):
 
 
 class Day(Protocol):
-    """A motion of many activities and slews, as exports need it.
+    """A motion of many activities and slews, with what exports need of it.
 
-    It may have ``names``, an `ExportNames` or None, which files take unless told.
+    It may also have an attribute ``names``, an `ExportNames` or None, which is used where `export` gets none.
 
     Attributes:
         ok: whether it is certified.
-        scene: with the name, the spacecraft and the epoch.
-        trajectory: over all of it, None where there is none.
-        segments: its parts in order, the next one beginning where one ends, from 0 to the duration.
+        scene: the scene, with name, spacecraft and epoch.
+        trajectory: over the whole day; None where there is none.
+        segments: its parts in order; each begins where the one before ends, from 0 to the duration.
     """
 
     @property
@@ -76,17 +76,17 @@ class Day(Protocol):
     def segments(self) -> Sequence[DaySegment]: ...  # noqa: D102
 
     def certify(self) -> Proof:
-        """Prove the motion anew, trusting nothing that the day says."""
+        """Certify the motion anew, without relying on earlier results."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class Segment:
-    """A part of a flight, of which it has a name for readers.
+    """A part of a flight that has a name in files.
 
     Attributes:
-        name: of the activity, or of the slew.
-        kind: in a word, such as ``"slew"`` or ``"track"``.
+        name: name of the activity or slew.
+        kind: one word, such as ``"slew"`` or ``"track"``.
         start: s from the epoch.
         end: s from the epoch; never before the start.
     """
@@ -102,13 +102,13 @@ class Flight:
     """A motion to be exported.
 
     Attributes:
-        name: of the scenario.
-        spacecraft: that flies it.
+        name: name of the scenario.
+        spacecraft: the one that moves.
         trajectory: the motion.
-        start: UTC of time zero, None where that is not known.
-        segments: without gaps from 0 to the duration; none of a single manoeuvre.
-        names: what files are to call things where the user does not say.
-        cones: zones that are cones, to be drawn.
+        start: UTC of time zero; None where that is not known.
+        segments: parts without gaps from 0 to the duration; empty for a single manoeuvre.
+        names: how files call things where the user gives no names; None for defaults.
+        cones: keep-out and keep-in zones, to be drawn.
     """
 
     name: str
@@ -121,7 +121,7 @@ class Flight:
 
     @property
     def boundaries(self) -> np.ndarray:
-        """(b,) s, where segments begin and the last one ends, rising; those that coincide are there once."""
+        """(b,) s, rising: starts of segments and the end of the last; those that coincide only once."""
         ends = (each.end for each in self.segments)
         times = np.unique([0.0, *ends, self.trajectory.duration])
         kept = times[np.concatenate([[True], np.diff(times) > APART])]
@@ -131,15 +131,15 @@ class Flight:
 
 
 def flight_of(subject: Plan | Day) -> Flight:
-    """What is exported of a plan or of a day; whether it is certified anew is not looked at.
+    """Return what is exported of a plan or day; it must be certified, but is not certified anew here.
 
     Args:
-        subject: with ``ok``.
+        subject: the plan or day.
 
     Raises:
         TypeError: if its ``names`` are no `ExportNames`.
         UncertifiedError: if it is not certified, or has no trajectory.
-        ValueError: if its segments have gaps, or are no such things.
+        ValueError: if its segments have gaps, or their times are no numbers.
     """
     scene, trajectory = scene_of(subject), subject.trajectory
     parts = () if isinstance(subject, Plan) else tuple(subject.segments)
@@ -160,24 +160,24 @@ def flight_of(subject: Plan | Day) -> Flight:
 
 
 def proof_of(subject: Plan | Day) -> Proof:
-    """The certificate of a plan or a day, made anew."""
+    """Certify a plan or a day anew."""
     return certify(subject) if isinstance(subject, Plan) else subject.certify()
 
 
 def scene_of(subject: Plan | Day) -> Scenario:
-    """The scenario with the name and the epoch of a plan or a day."""
+    """Return the scenario of a plan or day, which has its name and epoch."""
     return subject.scenario if isinstance(subject, Plan) else subject.scene
 
 
 def expect_motion(subject: object) -> None:
-    """Raise a TypeError for what is neither a plan nor has the attributes of a `Day`."""
+    """Raise a TypeError unless the object is a plan or has the attributes of a `Day`."""
     names = ("ok", "scene", "trajectory", "segments", "certify")
     if isinstance(subject, type) or not all(hasattr(subject, name) for name in names):
         expect("plan", subject, Plan, "jp.load_plan reads one from a file")
 
 
 def ending(subject: Plan | Day) -> str:
-    """Message on what a plan or a day that is not certified lacks, and how it ended."""
+    """Return a message on what an uncertified plan or day lacks, and how its planning ended."""
     lack = "has no trajectory" if subject.trajectory is None else "is not certified"
     status, message = (getattr(subject, name, "") for name in ("status", "message"))
     how = ": ".join(filter(None, [getattr(status, "name", str(status)), str(message)]))
@@ -185,7 +185,7 @@ def ending(subject: Plan | Day) -> str:
 
 
 def _joined(parts: Sequence[Any], duration: float) -> tuple[Segment, ...]:
-    """The parts of a day as segments that meet exactly.
+    """Turn the parts of a day into segments that meet exactly.
 
     Raises:
         ValueError: if one does not begin where the one before ends, to 1e-6 s, or ends before it begins; if

@@ -1,8 +1,9 @@
-"""A motion as one C99 file and its header, which evaluate the certified polynomials with nothing else.
+"""A motion as one C99 file and its header, which evaluate the certified polynomials and need nothing else.
 
-`evaluator.c` and `evaluator.h` beside this file are what is written, with names between ``@`` for the numbers
-and names of a motion, which are filled in here. What the code needs of space and time is known beforehand
-and stands in the header: it has no loops but of fixed length, and one that halves the pieces.
+The templates are `evaluator.c` and `evaluator.h` beside this file. Names between ``@`` stand in them for the
+numbers and names of a motion, which are filled in here. The space and time that the code needs are known
+beforehand and stated in the header: all its loops have fixed length, except one that finds a piece by
+bisection.
 """
 
 import re
@@ -19,10 +20,10 @@ from jaxplan.exporting.sampled import Sampling
 from jaxplan.exporting.text_lines import plain
 from jaxplan.version import __version__
 
-LONGEST_PREFIX = 18  # characters: C99 tells external names apart by 31, of which _evaluate has 9
-# Of a call of evaluator.c at most, beside those of the polynomials and of finding the pieces.
+LONGEST_PREFIX = 18  # characters: C99 distinguishes external names by 31, of which _evaluate takes 9
+# Most operations of a call of evaluator.c, without those of the polynomials and of finding the pieces.
 _MULTIPLICATIONS, _ADDITIONS, _DIVISIONS, _SINES, _ROOTS = 389, 271, 26, 6, 3
-_LINE = 4  # numbers on a line
+_LINE = 4  # numbers on a line of a table
 
 _JOINT_TABLES = """
 static const double JOINT_BREAKS[JOINT_PIECES + 1] = {
@@ -72,10 +73,10 @@ _JOINT_FIELDS = """    double joints[@UPPER@_JOINTS];              /* rad */
 
 
 def write_code(sampling: Sampling, folder: Path) -> None:
-    """Write ``NAME.c`` and ``NAME.h``, with the object's name or that of the scenario in lower case.
+    """Write ``NAME.c`` and ``NAME.h``; NAME is the object's name or that of the scenario in lower case.
 
     Args:
-        sampling: of the motion, whose instants are not looked at.
+        sampling: the motion's sampling; its instants are not used.
         folder: an empty one.
     """
     flight = sampling.flight
@@ -93,20 +94,20 @@ def write_code(sampling: Sampling, folder: Path) -> None:
 
 
 def what_is_needed(flight: Flight) -> str:
-    """A sentence on the space and time that the code of a motion needs."""
+    """Return a phrase on the space and time that the code of a motion needs."""
     own = pieces_of(flight.trajectory)
     space = f"{len(own.breaks) - 1} pieces, {_table_bytes(own)} bytes of tables"
     return f"{space}; a call takes {_operations(own)} at most"
 
 
 def prefix_of(title: str) -> str:
-    """What all names of a motion's code begin with, of letters, digits and underscores."""
+    """Return the prefix of all names in a motion's code, made from a title: ``[a-z][a-z0-9_]*``."""
     word = re.sub(r"[^a-z0-9]+", "_", title.lower()).strip("_") or "motion"
     return (word if word[0].isalpha() else f"m_{word}")[:LONGEST_PREFIX].rstrip("_")
 
 
 def _values(flight: Flight, own: Pieces, prefix: str) -> dict[str, str]:
-    """What stands for the names between ``@``, but for the title and the epoch."""
+    """Return what replaces each name between ``@`` in the templates, except the title and the epoch."""
     count = own.joint_count
     duration = float(flight.trajectory.duration)
     names = [_comment(name) for name in flight.spacecraft.joint_names]
@@ -155,14 +156,14 @@ def _values(flight: Flight, own: Pieces, prefix: str) -> dict[str, str]:
 
 
 def _table_bytes(own: Pieces) -> int:
-    """Bytes of the constant tables: doubles, and the chart of each piece with 32 bits."""
+    """Number of bytes of the constant tables: doubles, and the chart of each piece in 32 bits."""
     return 8 * own.numbers + 4 * len(own.chart)
 
 
 def _operations(own: Pieces) -> str:
-    """The most operations of a call, those of evaluator.c and its loops at their longest.
+    """Return words for the most operations of a call: those of evaluator.c with its loops at their longest.
 
-    What does not depend on the motion is a constant, which a test counts by running the code.
+    The numbers that do not depend on the motion are constants; a test counts them by running the code.
     """
     count = own.joint_count
     steps = 3 * own.coefficients.shape[1] + count * own.joint_coefficients.shape[1]  # of Horner's scheme
@@ -179,29 +180,29 @@ def _operations(own: Pieces) -> str:
 
 
 def _comment(text: str) -> str:
-    """A text that may stand in a comment of C."""
+    """Return a text in a form that may stand in a C comment."""
     return plain(text).replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
 
 
 def _numbers(values: np.ndarray) -> str:
-    """Lines of doubles, each with all its digits."""
+    """Format doubles with all their digits, as lines of a C table."""
     return _wrapped(map(repr, np.asarray(values, np.float64).tolist()))
 
 
 def _wrapped(words: Iterable[str]) -> str:
-    """Lines of words with commas."""
+    """Format words as lines of `_LINE` words with commas."""
     every = list(words)
     rows = (every[first : first + _LINE] for first in range(0, len(every), _LINE))
     return "".join(f"    {', '.join(row)},\n" for row in rows)
 
 
 def _nested(table: np.ndarray) -> str:
-    """Lines of an array of two or more axes, in braces, one row of its last axis a line."""
+    """Format an array of two or more axes as nested C braces; each line has one row of its last axis."""
     return "".join(_rows(np.asarray(table, np.float64).tolist(), "    "))
 
 
 def _rows(table: list[Any], indent: str) -> Iterator[str]:
-    """Yield the lines of nested lists."""
+    """Yield the lines of nested lists, in braces."""
     for row in table:
         if isinstance(row[0], list):
             yield f"{indent}{{\n"

@@ -1,4 +1,4 @@
-"""The export to all formats: it checks the arguments, certifies the motion, and writes all or nothing."""
+"""Export to all formats: check the arguments, certify the motion, and write all or nothing."""
 
 import errno
 import os
@@ -48,23 +48,22 @@ TOLERANCE_DEG = 1e-4
 
 @dataclass(frozen=True, kw_only=True)
 class Format:
-    """A kind of file, or of folder with several files.
+    """A kind of file, or of a folder with several files.
 
     Attributes:
         write: function that writes a motion to a path; for a folder, an empty one.
-        suffix: of a name where the user gives none.
-        parts: suffixes of the files of a folder, empty for a single file.
-        dated: whether it cannot do without an epoch.
-        needs: modules to be installed beyond the required ones.
-        extra: that brings them.
-        tolerance_deg: below which interpolation between samples is off, unless told, also of a single
-            manoeuvre; None for the steps and tolerances that most have.
+        suffix: suffix of default names.
+        parts: suffixes of the files in a folder; empty for a single file.
+        dated: whether it needs an epoch.
+        needs: names of modules that must be installed beyond the required ones.
+        extra: the extra of jaxplan that installs them.
+        tolerance_deg: default tolerance of interpolation, deg, also for a single manoeuvre; None for the
+            defaults that most formats have (`STEP_S` for plans, `TOLERANCE_DEG` for days).
         placed: whether it says where the spacecraft is.
         interpolation: what its readers do between samples, one of `jaxplan.tables.INTERPOLATIONS`.
         alternative: what some of them do instead, another of these; None where all do the same.
-        exact: whether it holds the polynomials themselves, so that there are no samples.
-        needed: function that says what a motion in this format needs of who reads it, None where that is
-            plain.
+        exact: whether it holds the polynomials themselves instead of samples.
+        needed: function that describes what using a motion in this format takes; None where that is obvious.
     """
 
     write: Callable[[Sampling, Path], None]
@@ -82,7 +81,7 @@ class Format:
 
 
 FORMATS = {
-    "aem": Format(write=write_aem, suffix=".aem", dated=True, alternative=HERMITE),  # which Orekit does
+    "aem": Format(write=write_aem, suffix=".aem", dated=True, alternative=HERMITE),  # Orekit's
     "ck": Format(
         write=write_spice,
         suffix=".ck",
@@ -124,52 +123,51 @@ def export(
 ) -> Path:
     """Write a plan or a day as a file of another tool, or as a folder for ``"ck"``, ``"stk"`` and ``"c"``.
 
-    It is certified anew first; one that does not pass is not written. Numbers of an uncertified motion come
-    from ``plan.trajectory.sample``. A day is one file without gaps, in which its activities and slews are
-    told apart where the format can: as segments of ``"aem"``, as columns of ``"csv"``, arrays of ``"npz"``,
-    a list of intervals of ``"stk"``, and in the comments of ``"ck"``.
+    The motion is certified anew first and not written if that fails. (Use ``plan.trajectory.sample`` to get
+    numbers of an uncertified motion.) A day is one file without gaps, in which activities and slews are
+    distinguished where the format can: as segments of ``"aem"``, columns of ``"csv"``, arrays of ``"npz"``, a
+    list of intervals of ``"stk"``, and in the comments of ``"ck"``.
 
-    A table is held against zones, ranges and rates as readers of its format fly it, too, between its rows
-    (`jaxplan.certify_table`, with joints linear there), and refused where it breaks them by more than is
-    forgiven.
+    Readers of a table interpolate between its rows. So zones, ranges and rates are also proved for the motion
+    that readers of the format make of the table (`jaxplan.certify_table`, with joints linear there), and a
+    table that breaks them by more than is forgiven is refused.
 
         >>> jp.export(plan, "slew.aem", format="aem", epoch="2026-01-01T00:00:00")
         >>> jp.export(day, "day.ck", format="ck", names=jp.ExportNames(naif_id=-2000, frame_name="EO1_BUS"))
 
     Args:
-        plan: a certified one; or what has ``ok``, ``scene``, ``trajectory``, ``segments`` and ``certify()``
-            as a day of many activities has them.
-        path: the file or folder. It appears whole or not at all.
+        plan: a certified plan, or a day, which has ``ok``, ``scene``, ``trajectory``, ``segments`` and
+            ``certify()``.
+        path: the file or folder. It is written completely or not at all.
         format: ``"aem"``, ``"ck"`` (extra ``spice``), ``"stk"``, ``"czml"`` (extra ``czml``), ``"basilisk"``,
             ``"csv"`` or ``"npz"``; or the polynomials themselves, as code in C99, ``"c"``, or as JSON,
             ``"json"``.
-        epoch: UTC of the start in ISO 8601, that of the scene unless told. The first four need it, in tables
-            it is noted, Basilisk counts from the start of its simulation.
-        step_s: between two samples, s; the end is one, too, and the ends of segments. Polynomials have none.
-            ``"sparsest"`` takes as few samples as will do for `tolerance_deg`, 0.05 deg unless told, and
-            for all that must hold.
-        tolerance_deg: in place of a step: samples are chosen so that linear interpolation between them, of
-            the attitude, of each device and of joints, is off by less. Of a plan there is one each 0.1 s, of
-            a day there are those for 1e-4 deg, unless one of the two is told; of either those for 5e-5 deg
-            in ``"czml"``.
-        names: what the files call the spacecraft and its frames; those of the day unless told.
+        epoch: UTC of the start in ISO 8601; None for that of the scene. The first four formats need one,
+            tables note it, and Basilisk counts from the start of its simulation.
+        step_s: s, time between samples; the end and the ends of segments are samples, too. ``"sparsest"``
+            takes as few samples as `tolerance_deg` (then 0.05 deg by default) and the proof of the table
+            allow. Not for ``"c"`` and ``"json"``.
+        tolerance_deg: deg, instead of a step: samples are chosen so that linear interpolation of the
+            attitude, of each device's frame and of joints is off by less. If neither is given, plans are
+            sampled each 0.1 s and days to 1e-4 deg, and both to 5e-5 deg for ``"czml"``.
+        names: how the files call the spacecraft and its frames; None for those of the day, or defaults.
         observer: orbit of the spacecraft, for ``"czml"`` alone: one of `jaxplan.sky`, as
-            `jaxplan.sky.read_oem` and `jaxplan.sky.parse_tle` make them. Without it the spacecraft stands
-            still over the equator.
-        forgive_deg: by which margins of a table may fall short of zero, in [0, 1], as of `certify_table`.
-        forgive_percent: of a limit or range, by which a table may exceed it, in [0, 10], likewise.
-        overwrite: whether an old file may be replaced, or a folder that holds files of this format only.
+            `jaxplan.sky.read_oem` and `jaxplan.sky.parse_tle` make them. If None, the spacecraft stands still
+            over the equator.
+        forgive_deg: deg in [0, 1], by which margins of a table may fall short of zero, as of `certify_table`.
+        forgive_percent: percent in [0, 10] of a limit or range, by which a table may exceed it.
+        overwrite: whether an existing file may be replaced, or a folder that holds only files of this format.
 
     Returns:
         The path.
 
     Raises:
-        TypeError: for what is no plan, path or names.
-        UncertifiedError: (a ValueError) if the plan is not certified, or its certificate, made anew, fails,
-            or the table breaks something as its readers fly it.
-        ValueError: if the format, epoch, step or tolerance is no good or the scene has another epoch, all
+        TypeError: if it is no plan, path or names.
+        UncertifiedError: (a ValueError) if the plan is not certified, fails when certified anew, or its table
+            breaks something when readers interpolate it.
+        ValueError: if format, epoch, step or tolerance is invalid or the scene has another epoch, with all
             faults at once; if there would be too many samples; if an extra is missing.
-        FileExistsError: if there is something at the path.
+        FileExistsError: if something exists at the path and `overwrite` is false.
     """
     expect_motion(plan)
     file_path("path", path)
@@ -222,11 +220,11 @@ def _checked(
     step_s: float | str | None,
     tolerance_deg: float | None,
 ) -> tuple[Format, np.datetime64 | None]:
-    """The format, and UTC of time zero.
+    """Check the arguments; return the format, and UTC of time zero (None where it is not known).
 
     Raises:
-        UncertifiedError: if nothing is wrong but that the plan is not certified.
-        ValueError: with all that is wrong.
+        UncertifiedError: if the only fault is that the plan is not certified.
+        ValueError: with all faults.
     """
     kind, start = FORMATS.get(str(format)), None
     faults = [] if kind else [f"format = {format!r}: {_formats_known(str(format))}"]
@@ -249,17 +247,17 @@ def _checked(
 
 
 def _steady(flight: Flight, step_s: float | str | None, tolerance_deg: float | None) -> np.ndarray | None:
-    """Instants (k,) s in equal steps, where a step is told or a plan has none told; None for chosen ones."""
+    """Return instants (k,) s in equal steps, for a given step or a plan's default; None if to be chosen."""
     if step_s is None and (tolerance_deg is not None or flight.segments):
         return None
     return steady_instants(flight.boundaries, STEP_S if step_s is None else float(step_s))
 
 
 def _start(plan: Plan | Day, epoch: str | None, format: str) -> np.datetime64 | None:
-    """UTC of time zero, from the scene or the argument.
+    """Return UTC of time zero, from the argument or else the scene; None where neither has it.
 
     Raises:
-        ValueError: if it is no time, another than the scene's, or absent where the format needs one.
+        ValueError: if it is no time, differs from the scene's, or is absent though the format needs one.
     """
     own, kind = scene_of(plan).epoch, FORMATS.get(str(format))
     start = own if epoch is None else parse_epoch(epoch)
@@ -273,7 +271,7 @@ def _start(plan: Plan | Day, epoch: str | None, format: str) -> np.datetime64 | 
 
 
 def _instant_faults(step_s: object, tolerance_deg: object) -> list[str]:
-    """What is wrong with the two ways to say when samples are to be."""
+    """Return a sentence for each fault of step and tolerance, of which at most one may be given."""
     few = isinstance(step_s, str) and step_s == SPARSEST
     faults = [
         None if step_s is None or few else step_fault(step_s),
@@ -285,20 +283,20 @@ def _instant_faults(step_s: object, tolerance_deg: object) -> list[str]:
 
 
 def needed_by(plan: Plan | Day, format: str) -> str:
-    """What the motion of a plan or a day in a format needs of who reads it, empty where that is plain."""
+    """Describe what using a plan or day in a format takes, in space and time; "" where that is obvious."""
     needed = FORMATS[format].needed
     return "" if needed is None else needed(flight_of(plan))
 
 
 def _formats_known(name: str) -> str:
-    """Advice on a format that there is not: all that there are, and the one that may be meant."""
+    """Return advice on an unknown format: all that there are, and the one that may be meant."""
     known = f"the formats are {', '.join(FORMATS)}"
     close = closest(name, tuple(FORMATS))
     return known if close is None else f"perhaps {close} is meant; {known}"
 
 
 def default_path(plan_file: str | os.PathLike[str], format: str) -> Path:
-    """Path beside a plan file that is named after it and the format, such as ``plan.aem``."""
+    """Return the path beside a plan file with its name and the format's suffix, such as ``plan.aem``."""
     kind = FORMATS.get(format)
     return Path(plan_file).with_suffix(f".{format}" if kind is None else kind.suffix)
 
@@ -307,9 +305,10 @@ def free_place(path: str | os.PathLike[str], parts: tuple[str, ...] = (), *, ove
     """Check that a path may be written to, and return it.
 
     Args:
-        path: of a file, or of a folder.
-        parts: suffixes of the files of a folder, empty for a single file.
-        overwrite: whether an old file may be replaced, or a folder that holds files of these suffixes only.
+        path: path of a file, or of a folder.
+        parts: suffixes of the files in a folder; empty for a single file.
+        overwrite: whether an existing file may be replaced, or a folder that holds only files of these
+            suffixes.
 
     Raises:
         FileExistsError: if something is there, and `overwrite` is false.

@@ -1,12 +1,12 @@
-"""When a file has a motion: in equal steps, or as far apart as a reader's interpolation allows.
+"""The instants at which a file has samples: in equal steps, or as far apart as interpolation allows.
 
-A day of long tracks and short slews needs few instants in the first and many in the second. They are chosen
-so that what readers make of two neighbours stays within a tolerance of the motion, in between as well: the
-attitude and each device's frame on the body by the turn about one axis (CSPICE, STK) and by quaternions whose
-components are linear (CCSDS's LINEAR, tables), joints by angles that are linear, and for Basilisk the
-attitude by modified Rodrigues parameters that are linear. Errors are measured in the middle of each
+A day of long tracks and short slews needs few instants in the former and many in the latter. They are chosen
+so that interpolation between neighbours stays within a tolerance of the motion. All usual readers are
+considered: for the attitude, and for the frame of each device relative to the body, a turn about one axis
+(CSPICE, STK) and quaternions with linear components (CCSDS's LINEAR, tables); for joints, linear angles; and
+for Basilisk the attitude by linear modified Rodrigues parameters. Errors are measured in the middle of each
 interval, where that of an acceleration is largest, at two places nearer to its ends, where that of linear
-components is, and at four instants of every piece of the trajectory that lies within it.
+components is, and at four instants of every piece of the trajectory within it.
 """
 
 from collections.abc import Callable
@@ -28,18 +28,18 @@ LONGEST_STEP = 60.0
 """s: samples are no further apart, for readers who interpolate otherwise or draw."""
 TOLERANCES_DEG = (1e-6, 1.0)
 """deg: least and greatest tolerance. Pieces of a trajectory may be 1e-8 rad apart where they meet."""
-_SHARE = 0.85  # of the tolerance: what measured errors may be, since the largest may lie beside
-_WINDOW = 16  # intervals of at most LONGEST_STEP that are divided at once; more would take more memory
-_MOST_PARTS = 8  # that an interval is divided into at once, so that a slew within it is told from a track
-# Where in an interval errors are measured; no turn of a whole number of times shows as none at all of them.
+_SHARE = 0.85  # fraction of the tolerance that measured errors may reach, since larger ones may lie between
+_WINDOW = 16  # intervals of at most LONGEST_STEP that are divided together; more would take more memory
+_MOST_PARTS = 8  # into which an interval is divided at once, so that a slew in it does not refine a track
+# Where in an interval errors are measured, such that no number of whole turns has zero error at all of them.
 _INNER = np.array([0.2289, 0.5, 0.7873])
 _SEEN = 15  # instants within an interval at which errors of a sparse table are measured, evenly spread
 _FINE = 16_384  # places between two boundaries at which a sparse table may have its rows
-_DIGITS = 6  # of a second, that chosen instants have
+_DIGITS = 6  # decimals of a second to which chosen instants are rounded
 
 
 def step_fault(step: object) -> str | None:
-    """What is wrong with a step in seconds, None if nothing is."""
+    """Return what is wrong with a step in seconds; None if nothing is."""
     if isinstance(step, bool) or not isinstance(step, int | float | np.integer | np.floating):
         return f"step_s = {show(step)}: must be a number of seconds, or 'sparsest'"
     if not APART <= step < np.inf:
@@ -48,7 +48,7 @@ def step_fault(step: object) -> str | None:
 
 
 def tolerance_fault(tolerance: object) -> str | None:
-    """What is wrong with a tolerance in degrees, None if nothing is."""
+    """Return what is wrong with a tolerance in degrees; None if nothing is."""
     least, most = TOLERANCES_DEG
     if isinstance(tolerance, bool) or not isinstance(tolerance, int | float | np.integer | np.floating):
         return f"tolerance_deg = {show(tolerance)}: must be a number of degrees"
@@ -58,14 +58,14 @@ def tolerance_fault(tolerance: object) -> str | None:
 
 
 def steady_instants(boundaries: np.ndarray, step: float) -> np.ndarray:
-    """Times (k,) s: multiples of a step, and boundaries in the place of those close to them.
+    """Return times (k,) s: all boundaries, and the multiples of a step that are not close to one.
 
     Args:
-        boundaries: (b,) s, from 0 to the duration, rising.
+        boundaries: (b,) s, rising from 0 to the duration.
         step: s.
 
     Raises:
-        ValueError: if they would be too many.
+        ValueError: if they would be more than `MOST_SAMPLES`.
     """
     duration = float(boundaries[-1])
     if not duration / step < MOST_SAMPLES:
@@ -86,15 +86,15 @@ def steady_instants(boundaries: np.ndarray, step: float) -> np.ndarray:
 
 
 def chosen_instants(flight: Flight, tolerance: float, *, rodrigues: bool = False) -> np.ndarray:
-    """Times (k,) s, between which linear interpolation is off by less than a tolerance, see the module.
+    """Return times (k,) s between which linear interpolation is off by less than a tolerance; see the module.
 
     Args:
         flight: the motion; all ends of its segments are among the times.
         tolerance: rad.
-        rodrigues: whether attitudes are interpolated as Basilisk does it, too.
+        rodrigues: whether to consider also the interpolation of attitudes in Basilisk.
 
     Raises:
-        ValueError: if they would be too many.
+        ValueError: if they would be more than `MOST_SAMPLES`.
     """
     boundaries = flight.boundaries
     if len(boundaries) == 1:
@@ -124,10 +124,10 @@ def chosen_instants(flight: Flight, tolerance: float, *, rodrigues: bool = False
 
 
 def sparsest_instants(flight: Flight, tolerance: float, *, rodrigues: bool = False) -> np.ndarray:
-    """Times (k,) s, each as late as it may be for what readers make of it and the one before.
+    """Return times (k,) s as `chosen_instants` does, but each as late as the one before it allows.
 
     Since errors grow with the length of an interval, fewer would not do, of those on a grid of `_FINE` places
-    between two boundaries. It takes a search for every time, so it is for single manoeuvres; arguments as of
+    between two boundaries. Each time takes a search, so this is for single manoeuvres. Arguments are those of
     `chosen_instants`.
     """
     boundaries, limit = flight.boundaries, _SHARE * tolerance
@@ -156,7 +156,14 @@ def sparsest_instants(flight: Flight, tolerance: float, *, rodrigues: bool = Fal
 
 
 def _longest(good: Callable[[int], bool], place: int, guess: int, most: int) -> int:
-    """The largest step up to `most`, one at least, that is good from a place on; from a guess."""
+    """Return the largest step, from 1 to `most`, that is good.
+
+    Args:
+        good: whether the step to a place is good; assumed true up to some place and false beyond.
+        place: from where the step begins.
+        guess: a first guess of the step.
+        most: the largest step allowed.
+    """
     low, high = 1, guess
     while high < most and good(place + high):
         low, high = high, min(2 * high, most)
@@ -169,14 +176,21 @@ def _longest(good: Callable[[int], bool], place: int, guess: int, most: int) -> 
 
 
 def _witnesses(flight: Flight) -> np.ndarray:
-    """Four instants of each piece of the trajectory, s, rising; the first is its start."""
+    """Return four instants of each piece of the trajectory, s, rising; the first of each is its start."""
     breaks = np.union1d(flight.trajectory.breaks, flight.trajectory.joint_breaks)
     within = breaks[:-1, None] + np.diff(breaks)[:, None] * np.append(0.0, _INNER)
     return np.asarray(within.reshape(-1))
 
 
 def _divided(readers: "_Readers", nodes: np.ndarray, witnesses: np.ndarray, limit: float) -> np.ndarray:
-    """Starts (k,) s of intervals between nodes (n + 1,) s, divided until errors are within a limit, rad."""
+    """Divide intervals until errors of interpolation are within a limit; return their starts (k,) s, rising.
+
+    Args:
+        readers: which compute the errors.
+        nodes: (n + 1,) s, ends of the intervals to divide.
+        witnesses: (w,) s, rising: instants at which errors are measured besides those within each interval.
+        limit: rad.
+    """
     left, right = nodes[:-1], nodes[1:]
     done = []
     while len(left):
@@ -188,7 +202,7 @@ def _divided(readers: "_Readers", nodes: np.ndarray, witnesses: np.ndarray, limi
         owner = np.concatenate([np.repeat(np.arange(len(left)), len(_INNER)), owner])
         worst = np.zeros(len(left))
         np.maximum.at(worst, owner, readers.errors(left, right, owner, times))
-        wrong = (worst > limit) & (right - left > 10 * APART)  # a jump between pieces stays what it is
+        wrong = (worst > limit) & (right - left > 10 * APART)  # a jump between pieces cannot be divided
         done.append(left[~wrong])
         parts = np.clip(np.ceil(np.sqrt(worst[wrong] / limit)), 2, _MOST_PARTS).astype(int)
         place = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
@@ -201,13 +215,25 @@ def _divided(readers: "_Readers", nodes: np.ndarray, witnesses: np.ndarray, limi
 
 @dataclass(frozen=True)
 class _Readers:
-    """What readers make of a flight between two of its instants, against what it is."""
+    """Errors of readers' interpolation between two instants of a flight.
+
+    Attributes:
+        flight: the motion.
+        rodrigues: whether to consider also the interpolation of attitudes in Basilisk.
+    """
 
     flight: Flight
     rodrigues: bool
 
     def errors(self, left: np.ndarray, right: np.ndarray, owner: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Largest errors (k,) rad at times (k,) s, from the ends of the intervals (n,) that own them."""
+        """Return the largest errors (k,) rad at given times of interpolation between the ends of intervals.
+
+        Args:
+            left: (n,) s, starts of intervals.
+            right: (n,) s, their ends.
+            owner: (k,) int, the interval that each time is in.
+            times: (k,) s.
+        """
         share = ((times - left[owner]) / (right - left)[owner])[:, None]
         starts, start_joints = self.poses(left)
         ends, end_joints = self.poses(right)
@@ -226,7 +252,17 @@ class _Readers:
         truth: np.ndarray,
         joints: np.ndarray,
     ) -> np.ndarray:
-        """Largest errors (k,) rad at shares (k, 1) of intervals, from poses at their ends and true ones."""
+        """Return the largest errors (k,) rad of interpolation between poses of body, g devices and J joints.
+
+        Args:
+            begin: (k, 1 + g, 4) quaternions at the starts of intervals.
+            end: (k, 1 + g, 4) quaternions at their ends.
+            begin_joints: (k, J) rad at the starts.
+            end_joints: (k, J) rad at the ends.
+            share: (k, 1) places in the intervals, from 0 to 1.
+            truth: (k, 1 + g, 4) true quaternions there.
+            joints: (k, J) rad, true joints there.
+        """
         end = np.where(np.sum(begin * end, axis=-1, keepdims=True) < 0, -end, end)
         guesses = [(rule(begin, end, share[..., None]), truth) for rule in (turned_between, linear_between)]
         if self.rodrigues:
@@ -238,7 +274,7 @@ class _Readers:
         return np.asarray(np.max(off, axis=0))
 
     def poses(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Quaternions (k, 1 + g, 4) of body and devices, and joints (k, J) rad, at times (k,) s."""
+        """Return poses at times (k,) s: quaternions (k, 1 + g, 4) of body and devices, joints (k, J) rad."""
         values, craft = self.flight.trajectory.sample(times), self.flight.spacecraft
         devices = [device_frames(craft, values.joints, number) for number in range(craft.gimbals.count)]
         return np.asarray(
@@ -247,6 +283,6 @@ class _Readers:
 
 
 def _angles(guess: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Angles (...) rad between attitudes, from quaternions (..., 4) of any sign."""
+    """Return angles (...) rad between attitudes given by unit quaternions (..., 4) of any sign."""
     apart = np.minimum(np.linalg.norm(guess - truth, axis=-1), np.linalg.norm(guess + truth, axis=-1))
     return np.asarray(4 * np.arcsin(np.clip(apart / 2, 0, 1)))

@@ -1,13 +1,14 @@
-"""The polynomials of a motion as numbers to fly: charts, pieces, and joints, for code and for JSON.
+"""The polynomials of a motion as plain numbers, for code and for JSON: charts, pieces, and joints.
 
-What is written is the motion that is certified, not samples of it. On a piece of the platform, with
-``x = 2 (t - t_k) / (t_{k+1} - t_k) - 1`` in [-1, 1], ``b`` is the polynomial ``sum_i c_i x^i``, and the
-attitude is (equation 25, corrected; see `trajectory.curve`)
+What is written is the motion that is certified itself, and no samples of it. A *piece* is an interval with
+one polynomial, a *chart* the reference motion that it is relative to. On a piece of the platform from ``t_k``
+to ``t_{k+1}``, with ``x = 2 (t - t_k) / (t_{k+1} - t_k) - 1`` in [-1, 1], ``b`` is the polynomial
+``sum_i c_i x^i``, and the attitude is (equation 25, corrected; see `trajectory.curve`)
 
     q(t) = q_a u e u,   u = exp((t - t_a) Omega / 2),   e = exp(b(t) - (t - t_a) Omega),
 
-with quaternions, scalar first, body to inertial, where ``exp`` is that of a rotation vector. The powers are
-those of the Legendre polynomials that a trajectory has, to the last digit or two.
+with unit quaternions, scalar first, body to inertial, where ``exp`` is that of a rotation vector. The powers
+of x are equal to the Legendre polynomials that a trajectory has, except for the last digit or two.
 """
 
 import json
@@ -28,17 +29,17 @@ SCHEMA, VERSION = "jaxplan-pieces", 1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pieces:
-    """A motion's polynomials in powers of x.
+    """A motion's polynomials in powers of x: N pieces of the platform in C charts, M pieces of J joints.
 
     Attributes:
         breaks: (N + 1,) s, ends of the platform's pieces.
-        chart: (N,) int, number of the chart that each piece is in.
-        coefficients: (N, p + 1, 3) rad, of ``b`` by rising powers.
-        quaternions: (C, 4) of charts, ``q_a``, with signs such that ``q(t)`` does not jump.
-        starts: (C,) s, ``t_a``.
-        rates: (C, 3) rad/s, ``Omega``.
+        chart: (N,) int, index of the chart of each piece.
+        coefficients: (N, p + 1, 3) rad, those of ``b`` by rising powers.
+        quaternions: (C, 4) ``q_a`` of each chart, scalar first, with signs such that ``q(t)`` does not jump.
+        starts: (C,) s, ``t_a`` of each chart.
+        rates: (C, 3) rad/s, ``Omega`` of each chart.
         joint_breaks: (M + 1,) s, ends of the joints' pieces.
-        joint_coefficients: (M, r + 1, J) rad, by rising powers.
+        joint_coefficients: (M, r + 1, J) rad, those of the joints by rising powers.
     """
 
     breaks: np.ndarray
@@ -52,7 +53,7 @@ class Pieces:
 
     @property
     def numbers(self) -> int:
-        """How many floating-point numbers they are."""
+        """How many floating-point numbers these are; breaks that platform and joints share count once."""
         arrays = [self.coefficients, self.quaternions, self.starts, self.rates, self.breaks]
         joints = [self.joint_coefficients]
         if not self.shares_breaks:
@@ -61,17 +62,17 @@ class Pieces:
 
     @property
     def joint_count(self) -> int:
-        """J."""
+        """Number of joints."""
         return int(self.joint_coefficients.shape[2])
 
     @property
     def shares_breaks(self) -> bool:
-        """Whether the pieces of the joints are those of the platform."""
+        """Whether the joints' pieces have the same breaks as those of the platform."""
         return np.array_equal(self.breaks, self.joint_breaks)
 
 
 def pieces_of(trajectory: Trajectory) -> Pieces:
-    """The polynomials of a trajectory, with each chart once."""
+    """Return the polynomials of a trajectory in powers of x, with each chart once."""
     own = (trajectory.chart_attitude, trajectory.chart_start, trajectory.chart_rate)
     rows = np.column_stack([np.asarray(part).reshape(len(trajectory.chart_start), -1) for part in own])
     begins = np.concatenate([[True], np.any(rows[1:] != rows[:-1], axis=1)])
@@ -97,10 +98,10 @@ def pieces_of(trajectory: Trajectory) -> Pieces:
 
 
 def write_pieces(sampling: Sampling, path: Path) -> None:
-    """Write the polynomials as JSON in UTF-8; docs/flight.md says what each key is.
+    """Write the polynomials as JSON in UTF-8; docs/flight.md describes its keys.
 
     Args:
-        sampling: of the motion, whose instants are not looked at.
+        sampling: the motion's sampling; its instants are not used.
         path: the file.
     """
     flight = sampling.flight
@@ -113,8 +114,8 @@ def described(flight: Flight, name: str, start: np.datetime64 | None = None) -> 
 
     Args:
         flight: the motion.
-        name: that it is given.
-        start: UTC of time zero, None where it is not known.
+        name: under which it is written.
+        start: UTC of time zero; None where it is not known.
     """
     own = pieces_of(flight.trajectory)
     return {
@@ -145,7 +146,7 @@ def described(flight: Flight, name: str, start: np.datetime64 | None = None) -> 
 
 
 def _attitude(pieces: Pieces, piece: int, time: float) -> np.ndarray:
-    """The quaternion (4,) on a piece at a time, s."""
+    """Return the quaternion (4,), scalar first, body to inertial, on a piece by index at a time, s."""
     begin, end = pieces.breaks[piece : piece + 2]
     x = 2 * (time - begin) / (end - begin) - 1 if end > begin else -1.0
     chart = pieces.chart[piece]
@@ -157,7 +158,7 @@ def _attitude(pieces: Pieces, piece: int, time: float) -> np.ndarray:
 
 
 def _powers(coefficients: np.ndarray) -> np.ndarray:
-    """Coefficients (n, p + 1, d) of powers of x, of those of Legendre polynomials."""
+    """Convert coefficients (n, p + 1, d) of Legendre polynomials to those of powers of x."""
     order = coefficients.shape[1] - 1
     table = np.zeros((order + 1, order + 1), np.longdouble)  # row k: the powers of the polynomial of degree k
     table[0, 0] = 1

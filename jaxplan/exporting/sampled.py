@@ -1,10 +1,10 @@
 """A flight's motion as tables for export, a block of rows at a time, with the frames of its devices.
 
 A day has more rows than memory should hold, so a table is made in blocks, each checked before a writer sees
-it. Frames of devices have the boresight as z axis. A device at azimuth ``a`` and elevation ``b`` in body axes
-has the frame ``Rz(a) Ry(pi/2 - b)``, whose columns are its axes: z is ``v(a, b)`` of equation (13), y lies in
-the body's xy plane and x points down. A terminal's azimuth is its yaw plus its mount, its elevation the
-pitch.
+it. The frame of a device has the boresight as its z axis. At azimuth ``a`` and elevation ``b``, which for
+devices with joints are in the gimbal's own axes and for instruments in body axes, it is
+``Rz(a) Ry(pi/2 - b)`` relative to these. The columns of this matrix are the device's axes: z is ``v(a, b)``
+of equation (13), y lies in the xy plane, and x points down.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,21 +27,22 @@ from jaxplan.sky import Satellite
 from jaxplan.trajectory.curve import Samples, total_momentum
 
 ROWS = 32_768  # most rows of a block: some 20 MB with all of its columns
-_ROUNDING = 1e-9  # how far a matrix may be from a rotation; a trajectory's are within 1e-14
+_ROUNDING = 1e-9  # largest entry of |R^T R - 1| of an attitude; a trajectory's are within 1e-14
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sampled:
-    """A block of rows of a flight's table.
+    """A block of k rows of a flight's table.
 
     Attributes:
-        spacecraft: that flies it.
-        first: number of the first row.
+        spacecraft: the one that moves.
+        first: index of the first row.
         opens: whether it is the first block, or the first one after a cut.
         times: (k,) s from the start of the flight, rising.
-        values: the trajectory there, in radians and seconds; angular velocities in body axes.
-        quaternions: (k, 4) body to inertial, scalar first, of unit length; neighbours have no change of sign.
-        wheels: torques (k, n) N m and momenta (k, n) N m s of the wheels; none without wheels.
+        values: the trajectory at these times, in radians and seconds, with angular velocities in body axes.
+        quaternions: (k, 4) body to inertial, scalar first, of unit length; the sign does not jump between
+            rows.
+        wheels: torques (k, n) N m and momenta (k, n) N m s of n wheels; empty without wheels.
     """
 
     spacecraft: Spacecraft
@@ -53,21 +54,21 @@ class Sampled:
     wheels: tuple[np.ndarray, ...] = ()
 
     def inertial(self, vectors: np.ndarray) -> np.ndarray:
-        """Convert vectors (k, 3) from body to inertial axes."""
+        """Convert vectors (k, 3), one for each row, from body to inertial axes."""
         return np.asarray(np.einsum("kij,kj->ki", self.values.attitude, vectors))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sampling:
-    """A flight with the instants at which files have it, and the names that they give it.
+    """A flight, the instants at which files have it, and the names that they give it.
 
     Attributes:
         flight: what is exported.
-        start: UTC of time zero, None where the file does without.
+        start: UTC of time zero; None where the file has none.
         times: (k,) s, rising from 0 to the duration, with all ends of segments.
-        names: what files call the spacecraft and its frames.
-        tolerance: rad, below which the errors of linear interpolation are; None where a step was given.
-        observer: orbit of the spacecraft, None where that is not known.
+        names: how files call the spacecraft and its frames.
+        tolerance: rad, bound of the errors of linear interpolation; None where a step was given.
+        observer: orbit of the spacecraft; None where that is not known.
     """
 
     flight: Flight
@@ -79,24 +80,24 @@ class Sampling:
 
     @property
     def spacecraft(self) -> Spacecraft:
-        """The spacecraft that flies."""
+        """The spacecraft that moves."""
         return self.flight.spacecraft
 
     def row(self, time: float) -> int:
-        """Number of the row nearest to a time, s."""
+        """Return the index of the row nearest to a time, s."""
         after = int(np.searchsorted(self.times, time))
         near = np.clip([after - 1, after], 0, len(self.times) - 1)
         return int(near[np.argmin(np.abs(self.times[near] - time))])
 
     def blocks(self, cuts: Sequence[int] = ()) -> Iterator[Sampled]:
-        """Yield the table in blocks of at most `ROWS` rows, in order, and show a bar where that takes long.
+        """Yield the table in blocks of at most `ROWS` rows, in order; show progress where that takes long.
 
         Args:
-            cuts: numbers of rows that end a block and stand once more as the first of the next one; rising.
-                All other rows are in one block.
+            cuts: rising indices of rows that end a block and are repeated as the first row of the next one.
+                All other rows are in one block each.
 
         Raises:
-            ValueError: if a value is not a number, or a matrix no rotation, which no reader would notice.
+            ValueError: if a value is not finite, or a matrix is no rotation.
         """
         last = len(self.times) - 1
         edges = [0, *(cut for cut in cuts if 0 < cut < last), last]
@@ -110,11 +111,11 @@ class Sampling:
                     bar.update(len(block.times))
 
     def overlapping(self) -> list[int]:
-        """Cuts for `blocks` at which blocks that are full share a row."""
+        """Return cuts for `blocks` such that full blocks share a row with their neighbours."""
         return list(range(ROWS - 1, len(self.times) - 1, ROWS - 1))
 
     def _block(self, first: int, end: int, opens: bool, before: np.ndarray | None) -> Sampled:
-        """Rows from `first` to before `end`, checked; `before` is the quaternion (4,) in front of them."""
+        """Make and check the block of rows `first` to `end` - 1, after a quaternion `before` or None."""
         times, craft = self.times[first:end], self.spacecraft
         values = self.flight.trajectory.sample(times)
         _check(values, times)
@@ -134,18 +135,21 @@ class Sampling:
 
     @cached_property
     def _total(self) -> AnyArray | None:
-        """Momentum (3,) N m s of platform and wheels, inertial, which is the same all the time."""
+        """Momentum (3,) N m s of platform and wheels, inertial axes, constant; None without wheels."""
         return total_momentum(self.flight.trajectory, self.spacecraft)
 
 
 def continued(matrices: np.ndarray, before: np.ndarray | None) -> np.ndarray:
-    """Quaternions (k, 4), scalar first, of rotations (k, 3, 3), without a change of sign after `before`."""
+    """Return quaternions (k, 4), scalar first, of rotations (k, 3, 3), whose sign does not jump.
+
+    `before` is the quaternion (4,) that the first must agree with in sign; None if any sign will do.
+    """
     found = np.asarray(quaternion.continuous(matrices))
     return found if before is None or found[0] @ before >= 0 else -found
 
 
 def _check(values: Samples, times: np.ndarray) -> None:
-    """Refuse values at times (k,) that are not finite, or attitudes that are no rotations."""
+    """Raise a ValueError if values at times (k,) s are not finite, or attitudes are no rotations."""
     for each in fields(values):
         curve = np.asarray(getattr(values, each.name))
         finite = np.isfinite(curve).reshape(len(times), -1).all(axis=1)
@@ -159,14 +163,14 @@ def _check(values: Samples, times: np.ndarray) -> None:
 
 
 def frames(azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
-    """Frames of devices whose z axis is the boresight, see the module.
+    """Return the frames of devices whose z axis is the boresight; see the module.
 
     Args:
-        azimuth: (...) rad, of the boresight.
-        elevation: (...) rad, likewise.
+        azimuth: (...) rad, azimuth of the boresight.
+        elevation: (...) rad, elevation of the boresight.
 
     Returns:
-        (..., 3, 3) from the device to the axes in which the angles are.
+        (..., 3, 3) rotation matrices, from the device to the axes in which the angles are.
     """
     a, b = np.broadcast_arrays(azimuth, elevation)
     outward, left, up = (
@@ -176,17 +180,17 @@ def frames(azimuth: np.ndarray, elevation: np.ndarray) -> np.ndarray:
 
 
 def device_frames(craft: Spacecraft, joints: np.ndarray, number: int) -> np.ndarray:
-    """Frames (k, 3, 3), device to body, of the device with joints of a number, at joint angles (k, J) rad."""
+    """Return frames (k, 3, 3), device to body, of a device with joints by its index, at joints (k, J) rad."""
     azimuth, elevation = (part[:, number] for part in craft.gimbals.angles(joints))
     return np.asarray(craft.gimbals.frames[number] @ frames(azimuth, elevation))
 
 
 def device_rates(block: Sampled, number: int) -> np.ndarray:
-    """Angular velocities (k, 3) rad/s of a device with joints relative to the body, in body axes.
+    """Return angular velocities (k, 3) rad/s of a device with joints relative to the body, in body axes.
 
     Args:
-        block: of the flight.
-        number: of the device: terminals from 0 on, then drives.
+        block: a block of the flight's rows.
+        number: index of the device: terminals from 0 on, then drives.
     """
     gimbals, values = block.spacecraft.gimbals, block.values
     azimuth, _ = (part[:, number] for part in gimbals.angles(values.joints))
@@ -196,26 +200,27 @@ def device_rates(block: Sampled, number: int) -> np.ndarray:
 
 
 def instrument_frames(boresights: np.ndarray) -> np.ndarray:
-    """Frames of instruments.
+    """Return the frames of instruments.
 
     Args:
         boresights: (i, 3) unit vectors in body axes.
 
     Returns:
-        (i, 3, 3) instrument to body; one along the body's z axis has its y axis along the body's.
+        (i, 3, 3) rotation matrices, instrument to body. If the boresight is the body's z axis, both y axes
+        agree.
     """
     return frames(*azimuth_elevation(boresights))
 
 
 def field_in_own_axes(device: Any, fixed: np.ndarray | None) -> np.ndarray | None:
-    """Unit vectors to the corners of a device's field of view.
+    """Return unit vectors to the corners of a device's field of view.
 
     Args:
         device: a terminal, drive or instrument.
-        fixed: (3, 3) frame of an instrument, None for what has joints.
+        fixed: (3, 3) frame of an instrument, device to body; None for devices with joints.
 
     Returns:
-        (4, 3) in its frame, in order around it; None without a field.
+        (4, 3) in the device's frame, in order around the field; None without a field of view.
     """
     angles = getattr(device, "field_of_view", None)
     if angles is None:

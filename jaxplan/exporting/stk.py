@@ -1,4 +1,4 @@
-"""STK's attitude file of the platform, sensor files of the devices with joints, and a list of intervals."""
+"""Writer of STK's attitude file of the platform, sensor files of devices with joints, and interval list."""
 
 import re
 from collections.abc import Iterator
@@ -18,16 +18,16 @@ _AXES = {"EME2000": "J2000", "ICRF": "ICRF", "GCRF": "ICRF"}  # STK's names of t
 
 
 def write_stk(sampling: Sampling, folder: Path) -> None:
-    """Write ``platform.a``, a file of each terminal and drive, ``antenna.sp``, and perhaps ``segments.int``.
+    """Write ``platform.a``, a ``.sp`` file for each device with joints, and ``segments.int`` for days.
 
-    Quaternions turn the reference axes into the object's in STK's sense, which is ours of object to
-    reference, with the scalar last. The reference is inertial for the platform, and for a device with joints
-    the platform's body axes, which is what STK takes where a sensor file names none. A sensor's boresight is
-    its z axis. Attitude files have no place for names of segments, so these are a list of intervals, each
-    with its kind and name as its data.
+    Quaternions turn the reference axes into the object's as STK defines it, which means object to reference
+    as everywhere here, but the scalar is last. The reference is inertial for the platform. For a device with
+    joints it is the platform's body axes, which STK assumes where a sensor file names none. A sensor's
+    boresight is its z axis. Attitude files have no place for the names of segments, so these are a list of
+    intervals, each with its kind and name as its data.
 
     Args:
-        sampling: with a start.
+        sampling: the motion's sampling, with a start.
         folder: an empty one.
     """
     assert sampling.start is not None
@@ -57,7 +57,7 @@ def write_stk(sampling: Sampling, folder: Path) -> None:
 
 
 def _header(sampling: Sampling, axes: tuple[str, ...]) -> Iterator[str]:
-    """Yield the lines in front of the rows of an attitude file; `axes` name what it is relative to."""
+    """Yield the lines before the rows of an attitude file; lines `axes` name what it is relative to."""
     assert sampling.start is not None
     lines = (
         "stk.v.11.0",
@@ -72,12 +72,12 @@ def _header(sampling: Sampling, axes: tuple[str, ...]) -> Iterator[str]:
 
 
 def _write_rows(file: TextIO, times: np.ndarray, quaternions: np.ndarray) -> None:
-    """Write rows of times (k,) s and quaternions (k, 4), scalar first."""
+    """Write rows of times (k,) s and quaternions (k, 4), given scalar first and written scalar last."""
     file.writelines(table_lines([times, np.roll(quaternions, -1, axis=1)]))
 
 
 def _intervals(segments: tuple[Segment, ...], start: np.datetime64) -> Iterator[str]:
-    """Yield the lines of an interval list; a segment that takes no time is none."""
+    """Yield the lines of an interval list; segments that take no time are left out."""
     yield f"stk.v.11.0\nBEGIN IntervalList\nScenarioEpoch {_epoch(start)}\nBEGIN Intervals\n"
     for each in segments:
         if each.end > each.start:
@@ -88,6 +88,6 @@ def _intervals(segments: tuple[Segment, ...], start: np.datetime64) -> Iterator[
 
 
 def _epoch(start: np.datetime64) -> str:
-    """Gregorian UTC as STK writes it, ``1 Jan 2026 00:00:00.000000``."""
+    """Format UTC as STK writes it, ``1 Jan 2026 00:00:00.000000``."""
     moment = start.astype("datetime64[us]").item()
     return f"{moment.day} {_MONTHS[moment.month - 1]} {moment:%Y %H:%M:%S.%f}"

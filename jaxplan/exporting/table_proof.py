@@ -1,7 +1,7 @@
-"""Prove of a table, before it is written, that it keeps zones, ranges and rates as its readers fly it.
+"""Proof, before a table is written, that it keeps zones, ranges and rates when readers interpolate it.
 
-How far it may fall short without being refused is the rule of `jaxplan.tables.tolerances`, by which tables
-are checked, too.
+By how much it may fall short without being refused is the rule of `jaxplan.tables.tolerances`, which is also
+that of checks of tables.
 """
 
 from dataclasses import replace
@@ -23,13 +23,13 @@ SPARSEST = "sparsest"
 """The step of a table with the fewest rows."""
 SPARSEST_DEG = 0.05
 """deg: by which such a table may be off the motion, unless told."""
-_HALVINGS = 12  # of the tolerance of a sparse table that does not hold
-_TOGETHER = 2_000  # rows that are held against the scene at once
-_MOST_ROWS = 200_000  # that are proved; tables of more have rows too close together for a reader to matter
+_HALVINGS = 12  # tolerances tried for a sparse table, each half of the one before
+_TOGETHER = 2_000  # rows that are proved at once
+_MOST_ROWS = 200_000  # that are proved; with more, rows are too close for interpolation to matter
 
 
 class Readings(NamedTuple):
-    """How readers of a table interpolate between its rows.
+    """How readers of a table interpolate between its rows, by names of `jaxplan.tables.INTERPOLATIONS`.
 
     Attributes:
         usual: what most do.
@@ -41,7 +41,7 @@ class Readings(NamedTuple):
 
 
 def rows_of(sampling: Sampling, first: int, last: int, interpolation: str) -> AttitudeTable:
-    """Rows `first` to `last` of a motion as a reader has them, with joints even where the format has none."""
+    """Return rows `first` to `last` of a motion as a table; it has joints even where the format has none."""
     values = sampling.flight.trajectory.sample(sampling.times[first : last + 1])
     names = sampling.spacecraft.joint_names
     return AttitudeTable(
@@ -58,10 +58,16 @@ def rows_of(sampling: Sampling, first: int, last: int, interpolation: str) -> At
 
 
 def broken_by(plan: Plan | Day, sampling: Sampling, how: Readings, forgives: Forgiven) -> tuple[str, ...]:
-    """Find what a table breaks as its readers fly it, by more than is forgiven.
+    """Find what a table breaks, by more than is forgiven, when readers interpolate it.
+
+    Args:
+        plan: the plan or day, with its scene.
+        sampling: the motion's sampling, with the table's instants.
+        how: what readers do.
+        forgives: by how much the table may fall short.
 
     Returns:
-        Sentences on the first stretch of rows that does; none if all hold.
+        Sentences on the first stretch of rows that breaks something; empty if all hold.
     """
     scene, last = scene_of(plan), len(sampling.times) - 1
     for first in range(0, last, _TOGETHER):
@@ -73,7 +79,9 @@ def broken_by(plan: Plan | Day, sampling: Sampling, how: Readings, forgives: For
 
 
 def expect_held(plan: Plan | Day, sampling: Sampling, how: Readings, format: str, forgives: Forgiven) -> None:
-    """Refuse a table that breaks something as its readers fly it.
+    """Refuse a table that breaks something when readers interpolate it; arguments as of `broken_by`.
+
+    Tables of one row, or of more than `_MOST_ROWS`, are not checked.
 
     Raises:
         UncertifiedError: with what breaks, when, and what to do.
@@ -93,13 +101,16 @@ def expect_held(plan: Plan | Day, sampling: Sampling, how: Readings, format: str
 def sparsest(
     plan: Plan | Day, sampling: Sampling, how: Readings, tolerance: float, forgives: Forgiven
 ) -> Sampling:
-    """The table with the fewest rows that is near a motion and holds as its readers fly it.
+    """Return a sampling with few rows that is near the motion and holds when readers interpolate it.
+
+    For a single manoeuvre, as few as `sparsest_instants` finds; for a day, those of `chosen_instants`.
 
     Args:
-        plan: with the scene.
-        sampling: of the motion, with all but the instants.
+        plan: the plan or day, with its scene.
+        sampling: the motion's sampling; its instants are not used.
         how: what readers do.
-        tolerance: rad, by which attitude, devices and joints may be off the motion; halved until all holds.
+        tolerance: rad, by which attitude, devices and joints may be off the motion; it is halved until all
+            holds.
         forgives: by how much the table may fall short.
 
     Raises:

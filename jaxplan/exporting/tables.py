@@ -1,7 +1,7 @@
 """Writers of Basilisk, CSV and NPZ files: tables with a row for each instant.
 
-Ours are body to inertial, scalar first, with rates in body axes, rad/s. Times are seconds from the start, so
-leap seconds need no care but where a column has UTC.
+Quaternions are body to inertial, scalar first, and rates are in body axes, rad/s, where nothing else is said.
+Times are seconds from the start, so leap seconds matter only in a column of UTC.
 """
 
 import csv
@@ -20,15 +20,15 @@ from jaxplan.tables.table import column_name
 
 
 def write_basilisk(sampling: Sampling, path: Path) -> None:
-    """Write what Basilisk's ``fswAlgorithms.waypointReference`` flies, with ``attitudeType = 1``.
+    """Write what Basilisk's ``fswAlgorithms.waypointReference`` reads, with ``attitudeType = 1``.
 
-    Columns, without a header: time (s, from the start of the simulation), quaternion (body to inertial in
-    our sense, scalar first: Basilisk's beta_RN), angular velocity (rad/s) and acceleration (rad/s^2), both in
-    inertial components, as ``useReferenceFrame = False`` has it.
+    Columns, without a header: time (s, from the start of the simulation), quaternion (body to inertial,
+    scalar first; Basilisk's beta_RN), angular velocity (rad/s) and acceleration (rad/s^2), both in inertial
+    components, as ``useReferenceFrame = False`` requires.
 
     Args:
-        sampling: the motion. Of one that takes no time the waypoint stands twice, a second apart, since
-            Basilisk takes the second of a single one for zeros.
+        sampling: the motion's sampling. If it takes no time, its one waypoint is written twice, a second
+            apart, since Basilisk reads zeros for the second of a single one.
         path: the file.
     """
     with path.open("w", encoding="ascii") as file:
@@ -46,15 +46,15 @@ def write_basilisk(sampling: Sampling, path: Path) -> None:
 
 
 def write_csv(sampling: Sampling, path: Path) -> None:
-    """Write a table in UTF-8: ``time_s``, ``quaternion_w``, ..., ``terminal-1_yaw_rad``, ...
+    """Write a table in UTF-8 with columns ``time_s``, ``quaternion_w``, ..., ``terminal-1_yaw_rad``, ...
 
-    Wheels have ``wheel-1_torque_Nm``, ... and then ``wheel-1_momentum_Nms``, ...: what each gives the
-    platform about its axis, and what it holds. No name of a column has a blank: those of devices' names are
-    underscores. A day has ``segment`` and ``segment_kind``: of the segment
-    that a row is in, or that begins with it.
+    Wheels have columns ``wheel-1_torque_Nm``, ... and ``wheel-1_momentum_Nms``, ...: the torque that each
+    gives the platform about its axis, and the momentum that it holds. Blanks in names of devices become
+    underscores. A day has ``segment`` and ``segment_kind``, of the segment that a row is in or that begins
+    with it.
 
     Args:
-        sampling: the motion; with a start, the last column is ``utc``.
+        sampling: the motion's sampling; with a start, the last column is ``utc``.
         path: the file. Numbers have all their digits.
 
     Raises:
@@ -82,14 +82,14 @@ def write_csv(sampling: Sampling, path: Path) -> None:
 
 
 def write_npz(sampling: Sampling, path: Path) -> None:
-    """Write arrays: ``time_s``, ``quaternion`` (k, 4), ..., ``terminal-1_yaw_rad`` (k,), ...
+    """Write an archive of arrays: ``time_s``, ``quaternion`` (k, 4), ..., ``terminal-1_yaw_rad`` (k,), ...
 
-    A day has ``segment`` (k,) int, the number of the segment that a row is in or that begins with it, and of
+    A day has ``segment`` (k,) int, the index of the segment that a row is in or that begins with it, and for
     its s segments ``segment_name`` and ``segment_kind`` (s,), texts, ``segment_start_s`` and
     ``segment_end_s`` (s,).
 
     Args:
-        sampling: the motion; its start is ``epoch_utc``, a text that is empty where there is none.
+        sampling: the motion's sampling; its start is ``epoch_utc``, a text that is empty where there is none.
         path: the file, which holds no pickled objects.
 
     Raises:
@@ -115,7 +115,7 @@ def write_npz(sampling: Sampling, path: Path) -> None:
 
 
 def _segment_numbers(sampling: Sampling, times: np.ndarray) -> np.ndarray:
-    """Numbers (k,) of the segments that times (k,) s are in, at a boundary of the one that begins."""
+    """Return indices (k,) of the segments that contain times (k,) s; at a boundary the one that begins."""
     segments = sampling.flight.segments
     rows = np.array([sampling.row(segment.start) for segment in segments])
     found = np.searchsorted(sampling.times[rows], times, side="right") - 1
@@ -123,7 +123,7 @@ def _segment_numbers(sampling: Sampling, times: np.ndarray) -> np.ndarray:
 
 
 def _arrays(block: Sampled) -> list[tuple[str, str, np.ndarray]]:
-    """Name, suffix of the unit and values of each quantity: (k,), (k, 3), or (k, 4) for the quaternion."""
+    """Return name, unit suffix and values of each quantity: (k,), (k, 3), or (k, 4) for the quaternion."""
     values, craft = block.values, block.spacecraft
     arrays = [
         ("time", "_s", block.times),
@@ -155,11 +155,11 @@ def _expect_distinct(columns: Sequence[str]) -> None:
 
 
 def _axes(array: np.ndarray) -> list[str]:
-    """What the names of a quantity's columns have between its name and its unit."""
+    """Return what stands in column names between a quantity's name and its unit, such as "_x", "_y", "_z"."""
     return {1: [""], 3: ["_x", "_y", "_z"], 4: ["_w", "_x", "_y", "_z"]}[array[0].size]
 
 
 def _owner(craft: Spacecraft, joint: int) -> int:
-    """The index of the device that a joint of this index belongs to."""
+    """Return the index of the device that a joint, by its index, belongs to."""
     terminals = len(craft.terminals)
     return joint % terminals if joint < 2 * terminals else joint - terminals

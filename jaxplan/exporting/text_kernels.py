@@ -1,8 +1,8 @@
-"""SPICE's text kernels beside a C-kernel: of frames, of the clock, and of fields of view.
+"""SPICE text kernels that go with a C-kernel: of frames, of the clock, and of fields of view.
 
-The platform is a frame on J2000, a terminal a frame on that, an instrument a fixed frame on it; a device's
-boresight is its z axis. Numbers follow the convention of SPICE: a spacecraft -999 has the frame -999000, and
-what it carries has numbers below that.
+The platform is a frame based on J2000, a device with joints a frame based on the platform, and an instrument
+a frame fixed to the platform. The boresight of each is its z axis. Numbers follow SPICE's convention: a
+spacecraft -999 has the frame -999000, and what it carries has numbers below that.
 
 The spacecraft clock counts microseconds of TDB from 1950 on. It is the same in all exports, so that the
 kernels of several manoeuvres can be loaded at once.
@@ -23,9 +23,9 @@ from jaxplan.tables.devices import FIRST_TURNING
 
 MOST_DEVICES = 499
 """Most devices with joints, and most instruments, for which there are numbers."""
-_FIRST_INSTRUMENT = 501  # how far the first instrument's number is below the bus
-_BUS_NAME = "JAXPLAN_BUS"  # where the user gives none
-_LONGEST_STEM = 15  # characters that names of devices begin with, which leaves them ten after an underscore
+_FIRST_INSTRUMENT = 501  # how far the first instrument's number is below that of the bus, the platform
+_BUS_NAME = "JAXPLAN_BUS"  # the platform's frame where the user gives no name
+_LONGEST_STEM = 15  # characters of the prefix of devices' frame names, before an underscore
 _LONGEST_BODY = 36  # characters of a body's name
 _BEFORE_J2000 = 1577880000  # s, from the clock's zero to J2000
 _TICKS = 1_000_000  # of the clock in a second
@@ -33,7 +33,7 @@ _TICKS = 1_000_000  # of the clock in a second
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """A frame of SPICE: its number, its name, and what it is the frame of."""
+    """A frame of SPICE: its number, its name, and what it is the frame of, in words."""
 
     number: int
     name: str
@@ -45,11 +45,11 @@ class Frames:
     """The frames of a spacecraft.
 
     Attributes:
-        craft: number of the spacecraft and of its clock.
-        body: what SPICE is to call the spacecraft, None for no name.
-        bus: the platform, on J2000.
-        turning: devices with joints, on the bus.
-        instruments: fixed to the bus.
+        craft: SPICE's number of the spacecraft and of its clock.
+        body: name of the spacecraft in SPICE; None for no name.
+        bus: the platform's, based on J2000.
+        turning: those of devices with joints, based on the platform.
+        instruments: those of instruments, fixed to the platform.
     """
 
     craft: int
@@ -60,7 +60,7 @@ class Frames:
 
 
 def frames_of(craft: Spacecraft, names: ExportNames) -> Frames:
-    """The frames of a spacecraft, numbered and named.
+    """Return the numbered and named frames of a spacecraft.
 
     Raises:
         ValueError: if it has more devices than there are numbers.
@@ -90,12 +90,12 @@ def frames_of(craft: Spacecraft, names: ExportNames) -> Frames:
 
 
 def ticks(ephemeris: np.ndarray) -> np.ndarray:
-    """Ticks (k,) of the clock, with fractions, at times (k,) s of TDB from J2000 on."""
+    """Return clock ticks (k,), with fractions, at times (k,) s of TDB from J2000."""
     return np.asarray((ephemeris + _BEFORE_J2000) * _TICKS)
 
 
 def clock_kernel(frames: Frames) -> str:
-    """Text of the clock kernel."""
+    """Return the text of the clock kernel."""
     number = -frames.craft
     return f"""KPL/SCLK
 
@@ -117,7 +117,7 @@ SCLK01_COEFFICIENTS_{number}    = ( 0 -{_BEFORE_J2000} 1 )
 
 
 def frame_kernel(frames: Frames, craft: Spacecraft, title: str) -> str:
-    """Text of the frame kernel: the platform, devices with joints, and instruments."""
+    """Return the text of the frame kernel: the platform, devices with joints, and instruments."""
     bus = frames.bus
     lines = ["KPL/FK", "", f"   Frames of the spacecraft of: {plain(title)}", ""]
     lines += [f"   {bus.name:<26}  {bus.number}  the platform, based on J2000"]
@@ -143,9 +143,9 @@ def frame_kernel(frames: Frames, craft: Spacecraft, title: str) -> str:
 
 
 def instrument_kernel(frames: Frames, craft: Spacecraft, title: str) -> str | None:
-    """Text of the instrument kernel: fields of view as rectangles about up; None where there are none.
+    """Return the text of the instrument kernel, with rectangular fields of view; None where there are none.
 
-    An instrument has the number and the name of its frame.
+    In SPICE, a device with a field of view is an instrument with the number and the name of its frame.
     """
     fields = list(_fields(frames, craft))
     if not fields:
@@ -170,9 +170,9 @@ def instrument_kernel(frames: Frames, craft: Spacecraft, title: str) -> str | No
 
 
 def _fields(frames: Frames, craft: Spacecraft) -> Iterator[tuple[Frame, np.ndarray, np.ndarray]]:
-    """Yield for each device with a field of view its frame, up (3,) in that, and the full angles (2,) rad.
+    """Yield each device's frame, its field's up direction (3,) in that frame, and its full angles (2,) rad.
 
-    The first angle is across up, the second along it.
+    The first angle is across up, the second along it. Devices without a field of view are left out.
     """
     for frame, terminal in zip(frames.turning, craft.terminals, strict=False):  # then come the drives
         if terminal.field_of_view is not None:
@@ -185,7 +185,7 @@ def _fields(frames: Frames, craft: Spacecraft) -> Iterator[tuple[Frame, np.ndarr
 
 
 def _definition(frame: Frame, *, kind: int, center: int) -> list[str]:
-    """Lines of a kernel that define a frame of a class of SPICE: 3 by a C-kernel, 4 by a fixed matrix."""
+    """Return the lines that define a frame of SPICE's class `kind`: 3 by a C-kernel, 4 by a fixed matrix."""
     variable = f"FRAME_{frame.number}"
     return [
         f"FRAME_{frame.name} = {frame.number}",

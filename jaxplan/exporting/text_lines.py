@@ -1,4 +1,4 @@
-"""Texts that formats share: lines of numbers, and text that any format takes."""
+"""Text that several formats share: lines of numbers, and text in plain ASCII."""
 
 from collections.abc import Iterator, Sequence
 
@@ -11,8 +11,8 @@ def table_lines(columns: Sequence[np.ndarray], separator: str = " ") -> Iterator
     """Yield the lines of a table of numbers as text, each with its line end.
 
     Args:
-        columns: (k,) or (k, c), side by side.
-        separator: between two numbers.
+        columns: arrays (k,) or (k, c), side by side.
+        separator: text between two numbers.
     """
     table = np.column_stack(columns)
     form = separator.join([_NUMBER] * table.shape[1]) + "\n"
@@ -22,8 +22,8 @@ def table_lines(columns: Sequence[np.ndarray], separator: str = " ") -> Iterator
 
 
 def plain(text: str, longest: int = 80) -> str:
-    """Cut a text to `longest` characters, with ``?`` for what is no printable ASCII and for backslashes.
+    """Return a text cut to `longest` characters, with ``?`` for backslashes and all but printable ASCII.
 
-    To SPICE a backslash has a meaning. Of a text that is blank, ``?`` is left.
+    Backslashes have a meaning in SPICE's kernels. A blank text becomes ``?``.
     """
     return "".join(c if " " <= c <= "~" and c != "\\" else "?" for c in text)[:longest].strip() or "?"

@@ -1,4 +1,4 @@
-"""From a scenario to a certified plan, and plans as files; `plan`, `plan_batch` are imported on first use."""
+"""From a scenario to a certified plan, and plans as files; `plan` and `plan_batch` load on first use."""
 
 from typing import TYPE_CHECKING
 

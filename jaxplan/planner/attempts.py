@@ -1,19 +1,19 @@
-"""The attempts that are made at one scenario: goals, a ladder of attempts at each, and the best plan so far.
+"""The attempts at one scenario: its goals, a *ladder* of attempts at each, and the best plan so far.
 
-A plan that cannot be certified is never OK. For each goal, nearest first, a ladder of attempts is climbed:
-the path as found, a new path with more clearance, and both with more nodes, so that the trajectory keeps
-closer to them. A search that finds no path with the wanted clearance is run again without.
-Where a device's own joints cannot get to a goal, goals at other whole turns of these joints are tried next,
-then goals within the part of their ranges that they can reach; a device without a target may also stop on its
-way. Where zones separate a device from the direction that it prefers, goals without that wish are tried last.
-Where a motion to a goal on the edge of a zone swings over it, goals are looked for once more a little off it.
-The first certified plan ends it; else the answer is that of the attempt that got furthest.
+For each goal, nearest first, a ladder is climbed. Its *rungs* are attempts: along the path as found, along a
+new path with more clearance, and along both with more nodes, so that the trajectory keeps closer to them. A
+search that finds no path with the wanted clearance is repeated without any. If a device's own joints cannot
+get to a goal, goals at other whole turns of these joints are tried next, then goals within the part of their
+ranges that they can reach; a device without a target may also stop on its way. If zones separate a device
+from the direction that it prefers, goals without that wish are tried last. If a motion to a goal on the edge
+of a zone swings over it, goals a little off the edge are looked for. The first certified plan is OK and ends
+the attempts; else the answer is the attempt that got furthest (`_TELLING`).
 
-Where targets or zones move, a goal is one at the end of the manoeuvre, which fits and goals settle in turn
-(`moving.Meeting`); the search sees what zones sweep, and fit and certificate see them move.
+Where targets or zones move, a goal is for one end time, and fits and goals are iterated until both agree
+(`moving.Meeting`). The search sees what zones sweep; fit and certificate see them move.
 
-`Attempts` are a state machine: `need` says what is needed next, and `accept_...` takes it. Goals, paths,
-trajectories and certificates are made by `jaxplan.planner.rounds`.
+`Attempts` is a state machine: `need` says what is needed next, and an `accept_...` method takes it. Goals,
+paths, trajectories and certificates are made by `jaxplan.planner.rounds`.
 """
 
 from collections.abc import Sequence
@@ -55,10 +55,10 @@ from jaxplan.search import (
 )
 from jaxplan.trajectory import Fit, FitQuery
 
-# The ladder of attempts at one goal: factor on the clearance, which keeps paths farther from zones, and how
+# The ladder of attempts at one goal: a factor on the clearance, which keeps paths farther from zones, and how
 # often each edge is halved, which keeps the trajectory closer to the path.
 LADDER = ((1.0, 0), (3.0, 0), (1.0, 1), (3.0, 1), (6.0, 1))
-# rad by which goals are kept off the edges of zones, once the motion to one on an edge has crossed it.
+# rad, how far goals are kept off the edges of zones once a motion to a goal on an edge has crossed it.
 EDGE = 1e-6
 # The same without clearance, where no path is found with the wanted one, and time is left.
 BARE_LADDER = ((0.0, 0), (0.0, 1))
@@ -83,12 +83,12 @@ class Attempts:
 
     Args:
         scenario: the problem and its settings.
-        clock: counts the time of the steps, and says what is left.
-        enough: s, a duration that is short enough: of a plan that takes no longer no shorter one is sought.
+        clock: counts the computation time of the steps, and says what is left.
+        enough: s, a duration that is short enough: no shorter plan is sought than one that takes no longer.
 
     Attributes:
-        need: goals, a path, a trajectory or a certificate; None once the plan is settled.
-        plan: the attempt that got furthest, None before the first; without its timings.
+        need: the request for goals, a path, a fit or a certificate to answer next; None once all is settled.
+        plan: the attempt that got furthest, without its timings; None before the first.
         enough: s, see above.
     """
 
@@ -118,7 +118,7 @@ class Attempts:
         self._next_time()
 
     def go_along(self, plan: Plan) -> None:
-        """Drop all attempts but one: a fit along the path of another plan, to its goal."""
+        """Replace all attempts by a single fit, along the path of `plan` to its goal."""
         if plan.path is None or plan.goal is None:
             raise RuntimeError("a plan to go along has a path")
         self._times, ladder = [], _Ladder(plan.goal, make_scene(self.scenario, plan.goal), ())
@@ -126,7 +126,7 @@ class Attempts:
         self._ladder, self.need = ladder, wanted_fit(self.scenario, plan.path, plan.goal)
 
     def result(self) -> Plan:
-        """The plan, once it is settled, with its timings."""
+        """Return the plan with its computation times; RuntimeError before any attempt has been made."""
         plan = self.plan
         if plan is None:
             raise RuntimeError("no attempt has been made")
@@ -152,7 +152,7 @@ class Attempts:
             self._next_goal()
 
     def accept_path(self, result: SearchResult) -> None:
-        """Take the result of the search that was needed, and set `need`."""
+        """Take the result of the search that `need` asked for, and set the next `need`."""
         if self._shorter is not None:
             self._shorter.accept_path(result)
             self._shorten(self._shorter)
@@ -167,7 +167,7 @@ class Attempts:
             self._fit_along(ladder, result)
 
     def accept_fit(self, fitted: Fit) -> None:
-        """Take the fit that was needed, and set `need`."""
+        """Take the fit that `need` asked for, and set the next `need`."""
         if self._shorter is not None:
             self._shorter.accept_fit(fitted)
             self._shorten(self._shorter)
@@ -178,7 +178,7 @@ class Attempts:
             self._meet(self._meeting)
 
     def accept_certificate(self, certificate: Certificate) -> None:
-        """Take the certificate that was needed, and set `need`."""
+        """Take the certificate that `need` asked for, and set the next `need`."""
         if self._shorter is not None:
             self._shorter.accept_certificate(certificate)
             self._shorten(self._shorter)
@@ -193,19 +193,19 @@ class Attempts:
 
     @property
     def _climbed(self) -> "_Ladder":
-        """The ladder under way; raises RuntimeError before the first goal."""
+        """The ladder under way; RuntimeError before the first goal."""
         if self._ladder is None:
             raise RuntimeError("no goal has been found yet")
         return self._ladder
 
     def _next_time(self) -> None:
-        """Set `need` to the goals at the next time at which the manoeuvre may end; to None without one."""
+        """Set `need` to the goals at the next possible end time of the manoeuvre, or to None without one."""
         self.need = GoalQuery(self._asked, self._times.pop(0)) if self._times else None
 
     def _next_goal(self) -> None:
-        """Begin with the next goal, or the same with other cones for moving zones; without one end.
+        """Begin with the next goal, or with the same one and other cones for moving zones.
 
-        Before the end, goals off the edges of zones are asked for once where `_off_the_edges` says so.
+        At the end, when goals just off the edges of zones have been asked for, too, `need` is None.
         """
         self.need = None
         if not self._goals_left or self._over:
@@ -226,14 +226,14 @@ class Attempts:
         self._next_rung(self._ladder)
 
     def _may_be_met_otherwise(self) -> bool:
-        """Whether moving targets may be met at another end time, as goals at those tried ask for too much."""
+        """Whether to try other end times for moving targets, as goals at those tried ask for too much."""
         failed = self.plan is not None and self.plan.status in _FOR_GOOD
         return failed and bool(self._times) and not self._over and self.scenario.goal.moves
 
     def _off_the_edges(self) -> Scenario | None:
-        """The scenario with goals just off the edges of zones, if motions to some there swung over them.
+        """The scenario with goals kept `EDGE` off zones, if a motion to a goal on an edge swung over it.
 
-        None where they did not, or where goals are given or have a clearance of `EDGE` already.
+        None if it did not, or if the goal is a given state or has a clearance of `EDGE` already.
         """
         asked, plan = self._asked.goal, self.plan
         if plan is None or plan.status is not Status.UNCERTIFIED or isinstance(asked, GivenState):
@@ -244,9 +244,9 @@ class Attempts:
         return replace(self.scenario, goal=replace(asked, clearance=EDGE))
 
     def _begun(self, goal: Goal, share: float) -> "_Ladder":
-        """The ladder of attempts at a goal, empty where it cannot be reached; then other goals are put in.
+        """Return a ladder for a goal; it has no rungs if a barrier is in the way, and other goals are queued.
 
-        `share` is that of `swept`.
+        `share` is the fraction of what moving zones sweep that the search avoids, as of `swept`.
         """
         scenario = self.scenario
         seen, proved = swept(scenario, goal, share), always(scenario, goal)
@@ -291,11 +291,11 @@ class Attempts:
         return _Ladder(goal, scene, ())
 
     def _untried(self, goals: Sequence[Goal], share: float) -> list[tuple[Goal, float]]:
-        """Those of some goals that were not tried yet, each with a share of `swept`; marks these as tried."""
+        """Return the goals that were not tried yet, each with `share` (see `swept`); mark them as tried."""
         return [(goal, share) for goal in goals if self._is_new(goal)]
 
     def _settled_devices(self) -> list[int]:
-        """Numbers of the gimbals whose joints the goal settles: a proof may rest on these alone."""
+        """Indices of the gimbals whose joints the goal fixes, which alone may prove that there is no path."""
         craft, asked = self.scenario.spacecraft, self.scenario.goal
         every = range(craft.gimbals.count)
         if isinstance(asked, GivenState):
@@ -304,14 +304,14 @@ class Attempts:
         return [number for number in every if craft.device_names[number] in kept]
 
     def _is_new(self, goal: Goal) -> bool:
-        """Whether a goal that is tried instead of another was not tried before; marks it as tried."""
+        """Whether a goal has not yet been tried in place of another one; marks it as tried."""
         own = np.round([*goal.attitude.ravel(), *goal.joints], 6).tobytes()
         new = own not in self._instead
         self._instead.add(own)
         return new
 
     def _next_rung(self, ladder: "_Ladder") -> None:
-        """Begin with the next attempt of a ladder; without one begin with the next goal."""
+        """Begin with the next attempt of a ladder; after the last one go on to the next goal."""
         if self._over or not ladder.rungs:
             if self._over or not self._unbent(ladder):
                 self._next_goal()
@@ -323,10 +323,10 @@ class Attempts:
             self.need = SearchQuery(ladder.scene, self._settings(ladder.factor, len(ladder.found)))
 
     def _unbent(self, ladder: "_Ladder") -> bool:
-        """Set `need` to the shortest motion along a path alone, where none from bent curves was certified.
+        """Ask for the shortest motion without bent curves, if none from bent ones was certified.
 
-        Bent curves lead to shorter motions, which may leave the path to swing over the edge of a zone. False
-        where that was tried, or no curve was bent.
+        Bent curves give shorter motions, which may swing from the path over the edge of a zone. Returns
+        False, with `need` unchanged, where this was tried before or no curve was bent.
         """
         failed, settings = ladder.uncertified, self.scenario.trajectory
         bends = settings.duration == MINIMUM and settings.node_tube is None and settings.first_guesses > 0
@@ -341,7 +341,7 @@ class Attempts:
         return True
 
     def _settings(self, factor: float, earlier: int) -> SearchSettings:
-        """Settings of a search with a factor on the clearance, after a number of `earlier` searches."""
+        """Search settings with the clearance times `factor`, seeded by the number of `earlier` searches."""
         settings = self.scenario.search
         return replace(
             settings,
@@ -351,7 +351,7 @@ class Attempts:
         )
 
     def _fit_along(self, ladder: "_Ladder", result: SearchResult) -> None:
-        """Set `need` to a fit along the path that a search found; without a path end this ladder."""
+        """Set `need` to a fit along the path that a search found; if it found none, end this ladder."""
         so_far = Plan(scenario=self.scenario, status=result.status, goal=ladder.goal, search=result)
         if result.path is None:
             ladder.rungs = []
@@ -374,7 +374,7 @@ class Attempts:
             self.need = wanted_fit(self.scenario, path, ladder.goal)
 
     def _meet(self, meeting: Meeting) -> None:
-        """Set `need` to what a meeting of fit and goal needs; at its end go on with its fit."""
+        """Set `need` to what a `Meeting` of fit and moving goal needs; when it has ended, take its fit."""
         self.need = meeting.need
         if meeting.need is None:
             self._meeting, ladder = None, self._climbed
@@ -382,7 +382,7 @@ class Attempts:
             self._fitted(meeting.fit)
 
     def _fitted(self, fitted: Fit) -> None:
-        """Set `need` to the certificate of a fit; without a trajectory count a failed attempt."""
+        """Set `need` to the certificate of a fit; if it has no trajectory, count a failed attempt."""
         ladder = self._climbed
         plan = ladder.so_far = fitted_plan(ladder.so_far, fitted)
         ladder.spare = fitted.spare
@@ -392,7 +392,7 @@ class Attempts:
             self.need = ProofQuery(scenario=self.scenario, goal=plan.goal, trajectory=plan.trajectory)
 
     def _attempted(self, ladder: "_Ladder", attempt: Plan) -> None:
-        """Keep an attempt if it is the best, and begin with the next one, or with a shorter plan."""
+        """Keep an attempt if it is the best so far; begin with the next one, or look for a shorter plan."""
         self._add(attempt)
         # The global method looks for the shortest motion before it says that a duration is too short.
         if attempt.status in _FOR_GOOD and self.scenario.trajectory.method == "global":
@@ -406,9 +406,9 @@ class Attempts:
             self._next_rung(ladder)
 
     def _other_goals(self) -> list[Goal]:
-        """Goals left that are as good as the one reached; none where the time does not choose among goals.
+        """Goals left that are as good as the one reached.
 
-        They may be farther off what devices prefer, so where these do there are none either.
+        Empty if criterion or wishes rank them otherwise.
         """
         asked = self.scenario.asked
         if isinstance(asked, GivenState) or asked.criterion != LEAST_TIME or asked.prefer:
@@ -416,13 +416,13 @@ class Attempts:
         return [goal for goal, _ in self._goals_left]
 
     def _shorten(self, shorter: Shorter) -> None:
-        """Set plan and `need` to those of the search for a shorter plan; at its end the plan is settled."""
+        """Take plan and `need` over from the search for a shorter plan; at its end `need` is None."""
         self._shorter, self.plan, self.need = shorter, shorter.plan, shorter.need
         if self.plan.trajectory is not None:
             self.clock.shortest = min(self.clock.shortest, self.plan.trajectory.duration)
 
     def _add(self, attempt: Plan) -> None:
-        """Keep an attempt if it is more informative than the best so far."""
+        """Keep an attempt if its status is more informative than that of the best one so far."""
         if self.plan is None or _TELLING.index(attempt.status) > _TELLING.index(self.plan.status):
             self.plan = attempt
         self._over = attempt.status in (Status.OK, Status.TIME_LIMIT)
@@ -433,15 +433,15 @@ class _Ladder:
 
     Attributes:
         goal: where the manoeuvre is to end.
-        scene: of the searches.
-        rungs: factors on the clearance and numbers of halvings, still to be tried.
-        found: results of searches by the factor on the clearance.
-        factor: of the attempt under way.
-        halvings: of the attempt under way.
-        so_far: the plan of that attempt.
-        spare: the fit to go back to if that plan's trajectory is not certified.
-        uncertified: the first plan whose trajectory was not.
-        unbent: whether the motion along its path alone has been asked for.
+        scene: the search problem.
+        rungs: attempts still to be made, each as (factor on the clearance, times that edges are halved).
+        found: results of searches, by factor on the clearance.
+        factor: factor of the attempt under way.
+        halvings: halvings of the attempt under way.
+        so_far: the plan of the attempt under way.
+        spare: the fit to go back to if that plan's trajectory is not certified; None for none.
+        uncertified: the first plan whose trajectory was not certified.
+        unbent: whether the motion along its path without bent curves has been asked for.
     """
 
     def __init__(self, goal: Goal, scene: Scene, rungs: Sequence[tuple[float, int]]) -> None:

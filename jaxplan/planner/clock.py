@@ -1,4 +1,4 @@
-"""The clock of a plan: seconds by step, what is left of its time limit, and what who waits is told."""
+"""The clock of a plan: computation time by step, what is left of the time limit, the progress bar."""
 
 import math
 import time
@@ -10,14 +10,19 @@ from jaxplan.runtime.jit import working_time
 
 
 class Clock:
-    """Seconds spent by each step of a plan, and what is left of its time limit.
+    """Counts the seconds that each step of a plan takes, and what is left of the plan's time limit.
+
+    Args:
+        time_limit: s, for all steps together, compiling left out.
+        show: called with the name of a step when it begins, for a progress bar.
+        improve_for: s, see the attribute.
 
     Attributes:
-        seconds: by the name of a step, without those of compiling. Only what was spent on the plan counts,
-            not what other plans took that are made at the same time.
+        seconds: computation time by name of step, compiling left out. Of work that is done for several plans
+            at once, only this plan's share counts.
         compiling: seconds that all steps spent on compiling.
-        improve_for: s, for which a shorter plan is looked for than the first one.
-        shortest: s, of the plans so far, which the progress bar tells; inf before the first one.
+        improve_for: s, how long to look for a plan that is shorter than the first one.
+        shortest: s, duration of the shortest plan so far, for the progress bar; inf before the first one.
     """
 
     def __init__(
@@ -33,17 +38,17 @@ class Clock:
         self._left, self._show, self.improve_for = time_limit, show, improve_for
 
     def left(self) -> float:
-        """Seconds that are left of the limit, which leaves out compiling; at least zero."""
+        """Return the seconds that are left of the time limit, at least zero; compiling does not count."""
         return max(self._left, 0.0)
 
     def show(self, name: str) -> None:
-        """Show on the progress bar that a step, given by name, begins."""
+        """Show on the progress bar that the step `name` begins."""
         self._show(name if math.isinf(self.shortest) else f"{name}, {self.shortest:.2f} s so far")
 
     def add(self, name: str, seconds: float, working: float) -> None:
-        """Count `seconds` to the step `name`, of which `working` s were not spent on compiling.
+        """Add `seconds` of wall time to the step `name`, `working` s of which were not spent on compiling.
 
-        The latter are the step's and reduce what is left of the limit; the others count as compiling.
+        The working seconds count as the step's and reduce what is left of the limit; the rest is compiling.
         """
         worked = min(max(working, 0.0), seconds)  # others may compile at the same time, in threads
         self.seconds[name] = self.seconds.get(name, 0.0) + worked
@@ -59,22 +64,22 @@ class Clock:
         self.add(name, time.monotonic() - begin, working_time() - began)
 
     def timings(self) -> dict[str, float]:
-        """Seconds by step, of compiling, and in all."""
+        """Return the computation times in seconds: by step, then "compile" and "total"."""
         total = sum(self.seconds.values()) + self.compiling
         return {**self.seconds, "compile": self.compiling, "total": total}
 
 
 def expect_shortest(asked: str, improve_for: float, scenario: Scenario, name: str) -> None:
-    """Refuse to look for a shorter plan where the duration is not the shortest.
+    """Raise ValueError if a shorter plan is asked for although the duration is not "minimum".
 
     Args:
-        asked: what was asked for, by its key and value, to begin the message.
-        improve_for: s, for which it is to be looked for.
+        asked: key and value of what was asked for, with which the message begins.
+        improve_for: s, how long to look for a shorter plan; 0 is always accepted.
         scenario: the problem.
-        name: of the scenario.
+        name: of the scenario, for the message.
 
     Raises:
-        ValueError: if that is any time, and the duration is given or stretched.
+        ValueError: if `improve_for` is not 0 and the duration is a number or "stretched".
     """
     duration = scenario.trajectory.duration
     if improve_for and duration != MINIMUM:

@@ -1,13 +1,14 @@
-"""Attempts at a plan in a given duration, or else at the shortest duration in which there is one.
+"""Attempts at a plan in a given duration; where they fail, at the shortest duration in which there is one.
 
-A duration may be too short to the nearest goal, or along the path that was found, and yet long enough for the
-manoeuvre. So where it is found to be too short, the shortest manoeuvre is planned as well, to a goal of least
-time unless the scenario names another criterion. If it takes no longer than what is given, the plan goes
-along it. Else the answer says how long it takes, which is certified.
+A duration may be too short for the nearest goal, or along the path that was found, and yet long enough for
+the manoeuvre. So where it is found too short, the shortest manoeuvre is planned as well, to a goal of least
+time unless the scenario names another criterion. If that fits into the given duration, the plan follows its
+path. Else the message says which longer duration has a certified plan.
 
-Where something moves, goals and durations depend on each other (`jaxplan.planner.moving`), and the paper's
-method has no shortest motion: there the first answer stands. The shortest motion to targets that move is then
-looked for among given durations, too (`jaxplan.planner.shorter_to_moving`).
+This is done with the method "global" where nothing moves: if something moves, goals and durations depend on
+each other (`jaxplan.planner.moving`), and the paper's method has no shortest motion, so the first answer
+stands. A shorter motion to moving targets is looked for among given durations
+(`jaxplan.planner.shorter_to_moving`).
 """
 
 from dataclasses import replace
@@ -38,14 +39,14 @@ _SLACKS = (0.0, 1e-3, 4e-3, 1e-2, 3e-2, 1e-1)
 
 
 class InTime:
-    """The attempts at a scenario; where they fail, those at its shortest manoeuvre, then at fits along that.
+    """The attempts at a scenario; if they fail, those at its shortest manoeuvre, then at fits along its path.
 
     Args:
         scenario: the problem and its settings.
-        clock: of all of them.
+        clock: counts the computation time of all attempts together.
 
     Attributes:
-        attempts: the ones under way.
+        attempts: the attempts under way.
     """
 
     def __init__(self, scenario: Scenario, clock: Clock) -> None:
@@ -60,10 +61,10 @@ class InTime:
         self._sooner: Sooner | None = None
 
     def advance(self) -> bool:
-        """Begin with the next attempts where those under way are over.
+        """Begin the next attempts if those under way are over.
 
         Returns:
-            True while more is to be done, `attempts.need`; False once the plan is settled.
+            True while `attempts.need` is to be answered; False once the plan is settled.
         """
         if self.attempts.need is None and self._sooner is None:
             self._compare()
@@ -83,12 +84,12 @@ class InTime:
         return self._answer is None and self.attempts.need is not None
 
     def result(self) -> Plan:
-        """The plan, once it is settled, with its timings."""
+        """Return the plan, once it is settled, with its computation times."""
         answer = self._first.result() if self._answer is None else self._answer
         return replace(with_advice(answer), timings=self._clock.timings())
 
     def _compare(self) -> None:
-        """Begin attempts at the goal of least rotation beside those of least time; keep the shorter plan."""
+        """Try the goal of least rotation after the goals of least time, once, and keep the shorter plan."""
         soonest = self._soonest
         if soonest is not None and soonest.plan is not None:
             soonest.plan = shorter_of(soonest.plan, self.attempts.plan)
@@ -100,9 +101,9 @@ class InTime:
                 self._soonest, self.attempts = self.attempts, beside
 
     def _go_on_sooner(self) -> bool:
-        """Begin with the next given duration in which the motion may be shorter; False at the end.
+        """Begin with the next given duration in which a motion to moving targets may be shorter.
 
-        What was found so far is then the answer.
+        Returns False at the end; the answer is then the shortest plan so far, if any duration was tried.
         """
         if self._answer is not None:
             return False
@@ -119,7 +120,7 @@ class InTime:
         return True
 
     def _may_be_too_short(self) -> bool:
-        """Whether the first attempts have failed so far in a way that the shortest manoeuvre may help."""
+        """Whether the first attempts failed in a way in which the shortest manoeuvre may help."""
         plan = self._first.plan
         if plan is None or self.scenario.trajectory.method != "global":
             return False
@@ -130,21 +131,24 @@ class InTime:
 
     @property
     def _chooses_criterion(self) -> bool:
-        """Whether the goal is targets that name no criterion."""
+        """Whether the goal is targets without a criterion, so that the planner chooses it."""
         goal = self.scenario.goal
         return not isinstance(goal, GivenState) and goal.criterion is None
 
     def _lasting(self, duration: float | str) -> Scenario:
-        """The scenario with another duration (s, or a word), of least time if its goal names no criterion."""
+        """Return the scenario with another duration: seconds or a word.
+
+        If its goal is targets that name no criterion, they get that of least time.
+        """
         scenario, goal = self.scenario, self.scenario.goal
         if not isinstance(goal, GivenState) and self._chooses_criterion:
             scenario = replace(scenario, goal=replace(goal, criterion=LEAST_TIME))
         return replace(scenario, trajectory=replace(scenario.trajectory, duration=duration))
 
     def _found_shortest(self, plan: Plan) -> None:
-        """Begin fits along the shortest manoeuvre in the given duration, or answer that this is too short.
+        """Begin fits along the shortest manoeuvre's path, or answer that the given duration is too short.
 
-        Without a certified plan of the shortest manoeuvre the first attempts go on.
+        If `plan`, that of the shortest manoeuvre, is not certified, the first attempts go on instead.
         """
         if not plan.ok or plan.trajectory is None or plan.goal is None:
             self.attempts = self._first
@@ -162,7 +166,10 @@ class InTime:
         self._go_along()
 
     def _go_along(self) -> None:
-        """Begin a fit along the shortest manoeuvre in the next duration, or take the first answer."""
+        """Begin a fit along the shortest manoeuvre's path in the next duration.
+
+        If no duration is left, the answer is that of the first attempts.
+        """
         if self._shortest is None or not self._durations:
             self._answer = self._first.result()
         else:
@@ -170,9 +177,9 @@ class InTime:
             self.attempts.go_along(self._shortest)
 
     def _tried(self, plan: Plan) -> None:
-        """Settle the answer by the plan of a fit along the shortest manoeuvre, or begin the next one.
+        """Settle the answer by a fit along the shortest manoeuvre's path, or begin the next one if it failed.
 
-        A plan in the given duration is the answer; of one in a longer one it is that this is needed.
+        A plan in the given duration is the answer; one in a longer duration shows which duration is enough.
         """
         given, tried = self.scenario.trajectory.duration, plan.scenario.trajectory.duration
         if not plan.ok:
@@ -183,6 +190,6 @@ class InTime:
             self._refuse(float(tried))
 
     def _refuse(self, enough: float) -> None:
-        """Set the answer: the duration is too short, and there is a certified plan in `enough` s."""
+        """Answer that the duration is too short, and that there is a certified plan in `enough` s."""
         plan = self._first.result()
         self._answer = replace(plan, message=messages.too_short(plan, enough))

@@ -1,13 +1,13 @@
-"""Save and load plans as JSON files, whose tables are laid out and checked here.
+"""Save and load plans as JSON files; the tables of such a file are defined and checked here.
 
-A plan file is JSON, and its timings are in a file beside it, since they alone are not deterministic. It is
-read by the kinds that scenario files are read by. Lengths of arrays have names: the first array of a file
-that has an axis of a name says how long all others must be. Radians and seconds, as in the model.
+A plan file is JSON. Its computation times are in a file beside it, since they alone are not deterministic. It
+is read by the same classes of values (*kinds*) as scenario files. Lengths of arrays have names: the first
+array of a file that has an axis of a name fixes the length for all others. Units are radians and seconds.
 
 Numbers are written with all their digits, so a plan that is loaded again is the same to the last bit. Nothing
-in a file is executed, and nothing is taken on trust: the scenario goes through the scenario's own checks, all
-else through those of its table, and NaN and infinity are refused. The stored certificate is only a record;
-``jaxplan check`` makes it anew.
+in a file is executed, and nothing is taken on trust: the scenario goes through the scenario's own checks, the
+rest through those of its table, and NaN and infinity are refused. The stored certificate is only a record;
+``jaxplan check`` computes it anew.
 """
 
 import json
@@ -49,9 +49,9 @@ from jaxplan.trajectory.splines import SMOOTHNESS
 
 SCHEMA_VERSION = 1
 
-# In the order in which they are made; of a plan, the first few are filled.
+# The steps of a plan in the order in which they are made; a plan has the first few of them.
 STEPS = ("goal", "search", "path", "trajectory", "report")
-# How many steps a plan of each status has: at least, at most.
+# How many of these steps a plan of each status has: (at least, at most).
 _STEPS_OF = {
     Status.OK: (5, 5),
     Status.INVALID_START: (0, 0),
@@ -77,18 +77,18 @@ _SECONDS = Number(Interval("[0, 1e12]"))
 
 
 def record_table(model: type, make: Any = None, **kinds: Kind) -> Table:
-    """A table whose keys are attributes of the model, each with its kind, all of which must be there.
+    """Return a table whose keys are attributes of `model`, all of them required.
 
     Args:
-        model: class of what the table is read to.
-        make: function that makes that from the table's values and its place; None for the class.
-        kinds: of the values, by key.
+        model: class whose attributes are stored.
+        make: called with the values read, as a dict, and their place in the file; None to construct `model`.
+        kinds: the kind of each value, by key.
     """
     return Table(model, [Field(key, kind, key, required=True) for key, kind in kinds.items()], make=make)
 
 
 def _array(*shape: int | str) -> Array:
-    """Kind of an array of numbers, with lengths of axes by number or by name."""
+    """Kind of an array of numbers; `shape` has the length of each axis as a number or a name."""
     return Array(shape, _SANE)
 
 
@@ -98,12 +98,12 @@ def _rotations(*shape: int | str) -> Array:
 
 
 def _times(*shape: int | str) -> Array:
-    """Kind of an array of times, s, that do not fall."""
+    """Kind of an array of times in seconds, none less than the one before."""
     return Array(shape, _SECONDS, rule=not_falling)
 
 
 def _path(edges: str) -> Table:
-    """Table of a path, with the name of its number of edges."""
+    """Table of a path; `edges` is the name by which its number of edges is known in the file."""
     return record_table(
         Path,
         edge_costs=Array((edges,), _POSITIVE),
@@ -113,7 +113,7 @@ def _path(edges: str) -> Table:
 
 
 def trajectory_table(*methods: str) -> Table:
-    """Table of a trajectory that one of some methods made; the reading must know the number of joints."""
+    """Table of a trajectory made by one of `methods`; reading needs the length named "joint" beforehand."""
     return record_table(
         Trajectory,
         breaks=_times("pieces + 1"),
@@ -170,7 +170,7 @@ _STEP_KINDS = {
 
 
 def _plan_table(moving: bool) -> Table:
-    """Table of a plan file without version and scenario; if `moving`, its goals have time and rates."""
+    """Table of a plan file except version and scenario; if `moving`, goals have a time and end rates."""
     steps = {"goal": record_table(Goal, **(_MOVING_GOAL if moving else _STILL_GOAL)), **_STEP_KINDS}
     return record_table(
         dict,
@@ -182,11 +182,11 @@ def _plan_table(moving: bool) -> Table:
 
 
 def _check_agreement(read: Mapping[str, Any], scenario: Scenario, root: Place) -> None:
-    """Note faults where tables that are valid by themselves contradict each other, or the scenario.
+    """Note a fault wherever tables that are valid by themselves contradict each other, or the scenario.
 
     Args:
-        read: the tables by name.
-        scenario: of the plan.
+        read: the values read, by name of their table.
+        scenario: the plan's scenario.
         root: place of the whole file, to which faults are added.
     """
     _check_steps(read, root)
@@ -202,7 +202,7 @@ def _check_agreement(read: Mapping[str, Any], scenario: Scenario, root: Place) -
 
 
 def _check_steps(read: Mapping[str, Any], root: Place) -> None:
-    """Note faults where steps are filled that the status rules out, or left out that it asks for."""
+    """Note a fault for each step that is filled though the status rules it out, or missing though needed."""
     least, most = _STEPS_OF[read["status"]]
     because = f'since status = "{read["status"].name}"'
     last = max((number for number, step in enumerate(STEPS) if read[step] is not None), default=-1)
@@ -216,7 +216,7 @@ def _check_steps(read: Mapping[str, Any], root: Place) -> None:
 
 
 def _check_search(read: Mapping[str, Any], place: Place) -> None:
-    """Note faults where a search contradicts the plan: it must end with a path or with the plan's status."""
+    """Note faults of a search result: it must have a path, or else end with the plan's status."""
     search, status = read["search"], read["status"]
     found = search.status is Status.OK
     because = f'since search.status = "{search.status.name}"'
@@ -231,7 +231,7 @@ def _check_search(read: Mapping[str, Any], place: Place) -> None:
 
 
 def _check_path(path: Path, scenario: Scenario, goal: Goal, place: Place) -> None:
-    """Note faults where a path does not lead from the scenario's start to the goal."""
+    """Note a fault for each end of a path that differs from the scenario's start, or from the goal."""
     for number, name, end in ((0, "start", scenario.start), (-1, "goal", goal)):
         for key, node, wanted in (
             ("attitudes", path.attitudes[number], end.attitude),
@@ -242,14 +242,14 @@ def _check_path(path: Path, scenario: Scenario, goal: Goal, place: Place) -> Non
 
 
 def _check_method(trajectory: Trajectory, scenario: Scenario, place: Place) -> None:
-    """Note a fault for a trajectory of another method than the scenario asks for."""
+    """Note a fault if the trajectory was made by another method than the scenario asks for."""
     asked = scenario.trajectory.method
     if trajectory.method != asked:
         place["method"].fault(f'must be "{asked}", as scenario.trajectory.method is', trajectory.method)
 
 
 def _check_report(status: Status, report: Certificate, place: Place) -> None:
-    """Note faults where a certificate contradicts the status, or states part of the smallest margin only."""
+    """Note faults if a certificate contradicts the status, or states only part of the smallest margin."""
     proved = {Status.OK: True, Status.UNCERTIFIED: False}.get(status, report.certified)
     if report.certified is not proved:
         complaint = f'must be {str(proved).lower()}, since status = "{status.name}"'
@@ -260,7 +260,10 @@ def _check_report(status: Status, report: Certificate, place: Place) -> None:
 
 
 def _check_times(trajectory: Trajectory, report: Certificate | None, root: Place) -> None:
-    """Note faults for times outside the trajectory, and for breaks or nodes that do not span it."""
+    """Note faults for times outside the trajectory, and for breaks or nodes that do not span it.
+
+    Times may exceed the end of the trajectory by the relative rounding `_ROUNDING`.
+    """
     first, end = float(trajectory.breaks[0]), float(trajectory.breaks[-1])
     nodes, last = trajectory.node_times, len(trajectory.node_times) - 1
     if first != 0:
@@ -278,7 +281,7 @@ def _check_times(trajectory: Trajectory, report: Certificate | None, root: Place
 def _instants(
     trajectory: Trajectory, report: Certificate | None, root: Place
 ) -> Iterator[tuple[Place, float]]:
-    """Yield all times, s, of a trajectory and its certificate, each with its place in the file."""
+    """Yield the place in the file and the value, s, of each time of a trajectory and its certificate."""
     for key in ("chart_start", "joint_breaks", "node_times"):
         for i, time in enumerate(getattr(trajectory, key).tolist()):
             yield root["trajectory"][key][i], time
@@ -295,19 +298,19 @@ _TIMINGS = ".timings.json"
 
 
 class PlanFileError(ValueError):
-    """A plan file that cannot be read; the message names the key and what is wrong."""
+    """Raised for a plan file that cannot be read; the message names the key and what is wrong."""
 
 
 def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
-    """Write a plan to a JSON file, and its timings to ``<name>.timings.json`` beside it.
+    """Write a plan to a JSON file, and its computation times to ``<name>.timings.json`` beside it.
 
     Args:
         plan: a `jaxplan.planner.record.Plan`, also one that failed.
-        path: the file; an old one is replaced in one step, so that a crash leaves the old or the new, and
-            never the new one beside the timings of the old.
+        path: the file. An old one is replaced in one step, so that a crash leaves either the old plan or the
+            new one, and never the new plan beside the old computation times.
 
     Raises:
-        ValueError: if the path is called like a file of timings.
+        ValueError: if the path has the name of a file of timings.
     """
     target = file_path("path", path)
     if target.name.endswith(_TIMINGS):
@@ -331,13 +334,13 @@ def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
 
 
 def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read the attributes of a plan from a file that `save_plan` wrote.
+    """Read the attributes of a plan, by name, from a file that `save_plan` wrote.
 
     Args:
-        path: the JSON file; timings are read if their file is there.
+        path: the JSON file; computation times are read too if their file stands beside it.
 
     Raises:
-        PlanFileError: if the file is missing, too large, no JSON, or not a plan.
+        PlanFileError: if the file is missing, too large, not JSON, or not a plan.
     """
     source = file_path("path", path)
     content = _read(source, "plan")
@@ -348,7 +351,7 @@ def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _parts(content: dict[str, Any]) -> dict[str, Any]:
-    """Read the attributes of a plan from a file's content; raises ScenarioError with all faults."""
+    """Return a plan's attributes, by name, from a file's content; raises ScenarioError with all faults."""
     root = Place(Reading())
     if "schema_version" in content:
         Choice((SCHEMA_VERSION,)).read(content["schema_version"], root["schema_version"])
@@ -378,10 +381,10 @@ def _parts(content: dict[str, Any]) -> dict[str, Any]:
 
 
 def _timings(path: FilePath) -> dict[str, float]:
-    """Read the seconds by step of a plan; none where the file is not there.
+    """Read the computation times by step, s; an empty dict if there is no such file.
 
     Raises:
-        PlanFileError: if it is no such file.
+        PlanFileError: if the file is not one of timings.
     """
     if not path.exists():
         return {}
@@ -393,12 +396,12 @@ def _timings(path: FilePath) -> dict[str, float]:
 
 
 def _timings_file(path: FilePath) -> FilePath:
-    """The path of the file of timings beside a plan file."""
+    """Return the path of the file of computation times that belongs to a plan file."""
     return path.with_name(path.name.removesuffix(".json") + _TIMINGS)
 
 
 def plain(record: Any) -> Any:
-    """A dataclass, array or mapping as dicts, lists, texts and numbers, which JSON has."""
+    """Convert a dataclass, array, status or mapping to what JSON has: dicts, lists, texts and numbers."""
     if isinstance(record, np.ndarray | np.generic):
         return record.tolist()
     if isinstance(record, Status):
@@ -414,7 +417,7 @@ def plain(record: Any) -> Any:
 
 @contextmanager
 def _replacing(path: FilePath, content: Mapping[str, Any]) -> Iterator[None]:
-    """Write content as JSON to a temporary file, run the block, then put the file in place of `path`."""
+    """Write `content` as JSON to a temporary file, run the block, then move the file to `path`."""
     text = json.dumps(content, indent=1, allow_nan=False)
     with replacing_file(path) as file:
         file.write_text(text + "\n", encoding="utf-8")
@@ -422,7 +425,7 @@ def _replacing(path: FilePath, content: Mapping[str, Any]) -> Iterator[None]:
 
 
 def _read(path: FilePath, kind: str) -> dict[str, Any]:
-    """Read the table of a JSON file; raises PlanFileError, with a message that names its `kind`."""
+    """Read the table at the top of a JSON file; `kind` names such files in the message of PlanFileError."""
 
     def refuse(word: str) -> float:
         raise ValueError(f"{word} is not allowed")

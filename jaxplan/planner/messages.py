@@ -1,4 +1,4 @@
-"""Messages of plans: what happened, and which setting to change."""
+"""Texts that tell the user how planning went, and which setting to change."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,14 +25,20 @@ FOR_LONGER = "let it be known for longer, by more samples or a longer sky.for_du
 
 
 def when(scenario: Scenario, time: float) -> str:
-    """Text on the time of a goal, s, to end a sentence; empty where nothing moves."""
+    """Return text, to end a sentence, that targets and zones are where they are at `time` s.
+
+    It is empty where nothing moves.
+    """
     return f" (with targets and zones where they are after {time:.6g} s)" if moves(scenario) else ""
 
 
 def hidden(scenario: Scenario, unseen: Sequence[str], time: float) -> str:
-    """Text why targets that are hidden at a time, s, are no goal, and until when the manoeuvre may wait.
+    """Return text why targets that are hidden at the end time are no goal, and which duration to set instead.
 
-    `unseen` has a phrase for each hidden target.
+    Args:
+        scenario: the problem.
+        unseen: a phrase for each hidden target.
+        time: s, when the manoeuvre ends.
     """
     several = sum(bool(path.hidden) for _, path in target_paths(scenario)) > 1
     seen, (known, _) = seen_from(scenario, time), known_until(scenario)
@@ -44,16 +50,21 @@ def hidden(scenario: Scenario, unseen: Sequence[str], time: float) -> str:
 
 
 def _or_errors(scenario: Scenario) -> str:
-    """Text that names the errors that a plan must bear among what may be changed; empty where none are."""
+    """Return text that lowering the errors of [robust] may help as well; empty if the scenario has none."""
     return "" if scenario.robust is None else ", or lower the errors of [robust], which count"
 
 
 def unreachable(
     scenario: Scenario, rows: Constraints, found: Decomposition, most: float, time: float = 0.0
 ) -> str:
-    """Text why no attitude reaches the targets while it keeps the rows of the scenario's constraints.
+    """Return text why no attitude reaches the targets while it keeps the zones.
 
-    `found` is the decomposition without goals, within `most` rad from the start, at a time, s.
+    Args:
+        scenario: the problem.
+        rows: its constraints at that time.
+        found: the decomposition, which has found no goals.
+        most: largest platform rotation from the start, rad.
+        time: s, when the manoeuvre ends.
     """
     craft = scenario.usable
     asked = scenario.goal.at(time) if isinstance(scenario.goal, Targets) else scenario.goal
@@ -99,7 +110,13 @@ def unreachable(
 
 
 def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
-    """Text why no motion brings a sight to its goal direction: a ring of zones, `barrier`, in a scene."""
+    """Return text that zones form a ring between the start direction and the goal direction of a sight.
+
+    Args:
+        scenario: the problem.
+        scene: the search problem in which the barrier was found.
+        barrier: the ring of zones.
+    """
     rows = scene.cones
     zones = scenario.zones
     ring = [zones[zone] for zone in rows.zone[list(barrier.zones)]]
@@ -115,7 +132,10 @@ def parted(scenario: Scenario, scene: Scene, barrier: Barrier) -> str:
 
 
 def closed(scenario: Scenario, barrier: JointBarrier, time: float) -> str:
-    """Text why the joints of a device cannot get past a barrier to their angles at the goal, at a time, s."""
+    """Return text that a barrier in joint angles keeps a device from its angles at the goal.
+
+    `time` is that of the goal, s.
+    """
     device, names = _closing(scenario, barrier)
     what = "yaw and pitch" if barrier.device < len(scenario.spacecraft.terminals) else "angle"
     lies = "lies" if len(barrier.zones) == 1 else "lie"
@@ -127,14 +147,14 @@ def closed(scenario: Scenario, barrier: JointBarrier, time: float) -> str:
 
 
 def _closing(scenario: Scenario, barrier: JointBarrier) -> tuple[str, str]:
-    """Name of a barrier's device, and text with the names of its zones."""
+    """Return the name of a joint barrier's device, and text with the names of its zones."""
     zones = [scenario.zones[zone] for zone in barrier.zones]
     names = [zone.name if zone.any_of is None else f"{zone.name} (of {zone.any_of})" for zone in zones]
     return scenario.spacecraft.device_names[barrier.device], " and ".join(names)
 
 
 def no_path(scenario: Scenario, scene: Scene, result: SearchResult) -> str:
-    """Text why a search found no path, with what is most in the way."""
+    """Return text why a search found no path, with the zone that is most in the way."""
     settings = scenario.search
     blocked = _in_the_way(scenario, scene)
     if result.status is Status.TIME_LIMIT:
@@ -149,9 +169,9 @@ def no_path(scenario: Scenario, scene: Scene, result: SearchResult) -> str:
 
 
 def _in_the_way(scenario: Scenario, scene: Scene) -> str:
-    """Text on what leaves a device a narrow gap, or else on what the straight motion breaks most.
+    """Return text on what is most in the way: a narrow gap for joints, or what the straight motion breaks.
 
-    It ends a sentence, and is empty where the straight motion breaks nothing.
+    The text ends a sentence, and is empty where the straight motion breaks nothing.
     """
     narrow = narrowest(scene)
     if narrow is not None:
@@ -173,7 +193,7 @@ def _in_the_way(scenario: Scenario, scene: Scene) -> str:
 
 
 def farther(nearest: Plan, plan: Plan) -> str:
-    """Message of a plan that goes to another goal than the nearest one, with why that failed."""
+    """Return the message of a plan to another goal than the nearest one: its own, and why that one failed."""
     away = "" if nearest.goal is None else f", {np.rad2deg(nearest.goal.slew_angle):.4g} deg away,"
     which = "goal nearest to the wishes" if getattr(plan.scenario.goal, "prefer", ()) else "nearest goal"
     failed = f"this is not the {which}: that{away} ended as {nearest.status.name}"
@@ -181,9 +201,9 @@ def farther(nearest: Plan, plan: Plan) -> str:
 
 
 def sooner(refused: Plan, plan: Plan) -> str:
-    """Message of a plan in a given duration along the shortest manoeuvre, after a first plan was refused.
+    """Return the message of a plan in a given duration, after the first plan in it was refused.
 
-    Where the scenario names no criterion it says that the goal is now one of least time.
+    It says that the goal is now one of least time, unless the scenario names a criterion or a state.
     """
     asked = refused.scenario.goal
     if isinstance(asked, GivenState) or asked.criterion is not None:
@@ -193,11 +213,11 @@ def sooner(refused: Plan, plan: Plan) -> str:
 
 
 def too_short(refused: Plan, enough: float) -> str:
-    """Text why a duration is refused, and which one is enough.
+    """Return text why a duration is refused, and which one is enough.
 
     Args:
-        refused: in the duration that is too short.
-        enough: s, in which there is a certified plan.
+        refused: the failed plan in the given duration.
+        enough: s, a duration in which there is a certified plan.
     """
     scenario, needed = refused.scenario, needed_words(enough, moving=False, scalable=True)
     duration = float(scenario.trajectory.duration)

@@ -1,16 +1,16 @@
-"""Manoeuvres in which zones or targets move: still cones for the search, and the time at which they end.
+"""Manoeuvres in which zones or targets move: still cones for the search, and when the manoeuvre ends.
 
-The search knows only zones that stand still. `swept` has for each zone that moves a cone that holds it, or
-for keep-in is held by it, over the whole manoeuvre, as far as it leaves start and goal clear at their own
-times. It guides the search; whether the motion keeps the zones as they move is for the fit and the
-certificate to say. `always` has cones of directions that are forbidden at every instant: a ring of these
-parts start from goal for good, so they serve for the proof that there is no path.
+The search knows only zones that stand still. For each moving zone `swept` has a cone that contains all it
+covers during the manoeuvre (a keep-in cone is contained in the zone throughout), cut back where it would
+cover start or goal although the zone itself leaves them clear at their times. These cones guide the search;
+whether the motion keeps the moving zones is for the fit and the certificate to say. `always` has cones of
+directions that are forbidden at every instant: a ring of these separates start from goal for good, so they
+serve to prove that there is no path.
 
-A goal that moves is one at the end of the manoeuvre. In a given duration that is known. In the shortest, or
-one stretched to the limits, the duration depends on the goal and the goal on the duration: in a `Meeting`
-fits and goals follow each other until both agree. That goes fast, since targets turn slowly. At last the
-motion is fitted in just the time after which its goal is there. Where a target is hidden then, the manoeuvre
-lasts until it is seen.
+A moving goal is the one at the end of the manoeuvre, which is known in a given duration. If the duration is
+"minimum" or "stretched", it depends on the goal and the goal on it: in a `Meeting` fits and goals follow each
+other until both agree. That converges fast, since targets turn slowly. At last the motion is fitted in just
+the time after which its goal is there. Where a target is hidden then, the manoeuvre lasts until it is seen.
 """
 
 from collections.abc import Sequence
@@ -34,24 +34,24 @@ from jaxplan.planner.steps import GoalQuery, find_goals, wanted_fit
 from jaxplan.trajectory import Fit, FitQuery
 
 _SMALLEST = (
-    1e-3  # rad, least half angle of a cone, and of its complement; smaller ones are widened or dropped
+    1e-3  # rad, least half angle of a cone, and of its complement; `swept` widens and `always` drops smaller
 )
-_ROOM = float(np.deg2rad(0.25))  # rad, most margin that a cone which is cut back leaves to start and goal
+_ROOM = float(np.deg2rad(0.25))  # rad, most margin that a cone keeps from start or goal where it is cut back
 _BROKEN = -1e-8  # rad, a margin below which a zone does not hold
-_ROUNDS = 8  # most fits, each to the goal at the end of the one before, until duration and goal agree
+_ROUNDS = 8  # most fits, each to the goal at the end of the fit before, until duration and goal agree
 _SETTLED = 1e-2  # share of the duration by which it may differ from the goal's time; below it they agree
-_SLACKS = (1e-3, 4e-3, 1e-2, 3e-2, 1e-1)  # shares of the shortest time that are added to it, one by one
-_DETOUR = 1.4  # factor on the bound that is a first guess of a duration; it makes room for a detour
-_FACTORS = (1.0, 0.6, 2.0, 4.0)  # on that guess, one after the other where there is no goal, or none to meet
+_SLACKS = (1e-3, 4e-3, 1e-2, 3e-2, 1e-1)  # fractions of the shortest time that are added to it, in turn
+_DETOUR = 1.4  # first guess of a duration over its lower bound, to make room for a detour
+_FACTORS = (1.0, 0.6, 2.0, 4.0)  # on that guess, in turn, where there is no goal then or it is not met
 
 
 def swept(scenario: Scenario, goal: Goal, share: float = 1.0) -> Constraints:
-    """The constraints, with cones that hold what moving ones sweep over the manoeuvre.
+    """Return the constraints with still cones in place of moving ones, for all they sweep in the manoeuvre.
 
     Args:
-        scenario: of one in which nothing moves they are its own.
+        scenario: the problem; if nothing moves, its own constraints are returned.
         goal: where and when the manoeuvre ends.
-        share: of what zones sweep that the cones are to hold, 0 for zones as they are in the middle of it.
+        share: fraction of the swept angle that the cones cover; 0 for zones as they are halfway in time.
     """
     rows = scenario.constraints
     if not rows.paths:
@@ -82,13 +82,13 @@ def swept(scenario: Scenario, goal: Goal, share: float = 1.0) -> Constraints:
 
 
 def always(scenario: Scenario, goal: Goal) -> Constraints:
-    """The constraints, with cones of what moving ones forbid at every instant, if anything.
+    """Return still cones of what is forbidden at every instant, without zones that forbid nothing for good.
 
-    Where the duration is to be found, that is as long as zones are known; and where targets move then, too,
-    so that the goal may be elsewhere, nothing is forbidden for good.
+    If something moves, groups of zones are dropped, too. If the duration is to be found, every instant is up
+    to when zones are known. If targets move as well, the goal may be elsewhere, so no row is left.
 
     Args:
-        scenario: of one in which nothing moves they are its own.
+        scenario: the problem; if nothing moves, its own constraints are returned.
         goal: where and when the manoeuvre ends.
     """
     rows = scenario.constraints
@@ -110,16 +110,19 @@ def always(scenario: Scenario, goal: Goal) -> Constraints:
 
 
 def _swing(path: DirectionPath, time: float) -> tuple[np.ndarray, float]:
-    """The axis (3,) in the middle of a manoeuvre of `time` s, and a bound of its angle from there, rad."""
+    """Return a path's direction (3,) at `time / 2`, and an upper bound, rad, of its angle from there.
+
+    The bound holds from 0 to `time` s.
+    """
     axis = np.asarray(path.at(time / 2))
     return axis, path.reach(axis, 0.0, time)
 
 
 def duration_guesses(scenario: Scenario) -> tuple[float | None, ...]:
-    """When the manoeuvre may end, s, the likeliest first: its duration alone where that is given.
+    """Return times, s, at which the manoeuvre may end, the likeliest first.
 
     Args:
-        scenario: the problem; where nothing moves the time does not matter, and (None,) is returned.
+        scenario: the problem. If nothing moves, (None,) is returned; if the duration is given, it alone.
     """
     if not moves(scenario):
         return (None,)
@@ -145,19 +148,19 @@ def duration_guesses(scenario: Scenario) -> tuple[float | None, ...]:
 
 
 class Meeting:
-    """Iterate fits and goals, until a motion ends at its goal at the time for which that was computed.
+    """Alternates fits and goals until a motion ends at its goal at the very time of that goal.
 
     Args:
-        scenario: in which something moves.
-        goal: where it is after a duration that is given, or guessed.
-        path: to it.
+        scenario: a problem in which something moves.
+        goal: the goal at the end of the given duration, or of a guessed one.
+        path: a path to this goal.
 
     Attributes:
         need: the fit or the goals that are needed next; None at the end.
-        fit: the last one, once there is any; at the end without a trajectory, and GOAL_MISSED, if the goal is
-            not met.
-        goal: as it is when the motion ends.
-        path: with this goal for its last node.
+        fit: the last fit, unset before the first. If the goal is not met, at the end it has no trajectory and
+            the status GOAL_MISSED.
+        goal: the goal at the time at which the motion ends.
+        path: the path, its last node at this goal.
     """
 
     def __init__(self, scenario: Scenario, goal: Goal, path: Path) -> None:
@@ -177,7 +180,7 @@ class Meeting:
         self._timed = False  # the motion is fitted in a given time
 
     def accept_fit(self, fit: Fit) -> None:
-        """Take the fit that was needed, and set `need`."""
+        """Take the fit that `need` asked for, and set `need`: to None where the duration is given."""
         self.fit, self.need = fit, None
         if isinstance(self.scenario.trajectory.duration, str):
             if self._timed:
@@ -186,7 +189,7 @@ class Meeting:
                 self._after_free_fit(fit)
 
     def accept_goals(self, goals: Sequence[Goal] | None) -> None:
-        """Take the goals at the time that was asked for, None if there are none then, and set `need`."""
+        """Take the goals at the time that was asked for, None if there are none, and set the next `need`."""
         time, self.need = self._asked, None
         if goals is None:
             self._miss(f"the motion takes about {time:.4g} s, and after these there is no goal any more")
@@ -199,9 +202,9 @@ class Meeting:
             self.need = wanted_fit(scenario, self.path, self.goal)
 
     def _after_free_fit(self, fit: Fit) -> None:
-        """Set `need` after a fit of free duration: the goal when that ends, or once both agree a timed fit.
+        """After a fit of free duration, ask for the goal at its end, or for a fit in a given time.
 
-        They need not agree after `_ROUNDS` fits.
+        The latter once motion and goal agree on the time, or after `_ROUNDS` fits though they do not.
         """
         curve, expected = fit.trajectory, self.goal.time
         if curve is None or fit.status is Status.LIMITS_TOO_TIGHT:
@@ -233,10 +236,11 @@ class Meeting:
             self._ask(self._next_time(curve.duration))
 
     def _narrow(self, expected: float, duration: float) -> None:
-        """Narrow the bracket of end times by a motion to the goal at `expected` s that takes `duration` s.
+        """Narrow the bracket of end times by a motion of `duration` s to the goal at `expected` s.
 
-        Where goals jump as time goes on, no duration need be that of the motion to the goal then. The least
-        one that is long enough lies between one that is and one that is not.
+        Where goals jump in time, there may be no time whose goal is reached in exactly that time. The
+        shortest end time is then sought between one that is too short to reach its goal and one that is long
+        enough.
         """
         late = np.inf if self._late is None else self._late[0]
         if duration <= expected < late:
@@ -246,22 +250,22 @@ class Meeting:
             self._early = expected
 
     def _is_narrow(self, late: float) -> bool:
-        """Whether the bracket of end times up to `late` s is narrow enough to end."""
+        """Whether the bracket of end times, up to `late` s, is narrow enough to stop."""
         return late - self._early <= _SETTLED * late
 
     def _next_time(self, duration: float) -> float:
-        """Time, s, for which to ask for goals next: the end of the last motion, or the bracket's middle."""
+        """Return the time, s, of the goals to ask for next: the last motion's end or the bracket's middle."""
         if self._late is None or not self._early or self._early < duration < self._late[0]:
             return duration
         return (self._early + self._late[0]) / 2
 
     def _wait_for_goal(self, time: float, goal: Goal, path: Path) -> None:
-        """Set `need` to a fit in `time` s, longer than the motion needs, as its goal is not there sooner."""
+        """Ask for a fit in `time` s, which is longer than needed, as its goal is not there sooner."""
         self.goal, self.path, self._timed = goal, path, True
         self.need = wanted_fit(_timed(self.scenario, time), path, goal)
 
     def _after_timed_fit(self, fit: Fit) -> None:
-        """End with a motion in a given time that keeps the limits; else ask for one with more slack."""
+        """After a fit in a given time: stop if it keeps the limits; else ask for a longer one."""
         if fit.status is not Status.LIMITS_TOO_TIGHT:
             return
         if self._slacks and self.goal.time < self._known:
@@ -270,12 +274,12 @@ class Meeting:
             self._miss(f"after {_ROUNDS} rounds fit and goal still follow each other")
 
     def _ask_for_slack(self) -> None:
-        """Set `need` to the goals at a time that is a little later than the motion needs."""
+        """Ask for the goals at a time a little later than the motion needs."""
         self._timed = True
         self._ask(min(self._needed * (1 + self._slacks.pop(0)), self._known))
 
     def _ask(self, time: float) -> None:
-        """Set `need` to the goals at a time, s; if a target is hidden then, at the next when all are seen."""
+        """Ask for the goals at `time` s; if a target is hidden then, at the next time when all are seen."""
         self._asked = seen_from(self.scenario, time)
         if self._asked > self._known:
             self._miss(
@@ -288,26 +292,29 @@ class Meeting:
         self.need = GoalQuery(self.scenario, self._asked)
 
     def _miss(self, message: str) -> None:
-        """End without a trajectory: set `fit` to one that failed as GOAL_MISSED, with a message."""
+        """End without a trajectory: set `fit` to a failed one with the status GOAL_MISSED and a message."""
         self.fit = Fit(trajectory=None, status=Status.GOAL_MISSED, message=message)
 
 
 def _timed(scenario: Scenario, time: float) -> Scenario:
-    """The scenario with a duration of `time` s, and the node tube that its duration in words stood for."""
+    """Return the scenario with a duration of `time` s.
+
+    "minimum" without a node tube stands for an infinite tube, which is kept; else the tube stays as it is.
+    """
     settings = scenario.trajectory
     tube = np.inf if settings.duration == MINIMUM and settings.node_tube is None else settings.node_tube
     return replace(scenario, trajectory=replace(settings, duration=time, node_tube=tube))
 
 
 def _at_first(scenario: Scenario) -> Scenario:
-    """The scenario with its targets where they are at time zero, and no zones."""
+    """Return the scenario without zones, its targets fixed where they are at time zero."""
     asked = scenario.goal
     goal = asked if isinstance(asked, GivenState) else asked.at(0.0)
     return replace(scenario, goal=goal, keep_out=(), keep_in=(), joint_bounds=())
 
 
 def _ending(path: Path, goal: Goal) -> Path:
-    """The path bent so that it ends at a goal: each node moves by its share of the path's cost."""
+    """Return a path bent to end at `goal`: each node moves by the fraction of the path's cost up to it."""
     share = np.concatenate([[0.0], np.cumsum(path.edge_costs)])
     share = share / share[-1] if share[-1] > 0 else np.ones_like(share)
     turn = np.asarray(so3.log(path.attitudes[-1].T @ goal.attitude))
@@ -318,5 +325,5 @@ def _ending(path: Path, goal: Goal) -> Path:
 
 
 def _unknown(what: str, known: float, needed: float) -> str:
-    """Text that `what` moves is known until `known` s only, and the motion takes `needed` s."""
+    """Return text that `what` is known until `known` s only, although the motion takes `needed` s."""
     return f"{what} is known until {known:g} s, and the motion takes {needed:.4g} s: {messages.FOR_LONGER}"

@@ -1,10 +1,10 @@
-"""Plan to the nearest goal beside that of least time, where zones are in the way.
+"""Plan to the goal of least rotation beside that of least time, where zones are in the way.
 
-The goals of least time are told by bounds that know no zones, and a way round zones is found by luck in part:
-of two goals close together either may be reached sooner. So where zones are in the way to the goal of least
-time, and the bound of the time to the goal of least rotation leaves room, the shortest motion to that is
-planned as well, just as if it had been asked for, and the shorter of both is the plan. So no plan of least
-time is longer than that of least rotation.
+Goals of least time are chosen by bounds that know no zones, and which way round zones a search finds is
+partly luck: of two goals close together, either may be reached sooner. So where zones are in the way to the
+goal of least time, and the bound for the goal of least rotation leaves room, the shortest motion to that goal
+is planned as well, just as if it had been asked for, and the shorter of both plans is taken. So no plan of
+least time is longer than that of least rotation.
 """
 
 from dataclasses import replace
@@ -22,10 +22,11 @@ _SAME = 1e-6  # rad; goals whose attitudes are closer than this are the same
 
 
 def to_the_nearest(attempts: Attempts) -> Attempts | None:
-    """The attempts at the goal of least rotation; None where they would be of no use.
+    """Begin attempts at the goal of least rotation; None where they would be of no use.
 
     Args:
-        attempts: those at goals of least time, settled. Their clock goes on.
+        attempts: settled ones at goals of least time. The new attempts share their clock, whose `improve_for`
+            is set to 0.
     """
     plan, clock, enough = attempts.plan, attempts.clock, attempts.enough
     if plan is None or not _may_help(plan, enough) or not clock.left():
@@ -47,7 +48,11 @@ def to_the_nearest(attempts: Attempts) -> Attempts | None:
 
 
 def shorter_of(plan: Plan, other: Plan | None) -> Plan:
-    """The shorter one of a certified plan and of another way to plan its scenario, which may have failed."""
+    """Return the shorter of a certified plan and another plan for its scenario.
+
+    The other one may be None or have failed, and is taken only if it is shorter than `SHORTER` times the
+    first.
+    """
     if other is None or not other.ok or plan.trajectory is None or other.trajectory is None:
         return plan
     if other.trajectory.duration >= SHORTER * plan.trajectory.duration:
@@ -56,7 +61,7 @@ def shorter_of(plan: Plan, other: Plan | None) -> Plan:
 
 
 def _may_help(plan: Plan, enough: float) -> bool:
-    """Tell whether a plan is certified, of least time, longer than `enough` (s), and leads round zones."""
+    """Whether a plan is certified, of least time, longer than `enough` s, and leads round zones."""
     scenario, settings = plan.scenario, plan.scenario.trajectory
     asked = scenario.asked
     if isinstance(asked, GivenState) or asked.criterion != LEAST_TIME or asked.prefer or moves(scenario):

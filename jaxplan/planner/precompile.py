@@ -1,7 +1,7 @@
 """Tasks that compile the kernels of plans before they are needed.
 
-A first plan of a kind compiles for seconds, and computes for milliseconds. While step 1 compiles its own
-kernel, those of search and fit that nearly every plan of the kind needs are compiled beside it
+The first plan of a kind compiles for seconds and computes for milliseconds. While step 1 compiles its own
+kernel, the kernels of search and fit that nearly every plan of the kind needs are compiled beside it
 (`usual_tasks`). `jaxplan.warm_up` compiles all that any plan of the kind may need (`every_task`).
 """
 
@@ -28,13 +28,14 @@ _begun: set[Hashable] = set()  # kinds of scenarios whose tasks have been handed
 
 
 def usual_tasks(scenarios: Sequence[Scenario]) -> list[Task]:
-    """Tasks that compile the kernels that search and fit of scenarios will need.
+    """Return tasks that compile the kernels that search and fit of scenarios will need.
 
     Args:
         scenarios: to be planned together, whose starts are valid.
 
     Returns:
-        The tasks in the order of need; none for kinds of scenarios that this process has had tasks for.
+        The tasks in the order of need. Kinds of scenarios for which this process has handed out tasks before
+        get none.
     """
     kinds: dict[Hashable, list[Scenario]] = {}
     for scenario in scenarios:
@@ -51,11 +52,11 @@ def usual_tasks(scenarios: Sequence[Scenario]) -> list[Task]:
 
 
 def _usual(scenario: Scenario, many: bool) -> list[Task]:
-    """Tasks for the plan of a scenario, with `many` as of `every_task`.
+    """Return tasks for one scenario; `many` says whether plans are made many together, as of `every_task`.
 
-    What finds goals of least time takes the longest, so it comes first. Of the search the straight motion is
-    needed first; what comes after it takes long, too, and is not needed where that motion is clear. For one
-    scenario it waits for the goal of least rotation, see `further_tasks`.
+    The kernel that finds goals of least time takes the longest to compile, so it comes first. The search
+    needs the straight motion first; its other kernels take long, too, and are not needed where that motion
+    is clear. With a single scenario they wait for the goal of least rotation, see `further_tasks`.
     """
     soonest = soonest_task(scenario, _end(scenario))
     fits = kernel_tasks(scenario.usable, scenario.trajectory)
@@ -65,9 +66,9 @@ def _usual(scenario: Scenario, many: bool) -> list[Task]:
 
 
 def further_tasks(scenario: Scenario, nearest: Goal) -> list[Task]:
-    """Tasks for the plan of a scenario that follow from its goal of least rotation.
+    """Return tasks that can be prepared once the goal of least rotation, `nearest`, is known.
 
-    The motion to the goal of least time, which is found later, is clear mostly where the one to this is.
+    If the straight motion to it is blocked, so mostly is that to the goal of least time, which comes later.
     """
     if scenario.search.method != "mha":
         return []
@@ -75,10 +76,10 @@ def further_tasks(scenario: Scenario, nearest: Goal) -> list[Task]:
 
 
 def every_task(scenario: Scenario, *, many: bool) -> list[Task]:
-    """Tasks that compile all kernels that plans of scenarios like this one may need, for any duration.
+    """Return tasks that compile all kernels that plans of scenarios of this kind may need, for any duration.
 
     Args:
-        scenario: any of its kind.
+        scenario: any scenario of the kind.
         many: whether plans are made many together; else one scenario at a time.
     """
     _begun.add((_kind(scenario), many))
@@ -94,14 +95,14 @@ def every_task(scenario: Scenario, *, many: bool) -> list[Task]:
 
 
 def usual_search_of(scenario: Scenario, many: bool) -> list[Task]:
-    """`jaxplan.search.precompile.usual_tasks` of a scenario and `many`; none for methods other than "mha"."""
+    """Return the usual compile tasks of a scenario's search; none for methods other than "mha"."""
     if scenario.search.method != "mha":
         return []
     return usual_search(_scene(scenario), scenario.search, many=many)
 
 
 def _kind(scenario: Scenario) -> Hashable:
-    """A key that is equal for scenarios that need the same kernels, except where sizes are unusual."""
+    """Return a key that is equal for scenarios that need the same kernels, except where sizes are unusual."""
     craft, rows, fit = scenario.usable, scenario.constraints, scenario.trajectory
     single, (loads, _) = int(np.sum(rows.single)), timed_limits(craft)
     wheels = 0 if craft.wheel_array is None else len(craft.wheel_array.rows)
@@ -115,7 +116,7 @@ def _kind(scenario: Scenario) -> Hashable:
 
 
 def _scene(scenario: Scenario) -> Scene:
-    """A scene of the same shapes as those of a scenario's searches, from its start to its start."""
+    """Return a search problem from a scenario's start to its start, with its own searches' array shapes."""
     start = scenario.start
     goal = Goal(
         attitude=np.asarray(start.attitude, float),
@@ -127,7 +128,7 @@ def _scene(scenario: Scenario) -> Scene:
 
 
 def _end(scenario: Scenario) -> float | None:
-    """A time at which a manoeuvre might end, s; None where nothing moves."""
+    """Return an end time that a manoeuvre might have, s; None where nothing moves."""
     if not moves(scenario):
         return None
     duration = scenario.trajectory.duration

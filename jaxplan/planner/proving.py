@@ -1,10 +1,11 @@
-"""Certify the trajectory of a scenario, when it is planned, and anew from a file.
+"""Certify the trajectory of a scenario when it is planned, and anew from a file.
 
-`jaxplan.certificate` proves that a trajectory keeps limits and zones and goes from one state to another.
-That these states are what the scenario asks for is checked here: the goal meets its targets, and where these
-move, it is there when the manoeuvre ends, along their directions and at their rates. That is plain numpy, so
-that no NaN passes, from equation (13) and the derivative of ``p = R u(q)``, ``p' = R (omega x u + u_q q')``;
-nothing of what finds goals is used.
+`jaxplan.certificate` proves that a trajectory keeps limits and zones and goes from one state to another. That
+these states are what the scenario asks for is checked here: the goal meets its targets, and where these move,
+it meets their directions and rates when the manoeuvre ends. The check is plain numpy, written so that NaN
+counts as a fault, from equation (13) and the derivative of ``p = R u(q)``, ``p' = R (omega x u + u_q q')``,
+for the inertial beam ``p`` of a device with joints ``q``, body beam ``u``, attitude ``R`` and angular
+velocity ``omega``. It shares no code with what finds goals.
 """
 
 from collections.abc import Iterator, Sequence
@@ -35,7 +36,7 @@ class ProofQuery:
     """A trajectory to be certified against its scenario's zones, limits, start and goal.
 
     Attributes:
-        scenario: what must hold.
+        scenario: the problem; its zones and limits must hold.
         goal: where the trajectory must end; it must be what the scenario asks for.
         trajectory: the manoeuvre.
     """
@@ -46,12 +47,12 @@ class ProofQuery:
 
 
 def prove(scenario: Scenario, goal: Goal, trajectory: Trajectory) -> Certificate:
-    """Certify a trajectory by itself, see `ProofQuery`."""
+    """Certify one trajectory and its goal, see `ProofQuery`."""
     return prove_batch([ProofQuery(scenario=scenario, goal=goal, trajectory=trajectory)])[0]
 
 
 def prove_batch(queries: Sequence[ProofQuery]) -> list[Certificate]:
-    """Certify many trajectories, those of equal shapes together."""
+    """Certify many trajectories, those of equal array shapes together; certificates in the same order."""
     certificates = []
     for query, certificate in zip(queries, certify_batch([_claim(query) for query in queries]), strict=True):
         off = (
@@ -65,7 +66,7 @@ def prove_batch(queries: Sequence[ProofQuery]) -> list[Certificate]:
 
 
 def _claim(query: ProofQuery) -> Claim:
-    """The claim that a trajectory keeps its scenario's limits and zones and ends at its goal."""
+    """Return the claim that a trajectory keeps its scenario's limits and zones from start to goal."""
     scenario, goal, start = query.scenario, query.goal, query.scenario.start
     end, craft = end_rates(scenario, goal), scenario.spacecraft
     return Claim(
@@ -91,16 +92,16 @@ def _claim(query: ProofQuery) -> Claim:
 
 
 def certify(plan: Plan) -> Certificate:
-    """Certify a plan anew, trusting nothing it says, its goal included.
+    """Certify a plan's trajectory anew; nothing in the plan is trusted, not even that its goal fits.
 
     Args:
-        plan: with a trajectory.
+        plan: one with a trajectory and a goal.
 
     Returns:
-        The certificate, which lists what could not be proved.
+        The certificate, whose `faults` list what could not be proved.
 
     Raises:
-        TypeError: if it is no plan.
+        TypeError: if `plan` is not a Plan.
         ValueError: if the plan has no trajectory, or no goal.
         ScenarioError: if an attribute of its scenario has the wrong type or shape.
 
@@ -118,9 +119,9 @@ def certify(plan: Plan) -> Certificate:
 
 
 def _of_zones(scenario: Scenario, faults: tuple[str, ...]) -> tuple[str, ...]:
-    """Faults with those of a certificate's rows ("cones....") replaced by those of the scenario's zones.
+    """Replace a certificate's faults in rows of constraints ("cones....") by those of the scenario's zones.
 
-    They stay as they are where the zones by themselves have none.
+    They are returned as they are if the scenario's zones show no faults when they are checked.
     """
     others = tuple(fault for fault in faults if not fault.startswith("cones."))
     if len(others) == len(faults):
@@ -139,7 +140,7 @@ def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
     """Prove anew how far every device stays from every zone, see `jaxplan.certificate.prove_margins`.
 
     Args:
-        plan: with a trajectory; without one there are no margins.
+        plan: the plan; if it has no trajectory, the result is empty.
     """
     if plan.trajectory is None:
         return ()
@@ -157,7 +158,7 @@ def check_margins(plan: Plan) -> tuple[ProvedMargin, ...]:
 
 
 def _zone_names(scenario: Scenario) -> list[str]:
-    """The name of the zone that each row of the scenario's constraints is of."""
+    """Return the name of the zone that each row of the scenario's constraints belongs to, without padding."""
     zones = scenario.zones
     return [zones[zone].name for zone in scenario.stated.zone if zone >= 0]
 
@@ -165,7 +166,7 @@ def _zone_names(scenario: Scenario) -> list[str]:
 def _goal_faults(scenario: Scenario, goal: Goal) -> Iterator[str]:
     """Yield a sentence for each way in which a goal is not what the scenario asks for.
 
-    It is in numpy, so that no NaN passes. `_arrival_faults` checks the directions of targets that move.
+    NaN counts as a fault. Directions of moving targets are left to `_arrival_faults`.
     """
     asked, attitude, joints = scenario.goal, goal.attitude, goal.joints
     if not abs(so3.distance(scenario.start.attitude, attitude) - goal.slew_angle) <= TOLERANCE:
@@ -196,13 +197,16 @@ def _goal_faults(scenario: Scenario, goal: Goal) -> Iterator[str]:
 
 
 def _allowed(scenario: Scenario, name: str) -> float:
-    """Angle, rad, by which the device `name` may be off its target: a terminal only by rounding."""
+    """Return by how many rad or rad/s a device may miss its target: a terminal only by `TOLERANCE`.
+
+    Drives and instruments are allowed the goal's tolerance as well.
+    """
     of_terminal = any(terminal.name == name for terminal in scenario.spacecraft.terminals)
     return TOLERANCE if of_terminal else TOLERANCE + float(scenario.goal.tolerance)  # type: ignore[union-attr]
 
 
 def lasting_faults(scenario: Scenario, duration: float) -> Iterator[str]:
-    """Yield a sentence for zones that last for less than a motion of a duration, s."""
+    """Yield a sentence on zones that are known for a shorter time than `duration`, that of the motion, s."""
     brief: dict[float, list[str]] = {}
     for zone in scenario.zones:
         if not duration <= zone.lasts:
@@ -218,7 +222,7 @@ def lasting_faults(scenario: Scenario, duration: float) -> Iterator[str]:
 def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator[str]:
     """Yield a sentence for each way in which a goal misses its moving targets when the motion ends.
 
-    `duration` is that of the motion, s.
+    `duration` is that of the motion, s. Nothing is yielded where nothing moves.
     """
     if not moves(scenario):
         return
@@ -247,10 +251,20 @@ def _arrival_faults(scenario: Scenario, goal: Goal, duration: float) -> Iterator
 def _beam_motion(
     scenario: Scenario, goal: Goal, angular_velocity: np.ndarray, joint_rates: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Inertial directions (k, 3) of the devices with targets at a goal, and how fast they turn (k, 3), 1/s.
+    """Return how the beams of the devices with targets point at a goal, and how fast they turn.
 
-    A boresight ``u`` of a device with joints turns at ``y' Y + p' P`` in the body, about the yaw axis ``Y``
-    and the pitch axis ``P``, that is the opposite of what is to the left.
+    The beam of a device with joints turns in the body at ``y' Y + p' P``: about the yaw axis ``Y``, and about
+    the pitch axis ``P``, which points to the right, opposite to the second axis ("left") of the device's
+    frame.
+
+    Args:
+        scenario: the problem, whose goal is targets.
+        goal: attitude and joint angles.
+        angular_velocity: (3,) rad/s, body axes.
+        joint_rates: (2n + d,) rad/s, yaws, pitches, drives.
+
+    Returns:
+        Inertial unit vectors (k, 3) of the k devices with targets, and their derivatives (k, 3), 1/s.
     """
     craft, asked = scenario.spacecraft, scenario.goal
     terminals = len(craft.terminals)

@@ -1,4 +1,4 @@
-"""A plan: everything the chain found, from goal to certificate, and how it prints itself."""
+"""The record of a plan: everything that planning found, from goal to certificate, and how it is displayed."""
 
 import os
 from collections.abc import Mapping
@@ -21,7 +21,15 @@ from jaxplan.trajectory import Trajectory
 
 
 def end_rates(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
-    """Angular velocity (3,), body axes, and joint rates (2n + d,), rad/s, at the end of a manoeuvre."""
+    """Return the rates with which a manoeuvre must end, as the scenario or its moving goal gives them.
+
+    Args:
+        scenario: the problem; where its goal does not move, its own end rates are returned.
+        goal: where the manoeuvre ends; if it moves and has no rates, which is never certified, they are zero.
+
+    Returns:
+        Angular velocity (3,) rad/s in body axes, and joint rates (2n + d,) rad/s of n terminals, d drives.
+    """
     if not scenario.goal.moves:
         return scenario.goal.angular_velocity, scenario.goal.joint_rates
     if goal.angular_velocity is None or goal.joint_rates is None:
@@ -30,7 +38,7 @@ def end_rates(scenario: Scenario, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
 
 
 def report_summary(report: Certificate | None) -> dict[str, Any]:
-    """A certificate as a dict in the units of files; without one, the same keys with None."""
+    """Return a certificate as a dict in the units of files; for None the same keys with None values."""
     found = Certificate(certified=False, faults=()) if report is None else report
     margin = found.min_margin
     summary = {
@@ -58,19 +66,19 @@ def report_summary(report: Certificate | None) -> dict[str, Any]:
 )
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
-    """The answer to a scenario. Of a plan that failed, the fields of later steps are None.
+    """The answer to a scenario. If planning failed, the fields of the steps after the failing one are None.
 
     Attributes:
         scenario: what was asked.
-        status: how it ended.
-        message: for the user, what happened and what to change; empty when all is well.
-        goal: where the manoeuvre ends; with time and rates where something moves.
-        search: the result of step 2.
+        status: how planning ended.
+        message: for the user, what happened and what to change; empty when there is nothing to say.
+        goal: the state in which the manoeuvre ends; with a time and end rates where something moves.
+        search: the result of the path search, step 2.
         path: the nodes that the trajectory passes.
         trajectory: the manoeuvre as a function of time.
         certificate: what is proved of the trajectory; `report` is another name for it.
-        timings: seconds by step without those of compiling, then these, and in all: the one part that is
-            not deterministic.
+        timings: computation times, s: of each step without compiling, then "compile" and "total". They are
+            the one part of a plan that is not deterministic.
     """
 
     scenario: Scenario
@@ -90,41 +98,44 @@ class Plan:
 
     @property
     def report(self) -> Certificate | None:
-        """The certificate, by the name that it had before."""
+        """The certificate, under its older name."""
         return self.certificate
 
     @property
     def goal_chosen(self) -> bool:
-        """Whether step 1 chose the goal, as targets leave the attitude free: another may be met sooner."""
+        """Whether step 1 chose the goal, as for targets; another attitude might then be reached sooner."""
         return not isinstance(self.scenario.goal, GivenState)
 
     @property
     def duration_bound(self) -> float | None:
-        """Strict lower bound of the duration to this goal, s; None without a path.
+        """Strict lower bound of the duration of a motion to this goal, s; None without a path.
 
-        It is that of the limits which `duration_bound_name` names: rates, accelerations, torque and momentum
-        of the platform, or rates and accelerations of a joint. It knows no zone, and does not speak of
-        another goal that meets the same targets (`goal_chosen`); with the criterion "least_time" the first
-        goal of step 1 is the one with the least bound, as far as its descents go, and this is the bound of
-        all goals unless zones made another one quicker to reach.
+        It follows from the limits that `duration_bound_name` names: rates, accelerations, torque and momentum
+        of the platform, or rate and acceleration of a joint. Zones are left out of account. The bound holds
+        for this goal alone, not for others that meet the same targets (`goal_chosen`). With the criterion
+        "least_time", step 1 puts the goal with the least bound that its descents found first; unless zones
+        made another goal quicker to reach, this is then the bound for all goals.
         """
         return None if self._bound is None else self._bound.seconds
 
     @property
     def duration_bound_name(self) -> str | None:
-        """Whose limits set `duration_bound`, such as "terminal-1 yaw"; None without a path."""
+        """Name of the part whose limits set `duration_bound`, such as "terminal-1 yaw"; None without it."""
         return None if self._bound is None else self._bound.name
 
     @property
     def explained(self) -> float | None:
-        """Share of the duration that `duration_bound` explains, at most 1; None without a trajectory."""
+        """`duration_bound` as a fraction of the duration; None without a trajectory.
+
+        It is at most 1 where the trajectory keeps the limits.
+        """
         if self.trajectory is None or self._bound is None:
             return None
         return self._bound.seconds / self.trajectory.duration
 
     @cached_property
     def _bound(self) -> DurationBound | None:
-        """Strict lower bound of the duration between the path's ends; None without a path."""
+        """Lower bound of the duration between the path's ends, with its name; None without a path or goal."""
         if self.path is None or self.goal is None:
             return None
         start, goal_rates, ends = self.scenario.start, end_rates(self.scenario, self.goal), [0, -1]
@@ -141,7 +152,7 @@ class Plan:
         save_plan(self, path)
 
     def rows(self) -> list[tuple[str, str]]:
-        """The plan as (label, value) rows for a table; timings are left out."""
+        """Return the plan as (label, value) rows for a table, without the computation times."""
         rows = [("status", self.status.name)]
         if self.message:
             rows.append(("", self.message))
@@ -175,7 +186,7 @@ class Plan:
         return rows
 
     def summary(self) -> dict[str, Any]:
-        """The plan as a dict in the units of files, for machines; timings included."""
+        """Return the plan as a dict of plain values in the units of files, computation times included."""
         trajectory = self.trajectory
         return {
             "name": self.scenario.name,
@@ -204,22 +215,22 @@ class Plan:
 
 
 def load_plan(path: str | os.PathLike[str]) -> Plan:
-    """Read a plan that `save_plan` wrote.
+    """Read a plan from a file that `save_plan` wrote.
 
     Args:
-        path: the JSON file; timings are read if their file is there.
+        path: the JSON file; computation times are read too if their file stands beside it.
 
     Raises:
-        PlanFileError: if the file is missing, too large, no JSON, or not a plan.
+        PlanFileError: if the file is missing, too large, not JSON, or not a plan.
     """
     return Plan(**read_plan(path))
 
 
 class PlanningError(Exception):
-    """The error of `plan` where there is no certified plan.
+    """Raised by `plan` where no certified plan was found.
 
     Attributes:
-        plan: what was found before it failed.
+        plan: what was found before planning failed.
         status: why it failed.
     """
 

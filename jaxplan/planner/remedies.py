@@ -1,8 +1,9 @@
-"""Advice on motions that are not proved: keys to set, with values, those first that help in the case at hand.
+"""Advice on motions that are not proved safe: settings to change, with values, the most helpful first.
 
-A zone that is broken where the motion ends needs a goal farther away from it, one that is broken on the way a
-path with more clearance, which tapers to zero at both ends. A load that is too large needs more time, as its
-power of time tells. A joint that leaves its range needs ends farther inside, or nodes closer to each other.
+A zone that is broken where the motion ends needs a goal farther away from it; one that is broken on the way
+needs a path with more clearance, which tapers to zero at both ends. A load (a rate, torque or the like) that
+is too large needs more time: it falls with a known power of the duration. A joint that leaves its range needs
+ends farther inside, or nodes closer to each other.
 """
 
 from collections.abc import Iterator
@@ -16,19 +17,19 @@ from jaxplan.model.limits import QUANTITIES, Quantity, limits
 from jaxplan.model.scenario import Scenario
 from jaxplan.planner.proving import lasting_faults
 
-_ENDS = 0.1  # share of the duration, from either end, within which clearance of the path is lost to its taper
-_MORE = 2.0  # what lacks is asked for so many times, since the next motion is another one
-_TIME = 1.01  # likewise for the time in which loads would just fit
+_ENDS = 0.1  # fraction of the duration, from either end, in which the path's clearance is lost to its taper
+_MORE = 2.0  # factor on what is lacking, to be safe, since the next motion is another one
+_TIME = 1.01  # likewise, factor on the time in which loads would just fit
 _BY_NAME = {quantity.name: quantity for quantity in QUANTITIES}
 
 
 def uncertified(certificate: Certificate, scenario: Scenario, duration: float) -> str:
-    """Text why a trajectory is not proved safe, and what to change, most promising first.
+    """Return text why a trajectory is not proved safe, and what to change, most promising first.
 
     Args:
-        certificate: of the trajectory, not certified.
+        certificate: that of the trajectory, not certified.
         scenario: what was asked for.
-        duration: of the trajectory, s.
+        duration: that of the trajectory, s.
     """
     told = "; ".join(certificate.faults)
     if certificate.faults and set(certificate.faults) <= set(lasting_faults(scenario, duration)):
@@ -48,7 +49,7 @@ def uncertified(certificate: Certificate, scenario: Scenario, duration: float) -
 
 
 def _for_margins(certificate: Certificate, scenario: Scenario, duration: float) -> Iterator[str]:
-    """Yield what gives back the room that the smallest margin lacks; nothing where it lacks none."""
+    """Yield settings that give back the margin that is lacking; nothing if no zone is broken."""
     margin = certificate.min_margin
     if margin is None or margin >= -MARGIN_ALLOWANCE:
         return
@@ -77,7 +78,15 @@ def _for_margins(certificate: Certificate, scenario: Scenario, duration: float) 
 def _for_angles(
     beyond: dict[str, float], certificate: Certificate, scenario: Scenario, duration: float
 ) -> Iterator[str]:
-    """Yield what brings joints back into their ranges, for each kind of angle with its share of the range."""
+    """Yield what brings joints back into their ranges.
+
+    Args:
+        beyond: kinds of angles that leave their ranges, each with its peak as a multiple of the range's
+            bound.
+        certificate: that of the trajectory.
+        scenario: what was asked for.
+        duration: that of the trajectory, s.
+    """
     bounds = {limit.quantity.name: limit.bound for limit in limits(scenario.usable)}
     for name, peak in beyond.items():
         where = _where(certificate.peak_times.get(name), duration)
@@ -92,7 +101,7 @@ def _for_angles(
 
 
 def _for_loads(beyond: dict[Quantity, float], duration: float) -> Iterator[str]:
-    """Yield the duration in which rates and loads would fit, by what share of its limit each has."""
+    """Yield the duration, s, in which rates and loads would fit; `beyond` has each peak over its limit."""
     if not beyond:
         return
     longer = duration * max(peak ** (1 / quantity.power) for quantity, peak in beyond.items()) * _TIME
@@ -103,14 +112,20 @@ def _for_loads(beyond: dict[Quantity, float], duration: float) -> Iterator[str]:
 
 
 def _where(time: float | None, duration: float) -> str:
-    """Tell where on a motion of a duration, s, a time, s, is: next to "start" or "goal", or on the "way"."""
+    """Tell where `time` is on a motion of `duration` s: near "start" or "goal", or on the "way".
+
+    Near is within the fraction `_ENDS` of the duration. Of None, and of no duration, it is "way".
+    """
     if time is None or not duration > 0:
         return "way"
     return "start" if time < _ENDS * duration else "goal" if time > (1 - _ENDS) * duration else "way"
 
 
 def _above(value: float) -> str:
-    """Text of a positive number, rounded up to two digits that tell, and three of one above a hundred."""
+    """Return text of a positive number rounded up to two significant digits, or to three from 100 on.
+
+    Other values are written as they are.
+    """
     if not np.isfinite(value) or value <= 0:
         return f"{value:g}"
     unit = 10.0 ** (np.floor(np.log10(value)) - (1 if value < 100 else 2))

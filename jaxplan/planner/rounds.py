@@ -1,8 +1,8 @@
 """Plan many scenarios in rounds: scenario -> goals -> path -> trajectory -> certificate -> plan.
 
-In each round all scenarios that are not settled yet get what they need next: their goals are found one by
-one, their searches, fits and proofs are made together. What that is, with all retries, is for their
-`Attempts` to say, and which attempts are made is for `InTime`.
+In each round every scenario that is not settled yet gets what it needs next: goals are found one by one, but
+searches, fits and proofs of all scenarios are made together. What a scenario needs, with all retries, is
+decided by its `Attempts`, and which attempts are made by its `InTime`.
 """
 
 import time
@@ -39,9 +39,9 @@ def plan_in_rounds(
 
     Args:
         scenarios: the problems.
-        clocks: one a scenario.
+        clocks: one for each scenario.
         settled: called after each round with the number of plans that it has settled.
-        made: takes all fits that are made, each with what was asked; None where nobody needs them.
+        made: a list to which all fits are appended, each as (query, fit); None where nobody needs them.
 
     Returns:
         The plans in the same order, failed ones with their status and message.
@@ -66,11 +66,11 @@ def plan_in_rounds(
 
 
 def _find_goals(open_: Sequence[Attempts], work: Ahead | None) -> None:
-    """Run step 1 for all attempts that need it, one by one.
+    """Run step 1, finding goals, for all attempts that need it, one by one.
 
     Args:
-        open_: the attempts.
-        work: where kernels are compiled that the first goals call for; None for nowhere.
+        open_: attempts of plans that are not settled.
+        work: takes tasks that compile kernels ahead, as the first goals call for; None for no such tasks.
     """
     for attempts, query in _in_need(open_, GoalQuery):
 
@@ -84,7 +84,7 @@ def _find_goals(open_: Sequence[Attempts], work: Ahead | None) -> None:
 
 
 def _search_paths(open_: Sequence[Attempts]) -> None:
-    """Run step 2 for all attempts that need it, together."""
+    """Run step 2, the path search, for all attempts that need it, together."""
     waiting = _in_need(open_, SearchQuery)
     with _shared_step("search", [attempts.clock for attempts, _ in waiting]) as seconds:
         scenes, settings = [query.scene for _, query in waiting], [query.settings for _, query in waiting]
@@ -94,7 +94,10 @@ def _search_paths(open_: Sequence[Attempts]) -> None:
 
 
 def _fit_trajectories(open_: Sequence[Attempts], made: list[tuple[FitQuery, Fit]] | None) -> None:
-    """Run step 3 for all attempts that need it, together; fits are put into `made`, if there is one."""
+    """Run step 3, the fit, for all attempts that need it, together.
+
+    Each fit is appended to `made` as (query, fit), unless `made` is None.
+    """
     waiting = _in_need(open_, FitQuery)
     with _shared_step("trajectory", [attempts.clock for attempts, _ in waiting]) as seconds:
         found = fit_batch([query for _, query in waiting], seconds)
@@ -105,7 +108,7 @@ def _fit_trajectories(open_: Sequence[Attempts], made: list[tuple[FitQuery, Fit]
 
 
 def _prove_certificates(open_: Sequence[Attempts]) -> None:
-    """Make the certificates for all attempts that need one, together."""
+    """Certify the trajectories of all attempts that need it, together."""
     waiting = _in_need(open_, ProofQuery)
     with _shared_step("certificate", [attempts.clock for attempts, _ in waiting]):
         found = prove_batch([query for _, query in waiting])
@@ -114,21 +117,21 @@ def _prove_certificates(open_: Sequence[Attempts]) -> None:
 
 
 def _in_need(open_: Sequence[Attempts], kind: type[Query]) -> list[tuple[Attempts, Query]]:
-    """The attempts whose next need is of a kind, each with that need."""
+    """Return the attempts whose next need is a query of the given kind, each with that query."""
     needs: list[tuple[Attempts, Any]] = [(attempts, attempts.need) for attempts in open_]
     return [(attempts, need) for attempts, need in needs if isinstance(need, kind)]
 
 
 @contextmanager
 def _shared_step(name: str, clocks: Sequence[Clock]) -> Iterator[Seconds]:
-    """Count the time of a `with` block to a step of several plans.
+    """Add the time of a `with` block to one step of several plans.
 
     Args:
         name: of the step.
-        clocks: of the plans; without any nothing is counted.
+        clocks: those of the plans; if there are none, nothing is counted.
 
     Yields:
-        A record in which the block notes the seconds of each plan; all other seconds are shared equally.
+        A record in which the block notes the seconds of each plan; the remaining time is shared equally.
     """
     seconds = Seconds(len(clocks))
     begin, began = time.monotonic(), working_time()

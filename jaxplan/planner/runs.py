@@ -1,6 +1,6 @@
-"""The entry points `plan` and `plan_batch`: one scenario, or many at once, here or in other processes.
+"""The entry points `plan` and `plan_batch`: plan one scenario, or many, here or in other processes.
 
-A scenario is checked as one from a file is, and planned with the numbers that its file would hold.
+A scenario made in Python is checked as one from a file is, and planned with the numbers its file would hold.
 """
 
 from collections.abc import Iterable, Sequence
@@ -21,8 +21,8 @@ from jaxplan.trajectory import Fit, FitQuery
 
 TOGETHER = 256
 """Scenarios that are planned at once, so that progress is seen and memory stays small."""
-_LEAST_HANDED_OUT = 32  # scenarios in a part for a worker, so that it, too, plans many together
-_PARTS = 3  # parts for each worker, so that all get done at about the same time
+_LEAST_HANDED_OUT = 32  # least scenarios in a part for a worker, so that it, too, plans many together
+_PARTS = 3  # parts for each worker, so that all of them end at about the same time
 
 
 def plan(
@@ -32,22 +32,23 @@ def plan(
 
     Args:
         scenario: the problem and its settings; lists may stand for arrays and tuples.
-        throw: raise when there is no certified plan; otherwise return what was found, with its status.
+        throw: raise PlanningError when there is no certified plan; if False, return what was found.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
-        improve_for_s: s, for which a shorter plan is looked for than the first one, of a duration that is
+        improve_for_s: how long, s, to look for a plan shorter than the first one, where the duration is
             "minimum": along other ways round zones, and from more first guesses. It ends earlier once the
-            bound leaves little to gain. What is found in that time depends on the machine.
+            lower bound of the duration leaves little to gain. The result depends on the machine's speed.
 
     Returns:
-        The plan. Of a failed one the fields before the failing step are filled; UNCERTIFIED keeps trajectory
-        and report.
+        The plan. In a failed one the fields before the failing step are filled; one that is UNCERTIFIED has a
+        trajectory and a certificate.
 
     Raises:
-        PlanningError: with ``status``, ``plan`` and a message that says what to change, if ``throw``.
-        TypeError: if it is no scenario.
-        ScenarioError: for values that a scenario file may not have, methods that do not exist among them,
-            and those of a wrong type or shape; a ValueError, with every fault.
-        ValueError: for less than no time, or one without end, and for any but with the duration "minimum".
+        PlanningError: if `throw` and there is no certified plan; it has the plan, its status and a message
+            that says what to change.
+        TypeError: if `scenario` is not a Scenario.
+        ScenarioError: for values that a scenario file may not have, such as unknown methods, and for wrong
+            types or shapes; a ValueError that lists every fault.
+        ValueError: if `improve_for_s` is negative or infinite, or not 0 and the duration not "minimum".
 
     Example:
         >>> import jaxplan as jp
@@ -75,26 +76,25 @@ def plan_batch(
     progress: bool = True,
     executor: Workers | None = None,
 ) -> list[Plan]:
-    """Plan many scenarios, their searches, fits and proofs together.
+    """Plan many scenarios, with their searches, fits and proofs done together.
 
     Args:
         scenarios: the problems, each with its own settings; they need not be alike.
-        workers: who plans: None for this process; a number of processes of its own; or any
+        workers: who plans: None for this process; a number of worker processes to start; or any
             `concurrent.futures.Executor`, whose processes keep what they have compiled for the next call.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
-        executor: an older name of workers.
+        executor: an older name of `workers`.
 
     Returns:
-        The plans in the same order, failed ones with their status and message: none raises. They agree with
-        those of `plan` one by one to 1e-6, with the same statuses, where the same way is taken and no time
-        limit ends a search. Of the time of what was made together each plan is given its share: an equal
-        one of what was done at once.
+        The plans in the same order. None raises: failed plans have their status and message. Each agrees with
+        that of `plan` to 1e-6, and in status, unless rounding leads it another way or a time limit ends a
+        search. The computation time of what was done for several plans at once is shared equally among them.
 
     Raises:
-        TypeError: if one of them is no scenario, or workers are no executor and no number.
-        ScenarioError: as of `plan`, before anything is planned, with the number of the scenario.
-        ValueError: for less than one process.
-        RuntimeError: if worker processes die; `run_study` outlives that.
+        TypeError: if one of them is not a Scenario, or `workers` is neither an executor nor a number.
+        ScenarioError: as for `plan`, before anything is planned, with the scenario's index.
+        ValueError: if `workers` is less than 1.
+        RuntimeError: if worker processes die; `run_study` continues in that case.
     """
     if isinstance(scenarios, Scenario):
         raise TypeError("scenarios must be several, not a Scenario; jp.plan plans one")
@@ -112,9 +112,11 @@ def plan_batch(
 def plan_with_fits(
     scenarios: Sequence[Scenario], *, progress: bool = True
 ) -> tuple[list[Plan], list[Fit | None]]:
-    """`plan_batch` in this process, and the fit of step 3 of each plan in a given duration.
+    """Plan like `plan_batch` in this process, and return the fit behind each plan as well.
 
-    None stands for a fit that another motion than the plan's came of, or another duration.
+    Returns:
+        The plans, and for each plan its fit of step 3. The latter is None unless the plan is certified, in a
+        given duration, and its trajectory is that very fit along its path with the scenario's own settings.
     """
     filed = [as_filed(f"scenarios[{number}]", scenario) for number, scenario in enumerate(scenarios)]
     made: list[tuple[FitQuery, Fit]] = []
@@ -129,16 +131,16 @@ def plan_with_fits(
 
 
 def as_filed(name: str, given: object) -> Scenario:
-    """A scenario that was made in Python, as a file would hold it.
+    """Check a scenario that was made in Python, and return it with the values that its file would hold.
 
     Args:
         name: of the argument, for messages.
-        given: to be planned.
+        given: what was passed as the scenario.
 
     Raises:
-        TypeError: for what is no scenario, such as the name of a file.
-        ScenarioError: for values that a file may not have, and those of a wrong type or shape; the message
-            lists every fault by its attribute.
+        TypeError: if it is not a Scenario but, say, the name of a file.
+        ScenarioError: for values that a file may not have, and for wrong types or shapes; the message lists
+            every fault by its attribute.
     """
     several = isinstance(given, list | tuple)
     advice = "jp.plan_batch plans several" if several else "jp.load_scenario reads one from a file"
@@ -152,7 +154,7 @@ def as_filed(name: str, given: object) -> Scenario:
 def _here(
     scenarios: Sequence[Scenario], progress: bool, made: list[tuple[FitQuery, Fit]] | None = None
 ) -> list[Plan]:
-    """Plan scenarios that `as_filed` returned, in this process; `made` is as of `plan_in_rounds`."""
+    """Plan checked scenarios in this process, `TOGETHER` at a time; `made` is as of `plan_in_rounds`."""
     plans: list[Plan] = []
     with one_thread(), progress_bar("planning", "plans", total=len(scenarios), shown=progress) as bar:
         for first in range(0, len(scenarios), TOGETHER):
@@ -162,7 +164,7 @@ def _here(
 
 
 def _by_workers(scenarios: Sequence[Scenario], workers: Workers, progress: bool) -> list[Plan]:
-    """Plan scenarios that `as_filed` returned in other processes, part by part.
+    """Plan checked scenarios in worker processes, part by part.
 
     Raises:
         RuntimeError: if a worker process dies.
@@ -194,5 +196,5 @@ def _by_workers(scenarios: Sequence[Scenario], workers: Workers, progress: bool)
 
 
 def _plan_part(scenarios: Sequence[Scenario]) -> list[Plan]:
-    """Plan a part of the scenarios, in a worker process."""
+    """Plan a part of the scenarios, as a task of a worker process."""
     return _here(scenarios, progress=False)

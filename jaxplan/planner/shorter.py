@@ -1,15 +1,17 @@
-"""Look for shorter plans than one that was found: to other goals, on other ways, and from more bent curves.
+"""Look for plans that are shorter than a certified one: to other goals, on other ways, from more bent curves.
 
-The goal of least time is the one with the least bound, which knows no zones and takes platform and joints
-each by itself. So where the shortest motion to it is far above that, the other goals of step 1 are tried, the
-one of least rotation among them, unless their own bounds say that they take longer.
+A *way* is a route past the zones to a goal. *Bent curves* are first guesses of the fit, bent away from the
+path; `TrajectorySettings.first_guesses` says how many are asked for.
 
-Zones can be passed on several sides, and a search finds one way. Where the shortest motion along it is far
-above the bound, other searches look for other ways, unless the straight one is open, which is the quickest.
-Half as many look for ways to each other goal that was tried, for the first way there may have been a bad one.
-A search is quick and a fit is not, so of a round of searches the paths that look quickest are fitted. A
-motion along one of them that is quicker, once it is certified, is the plan. There is always a certified plan
-at hand.
+The goal of least time is the one with the least lower bound, which knows no zones and takes platform and
+joints each by itself. So where the shortest motion to it is far above the bound, the other goals of step 1
+are tried, that of least rotation among them, unless their own bounds say that they take longer.
+
+Zones can be passed on several sides, and a search finds one way. If the shortest motion along it is far above
+the bound, other searches look for other ways, unless the straight way is open, which is the quickest. Half as
+many look for ways to each other goal that was tried, since its first way may have been a bad one. A search is
+quick and a fit is not, so in each round of searches only the paths that look quickest are fitted. A motion
+along one of them that is shorter, once it is certified, becomes the plan. There is always a certified plan.
 """
 
 import math
@@ -38,24 +40,24 @@ from jaxplan.search import (
 )
 from jaxplan.trajectory import NEAR_THE_BOUND, Fit, FitQuery
 
-METHODS = ("rrt_connect", "mha")  # of the other searches, in turn: the first one varies most with its seed
+METHODS = ("rrt_connect", "mha")  # of other searches, in turn: the first varies most with its seed
 _FIRST_SEED = 100  # number of the first other search among those whose seeds are derived
-SHORTER = 1 - 1e-4  # share of the duration below which a motion's has to be for its plan to be taken
+SHORTER = 1 - 1e-4  # times the plan's duration: a motion must take less for its plan to be taken
 _MOST_BENT = 1000  # curves; with more nothing is found that fewer would not find
-_FITS, _SEARCHES = 0.5, 3  # in a round, of paths, for each of the curves that are asked for
-_OTHERS = 1.5  # the same of searches to each other goal
+_FITS, _SEARCHES = 0.5, 3  # fits and searches to the plan's goal in a round, for each first guess asked for
+_OTHERS = 1.5  # the same, of searches to each other goal
 _NEAR = 0.25  # rad, of attitude and joints; a path that stays so near to one that was fitted is the same way
-_BENT = 1.001  # times what the straight path looks to take; a path that takes no more is straight
-_SLOWER = 1.25  # times what the plan's own path looks to take; paths that look slower are not fitted
+_BENT = 1.001  # times the estimated time along the straight path; a path that takes no more is straight
+_SLOWER = 1.25  # times the estimated time along the plan's own path; slower paths are not fitted
 
 
 def is_improvable(plan: Plan, improve_for: float, goals: Sequence[Goal] = (), enough: float = 0.0) -> bool:
-    """Whether a shorter plan than one that was found is to be looked for.
+    """Whether to look for a shorter plan than the one that was found.
 
     Args:
-        plan: the one that was found; False where it is not certified.
-        improve_for: s, for which it is to be looked for at least.
-        goals: others that meet the same targets and wishes as well.
+        plan: the one that was found; the result is False if it is not certified.
+        improve_for: s, how long to look at least; 0 to look as far as the settings ask for.
+        goals: other goals that meet the same targets and wishes as well.
         enough: s, a duration that is short enough.
     """
     scenario, settings = plan.scenario, plan.scenario.trajectory
@@ -70,7 +72,7 @@ def is_improvable(plan: Plan, improve_for: float, goals: Sequence[Goal] = (), en
 
 
 def is_far(plan: Plan, enough: float) -> bool:
-    """Tell whether a plan takes much longer than its bound, and longer than `enough` s."""
+    """Whether a plan takes longer than `NEAR_THE_BOUND` times its lower bound, and longer than `enough` s."""
     bound, trajectory = plan.duration_bound, plan.trajectory
     return (
         bound is not None
@@ -80,7 +82,7 @@ def is_far(plan: Plan, enough: float) -> bool:
 
 
 def may_be_sooner(plan: Plan, goal: Goal) -> bool:
-    """Whether the bound of the time to a goal leaves room below the duration of a plan."""
+    """Whether the lower bound of the time to `goal` is less than `SHORTER` times the plan's duration."""
     scenario, trajectory = plan.scenario, plan.trajectory
     start, end = scenario.start, end_rates(scenario, goal)
     bound = duration_bound(
@@ -94,7 +96,7 @@ def may_be_sooner(plan: Plan, goal: Goal) -> bool:
 
 
 def _is_near(path: Path, other: Path) -> bool:
-    """Whether every node of a path is within `_NEAR` of some node of another."""
+    """Whether every node of a path is within `_NEAR` of some node of the other one."""
     cosine = (np.einsum("aij,bij->ab", path.attitudes, other.attitudes) - 1) / 2
     joints = np.abs(path.joints[:, None] - other.joints)
     apart = np.maximum(np.arccos(np.clip(cosine, -1, 1)), np.max(joints, axis=-1, initial=0))
@@ -102,12 +104,12 @@ def _is_near(path: Path, other: Path) -> bool:
 
 
 def is_bent(plan: Plan) -> bool:
-    """Whether a motion along the path of a plan takes longer than one along the straight path."""
+    """Whether a motion along a plan's path is estimated to take longer than one along the straight path."""
     return plan.path is not None and _leads_round(plan, plan.path)
 
 
 def _leads_round(plan: Plan, path: Path) -> bool:
-    """Whether a motion of a plan's spacecraft along a path takes longer than one straight to its end."""
+    """Whether a motion along `path` is estimated to take longer than one straight to the path's end."""
     nodes = path.attitudes, path.joints
     ends = path.attitudes[[0, -1]], path.joints[[0, -1]]
     along, straight = times_along(plan.scenario.usable, [nodes, ends]).tolist()
@@ -116,13 +118,13 @@ def _leads_round(plan: Plan, path: Path) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Way:
-    """A goal that searches look for ways to.
+    """A goal to which searches look for paths, with what they have found.
 
     Attributes:
         goal: the goal.
-        scene: of the searches.
-        paths: along which fits were made; paths near one of these are the same way.
-        searches: seeds that other searches have used.
+        scene: the search problem.
+        paths: paths that were fitted; another path near one of these counts as the same way.
+        searches: counts the searches, for their seeds.
     """
 
     goal: Goal
@@ -132,17 +134,18 @@ class _Way:
 
 
 class Shorter:
-    """The search for a shorter plan, as a state machine like `attempts.Attempts`.
+    """The search for a shorter plan, a state machine like `attempts.Attempts`.
 
     Args:
-        plan: to begin with, certified.
-        scene: of its search.
-        left: s, of the scenario's time limit.
-        improve_for: s, to go on for, beyond that limit and as many searches as the settings ask for.
-        goals: others that meet the same targets and wishes as well.
+        plan: a certified plan to begin with.
+        scene: the problem of its search.
+        left: s, what is left of the scenario's time limit.
+        improve_for: s, how long to go on at least, beyond that limit and the searches that the settings ask
+            for.
+        goals: other goals that meet the same targets and wishes as well.
 
     Attributes:
-        plan: the shortest so far.
+        plan: the shortest certified plan so far.
         need: the search, fit or certificate that is needed next; None at the end.
     """
 
@@ -170,11 +173,11 @@ class Shorter:
 
     @property
     def _scenario(self) -> Scenario:
-        """The scenario of the plans."""
+        """The scenario of all these plans."""
         return self.plan.scenario
 
     def accept_path(self, result: SearchResult) -> None:
-        """Take the result of another search, and set `need`."""
+        """Take the result of the search that `need` asked for, and set the next `need`."""
         if result.path is None:
             self._next()
         elif self._tries:
@@ -185,7 +188,10 @@ class Shorter:
             self._next()
 
     def accept_fit(self, fitted: Fit) -> None:
-        """Take the fit along another path, or from more curves, and set `need`."""
+        """Take the fit that `need` asked for, and set the next `need`: after a rough fit a better one.
+
+        A fit is dropped if it is not shorter than the plan.
+        """
         if not self._is_shorter(fitted):
             self._next()
         elif self._rough and self._bent and self._so_far.path is not None:
@@ -197,7 +203,7 @@ class Shorter:
                 self.need = ProofQuery(scenario=self._scenario, goal=goal, trajectory=trajectory)
 
     def accept_certificate(self, certificate: Certificate) -> None:
-        """Take the certificate that was needed, keep its plan if it is certified, and set `need`."""
+        """Take the certificate that `need` asked for, keep its plan if it is OK, and set the next `need`."""
         found = judged(self._so_far, certificate)
         if found.status is Status.OK:
             self.plan, self._own = found, self._looked
@@ -206,8 +212,8 @@ class Shorter:
     def _begin_round(self, bends: int) -> None:
         """Begin a round of searches and fits, with `bends` fits from more bent curves at its end.
 
-        Most of its searches are to the goal of the plan, some to each other one that was tried, if zones are
-        in the way to it and its bound leaves room.
+        Most searches are for the plan's own goal, some for each other goal that was tried, if zones are in
+        the way to it and its lower bound leaves room.
         """
         self._found, self._ranked, self._searches = [], [], []
         self._fits_left, self._bends_left = 0, bends
@@ -220,7 +226,7 @@ class Shorter:
                 self._fits_left += math.ceil(_FITS * asked) if own else 1
 
     def _next(self) -> None:
-        """Set `need` to what the round needs next; to None at the end of the last round."""
+        """Set `need` to what the round needs next, or to None at the end of the last round."""
         self.need, now = None, time.monotonic()
         if now >= self._limit or self._try_goal(self._limit - now):
             return
@@ -238,7 +244,11 @@ class Shorter:
             self._next()
 
     def _try_goal(self, time_limit: float) -> bool:
-        """Set `need` to a search to the next goal that may be sooner; False where none is left."""
+        """Set `need` to a search for the next goal that may be reached sooner.
+
+        Returns:
+            False where no goal is left, `need` being as it was; the first time a round is begun as well.
+        """
         while self._goals:
             goal = self._goals.pop(0)
             if not may_be_sooner(self.plan, goal):
@@ -254,7 +264,7 @@ class Shorter:
         return False
 
     def _search(self, way: _Way, time_limit: float) -> None:
-        """Set `need` to another search for a way to its goal, of at most `time_limit` s."""
+        """Set `need` to another search for a path to the goal of `way`, of at most `time_limit` s."""
         number, search = next(way.searches), self._scenario.search
         settings = replace(
             search,
@@ -265,7 +275,7 @@ class Shorter:
         self._looked, self.need = way, SearchQuery(way.scene, settings)
 
     def _take_quickest(self) -> bool:
-        """Set `need` to a fit along the other way that looks quickest; False where there is none."""
+        """Set `need` to a fit along the found path that looks quickest; False where none is worth it."""
         if self.plan.path is None:
             return False
         paths = [self.plan.path, *(path for _, _, path in self._found)]
@@ -282,7 +292,7 @@ class Shorter:
         return False
 
     def _fit_along(self, way: _Way, result: SearchResult) -> None:
-        """Set `need` to a rough fit along the path that a search for a way found."""
+        """Set `need` to a rough fit along the path of a search result, and note the path in its way."""
         if result.path is not None:
             way.paths.append(result.path)
             self._looked = way
@@ -290,7 +300,7 @@ class Shorter:
             self._fit(result.path, first_guesses=0)
 
     def _fit(self, path: Path, first_guesses: int) -> None:
-        """Set `need` to a fit along a path, from a number of bent curves, `first_guesses`."""
+        """Set `need` to a fit along a path from `first_guesses` bent curves; from none it is a rough fit."""
         goal = self._so_far.goal
         if goal is None:
             raise RuntimeError("a certified plan has a goal")
@@ -305,12 +315,12 @@ class Shorter:
 
     @property
     def _at_most(self) -> float:
-        """Duration that a motion has to be below for its plan to be taken, s."""
+        """Duration, s, below which a motion must be for its plan to be taken."""
         shortest = self.plan.trajectory
         return math.inf if shortest is None else SHORTER * shortest.duration
 
     def _is_shorter(self, fitted: Fit) -> bool:
-        """Whether a fit succeeded and takes less than `SHORTER` of the shortest plan's duration."""
+        """Whether a fit succeeded and its duration is less than `SHORTER` times that of the shortest plan."""
         if fitted.status is not Status.OK or fitted.trajectory is None:
             return False
         return fitted.trajectory.duration < self._at_most

@@ -1,9 +1,9 @@
-"""Look for shorter motions to targets that move, by durations that are given.
+"""Look for shorter motions to targets that move, by trying given durations.
 
-The shortest motion to a target that moves is found together with the instant at which it ends
-(`jaxplan.planner.moving`), along one path to one goal after the other, and may stay far above its bound. A
-duration that is given fixes the goal, and so all else. So durations between the bound and the shortest motion
-so far are tried, each halving what is left, and the shortest in which there is a certified plan is taken.
+The shortest motion to a moving target is found together with the instant at which it ends
+(`jaxplan.planner.moving`), along one path to one goal after the other, and may stay far above the lower
+bound. A given duration fixes the goal, and with it all else. So durations between the bound and the shortest
+motion so far are tried, each in the middle of what is left, and the shortest with a certified plan is taken.
 """
 
 from dataclasses import replace
@@ -15,20 +15,20 @@ from jaxplan.planner.attempts import Attempts
 from jaxplan.planner.clock import Clock
 from jaxplan.planner.record import Plan
 
-_TRIES = 3  # durations; one in which there is no plan takes longer than others
-_WORTHWHILE = 1.05  # times the bound; a motion that takes no longer is short enough
+_TRIES = 3  # durations to try; one in which there is no plan takes longer to compute
+_WORTHWHILE = 1.05  # times the longest duration known as too short; a motion of no more is short enough
 
 
 class Sooner:
-    """The search for a shorter plan to targets that move, once there is one.
+    """The search for a shorter plan to moving targets, once there is one.
 
     Args:
-        plan: certified, of the shortest motion.
-        clock: of all attempts.
+        plan: a certified plan of the shortest motion.
+        clock: counts the computation time of all attempts.
 
     Attributes:
-        plan: the shortest so far.
-        attempts: in the duration that is tried; None at the end.
+        plan: the shortest certified plan so far.
+        attempts: those in the duration that is being tried; None at the end.
     """
 
     def __init__(self, plan: Plan, clock: Clock) -> None:
@@ -39,7 +39,7 @@ class Sooner:
         self._next()
 
     def advance(self, found: Plan) -> None:
-        """Take what the attempts ended with, and begin with those in the next duration."""
+        """Take the plan with which the attempts ended, and begin attempts in the next duration."""
         if found.ok and found.trajectory is not None:
             self.plan = replace(found, scenario=self._scenario, message="")  # which is on a given duration
         else:
@@ -47,7 +47,10 @@ class Sooner:
         self._next()
 
     def _next(self) -> None:
-        """Begin with the next duration, unless what was found is short enough or nothing may be tried."""
+        """Begin attempts in the next duration.
+
+        `attempts` is None if the plan is short enough, or no tries or time are left.
+        """
         self.attempts, trajectory = None, self.plan.trajectory
         if trajectory is None or not self._left or not self._clock.left():
             return
@@ -60,9 +63,9 @@ class Sooner:
 
 
 def may_be_sooner(scenario: Scenario, plan: Plan | None) -> bool:
-    """Whether shorter motions are to be looked for: a certified plan of the shortest to targets that move.
+    """Whether to look for shorter motions than a plan's, which must be certified and to moving targets.
 
-    Not where no further first guesses are asked for either.
+    The duration must be "minimum", and `first_guesses` at least 1.
     """
     settings, goal = scenario.trajectory, scenario.goal
     asked = settings.duration == MINIMUM and settings.first_guesses > 0

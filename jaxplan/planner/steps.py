@@ -1,7 +1,8 @@
-"""Single steps of a plan as calls: goals of a scenario, the fit along a path, and plans from their results.
+"""The single steps of a plan as functions: find goals, fit along a path, and record the results in a plan.
 
-Step 1 returns the goal that is given, or those that are found; where something moves, a goal is for one time,
-the end of the manoeuvre. Step 3 returns the trajectory along a path. A certificate settles the plan.
+Step 1 returns the given goal, or those that are found; where something moves, a goal is for one time, the end
+of the manoeuvre. Step 2, the path search, is in `jaxplan.search`. Step 3 returns the trajectory along a path.
+A certificate settles the plan.
 """
 
 from collections.abc import Callable, Mapping
@@ -27,8 +28,8 @@ from jaxplan.runtime.precompile import Task
 from jaxplan.search import Scene
 from jaxplan.trajectory import Fit, FitQuery, Trajectory, fit_batch
 
-_SHARES = np.linspace(1.0, 0.0, 9)  # of the straight motion of its joints, at which a device may stop
-_MOST_TURNS = 4  # between two angles of a range of 720 deg to either side
+_SHARES = np.linspace(1.0, 0.0, 9)  # fractions of its joints' straight motion at which a device may stop
+_MOST_TURNS = 4  # whole turns between two angles in a range of 720 deg to either side
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,11 +47,11 @@ class GoalQuery:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchQuery:
-    """A request for a search.
+    """A request for a path search.
 
     Attributes:
-        scene: where to search.
-        settings: of the search.
+        scene: the search problem.
+        settings: those of the search.
     """
 
     scene: Scene
@@ -60,12 +61,13 @@ class SearchQuery:
 def find_goals(
     scenario: Scenario, time: float | None = None, told: Callable[[Goal], object] | None = None
 ) -> tuple[Goal, ...] | Plan:
-    """Find the goals to try, the best one first, or a failed plan that says why there is none.
+    """Find the goals to try, the best one first; or return a failed plan that says why there is none.
 
     Args:
         scenario: the problem.
-        time: s, when the manoeuvre ends; it matters only where something moves, and must be given there.
-        told: as of `decompose`; not called where something moves.
+        time: s, when the manoeuvre ends; required where something moves, and ignored elsewhere.
+        told: called with the goal of least rotation as soon as that is found, before goals of least time are
+            sought; never called where something moves. None for no call.
     """
     end, wanted = 0.0 if time is None else time, scenario.search.max_goals
     asked, start = scenario.asked, scenario.start.attitude
@@ -103,11 +105,11 @@ def find_goals(
 
 
 def soonest_task(scenario: Scenario, time: float | None) -> Task | None:
-    """A task that compiles what finds goals of the least time; None where none are looked for.
+    """Return a task that compiles the search for goals of least time; None where none are looked for.
 
     Args:
         scenario: the problem.
-        time: s, as of `find_goals`.
+        time: s, when the manoeuvre ends; None where nothing moves.
     """
     asked, end = scenario.asked, 0.0 if time is None else time
     if isinstance(asked, GivenState) or asked.criterion != LEAST_TIME:
@@ -118,12 +120,14 @@ def soonest_task(scenario: Scenario, time: float | None) -> Task | None:
 
 
 def other_turns(scenario: Scenario, goal: Goal, device: int) -> list[Goal]:
-    """Goals at which the yaw or angle of a device is whole turns away, the nearest first.
+    """Return goals at which the yaw or angle of one device is whole turns away, the nearest first.
+
+    Goals that break a limit or zone are left out.
 
     Args:
-        scenario: whose goal is targets; of any other goal, and of one that moves, there are none.
-        goal: one that meets all targets and constraints.
-        device: number of a gimbal.
+        scenario: the problem; if its goal is a given state, or something moves, there are none.
+        goal: a goal that meets all targets and constraints.
+        device: index of the gimbal: terminals, then drives.
     """
     if isinstance(scenario.goal, GivenState) or moves(scenario):
         return []
@@ -139,11 +143,12 @@ def other_turns(scenario: Scenario, goal: Goal, device: int) -> list[Goal]:
 
 
 def goals_within(scenario: Scenario, reach: Mapping[int, np.ndarray]) -> list[Goal]:
-    """Goals at which the joints of devices are within narrower ranges, nearest first.
+    """Find goals at which the joints of some devices are within narrower ranges, best first.
 
     Args:
-        scenario: whose goal is targets; of any other goal, and of one that moves, there are none.
-        reach: by numbers of gimbals (o, 2) rad, ranges of the joints.
+        scenario: the problem; if its goal is a given state, or something moves, there are none.
+        reach: ranges (o, 2), rad, of the o joints of a device (yaw and pitch, or one angle), by its gimbal's
+            index.
     """
     if isinstance(scenario.goal, GivenState) or moves(scenario):
         return []
@@ -164,11 +169,11 @@ def goals_within(scenario: Scenario, reach: Mapping[int, np.ndarray]) -> list[Go
 
 
 def goals_unwished(scenario: Scenario, device: int) -> list[Goal]:
-    """Goals without the wishes of a device, or without any where it has none, nearest first.
+    """Find goals without the wishes of a device, or without any wishes if it has none, best first.
 
     Args:
-        scenario: whose goal has wishes; of any other goal, and of one that moves, there are none.
-        device: number of a sight.
+        scenario: the problem; without wishes, or where something moves, there are none.
+        device: index of a sight, devices first.
     """
     asked, names = scenario.goal, scenario.usable.device_names
     if isinstance(asked, GivenState) or moves(scenario) or not asked.prefer:
@@ -180,13 +185,16 @@ def goals_unwished(scenario: Scenario, device: int) -> list[Goal]:
 
 
 def other_ends(scenario: Scenario, goal: Goal, device: int, last: np.ndarray) -> list[Goal]:
-    """The goal at which a device without a target stops the farthest on its way and breaks nothing, if any.
+    """Find a goal at which a device without a target stops as far on its way as it may without a breach.
 
     Args:
-        scenario: where something moves there is none.
-        goal: one that meets all targets and constraints.
-        device: number of a gimbal.
-        last: (o,) rad, joints of the device as far as they can go.
+        scenario: the problem; where something moves the result is empty.
+        goal: a goal that meets all targets and constraints.
+        device: index of the gimbal.
+        last: (o,) rad, the farthest joint angles of the device on its way.
+
+    Returns:
+        That goal alone, or nothing if the device breaks a limit or zone everywhere on its way.
     """
     joints, own = np.array(goal.joints), scenario.usable.gimbals.joints_of(device)
     first = scenario.start.joints[own]
@@ -199,17 +207,17 @@ def other_ends(scenario: Scenario, goal: Goal, device: int, last: np.ndarray) ->
 
 
 def _broken(scenario: Scenario, goal: Goal, time: float) -> tuple[str, ...]:
-    """A phrase for each limit or constraint that a goal breaks when it is reached at a time, s."""
+    """Return a phrase for each limit or constraint that a goal breaks if it is reached at `time` s."""
     rates = end_rates(scenario, goal)
     return breaches(scenario, goal.attitude, goal.joints, *rates, arriving=True, time=time)
 
 
 def _arriving(scenario: Scenario, goal: Goal, time: float) -> Goal:
-    """A goal with its time and the rates with which the manoeuvre ends there.
+    """Return a goal with its time and the rates that the platform and joints must have then.
 
     Args:
-        scenario: in which something moves.
-        goal: without time and rates.
+        scenario: a problem in which something moves.
+        goal: a goal without time and rates.
         time: s, when the manoeuvre ends.
     """
     asked = scenario.asked
@@ -223,12 +231,12 @@ def _arriving(scenario: Scenario, goal: Goal, time: float) -> Goal:
 
 
 def pursuit(scenario: Scenario, targets: Targets, time: Any) -> dict[str, Any]:
-    """Arguments of `tracking_rates` and `goal_in_time`, by name, for a goal with moving targets.
+    """Return the arguments of `tracking_rates` and `goal_in_time`, by name, for a goal with moving targets.
 
     Args:
         scenario: the problem.
-        targets: of its goal.
-        time: s, when the manoeuvre ends; it may be traced.
+        targets: its goal.
+        time: s, when the manoeuvre ends; it may be a traced JAX value.
     """
     rows = scenario.constraints
     return {
@@ -243,16 +251,16 @@ def pursuit(scenario: Scenario, targets: Targets, time: Any) -> dict[str, Any]:
 
 
 def _given(state: GivenState, attitude: np.ndarray) -> Goal:
-    """The goal of a given state, for a start attitude (3, 3), body to inertial."""
+    """Return the goal of a given state; `attitude` (3, 3), body to inertial, is that of the start."""
     slew = float(so3.distance(attitude, state.attitude))
     return Goal(attitude=state.attitude, joints=np.asarray(state.joints, float), slew_angle=slew)
 
 
 def largest_slew(scenario: Scenario) -> float:
-    """Bound of the platform's rotation, equations (5) and (6), rad.
+    """Return an upper bound of the platform's rotation in the given duration, rad: equations (5) and (6).
 
-    Within limits of each body axis the rate's length is at most the diagonal of their box, sqrt(3) times a
-    limit that all axes share. A duration that is not a number bounds nothing but half a turn.
+    With a rate limit for each body axis, the rate's norm is at most the diagonal of their box, sqrt(3) times
+    the limit if all axes share one. If the duration is to be found, the bound is pi.
     """
     duration = scenario.trajectory.duration
     if isinstance(duration, str):
@@ -261,7 +269,10 @@ def largest_slew(scenario: Scenario) -> float:
 
 
 def wanted_fit(scenario: Scenario, path: Path, goal: Goal, near: Trajectory | None = None) -> FitQuery:
-    """The request for a fit along a path to a goal, by the scenario's method; near a trajectory if given."""
+    """Return the request for a fit along `path` to `goal`, with the scenario's settings.
+
+    `near` is a trajectory near which the shortest motion is sought; None to look for the best.
+    """
     start, end = scenario.start, end_rates(scenario, goal)
     return FitQuery(
         path=path,
@@ -278,12 +289,12 @@ def wanted_fit(scenario: Scenario, path: Path, goal: Goal, near: Trajectory | No
 
 
 def fit(scenario: Scenario, path: Path, goal: Goal, near: Trajectory | None = None) -> Fit:
-    """Fit the trajectory of a scenario along a path to a goal; near another trajectory if given."""
+    """Fit the trajectory of a scenario along `path` to `goal`; `near` is as of `wanted_fit`."""
     return fit_batch([wanted_fit(scenario, path, goal, near)])[0]
 
 
 def fitted_plan(so_far: Plan, fitted: Fit) -> Plan:
-    """A plan with status, message and trajectory of step 3, not yet certified."""
+    """Return a plan with the status, message and trajectory of a fit, not yet certified."""
     message, robust = fitted.note if fitted.status is Status.OK else fitted.message, so_far.scenario.robust
     if fitted.full_wheels and robust is not None and robust.momentum_reserve:
         reserve = f"[robust] momentum_reserve_percent = {robust.momentum_reserve:g}"
@@ -292,7 +303,10 @@ def fitted_plan(so_far: Plan, fitted: Fit) -> Plan:
 
 
 def judged(so_far: Plan, certificate: Certificate) -> Plan:
-    """A plan with a certificate on its trajectory; an OK one that is not certified becomes UNCERTIFIED."""
+    """Return a plan with the certificate of its trajectory.
+
+    If the certificate does not certify it, the status OK becomes UNCERTIFIED, with advice as the message.
+    """
     so_far = replace(so_far, certificate=certificate)
     if so_far.status in (Status.OK, Status.UNCERTIFIED) and not certificate.certified:
         motion = so_far.trajectory

@@ -1,9 +1,10 @@
-"""Advice on plans that fail with a tube about them: how much smaller errors would have to be.
+"""Advice on plans that fail with a tube about them: how much smaller its errors would have to be.
 
-A tube takes off every zone and range what errors of attitude and joints may move, so that one which is too
-wide is felt elsewhere: in rates at a goal that must keep between zones which move, or in loads of a motion
-that has no room to swing. Where no goal is found with the whole tube, the largest share of its errors with
-which there is one is looked for; else what the tube leaves at start and goal is told.
+The tube is the set of attitudes and joint angles within the errors of `Scenario.robust`, for all of which
+zones and ranges must hold. It shrinks the room in every zone and range, and one that is too wide may show
+elsewhere: in rates at a goal that must stay between moving zones, or in loads of a motion without room to
+swing. If no goal is found with the whole tube, the largest fraction of its errors with a goal is sought; in
+any case the room that the tube leaves at start and goal is told, where it is small.
 """
 
 from dataclasses import replace
@@ -19,13 +20,13 @@ from jaxplan.planner.steps import find_goals
 from jaxplan.planner.validity import contradictions
 
 _WITHOUT_GOAL = (Status.INVALID_GOAL, Status.GOAL_UNREACHABLE)
-_HALVINGS = 5  # of the share of the errors with which there is a goal
+_HALVINGS = 5  # bisections for the fraction of the errors with which there is a goal
 _AWAY = {"start": "begin", "goal": "end"}
-_NARROW = np.deg2rad(1.0)  # rad: where a tube leaves less at an end it may be what is in the way
+_NARROW = np.deg2rad(1.0)  # rad; a tube that leaves less room at start or goal may be what is in the way
 
 
 def with_advice(plan: Plan) -> Plan:
-    """The plan with words on its tube in the message, where it failed and a smaller tube may help."""
+    """Return a plan with advice on its tube in the message, if it failed and a smaller tube may help."""
     robust = plan.scenario.robust
     if plan.ok or robust is None or not max(robust.attitude_error, robust.joint_error) > 0:
         return plan
@@ -39,7 +40,7 @@ def with_advice(plan: Plan) -> Plan:
 
 
 def _for_a_goal(plan: Plan, robust: Robust) -> str:
-    """Text on the largest errors with which there is a goal; empty where there is none without errors."""
+    """Return text on the largest errors with which there is a goal; empty if there is none without errors."""
     scenario = plan.scenario
     if contradictions(scenario):
         return ""
@@ -68,7 +69,7 @@ def _for_a_goal(plan: Plan, robust: Robust) -> str:
 
 
 def _at_the_ends(plan: Plan, robust: Robust) -> str:
-    """Text on the narrowest room that the tube leaves at start and goal; empty where there is enough."""
+    """Return text on the least room that the tube leaves at start and goal; empty where there is enough."""
     scenario, goal = plan.scenario, plan.goal
     ends = [("start", np.asarray(scenario.start.attitude), np.asarray(scenario.start.joints), 0.0)]
     if goal is not None:
@@ -87,7 +88,11 @@ def _at_the_ends(plan: Plan, robust: Robust) -> str:
 def _narrowest(
     scenario: Scenario, rows: Constraints, attitude: np.ndarray, joints: np.ndarray
 ) -> tuple[float, str, str]:
-    """The least margin of a state, rad, with the names of sight and zone; infinite without zones."""
+    """Return the least margin of a state to any zone, rad, and the names of the sight and the zone.
+
+    `rows` are the constraints at the time of the state, `attitude` (3, 3) is body to inertial, `joints` (2n +
+    d,) in rad. Without zones the margin is infinite and the names are empty.
+    """
     count = int(np.sum(np.asarray(rows.zone) >= 0))
     if not count:
         return np.inf, "", ""
@@ -100,6 +105,6 @@ def _narrowest(
 
 
 def _below(value: float) -> str:
-    """Text of a positive number, rounded down to two digits that tell."""
+    """Return text of a positive number, rounded down to two significant digits."""
     unit = 10.0 ** (np.floor(np.log10(value)) - 1)
     return f"{np.floor(value / unit + 1e-9) * unit:.10g}"

@@ -1,4 +1,4 @@
-"""Check that a state keeps the limits and meets every constraint, with a phrase for each that it breaks."""
+"""Check that a state keeps the limits and meets every constraint; return a phrase for each breach."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -23,20 +23,21 @@ def breaches(
     arriving: bool = False,
     time: float = 0.0,
 ) -> tuple[str, ...]:
-    """Everything a state breaks: joint limits, also those that full braking cannot keep, rates and zones.
+    """Return a phrase for each thing a state breaks: ranges, rates, zones, room for joints to brake.
 
     Args:
         scenario: limits and zones.
         attitude: (3, 3) body to inertial.
-        joints: (2n + d,) rad.
+        joints: (2n + d,) rad, of n terminals and d drives: yaws, pitches, drives.
         angular_velocity: (3,) rad/s, body axes.
         joint_rates: (2n + d,) rad/s.
-        arriving: whether the state ends a motion instead of starting one: what was just before counts.
-        time: s, when it is; zones that move are where they are then.
+        arriving: whether the state ends a motion, so that the joints must have been in range just before it;
+            if False it starts one, and the joints must be able to brake within their ranges.
+        time: s, when the state is reached; moving zones are taken where they are then.
 
     Returns:
-        A phrase a breach, naming device, zone or limit and the overlap in degrees; empty when there is none.
-        Where a tube is about the state (`Scenario.robust`) and makes a difference, the last phrase names it.
+        Phrases that name device, zone or limit, and the overlap in degrees; empty when nothing is broken.
+        Where the tube about the state (`Scenario.robust`) makes a difference, the last phrase says so.
     """
     state = attitude, joints, angular_velocity, joint_rates
     found = _broken(scenario, *state, arriving, time)
@@ -58,7 +59,7 @@ def _broken(
     arriving: bool,
     time: float,
 ) -> tuple[str, ...]:
-    """The phrases of `breaches`, of which that on the tube is none; arguments as there."""
+    """Return the phrases of `breaches` except the last one on the tube; arguments as there."""
     craft = scenario.usable
     found = [] if np.all(np.isfinite(attitude)) else ["the attitude is not made of finite numbers"]
     found += [
@@ -95,9 +96,9 @@ def _broken(
 
 
 def _beyond(scenario: Scenario, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far joints (J,) rad are beyond the nearer end of their ranges, and the size of that end, (J,) rad.
+    """Return how far joints (J,), rad, exceed the nearer end of their range, and that end, (J,) rad.
 
-    Of a range that is not the same to either side the end has its sign.
+    The excess is negative within the range. The end is signed, but positive if the range is symmetric.
     """
     low, high = scenario.usable.joint_ranges.T
     upper = joints - high >= low - joints
@@ -106,17 +107,17 @@ def _beyond(scenario: Scenario, joints: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def start_breaches(scenario: Scenario) -> tuple[str, ...]:
-    """Everything that the scenario's start breaks, a phrase each, wheels that hold too much among them."""
+    """Return a phrase for everything that the scenario's start breaks, overfull wheels included."""
     start = scenario.start
     state = start.attitude, start.joints, start.angular_velocity, start.joint_rates
     return (*breaches(scenario, *state), *_overfull(scenario), *_too_quick(scenario))
 
 
 def _overfull(scenario: Scenario) -> Iterator[str]:
-    """Yield a phrase for each wheel that stores more at the start than a plan may use of its momentum.
+    """Yield a phrase for each wheel that stores more momentum at the start than a plan may use.
 
-    Of an array that shares out so that the largest share is least, a phrase for the pair across which the
-    array as a whole stores too much by the largest share.
+    With the allocation "minimax" wheels are checked in pairs: there is a phrase for the worst pair, across
+    which the array as a whole stores too much.
     """
     craft, array = scenario.usable, scenario.usable.wheel_array
     if array is None:
@@ -135,9 +136,9 @@ def _overfull(scenario: Scenario) -> Iterator[str]:
 
 
 def _too_quick(scenario: Scenario) -> Iterator[str]:
-    """Yield a phrase for each body axis about which a start in motion has more momentum than wheels may hold.
+    """Yield a phrase for each body axis about which the start has more momentum than the wheels may hold.
 
-    They are those of `wheel_momentum_limit`, which hold what the body and its stages carry.
+    The limit is `wheel_momentum_limit`, N m s, and the momentum that of the body and its stages in motion.
     """
     craft, start = scenario.usable, scenario.start
     if craft.wheel_momentum_limit is None or craft.inertia is None:
@@ -159,7 +160,10 @@ def _too_quick(scenario: Scenario) -> Iterator[str]:
 
 
 def _most(scenario: Scenario, limit: float, held: float) -> str:
-    """Words for a limit of momentum that a plan may use, N m s, with what is kept back of the whole one."""
+    """Return text of a momentum limit that a plan may use, and of the whole limit if a reserve is kept back.
+
+    `limit` is the usable limit and `held` the momentum to compare it with, both in N m s.
+    """
     most = f"{limit:.6g} N m s at most"
     if scenario.robust is None or not scenario.robust.momentum_reserve:
         return most
@@ -172,7 +176,7 @@ def _most(scenario: Scenario, limit: float, held: float) -> str:
 
 
 def hidden_targets(scenario: Scenario, time: float) -> tuple[str, ...]:
-    """A phrase for each target that is hidden at a time, s, with what hides it and until when."""
+    """Return a phrase for each target that is hidden at `time` s, with what hides it and until when."""
     known, _ = known_until(scenario)
     when = f"when the motion ends, at {time:.6g} s"
     each = [hidden_words(path.hidden, device, time, known, when) for device, path in target_paths(scenario)]
@@ -184,8 +188,8 @@ def contradictions(scenario: Scenario) -> tuple[str, ...]:
 
     Returns:
         A phrase for each target that is hidden when the motion ends, or else one on targets that lie in zones
-        of their own devices. Empty where there is none, and where things move and it is not given when the
-        motion ends.
+        of their own devices. Empty if there are none, if the goal is a given state, or if something moves and
+        the end time is not given.
     """
     given = scenario.trajectory.duration
     if not isinstance(scenario.goal, Targets) or (isinstance(given, str) and moves(scenario)):
@@ -198,9 +202,10 @@ def contradictions(scenario: Scenario) -> tuple[str, ...]:
 def _overruns(
     scenario: Scenario, joints: np.ndarray, joint_rates: np.ndarray, arriving: bool
 ) -> Iterator[str]:
-    """Yield a phrase for each joint within its limits that full braking cannot keep there.
+    """Yield a phrase for each joint within its range that cannot brake before it leaves the range.
 
-    If `arriving`, for each that must have been beyond them just before.
+    If `arriving`, for each that must have been beyond its range just before. `joints` in rad, `joint_rates`
+    in rad/s, both (2n + d,).
     """
     craft = scenario.usable
     beyond, ends = _beyond(scenario, joints)

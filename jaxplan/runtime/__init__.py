@@ -1,1 +1,1 @@
-"""How work is done, whatever it is about: many at once, compiled, in threads, roots followed."""
+"""Tools for any kind of work: many problems at once, compiled code, threads, progress, roots of equations."""

@@ -1,7 +1,7 @@
-"""What a caller gives: how it is shown in messages, and what is refused by the name of its argument.
+"""Checks of what a caller gives, and how messages show it.
 
-A message names argument and value and says what it must be. Numbers may come as any type that numpy takes for
-real numbers, a list or an array of another library among them; text and truth values are none.
+A message names the argument and its value and says what it must be. Numbers may come in any type that numpy
+takes for real numbers, including lists and arrays of other libraries, but not as text or truth values.
 """
 
 import os
@@ -19,7 +19,7 @@ _LONGEST = 60  # characters of a value that messages show
 
 
 def show(value: object) -> str:
-    """A short text for a value, as Python spells it."""
+    """Return a short text for a value, as Python spells it."""
     if isinstance(value, jax.core.Tracer):
         return "a value that JAX traces"
     if value is np.ma.masked:
@@ -39,12 +39,12 @@ def show(value: object) -> str:
 
 
 def a_or_an(noun: str) -> str:
-    """The noun with its article."""
+    """Return a noun with its indefinite article."""
     return f"{'an' if noun[0] in 'AEIOUaeiou' else 'a'} {noun}"
 
 
 def as_floats(value: object) -> np.ndarray | None:
-    """A value as an array of float64; None if numpy makes no real numbers of it, or some are masked."""
+    """Return a value as an array of float64; None if it is not made of real numbers, or some are masked."""
     if isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
         return None  # numpy would take what is under the mask
     try:
@@ -55,12 +55,12 @@ def as_floats(value: object) -> np.ndarray | None:
 
 
 def floats(name: str, value: object, wanted: str) -> np.ndarray:
-    """A number or an array of them, as float64; whether they are finite is not checked.
+    """Return a number or an array of numbers as float64; they may be infinite or NaN.
 
     Args:
-        name: of the argument, for the message.
-        value: of any type.
-        wanted: what it must be, the words of the message after "must be".
+        name: name of the argument, for the message.
+        value: a value of any type.
+        wanted: what it must be: the words of the message after "must be".
 
     Raises:
         ValueError: if it is not made of real numbers.
@@ -72,7 +72,7 @@ def floats(name: str, value: object, wanted: str) -> np.ndarray:
 
 
 def number(name: str, value: object, wanted: str) -> float:
-    """A single number as a float; arguments and errors as of `floats`."""
+    """Return a single number as a float; arguments and errors are those of `floats`."""
     array = as_floats(value)
     if array is None or array.ndim:
         raise ValueError(f"{name} = {show(value)}: must be {wanted}")
@@ -88,19 +88,19 @@ def expect(name: str, value: object, kind: type[Kind], advice: str = "") -> Kind
 
 
 def expect_any(name: str, value: object, kinds: tuple[type, ...], wanted: str) -> None:
-    """Raise a TypeError, saying that `name` must be `wanted`, for a value of none of the classes `kinds`."""
+    """Raise a TypeError, saying that `name` must be `wanted`, unless a value is of one of several classes."""
     if not isinstance(value, kinds):
         raise TypeError(f"{name} must be {wanted}, not {type(value).__name__}")
 
 
 def expect_numbers(name: str, value: object, *last: int) -> None:
-    """Raise a ValueError for what is no array of real numbers with the given last axes.
+    """Raise a ValueError unless a value is an array of real numbers with the given last axes.
 
-    The numbers themselves are not looked at, so that they may be traced.
+    Only shape and type are checked, so that the numbers may be traced.
 
     Args:
-        name: of the argument, for the message.
-        value: of any type.
+        name: name of the argument, for the message.
+        value: a value of any type.
         last: lengths of its last axes; any others may come before.
     """
     if isinstance(value, jax.Array) or (isinstance(value, np.ndarray) and value.dtype.kind == "f"):
@@ -114,14 +114,14 @@ def expect_numbers(name: str, value: object, *last: int) -> None:
 
 
 def several(name: str, value: object, wanted: str) -> Iterable[Any]:
-    """Return an iterable that is no text; raise a TypeError, naming the items `wanted`, for all else."""
+    """Return an iterable that is no text; raise a TypeError, calling its items `wanted`, for others."""
     if isinstance(value, Iterable) and not isinstance(value, str | bytes):
         return value
     raise TypeError(f"{name} must be several {wanted}, not {type(value).__name__}")
 
 
 def file_path(name: str, value: object) -> Path:
-    """A value as a path; raises a TypeError if it is neither text nor a path."""
+    """Return a value as a path; raise a TypeError if it is neither text nor a path."""
     if isinstance(value, str | os.PathLike):
         return Path(value)
     raise TypeError(f"{name} must be a path, as text or a pathlib.Path, not {type(value).__name__}")

@@ -1,13 +1,13 @@
-"""Many at once: alike ones together, padded to few sizes, and each with its share of the time.
+"""Doing many things at once: like with like, padded to few sizes, and each with its share of the time.
 
-A stage of the planner is a function of many problems. It hands those that are alike to one call
-(`in_groups`), pads what a jitted kernel takes to a few sizes (`padded_count`), and adds the seconds of what
-was done together to each of those that it was done for (`Seconds`). A stage that goes on by itself, such as a
-search with its queues, is a `Run`: an object that says what it needs next and takes the answer. `run_all`
-drives one run or many, whose requests of one kind it answers together.
+A stage of the planner is a function of many problems. It passes those of one kind to one call (`in_groups`),
+pads the arrays of jitted kernels to few sizes (`padded_count`), and divides the seconds of a common call
+among the problems it was for (`Seconds`). A stage that proceeds in steps, such as a search with its queues,
+is a `Run`: an object that says what it needs next and is given it. `run_all` drives one run or many, and
+answers their requests of one kind together.
 
-The same call on the same machine gives the same answer to the byte. In other company the last digits of an
-answer may be others.
+The same call on the same machine gives the same answer to the byte. If a problem is solved along with others,
+the last digits of its answer may differ.
 """
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
@@ -23,11 +23,11 @@ Answer = TypeVar("Answer")
 
 
 def grouped(items: Sequence[Item], kind: Callable[[Item], Hashable]) -> list[list[int]]:
-    """Indices of the items of each kind, group by group, in the order in which kinds first come.
+    """Return the indices of the items of each kind; groups are in the order in which their kinds first occur.
 
     Args:
-        items: in any order.
-        kind: the kind of an item; items of equal kinds make up a group.
+        items: the items, in any order.
+        kind: function from an item to its kind; items of equal kinds make up a group.
     """
     groups: dict[Hashable, list[int]] = {}
     for number, item in enumerate(items):
@@ -46,11 +46,11 @@ def in_groups(
     """Answer all items, those of one kind in one call.
 
     Args:
-        items: in any order.
-        kind: the kind of an item.
-        answer: from items of one kind to as many answers.
-        most: the most items in one call, None for any number.
-        seconds: where the time of the calls is added to that of their items.
+        items: the items, in any order.
+        kind: function from an item to its kind.
+        answer: function from items of one kind to a sequence of as many answers.
+        most: the most items in one call; None for any number.
+        seconds: where the time of the calls is added to that of their items; None not to measure it.
 
     Returns:
         The answers in the order of the items.
@@ -64,18 +64,18 @@ def in_groups(
 
 
 def parts(items: Sequence[Item], most: int | None) -> Iterator[Sequence[Item]]:
-    """Cut items into parts of at most `most`; all of them in one for None."""
+    """Yield the items in consecutive parts of at most `most`; None makes one part of all."""
     size = len(items) if most is None else most
     for first in range(0, len(items), max(size, 1)):
         yield items[first : first + size]
 
 
 def padded_count(count: int, least: int = 8) -> int:
-    """The size to which so many rows, nodes or calls are padded, so that kernels compile for few sizes.
+    """Return the size to which some rows, nodes or calls are padded, so that kernels compile for few sizes.
 
     Args:
         count: number of rows, nodes or calls.
-        least: the smallest size but zero.
+        least: the smallest size above zero.
 
     Returns:
         Zero for zero; else `least`, doubled until it is at least `count`.
@@ -89,7 +89,7 @@ def padded_count(count: int, least: int = 8) -> int:
 
 
 class Seconds:
-    """The seconds that each of many pieces of work has taken, without those spent on compiling.
+    """Computing time of each of n pieces of work, without the time spent on compiling.
 
     Attributes:
         spent: (n,) s.
@@ -100,7 +100,7 @@ class Seconds:
 
     @contextmanager
     def shared(self, numbers: Sequence[int] | np.ndarray) -> Iterator[None]:
-        """Add an equal share of the time that a block takes to each piece of work at these indices."""
+        """Divide the time that a with block takes equally among the pieces of work with these indices."""
         began = working_time()
         yield
         if len(numbers):
@@ -108,18 +108,18 @@ class Seconds:
 
 
 class Request(Protocol):
-    """Something that a run asks for and needs before it can go on."""
+    """Something that a run needs before it can go on."""
 
     @property
     def kind(self) -> Hashable:
-        """Requests of equal kinds can be answered in one call."""
+        """Key of the request; requests with equal keys can be answered in one call."""
 
 
 class Run(Protocol):
-    """Work that goes on step by step: it asks for something, and goes on with the answer."""
+    """Work that proceeds in steps: it asks for something, and goes on when it is given that."""
 
     def next_request(self) -> Any:
-        """The `Request` that is to be answered next; None at its end."""
+        """Return the `Request` to be answered next; None when the run is at its end."""
 
     def accept(self, answer: Any) -> None:
         """Go on with the answer to the last request."""
@@ -132,13 +132,15 @@ def run_all(
     most: int,
     seconds: Seconds | None = None,
 ) -> None:
-    """Drive runs to their ends, answering next the requests of that kind which most runs wait for.
+    """Drive runs to their ends; the kind of requests that most runs wait for is answered next.
 
     Args:
-        runs: that have not begun, or wait for an answer.
-        answer: from the indices of some runs and their requests, all of one kind, to as many answers.
+        runs: runs that have a next request or are at their end; they are changed in place.
+        answer: function from the indices of some runs and their requests, all of one kind, to as many
+            answers.
         most: the most requests that are answered in one call.
-        seconds: where the time of each run is added: its own, and its share of that of the answers.
+        seconds: where the time of each run is added: its own, and its share of that of the answers. None not
+            to measure it.
     """
     own = Seconds(len(runs)) if seconds is None else seconds
     waiting: dict[Hashable, list[tuple[int, Any]]] = {}

@@ -1,9 +1,9 @@
-"""The folder in which compiled code is kept between processes: only the first of them ever waits for it.
+"""The folder in which compiled code is kept between processes, so that only the first one waits for it.
 
-It is the user's cache folder, ``~/.cache/jaxplan`` or that of ``XDG_CACHE_HOME``, with a part for each kind
-of processor, since code for one may not run on another. It is used unless the user has told JAX otherwise,
-and silently not where it cannot be written or may not be trusted: whoever can write there can have us run any
-code. What JAX compiles for others in the same process is kept there, too.
+It is the user's cache folder, ``~/.cache/jaxplan`` or the one in ``XDG_CACHE_HOME``, with a subfolder for
+each kind of processor, since code for one may not run on another. It is used unless the user has configured
+JAX otherwise. It is silently not used where it cannot be written, or where others can write: they could make
+this process run any code. What JAX compiles for other code in the process is kept there, too.
 """
 
 import hashlib
@@ -21,7 +21,7 @@ from jaxplan.version import __version__
 
 _LEAST_TIME = "jax_persistent_cache_min_compile_time_secs"
 
-# JAX keeps by itself only what took a second to compile, and most kernels here take less.
+# By default, JAX keeps only what took a second to compile, and most kernels here take less.
 _KEEP_ALL = {
     _LEAST_TIME: 0.0,
     "jax_persistent_cache_min_entry_size_bytes": -1,
@@ -32,21 +32,21 @@ _decided = False
 
 
 def compilation_cache(folder: str | os.PathLike[str] | None) -> None:
-    """Keep compiled code in another folder, or in none.
+    """Keep compiled code in another folder, or nowhere.
 
-    What JAX compiles is by default kept between processes in the user's cache folder. An environment variable
-    JAX_COMPILATION_CACHE_DIR, or the setting of ``jax.config`` with this name, moves it, too; JAX then keeps
-    only what took a second to compile, unless it is told otherwise.
+    By default, what JAX compiles is kept between processes in the user's cache folder. The environment
+    variable JAX_COMPILATION_CACHE_DIR, or the setting of this name in ``jax.config``, moves it, too; JAX then
+    keeps only what took a second to compile, unless it is told otherwise.
 
     Args:
-        folder: made, for this user alone, if it does not exist; None to keep nothing. Whoever can write there
-            can run code in this process.
+        folder: created, for this user alone, if it does not exist; None to keep nothing. Whoever can write
+            there can run code in this process.
 
     Raises:
-        OSError: if it cannot be made.
+        OSError: if it cannot be created.
         TypeError: if it is no path.
-        ValueError: if it is empty or a file, nothing can be written there, or others than the user may write
-            there or, without the sticky bit, in a folder above it.
+        ValueError: if it is empty or a file; if nothing can be written there; if others than the user may
+            write there or, without the sticky bit, in a folder above it.
 
     Example:
         >>> jp.compilation_cache("/scratch/compiled")
@@ -69,7 +69,7 @@ def compilation_cache(folder: str | os.PathLike[str] | None) -> None:
 
 
 def keep_by_default() -> None:
-    """Keep compiled code in the user's cache folder, unless somebody has decided otherwise."""
+    """Keep compiled code in the user's cache folder, unless that has been decided otherwise already."""
     import jax
 
     global _decided
@@ -78,22 +78,22 @@ def keep_by_default() -> None:
     _decided = True
     try:
         place = _users_folder()
-        if not place.is_absolute():  # as where HOME is not: each folder would get its own
+        if not place.is_absolute():  # as where HOME is relative: each working folder would get its own
             return
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
         if _fault(place):
             return
-    except (OSError, RuntimeError):  # the latter where nobody has a home
-        return  # it only saves time
+    except (OSError, RuntimeError):  # the latter where there is no home folder
+        return  # keeping code only saves time
     _use({"jax_compilation_cache_dir": str(place), **_KEEP_ALL})
 
 
 def trusted_folder() -> Path | None:
-    """The folder in which JAX keeps what it compiles, if nobody but this user can write there."""
+    """Return the folder in which JAX keeps compiled code; None if there is none or it cannot be trusted."""
     import jax
 
     named = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
-    if not named or not os.path.isabs(named):  # none, or one in some cloud
+    if not named or not os.path.isabs(named):  # none, or a URL of cloud storage
         return None
     place = Path(named)
     try:
@@ -104,12 +104,12 @@ def trusted_folder() -> Path | None:
 
 @cache
 def _fault_once(named: str) -> str:
-    """`_fault` of the folder of this name, looked up once in a process."""
+    """Return `_fault` of the folder with this name, checked once in a process."""
     return _fault(Path(named))
 
 
 def settings() -> dict[str, object]:
-    """The settings of JAX for where and how this process keeps compiled code, for `adopt` in another one."""
+    """Return JAX's settings for where and how this process keeps compiled code, for `adopt` in another."""
     import jax
 
     keep_by_default()
@@ -121,20 +121,20 @@ def settings() -> dict[str, object]:
 
 
 def adopt(given: dict[str, object]) -> None:
-    """Keep compiled code as another process does, by its `settings`."""
+    """Keep compiled code as another process does, given the `settings` from there."""
     _use(given)
 
 
-_blocks = 0  # those of `written_once` that have begun and not ended, in all threads
-_usual = 0.0  # what the setting was before the first of them
+_blocks = 0  # with blocks of `written_once` that are running, in all threads
+_usual = 0.0  # s, the setting `_LEAST_TIME` before the first of them
 _turn = threading.Lock()
 
 
 @contextmanager
 def written_once() -> Iterator[None]:
-    """Let JAX write nothing into its own cache while a block, or one like it in another thread, runs.
+    """Keep JAX from writing to its own cache while this with block, or one in another thread, runs.
 
-    To write an executable there takes as long as here: it is made a text of bytes, and packed.
+    Executables are written by `jaxplan.runtime.executables` then; serialising them again would take as long.
     """
     import jax
 
@@ -154,7 +154,7 @@ def written_once() -> Iterator[None]:
 
 
 def _use(given: dict[str, object]) -> None:
-    """Set these settings of JAX by name, and note that the folder has been decided on."""
+    """Apply settings of JAX, given by name, and note that the folder has been decided on."""
     import jax
     from jax.experimental.compilation_cache import compilation_cache as cache
 
@@ -164,20 +164,20 @@ def _use(given: dict[str, object]) -> None:
     for name, value in given.items():
         jax.config.update(name, value)
     if moved:
-        cache.reset_cache()  # which looks at the setting only once
-    # Entries that are damaged, or were written by another processor, are compiled again: no more than that.
+        cache.reset_cache()  # else JAX would not look at the setting again
+    # Entries that are damaged, or of another processor, are compiled again, which needs no warning.
     warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache", UserWarning)
 
 
 def _users_folder() -> Path:
-    """The subfolder of the user's cache folder for this version of jaxplan on this kind of processor."""
+    """Return the subfolder of the user's cache folder for this version of jaxplan and kind of processor."""
     chosen = os.environ.get("XDG_CACHE_HOME", "")
     root = Path(chosen) if os.path.isabs(chosen) else Path.home() / ".cache"  # as its specification asks
     return root / "jaxplan" / f"compiled-{__version__}-{_processor()}"
 
 
 def _processor() -> str:
-    """A short hash of the instruction sets of this processor; where they cannot be read, of none."""
+    """Return a short hash of this processor's instruction sets; that of "" where they cannot be read."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as lines:
             known = next((line for line in lines if line.startswith(("flags", "Features"))), "")
@@ -187,10 +187,13 @@ def _processor() -> str:
 
 
 def _others_may_swap(found: os.stat_result) -> bool:
-    """Whether others than the user and root may rename what is in a folder, or redirect a link; by `lstat`.
+    """Whether users other than this one and root may rename what is in a folder, or redirect a link.
 
-    Where the sticky bit is set, as in /tmp, everybody renames only what is theirs. A group of the user alone,
-    as some systems give to everybody, is no others.
+    With the sticky bit, as in /tmp, everybody can rename only their own files. A group with this user alone,
+    as some systems create for every user, does not count as others.
+
+    Args:
+        found: what `lstat` returns for the folder or link.
     """
     if found.st_uid not in (0, os.geteuid()):
         return True
@@ -201,7 +204,7 @@ def _others_may_swap(found: os.stat_result) -> bool:
 
 
 def _is_the_users_alone(group: int) -> bool:
-    """Whether the group of this number is called like the user, and nobody else has been added to it."""
+    """Whether a group, by its number, has the user's name and no other members."""
     import grp
     import pwd
 
@@ -213,7 +216,7 @@ def _is_the_users_alone(group: int) -> bool:
 
 
 def _fault(place: Path) -> str:
-    """Why compiled code cannot be kept in a folder, as words for a message; empty if it can."""
+    """Return why compiled code cannot be kept in a folder, in words for a message; "" if it can."""
     found = place.stat()
     if found.st_uid != os.geteuid() or found.st_mode & 0o022:
         return "others may write there, and so have us run any code: make it the user's own, with mode 700"

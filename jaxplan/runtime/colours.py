@@ -1,4 +1,4 @@
-"""The colours of devices and zones, the same in figures, viewer and exports."""
+"""Colours of devices and zones, the same in figures, viewer and exports."""
 
 COLOURS = (
     *("#0072B2", "#E69F00", "#882255", "#56B4E9", "#332288", "#117733"),

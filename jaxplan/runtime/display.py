@@ -1,7 +1,9 @@
-"""How results show themselves: one line in a console, a small table in a notebook.
+"""How results are displayed: as one line in a console, as a small table in a notebook.
 
-Debuggers ask for both, also of objects that are half made or hold what JAX traces. So they never raise and
-never ask for a traced value: what cannot be told is a question mark. Angles are shown in degrees.
+Debuggers ask for both, even for objects that are half made or hold values traced by JAX. So displaying never
+raises and never needs a traced value; what cannot be shown is a question mark. Angles are in degrees.
+
+A *quantity* is an attribute to be shown, with its unit.
 """
 
 import math
@@ -37,15 +39,16 @@ def shown(*quantities: str, heading: str | None = None) -> Callable[[type[T]], t
     """Decorate a class so that it has a short `repr` and a table for notebooks.
 
     Args:
-        quantities: what is shown, the most telling first: an attribute, perhaps of an attribute, and after a
-            blank its unit, as in "trajectory.duration s", which is labelled "duration"; a field with a
-            ``key`` in its metadata has the key's unit where none is given. Where the unit has "deg" in it,
-            radians are converted to degrees. Without any quantities all fields of a dataclass are shown.
-        heading: a format with the object as its argument, as in "Plan of {0.scenario.name}"; None for the
-            name of the class and, where it has one, the object's own.
+        quantities: what is shown, the most important first: names of attributes, also of attributes of
+            attributes, each with its unit after a blank, as in "trajectory.duration s", which is labelled
+            "duration". Without a unit, a field with a ``key`` in its metadata has the key's unit. Where the
+            unit contains "deg", radians are converted to degrees. If there are none, all fields of a
+            dataclass are shown.
+        heading: a format string for the object, as in "Plan of {0.scenario.name}"; None for the name of the
+            class and, where it has one, the object's own.
 
-    A line leaves out what is None, empty, or as it is by default. A class may have a ``_repr_html_`` and a
-    ``__str__``, which give way to the quantities where they raise.
+    A line leaves out what is None, empty, or has its default value. If the class has its own ``_repr_html_``
+    or ``__str__``, these are kept, and replaced by the quantities only where they raise.
 
     Example:
         >>> @shown("half_angle deg", "devices")
@@ -70,7 +73,7 @@ def shown(*quantities: str, heading: str | None = None) -> Callable[[type[T]], t
 
 
 def _calm(tell: Callable[[T], str], otherwise: Callable[[T], str]) -> Callable[[T], str]:
-    """A function that shows an object without warnings, by `tell`, or by `otherwise` where that raises."""
+    """Return a function that shows an object by `tell`, or by `otherwise` if that raises; it never warns."""
 
     def told(self: T) -> str:
         with warnings.catch_warnings():
@@ -84,18 +87,18 @@ def _calm(tell: Callable[[T], str], otherwise: Callable[[T], str]) -> Callable[[
 
 
 def aligned(rows: Rows) -> list[str]:
-    """Lines of text for pairs of label and value, with all values one below the other."""
+    """Return lines of text for pairs of label and value, with the values aligned."""
     pairs = list(rows)
     width = max(len(label) for label, _ in pairs)
     return [f"{label:<{width}}  {value}" for label, value in pairs]
 
 
 def in_columns(rows: Cells, sides: str) -> list[str]:
-    """Lines of text for a table whose columns line up.
+    """Return lines of text for a table, with aligned columns.
 
     Args:
-        rows: of cells, all of the same length; the first one may be a head.
-        sides: a character for each column: "<" for one whose texts begin at the left, ">" for numbers.
+        rows: rows of cells, all of the same length; the first one may be a head.
+        sides: a character for each column: "<" aligns left, as for text, ">" aligns right, as for numbers.
     """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
@@ -107,7 +110,7 @@ def in_columns(rows: Cells, sides: str) -> list[str]:
 
 
 def as_table(caption: str, rows: Rows, cells: Cells = ()) -> str:
-    """A table for notebooks, in the colours of the page that it is on.
+    """Return a table for notebooks as HTML, in the colours of the page that it is on.
 
     Args:
         caption: above the table.
@@ -143,7 +146,7 @@ class _Quantity(NamedTuple):
 
 
 def _heading(thing: Any, form: str | None) -> str:
-    """The heading of a line or table: by the format `form`, or class and name; the class if that raises."""
+    """Return the heading of a line or table: by the format `form`, or class and name; class if that fails."""
     kind = type(thing).__name__
     try:
         if form is not None:
@@ -155,7 +158,7 @@ def _heading(thing: Any, form: str | None) -> str:
 
 
 def _quantities(thing: Any, wanted: Sequence[str]) -> list[_Quantity]:
-    """The quantities `wanted` of an object (see `shown`; all fields if none), without None and empty ones."""
+    """Return the quantities of an object, without those that are None or empty; `wanted` as for `shown`."""
     own = {field.name: field for field in fields(thing)} if is_dataclass(thing) else {}
     found = []
     for entry in wanted or own:
@@ -179,7 +182,7 @@ def _quantities(thing: Any, wanted: Sequence[str]) -> list[_Quantity]:
 
 
 def _line(heading: str, quantities: Sequence[_Quantity]) -> str:
-    """One line ``<heading: label value unit; ...>`` of what is not by default, cut to `_LINE` characters."""
+    """Return a line ``<heading: label value unit; ...>`` without defaults, of at most `_LINE` characters."""
     told = [quantity for quantity in quantities if not quantity.usual]
     items = [f"{_cut(one.label, _ITEM)} {_cut(one.text, _ITEM)} {one.unit}".rstrip() for one in told]
     if quantities and not told:
@@ -192,14 +195,14 @@ def _line(heading: str, quantities: Sequence[_Quantity]) -> str:
 
 
 def _rows(quantities: Sequence[_Quantity]) -> Rows:
-    """Rows of a table, label and value: first what is not by default, then what is, marked as such."""
+    """Yield label and value of each row of a table; defaults come last and are marked as such."""
     for one in sorted(quantities, key=lambda one: one.usual):
         label = f"{one.label} ({one.unit})" if one.unit else one.label
         yield label, f"{one.text} (default)" if one.usual else one.text
 
 
 def _text(value: Any, unit: str) -> tuple[str, bool]:
-    """A value as text, and whether it is of numbers in the unit, so that the unit is to be shown."""
+    """Return a value as text, and whether that is of numbers, so that the unit is to be shown."""
     if isinstance(value, Tracer):
         return f"traced {value.dtype}{list(value.shape)}", False
     if isinstance(value, bool | np.bool_):
@@ -228,7 +231,7 @@ def _text(value: Any, unit: str) -> tuple[str, bool]:
 
 
 def _number(value: Any, unit: str, digits: int = 6) -> str:
-    """A number as text of so many digits, integers of all; radians in degrees if the unit has "deg"."""
+    """Format a number with some digits, integers with all; radians as degrees if the unit contains "deg"."""
     if isinstance(value, Integral) and "deg" not in unit:
         return f"{int(value)}"
     factor = 180 / math.pi if "deg" in unit else 1.0
@@ -236,9 +239,9 @@ def _number(value: Any, unit: str, digits: int = 6) -> str:
 
 
 def _array_text(array: np.ndarray, unit: str) -> tuple[str, bool]:
-    """An array as text, and whether in the unit: a few numbers one by one, of more the shape and the range.
+    """Return an array as text, and whether that is of numbers in the unit.
 
-    Rows of a matrix are set apart by semicolons.
+    Few numbers are listed, with semicolons between the rows of a matrix; else shape and range are given.
     """
     if array.ndim == 0 and array.dtype.kind in "biuf":
         return _text(array.item(), unit)
@@ -260,7 +263,7 @@ def _array_text(array: np.ndarray, unit: str) -> tuple[str, bool]:
 
 
 def _sequence_text(values: Sequence[Any], unit: str) -> tuple[str, bool]:
-    """A sequence as text, and whether in the unit: few numbers, words or names one by one, else how many."""
+    """Return a sequence as text, and whether that is of numbers; few items are listed, many counted."""
     few, many = list(values[: _LISTED + 1]), len(values) > _LISTED
     if not many and all(type(value) in (int, float) for value in few):
         return f"[{' '.join(_number(value, unit) for value in few)}]", True
@@ -276,12 +279,12 @@ def _sequence_text(values: Sequence[Any], unit: str) -> tuple[str, bool]:
 
 
 def _plain(text: str) -> str:
-    """Text on one line, in which characters that do not print are question marks."""
+    """Return a text on one line, with question marks for characters that cannot be printed."""
     return "".join(c if c.isprintable() else UNKNOWN for c in " ".join(text[:2000].split()))
 
 
 def _cut(text: str, most: int) -> str:
-    """Text of at most so many characters, "..." standing for what is cut off its end."""
+    """Cut a text to at most `most` characters; "..." replaces its end."""
     if len(text) <= most:
         return text
     end = "...>" if text.startswith("<") and text.endswith(">") else "..."
@@ -289,12 +292,12 @@ def _cut(text: str, most: int) -> str:
 
 
 def _escaped(text: str, most: int = _VALUE) -> str:
-    """Text on one line, of at most so many characters, escaped for HTML."""
+    """Return a text on one line, of at most `most` characters, then escaped for HTML."""
     return escape(_cut(_plain(text), most))
 
 
 def _fitting(parts: Sequence[str], most: int) -> list[str]:
-    """The first parts, as many as have at most so many characters together."""
+    """Return the first parts, as many as have at most `most` characters together."""
     kept: list[str] = []
     for part in parts:
         most -= len(part)

@@ -1,13 +1,14 @@
-"""Compiled kernels of this package, kept between processes as what XLA made of them.
+"""Compiled kernels of this package, kept between processes as XLA's executables.
 
-JAX's own cache of compiled code saves XLA's part, but to find an entry there a kernel has to be traced and
-lowered again, which takes longer than reading what was compiled. So executables are kept, too, by what they
-follow from: the function, the kinds of its arguments, all sources of this package, and the versions and flags
-of Python, numpy and JAX. They lie in the folder of compiled code (`jaxplan.runtime.cache`), those of other
-sources in parts of their own. Most changes of sources leave most programs as they are: each has another name
-in the folder of programs, by which other sources find it once they have lowered it, too. Beside each stands
-whether it calls LAPACK, which takes a tenth of a second to get ready. Whatever cannot be kept or read is
-compiled as ever.
+A *kernel* is a jitted function for arguments of certain kinds (shapes and types). JAX's own cache saves XLA's
+part of compiling, but to find an entry there a kernel has to be traced and lowered again, which takes longer
+than reading the executable. So executables are kept here, too, under a key made of all that they depend on:
+the function, the kinds of its arguments, all sources of this package, and the versions and flags of Python,
+numpy and JAX. They are in the folder of compiled code (`jaxplan.runtime.cache`), with a subfolder for each
+state of the sources. Most changes of sources leave most *programs* (lowered kernels) as they are. So each
+executable has a second name in the folder of programs, made from its program, under which it is found after a
+change of sources once the kernel has been lowered. Each file also says whether the executable calls LAPACK,
+which takes a tenth of a second to get ready. Whatever cannot be kept or read is compiled as usual.
 """
 
 import hashlib
@@ -32,28 +33,28 @@ import numpy as np
 from jaxplan.runtime.cache import trusted_folder, written_once
 
 _PACKAGE = Path(__file__).resolve().parent.parent
-_PATIENCE = 30.0  # s; then a kernel is compiled though another process, perhaps a stopped one, is at it
-_LOOK = 0.02  # s, between two looks whether it is done
-_PARTS = 3  # folders of other sources or versions that are left, the newest ones
+_PATIENCE = 30.0  # s, to wait for another process that compiles the same kernel but may have stopped
+_LOOK = 0.02  # s, between two looks whether that process is done
+_PARTS = 3  # number of the newest folders of other sources or versions that are not deleted
 
-_FORM = 2  # of the content of files, so that none of another form is read
-_CALL = "custom_call"  # in the text of programs that call functions of a library
+_FORM = 2  # version of the files' content, so that none of another version is read
+_CALL = "custom_call"  # occurs in the text of programs that call functions of a library
 _PROGRAMS = "programs"  # folder of further names of executables, by what JAX has lowered
 
 _refused = 0
 
 
 def refused() -> int:
-    """How many kept executables XLA has refused to load in this process, as it does on some processors."""
+    """Return how many kept executables could not be loaded in this process, as happens on some processors."""
     return _refused
 
 
 def load(name: str | None, kinds: str | None) -> Callable[..., Any] | None:
-    """Read the executable of a kernel; None if it has not been kept, or is refused, which `refused` counts.
+    """Read the executable of a kernel; None if it is not kept, or cannot be loaded, which `refused` counts.
 
     Args:
-        name: the kernel's, by `name_of`; None for one that is not kept.
-        kinds: the kinds of its arguments, by `text_of`; None likewise.
+        name: name of the kernel, from `name_of`; None for one that is not kept.
+        kinds: kinds of its arguments, from `text_of`; None for those of a kernel that is not kept.
     """
     global _refused
     place = _place(name, kinds)
@@ -66,7 +67,7 @@ def load(name: str | None, kinds: str | None) -> Callable[..., Any] | None:
 
 
 def _read(place: Path) -> Callable[..., Any] | None:
-    """Read the executable in a file; None, and the file deleted, if it is damaged or of another processor."""
+    """Read the executable in a file; if it is damaged or of another processor, delete it and return None."""
     from jax.experimental.serialize_executable import deserialize_and_load
 
     try:
@@ -82,17 +83,17 @@ def _read(place: Path) -> Callable[..., Any] | None:
 
 @cache
 def _prepare_lapack() -> None:
-    """Hand LAPACK's functions to XLA, which JAX does only when it lowers a kernel that calls them."""
+    """Register LAPACK's functions with XLA, which JAX does only when it lowers a kernel that calls them."""
     try:
         from jaxlib.lapack import prepare_lapack_call
 
-        prepare_lapack_call("potrf_ffi", np.float64)  # all of them, in half the time
-    except Exception:  # as where another version of JAX has another place for it
+        prepare_lapack_call("potrf_ffi", np.float64)  # prepares all of them, in half the time
+    except Exception:  # as in a version of JAX that has the function elsewhere
         jax.jit(jax.lax.linalg.cholesky).lower(np.eye(1))
 
 
 class _Hits(threading.local):
-    """How often JAX has found something in its own cache, in a thread."""
+    """How often JAX has found something in its own cache, in this thread."""
 
     count = 0
 
@@ -101,7 +102,7 @@ _hits = _Hits()
 
 
 def _listen(event: str, **_: str | int) -> None:
-    """Count a hit in JAX's own cache, for events of that name."""
+    """Count an event of JAX if it is a hit in JAX's own cache."""
     _hits.count += event == "/jax/compilation_cache/cache_hits"
 
 
@@ -109,13 +110,14 @@ jax.monitoring.register_event_listener(_listen)
 
 
 def compile_and_keep(lowered: Any, name: str | None, kinds: str | None) -> Any:
-    """Compile a kernel that has been lowered, and keep the executable if there is a folder for it.
+    """Compile a lowered kernel, and keep the executable if there is a folder for it; return it.
 
-    A program that was kept for other sources is read, and kept for these, too. What JAX had in its own cache
-    is not kept: XLA cannot write down again what it has read. What is kept here JAX does not keep once more.
+    A program that was kept for other sources is read, and kept for these, too. What JAX found in its own
+    cache is not kept, since XLA cannot serialise again what it has loaded. What is kept here is not written
+    to JAX's cache.
 
     Args:
-        lowered: the kernel, by ``jax.jit(...).lower``.
+        lowered: the kernel, as ``jax.jit(...).lower`` returns it.
         name: as of `load`.
         kinds: as of `load`.
     """
@@ -137,7 +139,7 @@ def compile_and_keep(lowered: Any, name: str | None, kinds: str | None) -> Any:
         compiled = lowered.compile()
     if _hits.count == hits:
         _save(place, compiled, calls_library=_CALL in code)
-        with suppress(OSError):  # where files have one name only, it is for these sources alone
+        with suppress(OSError):  # without hard links it is found for these sources alone
             program.parent.mkdir(mode=0o700, exist_ok=True)
             os.link(place, program)
     return compiled
@@ -145,10 +147,10 @@ def compile_and_keep(lowered: Any, name: str | None, kinds: str | None) -> Any:
 
 @contextmanager
 def one_at_a_time(name: str | None, kinds: str | None) -> Iterator[None]:
-    """Hold a lock in a block, so that no two processes compile a kernel at once; arguments as of `load`.
+    """Hold a lock within a with block, so that no two processes compile a kernel at once.
 
-    A process that has waited for the lock is to look again for what the other has kept. After `_PATIENCE`
-    seconds it goes on without the lock.
+    A process that has waited should look again for what the other has kept. After `_PATIENCE` seconds it goes
+    on without the lock. Arguments are those of `load`.
     """
     place = _place(name, kinds)
     with ExitStack() as stack:
@@ -171,22 +173,23 @@ def one_at_a_time(name: str | None, kinds: str | None) -> Iterator[None]:
 
 
 def _forget(file: str | Path) -> None:
-    """Delete a file, if it can be."""
+    """Delete a file; do nothing if that fails."""
     with suppress(OSError):
         os.unlink(file)
 
 
 def _save(place: Path, compiled: Any, *, calls_library: bool) -> None:
-    """Write an executable to the file `place`, whole or not at all; nothing is raised where that fails.
+    """Write an executable to the file `place`, completely or not at all; nothing is raised if that fails.
 
     Args:
-        place: of the file.
+        place: path of the file.
         compiled: the executable.
-        calls_library: whether it calls functions of a library, such as LAPACK's, which must be ready then.
+        calls_library: whether it calls functions of a library, such as LAPACK's, which must be made ready
+            before it is loaded.
     """
     from jax.experimental.serialize_executable import serialize
 
-    with suppress(Exception):  # it only saves time
+    with suppress(Exception):  # keeping executables only saves time
         content = pickle.dumps((serialize(compiled), calls_library))
         _make_room(place.parent)
         with tempfile.NamedTemporaryFile(dir=place.parent, delete=False) as new:  # for this user alone
@@ -195,7 +198,7 @@ def _save(place: Path, compiled: Any, *, calls_library: bool) -> None:
 
 
 def name_of(function: Any) -> str | None:
-    """The full name of a function, with what `partial` has bound; None if it is not of jaxplan's modules."""
+    """Return a function's full name, with what `partial` has bound; None if not in jaxplan's modules."""
     if isinstance(function, partial):
         values = [function.func, *function.args, *(value for _, value in sorted(function.keywords.items()))]
         parts = [text_of(one) for one in values]
@@ -208,7 +211,7 @@ def name_of(function: Any) -> str | None:
 
 
 def text_of(kinds: object) -> str | None:
-    """The kinds of arguments as text, the same in every process; None where some cannot be put so."""
+    """Return the kinds of arguments as a text that is the same in every process; None if there is none."""
     if kinds is None or isinstance(kinds, bool | int | float | str | np.dtype | EllipsisType):
         return repr(kinds)
     if isinstance(kinds, type):
@@ -227,7 +230,7 @@ def text_of(kinds: object) -> str | None:
 
 
 def _place(name: str | None, kinds: str | None) -> Path | None:
-    """The file of an executable; None where nothing is kept."""
+    """Return the file of an executable, which may not exist yet; None where nothing is kept."""
     folder = trusted_folder()
     if name is None or kinds is None or folder is None or jax.default_backend() != "cpu":
         return None
@@ -235,13 +238,13 @@ def _place(name: str | None, kinds: str | None) -> Path | None:
 
 
 def _short(text: str) -> str:
-    """A file's name for a long text."""
+    """Return a hash of a text as a file's name."""
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
 @cache
 def _versions() -> str:
-    """Versions and flags that compiled code depends on besides the program, as text."""
+    """Return a text of the versions and flags that compiled code depends on, besides the program."""
     from jaxlib.version import __version__ as jaxlib_version
 
     versions = sys.version, np.__version__, jax.__version__, jaxlib_version
@@ -250,7 +253,7 @@ def _versions() -> str:
 
 @cache
 def _origin() -> str:
-    """A short hash of all that executables depend on: versions, flags and the sources of this package."""
+    """Return a short hash of versions, flags and all sources of this package, for the name of a subfolder."""
     found = hashlib.sha256(_versions().encode())
     for file in sorted(_PACKAGE.rglob("*.py")):
         found.update(file.relative_to(_PACKAGE).as_posix().encode() + file.read_bytes())
@@ -258,9 +261,9 @@ def _origin() -> str:
 
 
 def _make_room(part: Path) -> None:
-    """Make the folder `part` for executables of today's sources; delete all but the newest of other sources.
+    """Create the subfolder for executables of the present sources, and delete old ones of other sources.
 
-    Programs that only the deleted ones had go with them.
+    The `_PARTS` newest of these are left. Programs that only the deleted ones had are deleted, too.
     """
     if part.is_dir():
         return

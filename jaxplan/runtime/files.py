@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all: written beside their place under another name, then renamed."""
+"""Writing files completely or not at all: under a temporary name beside the target, then renamed."""
 
 import os
 import tempfile
@@ -9,11 +9,11 @@ from pathlib import Path
 
 @contextmanager
 def replacing_file(target: Path, suffix: str = "") -> Iterator[Path]:
-    """Give a file to write, which takes the target's place when the block ends well.
+    """Yield the path of a temporary file to write; it replaces the target if the block ends without error.
 
     Args:
-        target: path of the file; an old file there stays until the new one is whole. Its folder is made.
-        suffix: ending of the temporary name, for writers that look at it.
+        target: path of the file; an existing file stays until then. Its folder is created.
+        suffix: ending of the temporary name, for writers that depend on it.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=target.parent, prefix=target.name, suffix=f".part{suffix}")
@@ -29,10 +29,10 @@ def replacing_file(target: Path, suffix: str = "") -> Iterator[Path]:
 
 @contextmanager
 def replacing_folder(target: Path) -> Iterator[Path]:
-    """Give a folder to fill, which takes the target's place when the block ends well.
+    """Yield the path of an empty folder to fill; it replaces the target if the with block ends without error.
 
     Args:
-        target: path of the folder; an old folder there is deleted with all that is in it.
+        target: path of the folder; an existing folder is then deleted with all that is in it.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent, prefix=target.name, suffix=".part") as holder:
@@ -50,7 +50,7 @@ def replacing_folder(target: Path) -> Iterator[Path]:
 
 
 def _umask() -> int:
-    """The permission bits that new files of this process do not get."""
+    """Return the permission bits that new files of this process do not get."""
     mask = os.umask(0)
     os.umask(mask)
     return mask

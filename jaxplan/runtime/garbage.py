@@ -1,8 +1,8 @@
-"""Blocks in which Python looks for no cyclic garbage, or seldom, since what they make is kept.
+"""Context managers under which Python never or seldom looks for cyclic garbage, where objects are kept.
 
-To trace a kernel, or to import modules, makes many objects that stay, through all of which Python would go
-again and again: a tenth of the processor's time of a first plan or gradient, and a fifth of that of imports.
-To plan makes little cyclic garbage, and with Python's own threshold looks for it take a twentieth.
+Tracing kernels and importing modules makes many objects that stay, and Python would search all of them again
+and again: a tenth of the processor's time of a first plan or gradient, and a fifth of that of imports.
+Planning makes little cyclic garbage, and with Python's own threshold the search for it takes a twentieth.
 """
 
 import gc
@@ -10,16 +10,16 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_NEW_OBJECTS = 100_000  # between two looks for garbage in blocks of `seldom_collected`; Python has 700
+_NEW_OBJECTS = 100_000  # new objects before Python looks for garbage in `seldom_collected`; else 700
 
-_blocks = 0  # those of `uncollected` that have begun and not ended, in all threads
+_blocks = 0  # with blocks of `uncollected` that are running, in all threads
 _collects = False  # whether Python looked for garbage before the first of them
 _count_lock = threading.Lock()
 
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Let Python look for no cyclic garbage while a block, or one like it in another thread, runs."""
+    """Stop Python's search for cyclic garbage while this with block, or one in another thread, runs."""
     global _blocks, _collects
     with _count_lock:
         if not _blocks:
@@ -35,13 +35,13 @@ def uncollected() -> Iterator[None]:
                 gc.enable()
 
 
-_seldom = 0  # blocks of `seldom_collected`, likewise
-_before = gc.get_threshold()  # the threshold before the first of them
+_seldom = 0  # with blocks of `seldom_collected` that are running, in all threads
+_before = gc.get_threshold()  # Python's thresholds before the first of them
 
 
 @contextmanager
 def seldom_collected() -> Iterator[None]:
-    """Let Python look for cyclic garbage a hundredth as often while a block, or one like it, runs."""
+    """Make Python's search for cyclic garbage a hundred times rarer while this with block runs."""
     global _seldom, _before
     with _count_lock:
         if not _seldom:

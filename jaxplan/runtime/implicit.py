@@ -1,8 +1,8 @@
 """Roots of equations as differentiable functions of their inputs, by the implicit function theorem.
 
-Where ``F(z; inputs) = 0`` and the matrix ``K = dF / dz`` has an inverse, ``dz = -K^-1 (dF / d inputs)``.
-Goals of step 1 and trajectories of step 3 are such roots: of the conditions of their optimality, with the
-active set held.
+Where ``F(z; inputs) = 0`` and the matrix ``K = dF / dz`` has an inverse, ``dz = -K^-1 (dF / d inputs)``. The
+goals of step 1 and the trajectories of step 3 are such roots of their optimality conditions, with the set of
+active constraints held fixed.
 """
 
 from collections.abc import Callable
@@ -18,15 +18,17 @@ from jax import Array
 
 @dataclass(frozen=True, kw_only=True)
 class Equations:
-    """Equations, as functions of (inputs, z), and how their root is followed; made once, since it is hashed.
+    """Equations ``F(z; inputs) = 0`` for n unknowns z, and how to solve them.
+
+    `residual` and `factor` take (inputs, z). The object is hashed by its functions, so make it only once.
 
     Attributes:
         residual: computes ``F`` (n,).
         factor: factorises ``K`` at a root or near it; returns a pytree of arrays.
-        solve: from such factors and a vector ``v`` (n,) to ``K^-1 v``.
+        solve: from such factors and a vector ``v`` (n,) computes ``K^-1 v``.
         steps: the most steps of Newton's method before the last one.
-        tolerance: if all of the residual is within it, the next step is the last.
-        again: whether derivatives may be differentiated again; else that raises an error.
+        tolerance: once all components of the residual are within it, the next step is the last.
+        again: whether derivatives may be differentiated again; if not, that raises an error.
     """
 
     residual: Callable[[Any, Array], Array]
@@ -38,12 +40,12 @@ class Equations:
 
 
 def implicit_root(equations: Equations, inputs: Any, guess: Array) -> Array:
-    """The root near a guess, differentiable in the inputs, forward and backward.
+    """Return the root near a guess, differentiable in the inputs in forward and reverse mode.
 
     Args:
         equations: those to solve.
         inputs: all that they depend on, a pytree.
-        guess: (n,) from which Newton's method starts; without influence on the derivative.
+        guess: (n,) where Newton's method starts; without influence on the derivative.
 
     Returns:
         (n,) ``z`` after the last step; whether it is a root is not checked.
@@ -53,7 +55,7 @@ def implicit_root(equations: Equations, inputs: Any, guess: Array) -> Array:
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _root(equations: Equations, inputs: Any, guess: Array) -> tuple[Array, Any]:
-    """The root (n,), and the factors of the matrix at the step before; arguments as of `implicit_root`."""
+    """Return the root (n,), and the factors of the step before the last; arguments as `implicit_root`."""
 
     def ahead(at: tuple[Any, ...]) -> tuple[Any, ...]:
         count, near, _, z, factors = at
@@ -73,19 +75,19 @@ def _root(equations: Equations, inputs: Any, guess: Array) -> tuple[Array, Any]:
 
 @_root.defjvp
 def _slope(equations: Equations, primals: tuple[Any, Array], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
-    """The rule of `_root` for tangents, by the implicit function theorem; those of the factors are zero."""
+    """Return values and tangents of `_root`, by the implicit function theorem; those of factors are zero."""
     z, factors = _root(equations, *primals)
     inputs = primals[0]
     if equations.again:
         own = equations.factor(inputs, z)
-    else:  # these are constants, and so is what follows from them
+    else:  # factors are constants, and so is what follows from them
         inputs, own = _first_derivatives_only(inputs), factors
     _, left = jax.jvp(lambda inputs: equations.residual(inputs, z), (inputs,), (tangents[0],))
     return (z, factors), (-equations.solve(own, left), jax.tree.map(_no_tangent, factors))
 
 
 def _no_tangent(value: Array) -> Any:
-    """The zero tangent of an array, in the type that JAX wants."""
+    """Return the zero tangent of an array, in the type that JAX requires."""
     if jnp.issubdtype(value.dtype, jnp.floating):
         return jnp.zeros_like(value)
     return np.zeros(value.shape, jax.dtypes.float0)
@@ -93,7 +95,7 @@ def _no_tangent(value: Array) -> Any:
 
 @jax.custom_jvp
 def _once(value: Any) -> Any:
-    """The same value, of which a derivative raises an error."""
+    """Return the value unchanged; differentiating it raises an error."""
     return value
 
 
@@ -105,7 +107,7 @@ def _refuse(*_: Any) -> NoReturn:
 
 
 def _first_derivatives_only(tree: Any) -> Any:
-    """The same tree of numbers whose derivatives raise an error, for use within a rule for tangents."""
+    """Return a tree of equal numbers whose derivatives raise an error, for use within a rule for tangents."""
     return jax.tree.map(
         lambda leaf: _once(leaf) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else leaf, tree
     )

@@ -1,22 +1,23 @@
-"""Compiled code: kept between processes, let go before there is no room, and called quickly.
+"""Compiled code: kept between processes, forgotten before memory maps run out, and called quickly.
 
-**A clock** that stands still while JAX compiles, for limits on how long something may take. What is compiled
-is compiled once for all scenes of the same sizes, so a limit must not depend on which of them comes first.
+A *kernel* is a jitted function compiled for arguments of certain kinds (shapes and types).
+
+**A clock** that stands still while JAX compiles, for limits on computing time. Code is compiled once for all
+scenes of the same sizes, so a limit must not depend on which of them comes first.
 
 **Room** for kernels in a process that plans scenarios of many shapes. JAX keeps every kernel that it has
 compiled. On Linux each takes some sixty memory maps, of which a process has 65,530 unless the system is set
-otherwise; where none is left it dies of "LLVM compilation error: Cannot allocate memory", after some hundred
-scenarios of ever other numbers of devices and zones. So before that all kernels of the process are forgotten,
-and those that are used again are compiled again.
+otherwise. Where none is left the process dies of "LLVM compilation error: Cannot allocate memory", after some
+hundred scenarios with different numbers of devices and zones. So before that all kernels of the process are
+forgotten, and those that are used again are compiled again.
 
-**Kernels that are ready soon**: a first plan waits for their compilation much longer than for its results.
-XLA writes the loops of a fused computation on the CPU in one of two ways. The newer one, through a language
-of its own for loops, takes two to three times as long to compile kernels such as ours, and what it makes of
-them is no quicker. `quick_jit` asks for the older one where the installed XLA still has it; that of jaxlib
-0.11 and later has not. To compile a kernel in one part instead of many
-(``xla_cpu_parallel_codegen_split_count``) would save a sixth, and must not be done: with jaxlib 0.10.2 some
-slopes at rest come out as NaN. While JAX traces and lowers a kernel, Python looks for no cyclic garbage
-(`jaxplan.runtime.garbage`).
+**Kernels that are ready soon**: a first plan waits much longer for their compilation than for its results. On
+the CPU, XLA writes the loops of a fused computation in one of two ways. The newer one, by way of a separate
+language for loops, takes two to three times as long to compile kernels like those here, and they run no
+faster. `quick_jit` asks for the older one where the installed XLA still has it; that of jaxlib 0.11 and later
+has not. Compiling a kernel in one part instead of many (``xla_cpu_parallel_codegen_split_count``) would save
+a sixth, but must not be done: with jaxlib 0.10.2 some slopes at rest come out as NaN. While JAX traces and
+lowers a kernel, Python does not look for cyclic garbage (`jaxplan.runtime.garbage`).
 
 What has been compiled is kept between processes (`jaxplan.runtime.executables`).
 """
@@ -56,7 +57,7 @@ _stopped = _Stopped()
 
 def _listen(event: str, duration_secs: float, **_: str | int) -> None:
     """Add the time of a compilation that has ended to that for which the clock has stood still."""
-    if event in _EVENTS:  # which JAX tells in the thread that compiles
+    if event in _EVENTS:  # JAX reports them in the thread that compiles
         _stopped.seconds += duration_secs
 
 
@@ -64,13 +65,13 @@ jax.monitoring.register_event_duration_secs_listener(_listen)
 
 
 def working_time() -> float:
-    """Seconds since some instant, without those in which this thread compiled or waited for one that did."""
+    """Return seconds since some instant, without those in which this thread compiled or waited for it."""
     return time.monotonic() - _stopped.seconds
 
 
-_COMPILED = "/jax/core/compile/backend_compile_duration"  # an event each
-_EVERY = 40  # kernels between two looks: reading the maps takes milliseconds
-_SHARE = 0.5  # of the maps that there may be
+_COMPILED = "/jax/core/compile/backend_compile_duration"  # an event for each kernel compiled
+_EVERY = 40  # new kernels between two looks at the memory maps, whose reading takes milliseconds
+_SHARE = 0.5  # fraction of the allowed memory maps above which kernels are forgotten
 _LIMIT, _MAPS = "/proc/sys/vm/max_map_count", "/proc/self/maps"
 
 _new = 0
@@ -86,7 +87,10 @@ jax.monitoring.register_event_duration_secs_listener(_count)
 
 
 def clear_if_full() -> bool:
-    """Forget all compiled kernels if they take too many memory maps; returns whether they did."""
+    """Forget all compiled kernels if they take too many memory maps; return whether they did.
+
+    It looks only after `_EVERY` new kernels, so that it may be called often.
+    """
     global _new
     if _new < _EVERY:
         return False
@@ -105,15 +109,15 @@ def clear_if_full() -> bool:
 
 Answer = TypeVar("Answer")
 
-# The second one, where loops are written the newer way, saves a twelfth: XLA then does not check itself.
+# The second option saves a twelfth of the time with the newer way of loops, as XLA does not check itself.
 _SOON: dict[str, bool | int] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_emitter_verification_level": 0}
 
 
-_known_kernels: list[dict[Hashable, Callable[..., Any]]] = []  # compiled, of each function by its arguments
+_known_kernels: list[dict[Hashable, Callable[..., Any]]] = []  # executables of each function, by kinds
 
 
 def kernel_count() -> int:
-    """How many kernels this process has compiled or read, and not forgotten."""
+    """Return how many kernels this process has compiled or read, and not forgotten."""
     return sum(map(len, _known_kernels))
 
 
@@ -122,14 +126,16 @@ def quick_jit(
 ) -> Callable[..., Answer]:
     """Jit a function so that it compiles in about half the time, never twice at once, and is kept.
 
-    Threads take turns at it: one that needs what another is compiling waits for that. What is compiled is
-    read by later processes without tracing the function again (`jaxplan.runtime.executables`).
+    The time is halved only with an XLA that still has the older kind of loops (see the module). A thread that
+    needs what another one is compiling waits for that. Later processes read what is compiled without tracing
+    the function again (`jaxplan.runtime.executables`).
 
     Args:
-        function: to be jitted; inside other traced functions it is as if jitted by `jax.jit`.
-        level: how far LLVM optimises, from 0 to 3; None for as far as it can. At 1 kernels of many small
-            steps compile in three quarters of the time and run as quickly, those of long loops run half as
-            long again. At 0, for what runs a few times, they compile in a third and run three times as long.
+        function: the function to be jitted; inside other traced functions it is as if jitted by `jax.jit`.
+        level: how far LLVM optimises, from 0 to 3; None for the highest. At 1, kernels of many small steps
+            compile in three quarters of the time and run as quickly, but those of long loops take half as
+            long again to run. At 0, for what runs a few times, they compile in a third of the time and take
+            three times as long to run.
         options: static_argnums or static_argnames, as of `jax.jit`.
 
     Returns:
@@ -164,23 +170,23 @@ def quick_jit(
 
 
 def is_traced(tree: Any) -> bool:
-    """Tell whether JAX is tracing any leaf of a tree."""
+    """Whether JAX is tracing any leaf of a tree."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def _static(function: Callable[..., Any], **options: Any) -> set[int | str]:
-    """The static arguments of a function by `options` of `jax.jit`, each by its position and its name."""
+    """Return the static arguments of a function by `options` of `jax.jit`, each by position and name."""
     told = {key: (value,) if isinstance(value, int | str) else value for key, value in options.items()}
     names = list(inspect.signature(function).parameters)
     places = [*told.get("static_argnums", ()), *map(names.index, told.get("static_argnames", ()))]
     return {*places, *(names[place] for place in places)}
 
 
-_PLAIN = frozenset({np.ndarray, float, int, bool, np.float64, np.int64})  # types that are no tracers
+_PLAIN = frozenset({np.ndarray, float, int, bool, np.float64, np.int64})  # types that are never tracers
 
 
 def _kind(leaf: Any) -> Hashable:
-    """The kind of an argument: shape and dtype, or type. Arguments of equal kinds share an executable."""
+    """Return the kind of an argument: shape and dtype, or type. Equal kinds share an executable."""
     if type(leaf) is np.ndarray:
         return leaf.shape, leaf.dtype
     if isinstance(leaf, jax.Array):
@@ -189,7 +195,7 @@ def _kind(leaf: Any) -> Hashable:
 
 
 def _unusual() -> bool:
-    """Tell whether JAX is set to do otherwise than to compile for, and run on, the one device there is."""
+    """Whether JAX is set to something else than compiling for, and running on, the only device there is."""
     config: Any = jax.config
     chosen = config.jax_default_device is not None or _may_choose_devices()
     return bool(config.jax_disable_jit or config.jax_debug_nans or chosen)
@@ -197,13 +203,13 @@ def _unusual() -> bool:
 
 @cache
 def _may_choose_devices() -> bool:
-    """Tell whether there is more than one device."""
+    """Whether there is more than one device."""
     return jax.device_count() > 1  # an executable is for one of them, and arguments may lie on another
 
 
 @contextmanager
 def _clock_stopped(turn: threading.RLock) -> Iterator[None]:
-    """Hold the lock `turn` in a block; this thread's clock stands still from before it waits for it."""
+    """Hold the lock `turn` in a with block; this thread's clock stands still, as it does during the wait."""
     stopped, began = _stopped.seconds, time.monotonic()
     with turn:
         try:
@@ -213,7 +219,7 @@ def _clock_stopped(turn: threading.RLock) -> Iterator[None]:
 
 
 class NoLongerWantedError(Exception):
-    """Ends a thread that works ahead, before it compiles what nobody waits for."""
+    """Ends a thread that compiles ahead (`jaxplan.runtime.precompile`) once nobody waits for its work."""
 
 
 def _compiled(
@@ -224,18 +230,18 @@ def _compiled(
     args: Any,
     kwargs: Any,
 ) -> Callable[..., Answer]:
-    """The executable of a function for arguments of some kinds: read if it was kept, else compiled and kept.
+    """Return the executable of a function for arguments of some kinds: read if kept, else compiled and kept.
 
     Args:
-        function: to be compiled.
-        options: of `jax.jit`.
-        flags: compiler options, left out where XLA does not know them.
-        kinds: of the arguments; executables are kept under it.
-        args: an example of the arguments, for tracing.
-        kwargs: likewise.
+        function: the function to be compiled.
+        options: options of `jax.jit`.
+        flags: compiler options; those that XLA does not know are left out.
+        kinds: kinds of the arguments, part of the key under which executables are kept.
+        args: an example of the positional arguments, for tracing.
+        kwargs: an example of the keyword arguments.
 
     Raises:
-        NoLongerWantedError: in a thread that works ahead, once that is over.
+        NoLongerWantedError: in a thread that compiles ahead, once that is over.
     """
     global _new
     # The same function may be jitted in two ways.
@@ -245,7 +251,7 @@ def _compiled(
         with executables.one_at_a_time(name, text):
             kept = executables.load(name, text)
             if kept is None:
-                known = known_options(**flags)  # which JAX takes at the outermost level alone
+                known = known_options(**flags)  # JAX accepts options at the outermost level only
                 with uncollected():
                     lowered = jax.jit(function, **options, compiler_options=known).lower(*args, **kwargs)
                 if not still_wanted():
@@ -256,13 +262,13 @@ def _compiled(
 
 
 def materialise(positive: ArrayLike, values: Any) -> Any:
-    """The same values, kept by the compiler as arrays instead of being fused into the loops that read them.
+    """Return equal values, which the compiler keeps as arrays instead of fusing them into later loops.
 
-    Without it what goes into many results is computed, and compiled, anew for each of them. A conditional
+    Otherwise, what goes into many results is computed, and compiled, anew for each of them. A conditional
     whose outcome cannot be foreseen ends the fusion; `jax.lax.optimization_barrier` does not on the CPU.
 
     Args:
-        positive: () an argument of the jitted function, or the count of a loop, that is above zero.
+        positive: () an argument of the jitted function, or the count of a loop, that is always above zero.
         values: any tree of arrays.
     """
 
@@ -273,16 +279,16 @@ def materialise(positive: ArrayLike, values: Any) -> Any:
 
 
 def known_options(**options: bool | int) -> dict[str, bool | int]:
-    """Those of some compiler options, by name, that this XLA has for the processor; none on other devices.
+    """Return those of some compiler options that this XLA has for the CPU; none on other devices.
 
-    They come and go with its releases, and a kernel that is compiled with one that is not known fails.
+    Options come and go with XLA's releases, and compiling with one that is not known fails.
     """
     return {name: value for name, value in options.items() if _is_known(name, value)}
 
 
 @cache
 def _is_known(name: str, value: bool | int) -> bool:
-    """Tell whether kernels run on the processor, by an XLA that knows this option."""
+    """Whether kernels run on the CPU and XLA knows this option with this value."""
     if jax.default_backend() != "cpu":
         return False
     try:

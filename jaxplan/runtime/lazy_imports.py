@@ -1,4 +1,4 @@
-"""Names of a package that are loaded when they are first used, so that importing it is quick."""
+"""Names of a package that are imported when they are first used, so that importing the package is quick."""
 
 import sys
 from collections.abc import Callable, Mapping
@@ -9,15 +9,15 @@ from jaxplan.runtime.garbage import uncollected
 
 
 def late(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
-    """Make the ``__getattr__`` of a package.
+    """Return the ``__getattr__`` of a package, which imports names when they are first used.
 
     Args:
         package: its ``__name__``.
-        homes: where each of its late names comes from: "module:name", or a module.
+        homes: where each such name comes from: "module:name", or a module.
 
     Returns:
         A function that imports the value of a name, sets it in the package and returns it; it raises an
-        AttributeError for a name that is not among the homes.
+        AttributeError for a name that is not in `homes`.
     """
 
     def load(name: str) -> Any:

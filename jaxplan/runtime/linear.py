@@ -1,8 +1,9 @@
-"""Linear maps with a kernel for each direction, where JAX differentiates functions of plain numbers.
+"""Linear maps with a compiled kernel for each direction, for derivatives outside `jax.jit`.
 
 What JAX makes of a jitted function when it differentiates it outside `jax.jit` is traced and compiled anew in
 every process, without the options of `jaxplan.runtime.jit.quick_jit`. A rule of `jax.custom_jvp` may call
-kernels instead, but what it returns for tangents must be something that JAX can transpose. That is made here.
+kernels instead, but what it returns for tangents must be something that JAX can transpose. `linear_map` makes
+such functions.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,9 +22,9 @@ Map = Callable[[Any, Arrays], Sequence[Array]]
 
 
 class _Known:
-    """A tree of plain numbers, used like the structure of a tree without leaves.
+    """A tree of plain numbers that poses as the structure of a tree without leaves.
 
-    As arguments of a primitive all of its numbers would pass through each of JAX's transformations.
+    If its numbers were arguments of a primitive, they would pass through each of JAX's transformations.
     """
 
     num_leaves = 0
@@ -32,7 +33,7 @@ class _Known:
         self.tree = tree
 
     def unflatten(self, _: Arrays) -> Any:
-        """The tree with its own numbers."""
+        """Return the tree with its own numbers."""
         return self.tree
 
 
@@ -40,14 +41,14 @@ def linear_map(name: str, forward: Map, backward: Map) -> Callable[[Any, Arrays,
     """Make a linear map that JAX can transpose, batch and jit.
 
     Args:
-        name: of the map in traces and messages.
-        forward: (tree, vector) -> image: the map, where the tree is any pytree that it depends on, and vector
-            and image are sequences of arrays.
+        name: name of the map in traces and messages.
+        forward: (tree, vector) -> image: the map. The tree is any pytree that the map depends on; vector and
+            image are sequences of arrays.
         backward: (tree, image) -> vector: the transpose of the map.
 
     Returns:
         (tree, vector, like) -> image: the map, where `like` has arrays of the image's shapes and dtypes. A
-        derivative in the tree raises a NotImplementedError.
+        derivative with respect to the tree raises a NotImplementedError.
     """
     primitive = Primitive(name)
     primitive.multiple_results = True

@@ -1,4 +1,4 @@
-"""A decorator for what follows from an object that does not change: computed once, when first asked for."""
+"""A decorator for what follows from an object that does not change: computed once, when first needed."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -12,10 +12,11 @@ T = TypeVar("T")
 def made_once(make: Callable[[Any], T]) -> Callable[[Any], T]:
     """Decorate a method without arguments so that its result is computed once and kept in the object.
 
-    A result that holds an array of JAX is not kept, since it may belong to a trace.
+    It is kept under the method's name with an underscore in front. A result that holds a JAX array is not
+    kept, since it may belong to a trace.
 
     Args:
-        make: the method, whose result depends on the object's attributes alone.
+        make: the method, whose result depends only on the object's attributes.
     """
     name = f"_{make.__name__}"
 

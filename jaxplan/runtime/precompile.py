@@ -1,10 +1,10 @@
-"""Work done ahead of need: kernels compiled side by side in threads, while something else goes on.
+"""Work done ahead of need: kernels compiled in threads, while something else goes on.
 
-XLA lets go of Python's lock while it compiles, so on several cores a kernel that will be needed soon can be
-compiled beside the one that is needed now. A task here is a call of one kernel with arguments of the right
-shapes; what it answers does not matter. Whoever needs the kernel meanwhile waits for it and does not compile
-it twice (`jaxplan.runtime.jit.quick_jit`). A kernel that nobody waits for any more is left when it has been
-traced, so that a process need not wait for it at its end.
+XLA releases Python's global lock while it compiles, so on several cores a kernel that will be needed soon can
+be compiled beside the one that is needed now. A *task* here is a call of one kernel with arguments of the
+right shapes; its result is not used. Whoever needs the kernel meanwhile waits for it and does not compile it
+twice (`jaxplan.runtime.jit.quick_jit`). If nobody waits for a kernel any more, its thread stops once it has
+been traced, so that a process need not wait for it at its end.
 """
 
 import os
@@ -18,7 +18,7 @@ Task = Callable[[], object]
 
 
 class _Own(threading.local):
-    """What a thread that works ahead has been told of its end; None in all other threads."""
+    """The event by which this thread is told to end, if it works ahead; None in all other threads."""
 
     over: threading.Event | None = None
 
@@ -27,12 +27,12 @@ _own = _Own()
 
 
 def still_wanted() -> bool:
-    """Tell whether somebody waits, or may soon, for what this thread does; not after the end of `ahead`."""
+    """Whether this thread's work may still be needed: True until `ahead` has ended, and in other threads."""
     return _own.over is None or not _own.over.is_set()
 
 
 def cores() -> int:
-    """How many cores this process may use."""
+    """Return how many cores this process may use."""
     try:
         return len(os.sched_getaffinity(0))
     except AttributeError:  # not on every system
@@ -47,7 +47,7 @@ class Ahead:
         self._lock, self._over, self._running = threading.Lock(), threading.Event(), 0
 
     def add(self, tasks: Sequence[Task]) -> None:
-        """Run further tasks after those there are; on a single core they are dropped, as after the end."""
+        """Run further tasks after those there are; they are dropped on a single core, or after the end."""
         with self._lock:
             if cores() == 1 or self._over.is_set():
                 return
@@ -58,11 +58,11 @@ class Ahead:
             threading.Thread(target=self._work).start()
 
     def end(self) -> None:
-        """Drop the tasks that are not begun, and let the others end early."""
+        """Drop the tasks that have not begun, and make those that run end early."""
         self._over.set()
 
     def _work(self) -> None:
-        """Run one task after the other, until none is left, one fails, or it is over."""
+        """Run one task after the other, until none is left, one fails, or `end` has been called."""
         _own.over = self._over
         try:
             while (task := self._next()) is not None:
@@ -72,7 +72,7 @@ class Ahead:
                 self._running -= 1
 
     def _next(self) -> Task | None:
-        """The next task of a thread; None, and the thread counts no more, where there is none."""
+        """Return the next task for this thread; None, and count one thread less, where there is none."""
         with self._lock:
             if self._left and not self._over.is_set():
                 return self._left.popleft()
@@ -82,17 +82,17 @@ class Ahead:
 
 @contextmanager
 def ahead(tasks: Sequence[Task]) -> Iterator[Ahead]:
-    """Run tasks in threads of their own while a block runs; those not begun at its end are dropped.
+    """Run tasks in threads of their own while a with block runs; those not begun at its end are dropped.
 
-    There are as many threads as cores, though the block's own is at work, too: of those that trace only one
-    goes on at a time, so a core would wait. On a single core there are none.
+    There are as many threads as cores, in addition to the block's own. Only one thread can trace at a time,
+    so with fewer a core would be idle. On a single core there are none.
 
     Args:
-        tasks: in the order in which they will be needed. One that fails ends its thread in silence: whoever
-            needs what it would have made meets the same fault, and tells of it.
+        tasks: the tasks, in the order in which they will be needed. One that fails ends its thread silently:
+            whoever needs its result will meet and report the same error.
 
     Yields:
-        What takes further tasks.
+        An object that takes further tasks.
     """
     found = Ahead()
     found.add(tasks)
@@ -103,11 +103,11 @@ def ahead(tasks: Sequence[Task]) -> Iterator[Ahead]:
 
 
 def side_by_side(tasks: Sequence[Task], done: Callable[[], object]) -> None:
-    """Run all tasks, as many at once as there are cores; raise the error of one that fails, drop the rest.
+    """Run all tasks, as many at once as there are cores; if one fails, raise its error and drop the rest.
 
     Args:
-        tasks: in any order.
-        done: called after each task, in this thread.
+        tasks: the tasks, in any order.
+        done: called after each task, in the calling thread.
     """
     pool = ThreadPoolExecutor(cores())
     futures = [pool.submit(task) for task in tasks]

@@ -1,8 +1,8 @@
-"""Progress bars on stderr, or in a notebook, of what takes longer than a second.
+"""Progress bars on stderr, or in a notebook, for what takes longer than a second.
 
-A bar ticks by itself, so that it shows and counts seconds while nothing gets done, and it says when that is
-because JAX compiles. Where stderr is neither, and a command asked for it (`seldom_lines`), what a bar would
-show is a plain line now and then.
+A bar is refreshed every second by a thread of its own, so that it appears and counts seconds while nothing
+gets done, and it says when JAX is compiling. Where stderr is neither a terminal nor a notebook, a command may
+ask for plain lines now and then instead (`seldom_lines`).
 """
 
 import os
@@ -14,39 +14,39 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
 
-_SIZE = {"ncols": 80, "nrows": 24}  # characters and lines, of a terminal that tells no size
-_TICK = 1.0  # s, until a bar shows, and between two looks at whether something compiles
-_SELDOM = 30.0  # s, between two plain lines at least
-# JAX tells only of ends; the end of lowering is the beginning of compiling.
+_SIZE = {"ncols": 80, "nrows": 24}  # characters and lines, for a terminal that reports no size
+_TICK = 1.0  # s, until a bar is shown, and between its refreshes
+_SELDOM = 30.0  # s, least time between two plain lines
+# JAX reports only ends; the end of lowering is the beginning of compiling.
 _BEGINS = "/jax/core/compile/jaxpr_to_mlir_module_duration"
 _ENDS = "/jax/core/compile/backend_compile_duration"
 
 _open: set["Bar"] = set()
 _listening = False
-_lines: "_Lines | None" = None  # where plain lines stand in for bars
+_lines: "_Lines | None" = None  # prints plain lines in place of bars; None for none
 
 
 class _Lines:
-    """Plain lines on stderr, no more often than every `_SELDOM` s, and none twice."""
+    """Plain lines on stderr, at most one in `_SELDOM` s, and never the same twice in a row."""
 
     def __init__(self) -> None:
         self._began = self._last = time.monotonic()
         self._told = ""
 
     def tell(self, text: str) -> None:
-        """Print a text with the time since the beginning, if it is due and another one than before."""
+        """Print a text and the time since the beginning, if a line is due and the text is a new one."""
         now = time.monotonic()
         if now - self._last < _SELDOM or text == self._told:
             return
         self._last, self._told = now, text
         minutes, seconds = divmod(round(now - self._began), 60)
-        with suppress(OSError, ValueError):  # whoever read it has gone
+        with suppress(OSError, ValueError):  # as when the reader of stderr has gone
             print(f"{text} [{minutes:02d}:{seconds:02d}]", file=sys.stderr, flush=True)
 
 
 @contextmanager
 def seldom_lines() -> Iterator[None]:
-    """Have bars tell by a plain line now and then, in a block, where stderr is no terminal or notebook."""
+    """Print plain lines now and then for bars, in a with block, where stderr is no terminal or notebook."""
     global _lines
     before, _lines = _lines, _Lines()
     try:
@@ -56,7 +56,7 @@ def seldom_lines() -> Iterator[None]:
 
 
 class Bar:
-    """A bar that is open; `progress_bar` makes it."""
+    """An open progress bar, made by `progress_bar`."""
 
     def __init__(
         self, what: str, tqdm: Any, unit: str = "", total: int | None = None, initial: int = 0
@@ -77,7 +77,7 @@ class Bar:
         self._tqdm.update(count)
 
     def step(self, name: str) -> None:
-        """Name, on the bar, the step that is being done; an empty name takes the last one away."""
+        """Show on the bar the name of the step that is being done; "" removes the last one."""
         self._step = name
         self._describe()
 
@@ -87,7 +87,7 @@ class Bar:
         self._tqdm.set_postfix_str(text, refresh=False)
 
     def say(self, text: str) -> None:
-        """Print a line to stderr, above the bar where that shows."""
+        """Print a line to stderr, above the bar where that is shown."""
         self._tqdm.write(text, file=sys.stderr)
 
     def compiles(self, begins: bool) -> None:
@@ -112,7 +112,7 @@ class Bar:
             self._compiled = self._compiling
 
     def close(self) -> None:
-        """End the ticking."""
+        """Stop refreshing the bar."""
         self._closed.set()
 
     def _describe(self) -> None:
@@ -120,7 +120,7 @@ class Bar:
         self._tqdm.set_description_str(self._words(), refresh=False)
 
     def _words(self) -> str:
-        """The words before a bar: what is done, the step, and whether something compiles."""
+        """Return the words before the bar: what is done, the step, and whether something compiles."""
         parts = [self._step] * bool(self._step) + ["compiling"] * (self._compiling or self._compiled)
         return ": ".join([self._what, ", ".join(parts)] if parts else [self._what])
 
@@ -129,15 +129,15 @@ class Bar:
 def progress_bar(
     what: str, unit: str = "", *, total: int | None = None, initial: int = 0, shown: bool = True
 ) -> Iterator[Bar]:
-    """Show a bar while a block runs, once it takes longer than a second; gives the `Bar` to count with.
+    """Show a bar while a with block runs, once it takes longer than a second; yield the `Bar` to count with.
 
     Args:
         what: the first words of the bar, such as "tuning".
         unit: name of what is counted, in the plural, such as "steps"; empty to show the time alone.
-        total: the count at the end, None if it is not known.
+        total: the count at the end; None if it is not known.
         initial: the count at the beginning.
-        shown: False never to show it; where stderr is neither terminal nor notebook it is not shown either,
-            unless as plain lines, see `seldom_lines`.
+        shown: False never to show it. It is not shown either where stderr is neither terminal nor notebook,
+            except as plain lines, see `seldom_lines`.
     """
     from tqdm.auto import tqdm
 
@@ -173,15 +173,15 @@ def progress_bar(
 
 
 def _tells_no_size() -> bool:
-    """Whether stderr is a terminal that says it has zero columns or lines, as those of some programs do."""
+    """Whether stderr is a terminal that reports zero columns or lines, as those of some programs do."""
     try:
         return 0 in os.get_terminal_size(sys.stderr.fileno())
-    except (AttributeError, OSError, ValueError):  # it is none
+    except (AttributeError, OSError, ValueError):  # it is no terminal
         return False
 
 
 def _listen_to_jax() -> None:
-    """Have JAX call `_hear` for its events, from the first call on."""
+    """Have JAX call `_hear` for its events; only the first call has an effect."""
     global _listening
     if not _listening:
         import jax
@@ -191,7 +191,7 @@ def _listen_to_jax() -> None:
 
 
 def _hear(event: str, duration_secs: float, **_: str | int) -> None:
-    """Tell all open bars if an event of JAX begins or ends a compilation."""
+    """Tell all open bars if an event of JAX is the beginning or end of a compilation."""
     if event in (_BEGINS, _ENDS):
         for bar in tuple(_open):
             bar.compiles(event == _BEGINS)

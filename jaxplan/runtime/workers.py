@@ -1,14 +1,14 @@
-"""Processes that work side by side, and one thread for the linear algebra in each.
+"""Worker processes that run side by side, and a single thread for linear algebra in each process.
 
-**One thread** for the linear algebra while something is planned. How many threads OpenBLAS takes changes the
-last bits of what it computes, so a plan would depend on the number of cores. Its matrices here are small,
-too: on cores that others use, threads wait for each other many times as long as one of them computes.
+**One thread** for linear algebra during planning. The number of threads that OpenBLAS uses changes the last
+bits of its results, so plans would depend on the number of cores. Its matrices are small here, too: on cores
+that other programs use, threads wait for each other many times as long as one of them computes.
 
-**Who does the work**: an executor that somebody gives us, or processes of our own, begun anew when one dies.
-JAX hangs in processes that are forked after it has started, so ours are spawned, and a given pool that forks
-is refused. A spawned process first runs the user's script, if there is one, so that what is defined there can
-be unpickled. Each of ours reads what is already compiled from the folder that this process uses, leaves
-Ctrl-C to this process, and ends when it does.
+**Workers** are the processes that do the work: those of an executor that the caller gives, or processes
+started here, which are started again when one dies. JAX hangs in processes that are forked after it has
+started, so ours are spawned, and a given pool that forks is refused. A spawned process first runs the user's
+script, if there is one, so that what is defined there can be unpickled. Each of our processes reads compiled
+code from the folder that this process uses, leaves Ctrl-C to this process, and ends when it does.
 """
 
 import ctypes
@@ -41,7 +41,7 @@ _before: list[int] = []
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Limit OpenBLAS to one thread in the whole process while a block runs, or several at once."""
+    """Limit OpenBLAS to one thread in the whole process while this with block, or one elsewhere, runs."""
     global _inside, _before
     libraries = _libraries()
     with _lock:
@@ -62,7 +62,7 @@ def one_thread() -> Iterator[None]:
 
 @lru_cache(maxsize=1)
 def _libraries() -> tuple[tuple[Callable[[], int], Callable[[int], object]], ...]:
-    """Getter and setter of the threads of each OpenBLAS in this process: numpy and scipy bring one each."""
+    """Return functions that get and set the number of threads of each OpenBLAS here, numpy's and scipy's."""
     import numpy  # noqa: F401
     import scipy.linalg  # noqa: F401
 
@@ -88,18 +88,18 @@ Part = TypeVar("Part")
 Answer = TypeVar("Answer")
 
 _WORKER = "jaxplan-worker"
-_UNGUARDED = 113  # exit code of a worker in which the user's script makes again the call that began it
+_UNGUARDED = 113  # exit code of a worker in which the user's script repeats the call that started it
 
 
 class _Worker(SpawnProcess):
-    """A worker process, known by its name also while it runs the user's script."""
+    """A worker process, recognisable by its name even while it runs the user's script."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self.name = f"{_WORKER}{self.name[len(type(self).__name__) :]}"
 
     def start(self) -> None:
-        """Start the process, with the user's script if it is a file."""
+        """Start the process, with the user's script if that is a file."""
         with _only_a_script_that_is_there():
             super().start()
 
@@ -112,7 +112,7 @@ class _Workers(SpawnContext):
 
 @contextmanager
 def _only_a_script_that_is_there() -> Iterator[None]:
-    """Hide, in a block, the name of a script that came through stdin, which no other process could open."""
+    """Hide, in a with block, the name of a script that came by stdin, which no other process could open."""
     main = sys.modules["__main__"]
     name = getattr(main, "__file__", None)
     if name is None or Path(name).exists():
@@ -126,10 +126,10 @@ def _only_a_script_that_is_there() -> Iterator[None]:
 
 
 class WorkerPool:
-    """A pool of workers to hand parts of some work to.
+    """A pool of workers to which parts of some work are given.
 
     Args:
-        workers: a number of processes, which are started, or a given executor.
+        workers: a number of processes, which are started, or an executor, which is used as it is.
     """
 
     def __init__(self, workers: Workers) -> None:
@@ -144,7 +144,7 @@ class WorkerPool:
                     _bring_up_one(workers)
 
     def submit(self, work: Callable[[Part], Answer], part: Part) -> "Future[Answer]":
-        """Have a worker call ``work(part)``.
+        """Have a worker call ``work(part)``; return the future with its result.
 
         Raises:
             BrokenExecutor: if the workers are gone.
@@ -157,7 +157,7 @@ class WorkerPool:
         self._start(self.workers)
 
     def shutdown(self, *, at_once: bool) -> None:
-        """End our processes, killed at once or after their work; a given executor is left alone."""
+        """End our processes, killed at once or after their present work; a given executor is left alone."""
         if self._pool is None:
             return
         if at_once:
@@ -183,22 +183,22 @@ def _bring_up_one(pool: ProcessPoolExecutor) -> None:
     """Start one process of a pool, and wait until it works; the others start when there is work for them.
 
     Raises:
-        WorkersDiedError: if it ran the user's script into the call which began it.
-        BrokenExecutor: if it died of something else.
+        WorkersDiedError: if it ran the user's script as far as the call that started it.
+        BrokenExecutor: if it died for another reason.
     """
     begun = pool.submit(os.getpid)
     processes = list((pool._processes or {}).values())
     try:
         begun.result()
     except BrokenExecutor:
-        pool.shutdown()  # from then on it is known how they ended
+        pool.shutdown()  # after this, exit codes are known
         if any(process.exitcode == _UNGUARDED for process in processes):
             raise WorkersDiedError(_guard_advice()) from None
         raise
 
 
 class WorkersDiedError(RuntimeError):
-    """The error of workers that died as they began; public functions raise it anew, without our own lines."""
+    """Workers died as they began; public functions raise it anew, without internal lines in the traceback."""
 
 
 _DIED = (
@@ -208,7 +208,7 @@ _DIED = (
 
 
 def _guard_advice() -> str:
-    """The message on how to guard a script against being run whole by each of its workers."""
+    """Return the message on how to guard a script against being run completely by each of its workers."""
     known = (getattr(sys.modules["__main__"], "__file__", None), *sys.argv[:1])
     name = next((Path(path).name for path in known if path and path != "-c"), "the script")
     return (
@@ -218,13 +218,13 @@ def _guard_advice() -> str:
 
 
 def who_works(workers: Workers | None, executor: Workers | None) -> Workers | None:
-    """Check the workers that a caller gives by either name of the argument; None for this process.
+    """Check the workers that a caller gives under either name of the argument; None to work in this process.
 
-    In one of our own processes that still runs the user's script this ends the process: it was the same line
-    of the script that began it, and that call raises an error which says what to do about it.
+    If one of our own processes, still running the user's script, gets here, it is ended: the same line of the
+    script started it, and there the call raises an error that says what to do.
 
     Raises:
-        TypeError: if it is neither an executor nor a number, or given by both names.
+        TypeError: if it is neither an executor nor a number, or is given under both names.
         ValueError: for less than one process, or a pool that forks.
     """
     if workers is not None and executor is not None:
@@ -237,9 +237,9 @@ def who_works(workers: Workers | None, executor: Workers | None) -> Workers | No
 
 
 def _expect_guard() -> None:
-    """End this process if it is a spawned one that still runs the user's script, see `who_works`."""
+    """End this process if it is a spawned one that still runs the user's script; see `who_works`."""
     process = current_process()
-    if getattr(process, "_inheriting", False):  # it runs the script
+    if getattr(process, "_inheriting", False):  # it is still running the user's script
         if not process.name.startswith(_WORKER):
             print(_guard_advice(), file=sys.stderr, flush=True)  # who began it may not know what to say
         finish: Any = util
@@ -248,7 +248,7 @@ def _expect_guard() -> None:
 
 
 def _check(name: str, given: object) -> None:
-    """Raise a TypeError or ValueError, see `who_works`, for what is no usable executor or number."""
+    """Raise a TypeError or ValueError, as of `who_works`, if an object is no usable executor or number."""
     if isinstance(given, int | np.integer) and not isinstance(given, bool):
         if given < 1:
             raise ValueError(f"{name} = {given}: must be at least 1, as a number of processes")
@@ -266,20 +266,20 @@ def _check(name: str, given: object) -> None:
 
 
 def _begin(compiled_code: dict[str, object]) -> None:
-    """Set up a worker process, which keeps compiled code by these `cache.settings`."""
+    """Set up a worker process, which keeps compiled code by the given `cache.settings`."""
     import jax
     from tqdm import tqdm
 
     tqdm.set_lock(threading.RLock())  # its own is a semaphore, which a killed process leaves behind
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     cache.adopt(compiled_code)
-    # Most kernels take less time than to hand them to another thread.
+    # Most kernels take less time to run than to hand over to another thread.
     jax.config.update("jax_cpu_enable_async_dispatch", False)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """End with the parent process: a worker whose parent was killed would wait for work forever."""
+    """Wait for the parent process to end, then end this one: else it would wait for work forever."""
     parent = parent_process()
     if parent is not None:
         parent.join()

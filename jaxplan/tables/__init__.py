@@ -1,4 +1,4 @@
-"""Tables of attitudes: read back, and proved as their readers fly them."""
+"""Tables of attitudes: reading them from files, and proving what they keep when other programs use them."""
 
 from jaxplan.tables.files import load_attitude
 from jaxplan.tables.interpolation import sampled

@@ -1,7 +1,10 @@
-"""Reading SPICE's C-kernels of types 2 and 3, with the clock kernel that lies beside them.
+"""Reading SPICE C-kernels of types 2 and 3, with the clock kernel that lies beside them.
 
-SPICE stores C-matrices, which map inertial to body: the inverse of ours, hence the conjugate quaternion.
-Angular velocities are in components of the base frame.
+SPICE stores C-matrices, which map inertial to body coordinates. That is the inverse of the attitudes used
+here, so quaternions are conjugated; both have the scalar first. Angular velocities of kernels are in
+components of the base frame. A *row* of a kernel is (8,): time in s of TDB since J2000, SPICE's quaternion,
+and angular velocity in rad/s. *Devices* are those with joints, each an object of its own whose base is the
+platform.
 """
 
 from collections.abc import Iterator
@@ -18,22 +21,24 @@ from jaxplan.tables.devices import FIRST_TURNING, OtherDevicesError, joint_rates
 from jaxplan.tables.table import RATE, SLERP, AttitudeTable
 
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
-_INERTIAL = 1  # SPICE's number of J2000, the base of the platform
-_SAME = 1e-4  # s, within which rows of overlapping segments are one row; kernels are padded by less
+_INERTIAL = 1  # SPICE's number of the frame J2000, to which the platform's attitude is relative
+_SAME = 1e-4  # s, within which rows of neighbouring segments count as one; kernels are padded by less
 _KINDS = {2: RATE, 3: SLERP}
 
 
 def read_ck(path: Path, craft: Spacecraft | None = None) -> AttitudeTable:
-    """Read the first object of a C-kernel whose attitude is relative to J2000, and perhaps its devices.
+    """Read the first object of a C-kernel that is relative to J2000, and the joints of its devices if asked.
 
     Args:
-        path: of the ``.bc`` file; clock kernels (``.tsc``) in its folder are loaded meanwhile.
-        craft: whose joints are told from frames of its devices, where the kernel has these with the numbers
-            that exports give them: those below the platform's. None to leave joints alone.
+        path: path of the ``.bc`` file; clock kernels (``.tsc``) in its folder are loaded meanwhile.
+        craft: spacecraft whose joints are computed from the frames of its devices, where the kernel has these
+            under the numbers that exports give them (those just below the platform's). None to read no
+            joints.
 
     Raises:
-        ValueError: if there is no clock kernel, or nothing of types 2 or 3 on J2000; an `OtherDevicesError`
-            if devices have other rows, or frames that the spacecraft's cannot have.
+        ValueError: if there is no clock kernel, or nothing of type 2 or 3 relative to J2000; an
+            `OtherDevicesError` if devices have rows at other times, or frames that devices of the spacecraft
+            cannot have.
         ImportError: if the extra ``spice`` is not installed.
     """
     try:
@@ -72,18 +77,24 @@ def read_ck(path: Path, craft: Spacecraft | None = None) -> AttitudeTable:
 
 
 def _taken_apart(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times (k,) s of TDB, our quaternions (k, 4) and SPICE's angular velocities (k, 3) rad/s of rows."""
+    """Split rows (k, 8) into times (k,), body-to-inertial quaternions (k, 4), angular velocities (k, 3)."""
     return rows[:, 0], rows[:, 1:5] * [1.0, -1.0, -1.0, -1.0], rows[:, 5:8]
 
 
 def _joints(
     path: Path, craft: Spacecraft, moments: np.ndarray, devices: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Joints (k, J) rad and their rates (k, J) rad/s from the rows of the devices.
+    """Compute joints (k, J) rad and their rates (k, J) rad/s from the rows of devices.
+
+    Args:
+        path: path of the kernel, for messages.
+        craft: spacecraft with the devices.
+        moments: (k,) s of TDB, times of the platform's rows.
+        devices: rows (k, 8) of each device.
 
     Raises:
-        OtherDevicesError: if a device has rows at other times than the platform, `moments` (k,) s, or a frame
-            that it cannot have.
+        OtherDevicesError: if a device has rows at other times than the platform, or a frame that it cannot
+            have.
     """
     frames, spins = [], []
     for name, rows in zip(craft.device_names, devices, strict=False):
@@ -98,7 +109,7 @@ def _joints(
 
 @contextmanager
 def _loaded(spice: Any, files: list[Path]) -> Iterator[None]:
-    """Load kernels for a while."""
+    """Load kernels into SPICE for the duration of a with block."""
     try:
         for file in files:
             spice.furnsh(str(file))
@@ -109,12 +120,18 @@ def _loaded(spice: Any, files: list[Path]) -> Iterator[None]:
 
 
 def _rows(spice: Any, path: Path, count: int) -> tuple[int, np.ndarray, list[np.ndarray]]:
-    """The type of the segments of the first object on J2000, their rows, and those of devices upon it.
+    """Read the rows of the first object relative to J2000, and those of the devices on it.
 
-    A row is TDB in s, quaternion, rates. Of devices there are `count`, or none where the kernel has none.
+    Args:
+        spice: the module.
+        path: path of the kernel.
+        count: number of devices to look for.
+
+    Returns:
+        Type of the segments; rows (k, 8) of the object; rows of each device, none where the kernel has none.
 
     Raises:
-        ValueError: if there is no object, its segments are of several types, or some are without rates; an
+        ValueError: if there is no such object, its segments are of several types, or some have no rates; an
             `OtherDevicesError` if some of the devices are there and others are not.
     """
     handle = spice.dafopr(str(path))
@@ -144,7 +161,7 @@ def _rows(spice: Any, path: Path, count: int) -> tuple[int, np.ndarray, list[np.
 
 
 def _segments(spice: Any, handle: int) -> Iterator[tuple[int, int, int, bool, np.ndarray]]:
-    """Yield number, base, type, whether it has rates, and the descriptor of each segment of a kernel."""
+    """Yield number, base and type of each segment, whether it has rates, and its descriptor."""
     spice.dafbfs(handle)
     while spice.daffna():
         summary = np.array(spice.dafgs(5))
@@ -156,7 +173,19 @@ def _segments(spice: Any, handle: int) -> Iterator[tuple[int, int, int, bool, np
 def _of_object(
     spice: Any, path: Path, handle: int, segments: list[Any], wanted: int, upon: int
 ) -> tuple[int, np.ndarray]:
-    """The type and the rows of an object's segments; raises ValueError where they are not of one type."""
+    """Return the type and the rows (k, 8) of all segments of an object.
+
+    Args:
+        spice: the module.
+        path: path of the kernel, for messages.
+        handle: SPICE's handle of the open kernel.
+        segments: what `_segments` yields.
+        wanted: number of the object.
+        upon: number of its base.
+
+    Raises:
+        ValueError: if the segments are not all of one type, 2 or 3, with angular velocities.
+    """
     own = [each[2:] for each in segments if each[0] == wanted and each[1] == upon]
     kinds = {kind for kind, _, _ in own}
     if len(kinds) != 1 or not kinds <= set(_KINDS) or not all(rated for _, rated, _ in own):
@@ -164,33 +193,39 @@ def _of_object(
         raise ValueError(
             f"{path}: segments of type {told}: must be of one type, 2 or 3, with angular velocities"
         )
-    clock = wanted // 1000 if upon == _INERTIAL else upon // 1000  # exports have one clock for all
+    clock = wanted // 1000 if upon == _INERTIAL else upon // 1000  # devices share the platform's clock
     (kind,) = kinds
     rows = [row for _, _, summary in own for row in _records(spice, handle, summary, kind, clock)]
     return kind, np.array(rows)
 
 
 def _records(spice: Any, handle: int, summary: Any, kind: int, clock: int) -> Iterator[np.ndarray]:
-    """Yield the rows of a segment: TDB in s, quaternion as SPICE has it, and angular velocity in rad/s."""
+    """Yield the rows (8,) of a segment; in type 2 the end of the last interval makes a further row."""
     count, get = (spice.cknr03, spice.ckgr03) if kind == 3 else (spice.cknr02, spice.ckgr02)
     for number in range(1, count(handle, summary) + 1):
         record = np.asarray(get(handle, summary, number))
         values = record[1:8] if kind == 3 else record[3:10]
         yield np.append(spice.sct2e(clock, float(record[0])), values)
-        if kind == 2 and number == count(handle, summary):  # the last one ends the table
+        if kind == 2 and number == count(handle, summary):  # the end of the last interval is a row, too
             stop = spice.sct2e(clock, float(record[1]))
             lasts = stop - spice.sct2e(clock, float(record[0]))
             yield np.append(stop, _after(values[:4] * [1.0, -1.0, -1.0, -1.0], values[4:], lasts))
 
 
 def _after(first: Any, rate: np.ndarray, seconds: float) -> np.ndarray:
-    """SPICE's quaternion and rates after some seconds at a rate in the base's components."""
+    """Return SPICE's quaternion and the rates (7,) after some seconds at constant rate in base components.
+
+    Args:
+        first: (4,) quaternion at the start, body to base.
+        rate: (3,) rad/s.
+        seconds: s.
+    """
     ours = np.asarray(quaternion.product(quaternion.exp(seconds * rate), first))
     return np.concatenate([ours * [1.0, -1.0, -1.0, -1.0], rate])
 
 
 def _utc(moment: float) -> np.datetime64:
-    """UTC of an ephemeris time, s of TDB from J2000, to the microsecond."""
+    """Convert an ephemeris time, s of TDB since J2000, to UTC, to the microsecond."""
     guess = _J2000 + np.timedelta64(round(moment * 1e6), "us")
     for _ in range(3):
         off = moment - float(ephemeris_time(guess))

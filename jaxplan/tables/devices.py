@@ -1,14 +1,14 @@
-"""Joints from the frames of devices, as C-kernels and STK's sensor files have them.
+"""Joint angles from the frames of devices, as C-kernels and STK's sensor files have them.
 
-Such a file has where a device's frame is in the body's, not how the device is mounted nor where its angles
-are zero, so it takes the spacecraft to tell joints. The frame of a device has its boresight as z axis, and
-as y axis what is left of it, across the yaw axis: at azimuth ``a`` and elevation ``b`` in the gimbal's own
-axes its columns are ``-up, left, outward``, of which ``left = (-sin a, cos a, 0)`` and ``outward`` and
-``up`` have the third components ``sin b`` and ``cos b``. So the angles are known at any elevation, at the
-pole, too.
+Such a file gives the orientation of a device's frame in the body. How the device is mounted and where its
+angles are zero is known from the spacecraft alone. The z axis of a device's frame is its boresight, and the y
+axis is the direction to the left of that, at right angles to the yaw axis. In the gimbal's own axes, at
+azimuth ``a`` and elevation ``b``, the frame has the columns ``-up, left, outward``, where
+``left = (-sin a, cos a, 0)``, and where the third components of ``outward`` and ``up`` are ``sin b`` and
+``cos b``. So the angles are known at any elevation, even at the pole.
 
-Whole turns are in no frame. Angles follow each other from row to row, the shorter way, and all of a joint
-are moved by whole turns to the middle of its range.
+Frames do not tell whole turns. Angles are taken the shorter way from row to row, and all angles of a joint
+are moved by the same number of whole turns, to be nearest to the middle of its range.
 """
 
 from collections.abc import Sequence
@@ -22,32 +22,32 @@ from jaxplan.model.spacecraft import Spacecraft
 
 FIRST_TURNING = 1
 """How far the number of a kernel's first device with joints is below that of the platform."""
-_MOUNTED = 1e-5  # rad, by which a frame may be off those that a device can have; digits of files are finer
+_MOUNTED = 1e-5  # rad, by which a frame may be off all that its device can have; files are more exact
 
 
 class OtherDevicesError(ValueError):
-    """Frames of devices that are not those of the spacecraft, so that its joints are not known."""
+    """The frames of devices in a file are not those of the spacecraft's, so that its joints are not known."""
 
 
 def sensor_files(craft: Spacecraft) -> list[str]:
-    """Names of STK's files of the devices with joints."""
+    """Return the names of the STK sensor files (``.sp``) of all devices with joints, in their order."""
     count = craft.gimbals.count
     return [f"{name}.sp" for name in labels(craft.device_names[:count], taken=(), longest=100)]
 
 
 def joints_of(frames: Sequence[np.ndarray], craft: Spacecraft, source: str) -> np.ndarray:
-    """Joints at which devices have their frames.
+    """Compute the joint angles at which devices have given frames.
 
     Args:
-        frames: (k, 3, 3) device to body of each device with joints, terminals first.
-        craft: whose they are.
-        source: of them, for messages.
+        frames: (k, 3, 3) rotation matrices, device to body, for each device with joints, terminals first.
+        craft: spacecraft with these devices.
+        source: name of the file, for messages.
 
     Returns:
-        (k, J) rad.
+        (k, J) rad, all yaws, all pitches, all drives.
 
     Raises:
-        OtherDevicesError: if a frame is none that its device can have.
+        OtherDevicesError: if the device cannot have one of the frames.
     """
     gimbals, count = craft.gimbals, len(craft.terminals)
     azimuths, elevations = [], []
@@ -69,7 +69,16 @@ def joints_of(frames: Sequence[np.ndarray], craft: Spacecraft, source: str) -> n
 def _check(
     own: np.ndarray, azimuth: np.ndarray, elevation: np.ndarray, craft: Spacecraft, number: int, source: str
 ) -> None:
-    """Raise an OtherDevicesError unless frames (k, 3, 3) in a gimbal's axes are those of angles (k,) rad."""
+    """Raise an OtherDevicesError unless a device has given frames at given angles.
+
+    Args:
+        own: (k, 3, 3) frames in the axes of the device's gimbal.
+        azimuth: (k,) rad.
+        elevation: (k,) rad.
+        craft: spacecraft with the device.
+        number: index of the device.
+        source: name of the file, for the message.
+    """
     outward, left, up = (
         np.stack(axis, axis=-1)
         for axis in frame(np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation))
@@ -84,12 +93,12 @@ def _check(
 
 
 def joint_rates_of(spins: Sequence[np.ndarray], joints: np.ndarray, craft: Spacecraft) -> np.ndarray:
-    """Rates of joints (k, J) rad/s from angular velocities (k, 3) rad/s of devices in the body, in body axes.
+    """Compute the rates of joints (k, J) rad/s from the angular velocities of devices relative to the body.
 
     Args:
-        spins: of each device with joints, relative to the body.
+        spins: (k, 3) rad/s in body axes for each device with joints, terminals first.
         joints: (k, J) rad.
-        craft: whose they are.
+        craft: spacecraft with these devices.
     """
     gimbals, count = craft.gimbals, len(craft.terminals)
     azimuths, _ = gimbals.angles(joints)

@@ -1,4 +1,4 @@
-"""Reading attitude files back: which file is of which format, and the tables that are numbers alone."""
+"""Reading attitude files: finding out the format of a file, and the formats that are mere numbers."""
 
 import csv
 import os
@@ -21,27 +21,28 @@ _BASILISK = 11  # columns: time, quaternion, angular velocity and acceleration
 
 
 def load_attitude(path: str | os.PathLike[str], spacecraft: Spacecraft | None = None) -> AttitudeTable:
-    """Read the attitudes of a file that `export` or another tool has written.
+    """Read a table of attitudes, and of joints if there are any, from a file of `export` or of another tool.
 
-    By its name and its first line it is a CCSDS AEM (needs ``jaxplan[oem]``), a SPICE C-kernel of type 2 or 3
-    with its clock kernel beside it (``.bc``, needs ``jaxplan[spice]``), an STK attitude file (``.a``), a
-    table with a header as of format ``"csv"``, one without as of ``"basilisk"``, or an archive as of
-    ``"npz"``. A folder is that of a C-kernel or of STK. Joints are read from ``"csv"`` and ``"npz"``, where
-    they have names and are in the order of the file, or with the spacecraft in that of its devices; of a
-    C-kernel or STK's files, which have frames of devices and not how these are mounted, only with it.
+    By the name of the file and its first line it is recognised as a CCSDS AEM (needs ``jaxplan[oem]``), a
+    SPICE C-kernel of type 2 or 3 with its clock kernel in the same folder (``.bc``, needs
+    ``jaxplan[spice]``), an STK attitude file (``.a``), a table with a header as of format ``"csv"``, one
+    without as of ``"basilisk"``, or an archive as of ``"npz"``. Joints are read from ``"csv"`` and ``"npz"``
+    by their names, in the order of the file, or with `spacecraft` in its order. C-kernels and STK's files
+    have frames of devices but not how these are mounted, so there joints are only read with `spacecraft`.
 
     Args:
-        path: of the file, or of a folder of format ``"ck"`` or ``"stk"``.
-        spacecraft: whose joints are found by their names, or told from the frames of its devices where the
-            files have them as `export` writes them; of several whole turns all angles of a joint are then
-            taken nearest to the middle of its range.
+        path: path of the file, or of a folder of format ``"ck"`` or ``"stk"``.
+        spacecraft: the one whose joints are found by their names, or computed from the frames of its devices
+            where the files have them as `export` writes them (then up to whole turns: all angles of a joint
+            are moved together to be nearest to the middle of its range). None to take joints as the file has
+            them.
 
     Returns:
-        The table, with the interpolation that readers of the format do.
+        The table, with the interpolation that programs reading this format use.
 
     Raises:
         ValueError: if it is no such file, or its rows are no attitudes; if devices have frames that those of
-            the spacecraft cannot have, or one of its joints has no column beside those of others.
+            the spacecraft cannot have, or if the file has columns for some of its joints and not for others.
         OSError: if it cannot be read.
         ImportError: if an extra is missing.
 
@@ -70,7 +71,7 @@ def load_attitude(path: str | os.PathLike[str], spacecraft: Spacecraft | None = 
 
 
 def _within(folder: Path) -> Path:
-    """The attitude file in a folder of kernels or of STK; raises ValueError if there is none, or several."""
+    """Return the only attitude file (.bc or .a) in a folder; raise ValueError if there is none or several."""
     found = sorted([*folder.glob("*.bc"), *folder.glob("*.a")])
     if len(found) != 1:
         raise ValueError(f"{folder}: holds {len(found)} attitude files (.bc, .a): name one file")
@@ -78,7 +79,7 @@ def _within(folder: Path) -> Path:
 
 
 def _by_first_line(line: bytes) -> Callable[[Path], AttitudeTable] | None:
-    """The function that reads files with a first line; None if it is of no known one."""
+    """Return the function that reads files with this first line; None if the format is not recognised."""
     if line.startswith(_ARCHIVE):
         return _read_npz
     text = line.decode("utf-8", "replace").strip().lstrip("\ufeff")
@@ -96,7 +97,10 @@ def _by_first_line(line: bytes) -> Callable[[Path], AttitudeTable] | None:
 
 
 def _read_csv(path: Path) -> AttitudeTable:
-    """Read a table with a header, UTF-8; its first ``utc`` is the epoch's where there is such a column."""
+    """Read a UTF-8 table with a header.
+
+    Where there is a column ``utc``, the epoch is its first entry less the first ``time_s``; else it is None.
+    """
     with path.open(encoding="utf-8-sig", newline="") as file:
         rows = list(csv.reader(file))
     header, body = rows[0], [row for row in rows[1:] if row]
@@ -124,7 +128,7 @@ def _read_csv(path: Path) -> AttitudeTable:
 
 
 def _read_npz(path: Path) -> AttitudeTable:
-    """Read an archive of arrays."""
+    """Read an archive of numpy arrays named as `export` names them; raise ValueError if it is none."""
     try:
         with np.load(path, allow_pickle=False) as archive:
             columns = {name: archive[name] for name in archive.files}
@@ -135,7 +139,7 @@ def _read_npz(path: Path) -> AttitudeTable:
 
 
 def _of_columns(path: Path, columns: Mapping[str, np.ndarray], epoch: np.datetime64 | None) -> AttitudeTable:
-    """The table of columns by the names that `export` gives them.
+    """Make a table of columns, which have the names that `export` gives them.
 
     Raises:
         ValueError: if there are no times or quaternions.
@@ -165,7 +169,7 @@ def _of_columns(path: Path, columns: Mapping[str, np.ndarray], epoch: np.datetim
 
 
 def _read_basilisk(path: Path) -> AttitudeTable:
-    """Read waypoints: time, quaternion, and angular velocity and acceleration in inertial components."""
+    """Read waypoints: time, s, quaternion, angular velocity in inertial components; the rest is not used."""
     try:
         rows = np.loadtxt(path, delimiter=",", ndmin=2)
     except ValueError as error:

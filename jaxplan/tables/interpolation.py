@@ -1,28 +1,30 @@
-r"""What readers make of a table between its rows, as pieces that can be certified.
+r"""How programs interpolate a table of attitudes, as pieces of motion that can be certified.
 
-From row ``k`` to the next, ``h`` seconds later, with body attitudes ``R_k`` and the turn ``theta n`` between
-them (``R_k^T R_{k+1} = exp(theta n^)``):
+A *reader* is a program that takes a table and interpolates between its rows. Let the body attitudes (body to
+inertial) of row ``k`` and the next, ``h`` seconds later, be ``R_k`` and ``R_{k+1}``, with the turn
+``theta n`` between them (``R_k^T R_{k+1} = exp(theta n^)``, ``n`` a unit vector):
 
-- `SLERP`: a turn about one axis at constant rate, ``R_k exp(theta n^ t / h)``. So do SPICE's C-kernels of
-  type 3, STK at interpolation order 1, and most libraries.
-- `LINEAR`: components of the quaternion are linear, and it is brought to unit length. The axis is the same,
-  the rate is not: with ``c = tan(theta / 4)`` the angle from the middle is ``2 atan(c x)``, x from -1 to 1.
-- `RODRIGUES`: modified Rodrigues parameters are linear, as Basilisk's ``waypointReference`` has it. Those of
-  both ends are of length at most one, and of the second the shadow is taken where they are more than one
-  apart.
-- `RATE`: the angular velocity of row ``k`` stays, ``R_k exp(t omega_k^)``, as in C-kernels of type 2;
-  attitudes jump where that misses the next row.
-- `HERMITE`: the rotation vector from ``R_k`` is the cubic of both rows' attitudes and angular velocities.
+- `SLERP`: a turn about one axis at constant rate, ``R_k exp(theta n^ t / h)``. SPICE's C-kernels of type 3,
+  STK at interpolation order 1, and most libraries do this.
+- `LINEAR`: components of the quaternion are linear, and the result is scaled to unit length. The axis is the
+  same but the rate is not constant: with ``c = tan(theta / 4)`` the angle from the middle is ``2 atan(c x)``,
+  where x goes from -1 to 1.
+- `RODRIGUES`: modified Rodrigues parameters are linear, as in Basilisk's ``waypointReference``. Those of both
+  ends have length at most one; if they are more than one apart, the second is replaced by its shadow set.
+- `RATE`: the angular velocity of row ``k`` is kept, ``R_k exp(t omega_k^)``, as in C-kernels of type 2; the
+  attitude jumps where that misses the next row.
+- `HERMITE`: the rotation vector from ``R_k`` is the cubic through both rows' attitudes and angular
+  velocities.
 
-Joints are linear from row to row, and cubic with `HERMITE` where the table has their rates.
+Joints are linear from row to row; with `HERMITE` they are cubic where the table has their rates.
 
-The first, fourth and fifth are pieces of `jaxplan.certificate` as they stand. The other two are cut so
-finely that a turn about one axis is close: on a part of ``h`` seconds with ``|omega| <= w`` and
-``|omega'| <= a`` the angular velocity differs from that of the turn, ``c``, by at most
-``a h / 2 (1 + h w / 6)``, since by Magnus' expansion the mean of ``omega`` does from ``c`` by at most
-``w a h^2 / 12``; and the angle between two attitudes changes by at most the difference of their angular
-velocities, so that it is at most half of ``h`` times that.
-Of `LINEAR` ``a = 16 c^3 / h^2``. Of `RODRIGUES`, whose parameters ``s`` are linear::
+`SLERP`, `RATE` and `HERMITE` are pieces of `jaxplan.certificate` as they stand. Motions of `LINEAR` and
+`RODRIGUES` are cut so finely that a turn about one axis at constant rate is close. On a part of ``h`` seconds
+with ``|omega| <= w`` and ``|omega'| <= a`` the angular velocity differs from that of the turn, ``omega_0``,
+by at most ``a h / 2 (1 + h w / 6)``, since by Magnus' expansion the mean of ``omega`` differs from
+``omega_0`` by at most ``w a h^2 / 12``. The angle between two attitudes changes no faster than the difference
+of their angular velocities, so it is at most half of ``h`` times that difference. For `LINEAR`,
+``a = 16 c^3 / h^2`` with the ``c`` above. For `RODRIGUES`, with parameters ``s`` that are linear::
 
     omega' = 8 |s'|^2 s / (1 + s^2)^2 - 16 (s . s') N / (1 + s^2)^3,   |N| = (1 + s^2) |s'|,
 
@@ -39,28 +41,31 @@ from jaxplan.tables.table import HERMITE, LINEAR, RATE, RODRIGUES, SLERP, Attitu
 
 _CURVED = 24 * 9 / (16 * np.sqrt(3))  # 24 times the largest of x / (1 + x^2)^2, which is at x = 1 / sqrt(3)
 _SHORT = 0.1  # rad: the turn of a part, for which the terms of Magnus' expansion left out are below 1 %
-_MORE = 1.05  # what bounds are multiplied by for those terms and for h w / 6
-_STILL = 1e-9  # rad: turns below which an axis is no axis
+_MORE = 1.05  # factor on bounds that covers those terms and h w / 6
+_STILL = 1e-9  # rad: turns below which the axis of rotation is not used
 MOST_PARTS = 2_000_000
 """Most pieces that a table is cut into."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reading:
-    """The motion that a reader makes of a table, as `jaxplan.certificate` reads trajectories.
+    """The motion that a reader makes of a table, in the form of trajectories for `jaxplan.certificate`.
+
+    It has n pieces of the platform and, for k rows, k - 1 intervals between rows; p is the polynomials'
+    degree.
 
     Attributes:
-        breaks: (n + 1,) s from the first row on.
-        chart_attitude: (n, 3, 3) body to inertial, at the start of each piece.
-        chart_rate: (n, 3) rad/s, body axes.
-        coefficients: (n, p + 1, 3) rad, Legendre coefficients.
-        joint_breaks: (m + 1,) s.
-        joint_coefficients: (m, p + 1, J) rad.
-        smoothness: claimed of the whole: none.
-        off: rad, by which the motion may differ from these pieces.
-        rate_off: rad/s, by which its angular velocity may.
+        breaks: (n + 1,) s from the first row on, ends of the platform's pieces.
+        chart_attitude: (n, 3, 3) rotation matrices, body to inertial, at the start of each piece.
+        chart_rate: (n, 3) rad/s, body axes, angular velocity of each piece's chart.
+        coefficients: (n, p + 1, 3) rad, Legendre coefficients of ``b`` (see `jaxplan.certificate.motion`).
+        joint_breaks: (k,) s, times of the rows.
+        joint_coefficients: (k - 1, p + 1, J) rad, Legendre coefficients of the J joints.
+        smoothness: number of derivatives that are claimed to be continuous; -1 claims nothing.
+        off: rad, bound of the angle between the motion and these pieces.
+        rate_off: rad/s, bound of the difference of their angular velocities.
         begins: (k - 1, 3) rad/s in body axes, angular velocity at the start of each interval of the table.
-        ends: (k - 1, 3) likewise at its end.
+        ends: (k - 1, 3) rad/s in body axes, angular velocity at its end.
     """
 
     breaks: np.ndarray
@@ -77,11 +82,11 @@ class Reading:
 
     @property
     def chart_start(self) -> np.ndarray:
-        """(n,) s."""
+        """(n,) s, start of each platform piece."""
         return self.breaks[:-1]
 
     def part(self, first: int, last: int) -> "Reading":
-        """The intervals of the table from number `first` to before `last`, with time from the first on."""
+        """Return the table's intervals with indices from `first` to `last` - 1; time starts anew at zero."""
         begin, end = self.joint_breaks[first], self.joint_breaks[last]
         own = slice(int(np.searchsorted(self.breaks, begin)), int(np.searchsorted(self.breaks, end)))
         return Reading(
@@ -99,7 +104,7 @@ class Reading:
 
 
 def needs(table: AttitudeTable, interpolation: str) -> str | None:
-    """Say what a table lacks for an interpolation; None if it has all that it needs."""
+    """Return a sentence on what a table lacks for an interpolation; None if it lacks nothing."""
     if interpolation in (RATE, HERMITE) and table.angular_velocity is None:
         return f"interpolation = {interpolation!r}: {table.name} has no angular velocities, which that takes"
     return None
@@ -108,15 +113,16 @@ def needs(table: AttitudeTable, interpolation: str) -> str | None:
 def sampled(
     table: AttitudeTable, interpolation: str, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Attitudes and joints that a reader of a table finds at some instants.
+    """Interpolate a table at given times, as a reader does.
 
     Args:
         table: as it was read.
-        interpolation: one of `INTERPOLATIONS`, for which the table has what is needed.
-        times: (n,) s from the epoch, within the table.
+        interpolation: one of `INTERPOLATIONS`, for which the table has what is needed (see `needs`).
+        times: (n,) s from the table's epoch, between its first and last row.
 
     Returns:
-        (n, 4) quaternions, body to inertial, scalar first, and (n, J) joints in rad, None without.
+        (n, 4) quaternions, body to inertial, scalar first, and (n, J) joints in rad; None for these where the
+        table has no joints.
     """
     own = np.clip(np.searchsorted(table.times, times, side="right") - 1, 0, len(table.times) - 2)
     step = np.diff(table.times)[own]
@@ -134,16 +140,16 @@ def sampled(
 
 
 def reading(table: AttitudeTable, interpolation: str, tolerance: float, rate_tolerance: float) -> Reading:
-    """The motion that a reader makes of a table.
+    """Return the motion that a reader makes of a table, as pieces that can be certified.
 
     Args:
         table: as it was read.
-        interpolation: one of `INTERPOLATIONS`, for which the table has what is needed.
+        interpolation: one of `INTERPOLATIONS`, for which the table has what is needed (see `needs`).
         tolerance: rad, by which pieces may be off the motion.
-        rate_tolerance: rad/s, by which their angular velocity may.
+        rate_tolerance: rad/s, by which their angular velocity may be off.
 
     Raises:
-        ValueError: if that would take too many pieces.
+        ValueError: if that would take `MOST_PARTS` pieces or more.
     """
     times, steps = table.times - table.times[0], np.diff(table.times)
     turn = _turns(table.quaternions[:-1], table.quaternions[1:])
@@ -183,7 +189,19 @@ def _cut(
     tolerance: float,
     rate_tolerance: float,
 ) -> Reading:
-    """The motion of `LINEAR` or `RODRIGUES` in parts that turn about one axis, see the module."""
+    """Return the motion of `LINEAR` or `RODRIGUES` in short parts that turn about one axis; see the module.
+
+    Args:
+        table: as it was read.
+        interpolation: `LINEAR` or `RODRIGUES`.
+        turn: (k - 1, 3) rad, rotation vectors between neighbouring rows.
+        joints: (k - 1, p + 1, J) rad, Legendre coefficients of the joints.
+        tolerance: as of `reading`.
+        rate_tolerance: as of `reading`.
+
+    Raises:
+        ValueError: if that would take `MOST_PARTS` pieces or more.
+    """
     steps = np.diff(table.times)
     angle = np.linalg.norm(turn, axis=1)
     if interpolation == LINEAR:
@@ -236,7 +254,14 @@ def _cut(
 
 
 def _attitude(table: AttitudeTable, interpolation: str, own: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Quaternions (n, 4) at shares (n,) of the intervals of numbers `own` (n,), as a reader has them."""
+    """Interpolate attitudes as a reader does: quaternions (n, 4), body to inertial, scalar first.
+
+    Args:
+        table: as it was read.
+        interpolation: one of `INTERPOLATIONS`.
+        own: (n,) indices of intervals.
+        share: (n,) places in these intervals, from 0 to 1.
+    """
     begin, end, part = table.quaternions[own], table.quaternions[own + 1], share[:, None]
     if interpolation in _BETWEEN:
         return _BETWEEN[interpolation](begin, end, part)
@@ -253,12 +278,15 @@ def _attitude(table: AttitudeTable, interpolation: str, own: np.ndarray, share: 
 
 
 def _turns(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Rotation vectors (n, 3) rad, body axes, from quaternions (n, 4) to others, the shorter way."""
+    """Return rotation vectors (n, 3) rad, body axes, from quaternions (n, 4) to others, the shorter way."""
     return np.asarray(quaternion.log(quaternion.product(quaternion.conjugate(begin), end)))
 
 
 def turned_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Unit quaternions (..., 4) between two of the same sign, by the turn about one axis at constant rate."""
+    """Interpolate between unit quaternions (..., 4) of like sign, by a turn about one axis at constant rate.
+
+    `share` (..., 1) is the place between them, from 0 to 1.
+    """
     half = 2 * np.arcsin(np.clip(np.linalg.norm(end - begin, axis=-1, keepdims=True) / 2, 0, 1))
     still = half < _STILL
     sine = np.where(still, 1.0, np.sin(half))
@@ -267,12 +295,18 @@ def turned_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.
 
 
 def linear_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Unit quaternions (..., 4) between two of the same sign, by components that are linear."""
+    """Interpolate between unit quaternions (..., 4) of like sign linearly, and scale to unit length.
+
+    `share` (..., 1) is the place between them, from 0 to 1.
+    """
     return _unit(begin + share * (end - begin))
 
 
 def rodrigues_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Quaternions (..., 4) between two whose modified Rodrigues parameters are taken for linear."""
+    """Interpolate between unit quaternions (..., 4), scalar first, by linear modified Rodrigues parameters.
+
+    `share` (..., 1) is the place between them, from 0 to 1.
+    """
     first, slope = _rodrigues_lines(begin, end)
     sigma = first + share * slope
     square = np.sum(sigma**2, axis=-1, keepdims=True)
@@ -280,10 +314,9 @@ def rodrigues_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> 
 
 
 def _rodrigues_lines(begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Modified Rodrigues parameters (..., 3) of quaternions (..., 4), and the way to those of others.
+    """Return modified Rodrigues parameters (..., 3) of quaternions (..., 4), and their difference to others'.
 
-    Each is given by its parameters of length at most 1, and the second by the others where the two are more
-    than 1 apart.
+    Both have length at most 1; where they are more than 1 apart, the second is replaced by its shadow set.
     """
     both = (np.where(q[..., :1] < 0, -q, q) for q in (begin, end))
     first, second = (q[..., 1:] / (1 + q[..., :1]) for q in both)
@@ -294,12 +327,17 @@ def _rodrigues_lines(begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _unit(quaternions: np.ndarray) -> np.ndarray:
-    """The quaternions (..., 4) at unit length."""
+    """Scale quaternions (..., 4) to unit length."""
     return np.asarray(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True))
 
 
 def _spin_of(sigma: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Angular velocities (n, 3) in body axes, of modified Rodrigues parameters and their slopes, 1/s."""
+    """Return angular velocities (n, 3) rad/s, body axes, from modified Rodrigues parameters and their slopes.
+
+    Args:
+        sigma: (n, 3) parameters.
+        slope: (n, 3) 1/s, their derivatives by time.
+    """
     square = np.sum(sigma * sigma, axis=1, keepdims=True)
     along = np.sum(sigma * slope, axis=1, keepdims=True)
     numerator = (1 - square) * slope - 2 * np.cross(sigma, slope) + 2 * along * sigma
@@ -307,19 +345,32 @@ def _spin_of(sigma: np.ndarray, slope: np.ndarray) -> np.ndarray:
 
 
 def _slopes(turn: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """Derivatives (n, 3) of rotation vectors `turn` (n, 3) at angular velocities (n, 3) in body axes."""
+    """Return time derivatives (n, 3) rad/s of rotation vectors at angular velocities in body axes.
+
+    Args:
+        turn: (n, 3) rad.
+        velocity: (n, 3) rad/s.
+    """
     return np.asarray(np.linalg.solve(so3.right_jacobian(turn), velocity[..., None])[..., 0])
 
 
 def _linear(turn: np.ndarray) -> np.ndarray:
-    """Legendre coefficients (n, 2, 3) of what rises from zero by `turn` (n, 3) on each piece."""
+    """Return Legendre coefficients (n, 2, 3) of lines that rise from zero to `turn` (n, 3) on each piece."""
     return np.stack([turn / 2, turn / 2], axis=1)
 
 
 def _cubic(
     begin: np.ndarray, slope: np.ndarray, end: np.ndarray, end_slope: np.ndarray, steps: np.ndarray
 ) -> np.ndarray:
-    """Legendre coefficients (n, 4, c) of cubics by both ends and the slopes (n, c) by time there."""
+    """Return Legendre coefficients (n, 4, c) of cubics with given values and time derivatives at both ends.
+
+    Args:
+        begin: (n, c) values at the starts.
+        slope: (n, c) derivatives there.
+        end: (n, c) values at the ends.
+        end_slope: (n, c) derivatives there.
+        steps: (n,) s, lengths of the pieces.
+    """
     half = steps[:, None] / 2
     a, b = half * slope, half * end_slope
     mean, apart = (begin + end) / 2, (end - begin) / 2
@@ -330,7 +381,7 @@ def _cubic(
 
 
 def _joint_pieces(table: AttitudeTable, interpolation: str, steps: np.ndarray) -> np.ndarray:
-    """Legendre coefficients (k - 1, p + 1, J) rad of the joints."""
+    """Return Legendre coefficients (k - 1, p + 1, J) rad of joints between k rows, `steps` s apart."""
     if table.joints is None:
         return np.zeros((len(steps), 1, 0))
     begin, end = table.joints[:-1], table.joints[1:]

@@ -1,4 +1,4 @@
-"""One certificate of a table from those of its stretches, and of what different readers make of it."""
+"""Joining certificates: those of the parts of a table, and those of two interpolations of one table."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,10 +9,13 @@ from jaxplan.certificate import Certificate, faults_later
 
 
 def joined_proof(proofs: Sequence[tuple[float, Certificate]]) -> Certificate:
-    """The certificate of a table from those of its parts, each after the time (s) at which it begins.
+    """Join the certificates of a table's parts to one of the whole table.
 
-    A part of which nothing could be evaluated leaves no peaks of the whole, and a margin that is no number is
-    the least of all.
+    A peak, jump or margin that is NaN counts as the worst. Where nothing of a part could be evaluated, the
+    whole has no peaks.
+
+    Args:
+        proofs: for each part the time, s, at which it begins, and its certificate.
     """
     peaks: dict[str, float] = {}
     jumps: dict[str, float] = {}
@@ -46,7 +49,13 @@ def joined_proof(proofs: Sequence[tuple[float, Certificate]]) -> Certificate:
 
 
 def with_margins(proof: Certificate, also: Certificate, how: str) -> Certificate:
-    """A certificate with the lesser margins, and the peaks and faults, of the proof of another reading."""
+    """Join proofs of two interpolations of a table: the smaller margin, the larger peaks, all faults.
+
+    Args:
+        proof: certificate for the main interpolation, whose jumps and other numbers are kept.
+        also: certificate for the other interpolation.
+        how: its name, which is prefixed to its faults.
+    """
     told = tuple(f"with {how.replace('_', ' ')} between rows: {fault}" for fault in also.faults)
     peaks = {name: float(np.maximum(peak, also.peaks.get(name, peak))) for name, peak in proof.peaks.items()}
     found = replace(

@@ -1,4 +1,4 @@
-"""Reading CCSDS Attitude Ephemeris Messages and STK's attitude files."""
+"""Reading CCSDS Attitude Ephemeris Messages (AEM) and STK attitude files."""
 
 from collections.abc import Sequence
 from datetime import datetime
@@ -25,10 +25,10 @@ _STK_AXES = ("J2000", "ICRF", "Inertial")
 
 
 def read_aem(path: Path) -> AttitudeTable:
-    """Read an Attitude Ephemeris Message, by keywords (KVN) or XML, with quaternions, and its rates.
+    """Read an Attitude Ephemeris Message of quaternions, with rates if it has them; as keywords (KVN) or XML.
 
     Raises:
-        ValueError: if it is no such message, or one of other types, frames or times.
+        ValueError: if it is no such message, or has types, frames or times that are not supported.
         ImportError: if the extra ``oem`` is not installed.
     """
     reader = library("ccsds_ndm")
@@ -50,23 +50,23 @@ def read_aem(path: Path) -> AttitudeTable:
             )
     times, quaternions = (np.concatenate([part[k] for part in parts]) for k in range(2))
     rates = None if any(part[2] is None for part in parts) else np.concatenate([part[2] for part in parts])
-    # the instant at which a segment ends and the next begins is in both
+    # the row at which one segment ends and the next begins is in both
     new = np.append(True, np.diff(times) > 1e-9) | np.append(False, np.diff(times) < -1e-9)
     return AttitudeTable(
         times=times[new] - times[0],
         quaternions=quaternions[new],
         angular_velocity=None if rates is None else rates[new],
         epoch=day + np.timedelta64(round(float(times[0]) * 1e9), "ns"),
-        alternative=None if rates is None else HERMITE,  # Orekit's, whatever the message says
+        alternative=None if rates is None else HERMITE,  # Orekit interpolates so, whatever the message says
         name=str(path),
     )
 
 
 def _midnight(path: Path, segment: Any) -> np.datetime64:
-    """The midnight of UTC before the first row of a segment.
+    """Return the UTC midnight before the first row of a message's first segment.
 
     Raises:
-        ValueError: if the row's time is none.
+        ValueError: if the row has no valid time.
     """
     try:
         days, _ = atomic(segment.data.attitude_states_epochs[:1], "UTC")
@@ -77,7 +77,7 @@ def _midnight(path: Path, segment: Any) -> np.datetime64:
 
 
 def _after(day: np.datetime64, dates: Sequence[str]) -> np.ndarray:
-    """Times (k,) s of dates in UTC, leap seconds included, after a midnight of UTC."""
+    """Convert UTC dates to seconds (k,) after a UTC midnight `day`, counting leap seconds."""
     midnights, seconds = atomic(dates, "UTC")
     return np.asarray((midnights - day) / np.timedelta64(1, "s") + seconds - leaps(day))
 
@@ -85,7 +85,21 @@ def _after(day: np.datetime64, dates: Sequence[str]) -> np.ndarray:
 def _segment(
     path: Path, number: int, segment: Any, day: np.datetime64
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Times (k,) s after midnight UTC, quaternions (k, 4) and rates (k, 3) rad/s of a segment."""
+    """Read a segment of a message.
+
+    Args:
+        path: path of the message, for errors.
+        number: number of the segment, from 1 on, for errors.
+        segment: as the package ccsds_ndm reads it.
+        day: midnight of UTC from which times are counted.
+
+    Returns:
+        Times (k,) s after midnight; quaternions (k, 4), body to inertial, scalar first; angular velocities
+        (k, 3) rad/s in body axes, or None.
+
+    Raises:
+        ValueError: if its type, frames, times or interpolation are not supported.
+    """
     told = segment.metadata
     kind, first, second = (str(getattr(told, key)) for key in ("attitude_type", "ref_frame_a", "ref_frame_b"))
     where = f"{path}: segment {number}"
@@ -111,7 +125,7 @@ def _segment(
         raise ValueError(f"{where}: {error}") from error
     states = np.asarray(segment.data.attitude_states_numpy, float)
     quaternions = np.roll(states[:, :4], 1, axis=1)
-    if inertial[1]:  # from the body to the inertial frame
+    if inertial[1]:  # given from the body to the inertial frame
         quaternions = quaternions * [1.0, -1.0, -1.0, -1.0]
     if kind == _TYPES[0]:
         return times, quaternions, None
@@ -123,16 +137,16 @@ def _segment(
 
 
 def read_stk(path: Path, craft: Spacecraft | None = None) -> AttitudeTable:
-    """Read an STK attitude file of quaternions on an inertial frame, and perhaps its devices' beside it.
+    """Read an STK attitude file of quaternions on an inertial frame, and joints from sensor files if asked.
 
     Args:
-        path: of the file.
-        craft: whose joints are told from the sensor files (``.sp``) in the folder, where these have the names
-            that exports give them. None to leave joints alone.
+        path: path of the file.
+        craft: spacecraft whose joints are computed from the sensor files (``.sp``) in the folder, where these
+            have the names that exports give them. None to read no joints.
 
     Raises:
-        ValueError: if it is no such file, or one of other data or axes; an `OtherDevicesError` if sensor
-            files are of other rows, or have frames that the spacecraft's devices cannot have.
+        ValueError: if it is no such file, or has data or axes that are not supported; an `OtherDevicesError`
+            if sensor files have rows at other times, or frames that the spacecraft's devices cannot have.
     """
     header, times, quaternions = _stk_rows(path)
     axes = header.get("coordinateaxes", "")
@@ -151,14 +165,19 @@ def read_stk(path: Path, craft: Spacecraft | None = None) -> AttitudeTable:
 
 
 def _stk_joints(path: Path, craft: Spacecraft, times: np.ndarray) -> np.ndarray | None:
-    """Joints (k, J) rad from the sensor files beside an attitude file with rows at times (k,) s.
+    """Compute joints (k, J) rad from the sensor files beside an attitude file.
+
+    Args:
+        path: path of the attitude file.
+        craft: spacecraft with the devices.
+        times: (k,) s, times of the attitude file's rows.
 
     Returns:
-        None where there is no sensor file of the spacecraft's.
+        None where there is no sensor file with a name of the spacecraft's devices.
 
     Raises:
-        OtherDevicesError: if some are missing, have rows at other times, are upon other axes than the body's,
-            or have frames that devices cannot have.
+        OtherDevicesError: if some of the files are missing, have rows at other times, are relative to other
+            axes than the body's, or have frames that the devices cannot have.
     """
     names = sensor_files(craft)
     there = [name for name in names if (path.parent / name).is_file()]
@@ -182,7 +201,9 @@ def _stk_joints(path: Path, craft: Spacecraft, times: np.ndarray) -> np.ndarray 
 
 
 def _stk_rows(path: Path) -> tuple[dict[str, str], np.ndarray, np.ndarray]:
-    """The header of an STK attitude file by keywords, times (k,) s, and quaternions (k, 4), scalar first.
+    """Return the header of an STK attitude file by lower-case keywords, times (k,) s, and quaternions (k, 4).
+
+    Quaternions are returned scalar first.
 
     Raises:
         ValueError: if it is no such file, or its motion between rows is not known.
@@ -213,7 +234,7 @@ def _stk_rows(path: Path) -> tuple[dict[str, str], np.ndarray, np.ndarray]:
 
 
 def _stk_epoch(path: Path, text: str | None) -> np.datetime64 | None:
-    """UTC of STK's Gregorian text, ``1 Jan 2026 00:00:00.000000``."""
+    """Convert STK's Gregorian text, such as ``1 Jan 2026 00:00:00.000000``, to UTC; None for none or ""."""
     if not text:
         return None
     try:

@@ -1,8 +1,8 @@
-"""What is proved of a table as a reader flies it: zones, ranges and rates at every instant.
+"""Proof of what a table keeps when a reader interpolates it: zones, ranges and rates at every instant.
 
-The motion between rows is that of `jaxplan.tables.interpolation`, and the prover that of plans. Where a
-reader's angular velocity jumps from interval to interval nothing can be said of accelerations and torque; the
-jumps are told instead. Nothing is said of wheels, since a table does not know what they hold. A table without
+The motion between rows is that of `jaxplan.tables.interpolation`, and the prover is that of plans. Where a
+reader's angular velocity jumps between intervals nothing can be proved of accelerations and torque; the jumps
+are reported instead. Nothing is proved of wheels, since a table does not tell what they hold. A table without
 joints is proved for the platform and for what is fixed to it.
 """
 
@@ -36,41 +36,41 @@ from jaxplan.tables.tolerances import FORGIVE_DEG, FORGIVE_PERCENT, NOTHING, For
 
 TOLERANCE = np.deg2rad(1e-4)
 """rad: by which the pieces that are proved may be off a reader's motion; it is taken off margins."""
-_RATE_SHARE = 1e-4  # of the least limit of a rate, by which their angular velocity may be off
+_RATE_SHARE = 1e-4  # fraction of the least limit of a rate by which their angular velocity may be off
 _CLOCK = 1e-3  # s, by which a table may begin before the scene, as times are rounded
-_AT_GOAL = np.deg2rad(0.01)  # rad, off the goal by which a last row is told to miss it
+_AT_GOAL = np.deg2rad(0.01)  # rad: a last row farther off the goal is reported to miss it
 _TOGETHER = 500  # intervals of a table that are proved at once
-_ANGLES, _RATES, _ACCELERATIONS = 0, 1, 2  # the power of time that limits of them fall by
+_ANGLES, _RATES, _ACCELERATIONS = 0, 1, 2  # number of time derivatives: `Quantity.power`
 
 
 @shown("certified", "faults", "min_margin deg", "worst_device", "worst_zone", "worst_time s", "interpolation")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TableCertificate:
-    """What is proved of a table, for all times and not for its rows alone.
+    """What is proved of a table for all times, not for its rows alone.
 
     Attributes:
-        certified: whether everything holds that is claimed, but for what is forgiven.
+        certified: whether everything that is claimed holds, apart from what is forgiven.
         forgives: by how much the table may fall short.
-        forgiven: a sentence for each thing that fails by no more than that; without them nothing fails.
+        forgiven: a sentence for each thing that fails, where all fail by no more than that; else empty.
         interpolation: what is done between rows, one of `jaxplan.tables.INTERPOLATIONS`.
         alternative: what some readers do instead, with which margins and ranges hold, too; None for nothing.
-        rows_count: of the table.
-        numbers: that the table takes.
-        min_margin: rad, lower bound over all time, devices and zones; None where no zone binds a device of
-            which something is known.
-        worst_time: s in the scene's time, when it is smallest.
-        worst_device: whose margin that is.
-        worst_zone: to which zone.
-        peaks: upper bounds over all time over the limit, by name, as of `jaxplan.Certificate`.
-        rate_jump: rad/s, the largest jump of the platform's angular velocity from interval to interval.
+        rows_count: number of rows.
+        numbers: how many numbers the table holds, times included.
+        min_margin: rad, lower bound over all time, devices and zones, positive where zones are kept; None, as
+            the next three, where no zone binds a device that the table tells about.
+        worst_time: s in the scene's time, when the margin is smallest.
+        worst_device: device with that margin.
+        worst_zone: zone that it comes closest to breaking.
+        peaks: upper bounds over all time of quantities over limits, by name, as of `jaxplan.Certificate`.
+        rate_jump: rad/s, the largest jump of the platform's angular velocity between intervals.
         rate_jump_time: s in the scene's time, when that is.
-        attitude_jump: rad, the largest jump of the attitude; zero but with "constant_rate".
-        start_off: rad, from the attitude at which the scene starts to the first row.
-        goal_off: rad, in the last row: the largest angle between a device and its target, as far as the table
-            knows devices; or from the goal's attitude. None where it knows none that has a target, or the
-            targets are not known then, or where the table is held against a timeline.
+        attitude_jump: rad, the largest jump of the attitude; zero except with "constant_rate".
+        start_off: rad, angle between the attitude at which the scene starts and the first row.
+        goal_off: rad, of the last row: the largest angle between a device and its target, or the angle to the
+            goal's attitude. None where the table tells about no device with a target, where targets are not
+            known then, or for a timeline.
         left_out: a sentence for each thing that is not claimed.
-        faults: a sentence for each thing that fails.
+        faults: a sentence for each thing that fails and is not forgiven.
     """
 
     certified: bool
@@ -95,14 +95,14 @@ class TableCertificate:
 
     @property
     def misses_goal(self) -> bool:
-        """Tell whether the last row is more than 0.01 deg off the goal; False where that is not known.
+        """Whether the last row is more than 0.01 deg off the goal; False where that is not known.
 
         The proof is of zones, ranges and limits: a table that misses the goal may be certified.
         """
         return self.goal_off is not None and not self.goal_off <= _AT_GOAL
 
     def summary(self) -> dict[str, Any]:
-        """What is proved as a dict for JSON, in the units of files."""
+        """Return what is proved as a dict for JSON, in deg, s and percent, units being part of the keys."""
         margin = self.min_margin
         return {
             "certified": self.certified,
@@ -129,7 +129,7 @@ class TableCertificate:
         }
 
     def rows(self) -> list[tuple[str, str]]:
-        """What is proved, as (label, value) rows for a table."""
+        """Return what is proved as (label, value) pairs for a table."""
         how = f"with {self.interpolation.replace('_', ' ')} between {self.rows_count} rows"
         if self.alternative is not None:
             how += f", zones with {self.alternative.replace('_', ' ')}, too"
@@ -171,26 +171,25 @@ def certify_table(
     forgive_deg: float = FORGIVE_DEG,
     forgive_percent: float = FORGIVE_PERCENT,
 ) -> TableCertificate:
-    """Prove what a table keeps of a scene's zones, ranges and rates as a reader flies it, or say what fails.
+    """Prove what a table keeps of a scene's zones, ranges and rates as a reader uses it, or say what fails.
 
     Args:
-        table: a table, or the path of a file as `load_attitude` reads it, with the scene's spacecraft.
+        table: a table, or the path of a file for `load_attitude`, read with the scene's spacecraft.
         interpolation: what the reader does between rows, one of `jaxplan.tables.INTERPOLATIONS`; None for
-            what readers of the file's format do: where they differ, as those of messages with angular
-            velocities do, margins and ranges are the lesser of both.
-        scenario: the scene with zones and spacecraft, or a timeline, whose scene counts and not its
-            activities. A table with an epoch is held against it at its times where the scene has one, too;
-            else the table's first row is the scene's start.
-        forgive_deg: by which margins may fall short of zero, in [0, 1]; as exports forgive unless told.
-        forgive_percent: of a limit or range, by which it may be exceeded, in [0, 10]; likewise.
+            what readers of the file's format do. If they differ, margins and ranges are the worse of both.
+        scenario: the scene with zones and spacecraft, or a timeline, of which only the scene counts. If both
+            the table and the scene have an epoch, rows are compared with the scene at their times; else the
+            table's first row is at the scene's start.
+        forgive_deg: deg, by which margins may fall short of zero, in [0, 1].
+        forgive_percent: percent of a limit or range by which it may be exceeded, in [0, 10].
 
     Returns:
-        The certificate; a motion that breaks something is no error.
+        The certificate; a motion that breaks something raises nothing.
 
     Raises:
         TypeError: if it is no table, path or scenario.
-        ValueError: for a file that is no table, or one that lacks what the interpolation takes; where a zone
-            that moves is not known to the end of the table; or what is to be forgiven lies outside.
+        ValueError: if it is no table, lacks what the interpolation needs, or begins before the scene; if a
+            zone is not known until the table ends; if what to forgive is out of range.
 
     Example:
         >>> print(jp.certify_table("slew.aem", "slerp", jp.load_scenario("scene.toml")))
@@ -203,7 +202,7 @@ def certify_table(
         path = table
         try:
             table = load_attitude(path, scene.spacecraft)
-        except OtherDevicesError as error:  # of these nothing is claimed then
+        except OtherDevicesError as error:  # then nothing is claimed of devices with joints
             table, foreign = load_attitude(path), (str(error),)
     how = table.interpolation if interpolation is None else interpolation
     other = table.alternative if interpolation is None else None
@@ -228,15 +227,15 @@ def certify_rows(
     *,
     other: str | None = None,
 ) -> TableCertificate:
-    """Prove what a table keeps of a scene, see `certify_table`.
+    """Prove what a table keeps of a scene; see `certify_table`.
 
     Args:
         table: as it was read.
         how: one of `INTERPOLATIONS`, for which the table has what is needed.
         scenario: the scene.
-        begin: s, the time of the first row in the scene's time.
-        forgives: by how much it may fall short.
-        other: another interpolation, with which margins and ranges must hold, too; None for none.
+        begin: s, the first row in the scene's time.
+        forgives: by how much the table may fall short.
+        other: another interpolation, for which margins and ranges must hold, too; None for none.
     """
     known, scene, unproved = as_known(table, scenario)
     times = known.times - known.times[0] + begin
@@ -272,7 +271,7 @@ def certify_rows(
 def _proved(
     known: AttitudeTable, how: str, scene: Scenario, times: np.ndarray, most: int
 ) -> tuple[Certificate, "_Claimed", Reading]:
-    """Prove what a table keeps with an interpolation, of limits that fall by a power of time up to `most`."""
+    """Prove what a table with rows at `times` keeps, without limits of more than `most` time derivatives."""
     motion = reading(known, how, TOLERANCE, _RATE_SHARE * _least_rate(scene.spacecraft))
     claim = _Claimed.of(scene, known, how, motion, most)
     parts = [
@@ -289,11 +288,10 @@ def _proved(
 
 
 def _begin(table: AttitudeTable, scenario: Scenario) -> float:
-    """Time of the table's first row in the scene's time, s.
+    """Return the time of the table's first row in the scene's time, s; zero where either has no epoch.
 
     Raises:
-        ValueError: if that is before the scene's start; if leap seconds may lie between the two, and pyerfa
-            is not installed.
+        ValueError: if it is before the scene's start; if leap seconds may lie between without pyerfa.
     """
     if table.epoch is None or scenario.epoch is None:
         return 0.0
@@ -308,10 +306,10 @@ def _begin(table: AttitudeTable, scenario: Scenario) -> float:
 
 
 def _known_part(table: AttitudeTable, scenario: Scenario, begin: float) -> AttitudeTable:
-    """A table that begins at a time, s; its end not after that of what is known, as far as times are rounded.
+    """Return the table with its end moved, by rounding at most, to where all zones are known.
 
     Raises:
-        ValueError: if a zone is not known to its end.
+        ValueError: if a zone is not known until the table ends.
     """
     span = float(table.times[-1] - table.times[0])
     for zone in scenario.zones:
@@ -328,7 +326,7 @@ def _known_part(table: AttitudeTable, scenario: Scenario, begin: float) -> Attit
 
 
 def _goal_off(scenario: Scenario, table: AttitudeTable, time: float) -> float | None:
-    """How far the last row is off the goal at a time of the scene, s, see `TableCertificate`."""
+    """Return `TableCertificate.goal_off` of the last row, which is at `time` s in the scene."""
     asked, craft = scenario.goal, scenario.spacecraft
     if isinstance(asked, GivenState):
         return float(so3.distance(asked.attitude, table.attitudes[-1]))
@@ -345,7 +343,7 @@ def _goal_off(scenario: Scenario, table: AttitudeTable, time: float) -> float | 
 
 
 def _least_rate(craft: Spacecraft) -> float:
-    """The least limit of the platform's angular velocity, rad/s."""
+    """Return the least limit of the platform's angular velocity, of an axis or of its length, rad/s."""
     least = float(np.min(craft.rate_limit))
     return least if craft.rate_norm_limit is None else min(least, float(craft.rate_norm_limit))
 
@@ -355,13 +353,13 @@ class _Claimed:
     """What is claimed of a reader's motion.
 
     Attributes:
-        scene: whose zones and spacecraft they are.
-        craft: with what the pieces are off taken off its limits of rate.
-        robust: the scene's errors with what the pieces are off.
-        limits: names of quantities.
-        continuous: number of derivatives.
-        rate_off: rad/s, taken off.
-        left_out: what is not claimed, and why.
+        scene: the scene with zones and spacecraft.
+        craft: the spacecraft with limits of rate lowered by `rate_off`.
+        robust: the scene's errors, with `Reading.off` added to that of the attitude; None for none.
+        limits: names of the quantities whose limits are claimed.
+        continuous: number of derivatives that must be continuous; -1 where attitudes may jump.
+        rate_off: rad/s, by which the angular velocity of the pieces may be off.
+        left_out: sentences on what is not claimed, and why.
     """
 
     scene: Scenario
@@ -374,7 +372,7 @@ class _Claimed:
 
     @classmethod
     def of(cls, scene: Scenario, table: AttitudeTable, how: str, motion: Reading, most: int) -> "_Claimed":
-        """The claim of a table's reading, of limits that fall by a power of time up to `most`."""
+        """Return the claim for a reader's motion, without limits of more than `most` time derivatives."""
         craft, off = scene.spacecraft, motion.rate_off
         smooth = how == HERMITE and (not table.joint_names or table.joint_rates is not None)
         every = [limit.quantity for limit in limits(craft)]
@@ -411,7 +409,7 @@ class _Claimed:
         )
 
     def of_part(self, part: Reading, begin: float) -> Claim:
-        """The claim of a part that begins at a time of the scene, s."""
+        """Return the claim for a part that begins at a time in the scene, s."""
         moved = replace(later(self.scene, begin, float(part.breaks[-1])), spacecraft=self.craft)
         stated = moved.stated
         return Claim(
@@ -426,7 +424,7 @@ class _Claimed:
         )
 
     def stated_peaks(self, peaks: dict[str, float]) -> dict[str, float]:
-        """Peaks over the limits as they are stated, from those over what was left of them."""
+        """Convert peaks over the lowered limits of rates into peaks over the limits that the scene states."""
         found = dict(peaks)
         whole = float(np.min(self.scene.spacecraft.rate_limit))
         for name, stated in (
@@ -440,7 +438,7 @@ class _Claimed:
 
 
 def _largest_jump(motion: Reading, times: np.ndarray) -> tuple[float, float]:
-    """The largest jump of angular velocity from one interval of a table to the next, rad/s, and when, s."""
+    """Return the largest jump of angular velocity between intervals, rad/s, and its time, s."""
     jumps = np.linalg.norm(motion.begins[1:] - motion.ends[:-1], axis=1)
     if not len(jumps):
         return 0.0, float(times[0])
@@ -449,7 +447,7 @@ def _largest_jump(motion: Reading, times: np.ndarray) -> tuple[float, float]:
 
 
 def _largest_miss(table: AttitudeTable) -> float:
-    """The largest angle, rad, by which constant rates from one row on miss the next."""
+    """Return the largest angle, rad, by which the constant rate of one row misses the next row."""
     assert table.angular_velocity is not None
     turns = np.diff(table.times)[:, None] * table.angular_velocity[:-1]
     reached = table.attitudes[:-1] @ so3.exp(turns)

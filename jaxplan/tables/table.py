@@ -1,8 +1,8 @@
 """A table of attitudes, and perhaps of joints, as files of other tools hold it.
 
-Conventions. Seconds from the table's epoch, quaternions scalar first that turn body axes into inertial ones,
-angular velocities in body axes, joints in radians by name. What the spacecraft does between two rows is for
-the reader of the table to say (`jaxplan.tables.interpolation`).
+Times are seconds from the table's epoch, quaternions have the scalar first and map body to inertial
+coordinates, angular velocities are in body axes, and joints are in rad and have names. How the spacecraft
+moves between two rows depends on the program that reads the table (`jaxplan.tables.interpolation`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,21 +20,21 @@ RATE, HERMITE = "constant_rate", "hermite"
 INTERPOLATIONS = (SLERP, LINEAR, RODRIGUES, RATE, HERMITE)
 """What readers make of two neighbouring rows, see `jaxplan.tables.interpolation`."""
 
-_UNIT = 1e-4  # by how much the length of a quaternion may miss one, as digits of a file go
-_WIDEST = np.deg2rad(179.0)  # turn between two rows, above which readers may take either way round
+_UNIT = 1e-4  # by how much the length of a quaternion may differ from one, since files round
+_WIDEST = np.deg2rad(179.0)  # rad: turn between two rows, above which readers may turn either way round
 
 
 def column_name(name: str) -> str:
-    """What a joint or a wheel is called in the head of a table: its name, with underscores for blanks."""
+    """Return the name of a joint or wheel as a column's heading, with underscores for blanks."""
     return name.replace(" ", "_")
 
 
 @shown("name", "epoch", "interpolation", "joint_names")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AttitudeTable:
-    """Attitudes at instants, with joints where the table has them.
+    """Attitudes at k instants, and J joints where the table has them.
 
-    Quaternions are brought to unit length, and their signs follow each other.
+    Quaternions are scaled to unit length when the table is made, and get the sign nearer to the row before.
 
     Attributes:
         times: (k,) s from the epoch, rising; two at least.
@@ -42,12 +42,12 @@ class AttitudeTable:
         angular_velocity: (k, 3) rad/s in body axes; None where the table has none.
         joints: (k, J) rad; None where it has none.
         joint_rates: (k, J) rad/s; None where it has none.
-        joint_names: of the J columns, such as "terminal-1_yaw".
-        spacecraft: whose joints these are, in its order; None where they are in that of a file.
-        epoch: UTC of time zero; None where it is the start of whatever the table is held against.
+        joint_names: names of the J joints, such as "terminal-1_yaw".
+        spacecraft: the one whose joints these are, in its order; None where they are in the order of a file.
+        epoch: UTC of time zero; None where that is the start of whatever the table is compared with.
         interpolation: what readers of the table's format do between rows, one of `INTERPOLATIONS`.
-        alternative: what some of them do instead, another of these; None where all do the same.
-        name: of the table in messages, such as that of its file.
+        alternative: what some of these readers do instead, another of them; None where all do the same.
+        name: name of the table in messages, such as that of its file.
     """
 
     times: np.ndarray
@@ -87,35 +87,36 @@ class AttitudeTable:
 
     @property
     def duration(self) -> float:
-        """From the first row to the last, s."""
+        """Time from the first row to the last, s."""
         return float(self.times[-1] - self.times[0])
 
     @property
     def attitudes(self) -> np.ndarray:
-        """(k, 3, 3) body to inertial."""
+        """(k, 3, 3) rotation matrices, body to inertial."""
         return np.asarray(quaternion.to_matrix(self.quaternions))
 
     @property
     def turns(self) -> np.ndarray:
-        """(k - 1,) rad from row to row, the shorter way."""
+        """(k - 1,) rad, angles from row to row, the shorter way."""
         return np.asarray(quaternion.distance(self.quaternions[:-1], self.quaternions[1:]))
 
     @property
     def numbers(self) -> int:
-        """How many numbers the table takes with all that it has, times among them."""
+        """How many numbers the table holds in all its columns, times included."""
         columns = (self.quaternions, self.angular_velocity, self.joints, self.joint_rates)
         return len(self.times) * (1 + sum(c.shape[1] for c in columns if c is not None))
 
     def state(self, row: int, joints: Sequence[float] | None = None) -> GivenState:
-        """A row as the start or the goal of a scenario.
+        """Return a row as the start or the goal of a scenario.
 
         Args:
-            row: its number, -1 for the last.
-            joints: (J,) rad, of a table that has none; left out only for a spacecraft without joints.
+            row: its index, negative ones from the end.
+            joints: (J,) rad, for a table without joints; None only for a spacecraft without joints, or for a
+                table that has them.
 
         Raises:
-            ValueError: if there is no such row, or the table has joints of its own; if it has several of
-                these and was read without the spacecraft, which tells their order.
+            ValueError: if there is no such row; if joints are given and the table has its own; or if it has
+                several and was read without the spacecraft, so that their order is not known.
         """
         if not -len(self.times) <= row < len(self.times):
             raise ValueError(f"row = {row}: must lie in [{-len(self.times)}, {len(self.times) - 1}]")
@@ -134,10 +135,10 @@ class AttitudeTable:
         )
 
     def of(self, craft: Spacecraft) -> "AttitudeTable":
-        """The table with its joints, by their names, in the order that a spacecraft has them.
+        """Return the table with joints, found by name, in the order of a spacecraft; unchanged without any.
 
         Raises:
-            ValueError: if it has no column of one of the spacecraft's joints.
+            ValueError: if it has no column for one of the spacecraft's joints.
         """
         if self.joints is None:
             return self
@@ -158,7 +159,7 @@ class AttitudeTable:
 
 
 def _faults(table: AttitudeTable) -> Iterator[str]:
-    """Yield a sentence for each way in which a table is none."""
+    """Yield a sentence for each fault of a table's shapes, names, numbers, times or quaternions."""
     if table.interpolation not in INTERPOLATIONS:
         yield f"interpolation = {table.interpolation!r}: must be one of {', '.join(INTERPOLATIONS)}"
     if table.alternative not in (None, *INTERPOLATIONS):

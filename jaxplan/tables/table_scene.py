@@ -1,4 +1,4 @@
-"""What a table knows of a scene: all of it, or without joints the platform and what is fixed to it."""
+"""What a table tells about a scene: all, or without joints the platform and what is fixed to it."""
 
 from dataclasses import replace
 from typing import Any
@@ -11,14 +11,14 @@ from jaxplan.tables.table import AttitudeTable
 
 
 def as_known(table: AttitudeTable, scene: Scenario) -> tuple[AttitudeTable, Scenario, list[str]]:
-    """A table with its joints as a scene has them, the scene as far as the table knows it, and the rest.
+    """Reduce a scene to what a table tells about, and put the table's joints in the scene's order.
 
     Args:
         table: as it was read.
-        scene: that it is held against.
+        scene: the scene that the table is compared with.
 
     Returns:
-        The two, and a sentence for each thing of which the table knows nothing.
+        The table, the scene, and a sentence for each thing that the table does not tell about.
 
     Raises:
         ValueError: if the table has some of the scene's joints and not the others.
@@ -41,9 +41,9 @@ def as_known(table: AttitudeTable, scene: Scenario) -> tuple[AttitudeTable, Scen
 
 
 def _zones_of(scene: Scenario, rest: Spacecraft) -> tuple[Scenario, list[str]]:
-    """A scene with its zones as far as they bind devices of the spacecraft `rest`, and names of those gone.
+    """Return a scene whose zones bind only what the spacecraft `rest` has, and names of zones dropped.
 
-    A group of zones goes as a whole where one of its zones binds a device that is gone.
+    A whole group of zones is dropped where one of its zones binds a device that `rest` does not have.
     """
     known, gone = set(rest.device_names), set[str]()
     every: tuple[Any, ...] = (*scene.keep_out, *scene.keep_in, *scene.joint_bounds)
@@ -67,7 +67,7 @@ def _zones_of(scene: Scenario, rest: Spacecraft) -> tuple[Scenario, list[str]]:
 
 
 def _binds_only(zone: Any, known: set[str]) -> bool:
-    """Whether a zone of a group binds nothing but devices of the names `known`, and the body."""
+    """Whether a zone of a group binds only devices named in `known`, and axes of the body."""
     devices = getattr(zone, "devices", None)
     if devices is None:  # a bound of joints
         return False

@@ -1,4 +1,4 @@
-"""Checks of an activity that is planned: it must end in its window, and its devices point well enough."""
+"""Checks of a planned activity: it must end within its window, and its devices must point well enough."""
 
 import numpy as np
 
@@ -10,7 +10,13 @@ _SAME = 1e-9  # s, by which a time may be late
 
 
 def expect_in_time(doing: Doing, motion: Motion, since: float) -> None:
-    """Raise `Refused` if an activity whose slew begins at a time, s, would end too late."""
+    """Raise `Refused` if an activity ends after its window, or would begin after its latest end.
+
+    Args:
+        doing: the activity that is being planned.
+        motion: its motion, which says when it begins.
+        since: s, when the slew to it begins, for the message.
+    """
     activity = doing.activity
     end, latest = doing.ends(motion.begin), activity.latest
     lasting = activity.duration is None and activity.kind != "point"
@@ -34,7 +40,10 @@ def expect_in_time(doing: Doing, motion: Motion, since: float) -> None:
 
 
 def expect_near(activity: Activity, error: float | None) -> None:
-    """Raise `Refused` if the error, rad, within which devices are proved to point is too large."""
+    """Raise `Refused` if an activity that tracks has a larger pointing error than its tolerance.
+
+    `error` is the angle, rad, within which devices are proved to point; None where nothing is tracked.
+    """
     if error is None or activity.track is None or error <= float(activity.track.tolerance):
         return
     off, most = np.rad2deg([error, float(activity.track.tolerance)])

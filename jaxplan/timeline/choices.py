@@ -1,14 +1,15 @@
-"""Records of what was chosen while a timeline was planned: how the duration of each slew came about.
+"""Records of the choices made while a timeline was planned: how the duration of each slew came about.
 
-A slew in the shortest time takes a multiple of a number that follows from its ends, and some seconds more:
+A slew in the shortest time takes ``factor * base + offset`` seconds, where the base is a number that follows
+from the slew's ends. Its kind is one of
 
-    FIXED     nothing but these seconds
+    FIXED     no base at all: the duration is the offset
     BOUND     the strict lower bound of the time to a goal
     NEEDED    the time of the shortest motion to a goal that was found
     SEEN      the time until an instant at which targets come out of hiding
 
-The goal is the one of some earlier duration, since where devices must point depends on when the slew ends.
-Derivatives of a timeline hold these choices, and follow the numbers.
+The goal is the one that belongs to some duration tried before, since where devices must point depends on when
+the slew ends. Derivatives of a timeline hold these choices fixed, and let the numbers vary.
 """
 
 from dataclasses import dataclass, replace
@@ -26,18 +27,19 @@ FIXED, BOUND, NEEDED, SEEN = "fixed", "bound", "needed", "seen"
 @shown("kind", "seconds s", "factor", "offset s")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SlewTime:
-    """A duration of a slew, ``factor * base + offset``, and what the base is.
+    """The duration of a slew, ``factor * base + offset``, and what the base is.
 
     Attributes:
         seconds: s, the duration.
-        kind: of the base: `FIXED`, `BOUND`, `NEEDED` or `SEEN`.
-        factor: on the base, which is zero of `FIXED`.
-        offset: s.
-        goal: to which the bound is, or the shortest motion; None of other kinds.
-        after: the duration after which that goal is the one; None likewise.
-        path: along which the shortest motion was looked for; None for the straight one, and likewise.
-        shortest: that motion, where it was found by a search; None where not.
-        motion: what follows that goal, a `jaxplan.timeline.motions.Motion`; None of other kinds.
+        kind: kind of the base: `FIXED`, `BOUND`, `NEEDED` or `SEEN`, see the module.
+        factor: factor on the base; zero for `FIXED`.
+        offset: s, added to it.
+        goal: the goal state of the bound, or of the shortest motion; None for other kinds.
+        after: the duration tried before, which determined this goal; None for other kinds.
+        path: the path along which the shortest motion was sought; None for a straight path and for other
+            kinds.
+        shortest: the shortest motion, if a search found it; None otherwise.
+        motion: the motion that follows that goal, a `jaxplan.timeline.motions.Motion`; None for other kinds.
     """
 
     seconds: float
@@ -52,16 +54,16 @@ class SlewTime:
 
     @classmethod
     def fixed(cls, seconds: float) -> Self:
-        """A duration, s, that nothing changes."""
+        """Return a duration, s, that depends on nothing."""
         return cls(seconds=seconds, offset=seconds)
 
     @property
     def at_an_instant(self) -> bool:
-        """Whether the slew ends just when its targets come out of hiding, or its window opens."""
+        """Whether the slew ends exactly when its targets come out of hiding, or when its window opens."""
         return self.kind == SEEN and self.factor == 1.0 and self.offset == 0.0
 
     def longer(self, factor: float, more: float) -> "SlewTime":
-        """A duration that is a multiple of this one, and some seconds more."""
+        """Return `factor` times this duration plus `more` seconds, recorded as such."""
         return replace(
             self,
             seconds=factor * self.seconds + more,
@@ -73,20 +75,20 @@ class SlewTime:
 @shown("activity.name", "time", "begin s")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Choice:
-    """How an activity came to begin.
+    """How the beginning of an activity came about.
 
     Attributes:
         activity: what was done.
-        before: the state after what was done before.
-        since: s, when it was reached, in the timeline's times.
-        departure: where the slew to it starts, a `jaxplan.timeline.slews.Departure`; later than `since` where
-            there was time to rest before.
-        time: how the slew's duration came about; None of one that ends when the window opens, or targets are
-            seen.
+        before: the spacecraft's state at the end of what was done before.
+        since: s, when that state was reached, in the timeline's times.
+        departure: where the slew starts, a `jaxplan.timeline.slews.Departure`; it is later than `since` if
+            the spacecraft had time to rest before.
+        time: how the slew's duration came about; None for a slew that ends when the window opens or the
+            targets come into sight.
         goal: the state in which the slew ends.
-        begin: s, when it does, in the timeline's times.
+        begin: s, when the slew ends, in the timeline's times.
         end: s, when the activity ends, likewise.
-        motion: what follows, a `jaxplan.timeline.motions.Motion`.
+        motion: what follows the slew, a `jaxplan.timeline.motions.Motion`.
     """
 
     activity: Activity

@@ -1,10 +1,9 @@
-"""Whether a motion does what activities ask for: when each is done, in which order, and in which state.
+"""Check that a motion does what activities ask for: when each is done, in which order, in which state.
 
-A plan says which activities it does and when; nothing of that is believed. An activity that lasts has a
-segment of its kind, within its window, for as long as it is asked for; one of an instant has its state then.
-An attitude is held where the polynomials of the motion differ from it by next to nothing: Legendre
-polynomials are at most one in size, so the sizes of the higher coefficients bound how far a piece leaves its
-mean.
+A plan says which activities it does and when; none of that is taken on trust. An activity that lasts must
+have a segment of its kind, within its window, for as long as is asked for; one of an instant must have its
+state then. That an attitude is held is checked by the polynomials of the motion: Legendre polynomials are at
+most one in size, so the sizes of the higher coefficients bound how far a piece departs from its mean.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,9 +19,9 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.timeline import Activity, Segment, Timeline, in_order
 from jaxplan.trajectory import Trajectory
 
-_SAME_TIME = 1e-6  # s by which a time may be missed, for rounding
+_SAME_TIME = 1e-6  # s, by which a time may be missed because of rounding
 _STEP = 1e-4  # s to either side of an instant, over which boresights are moved by their joints
-_DRIFT = 1e-6  # rad/s by which a device may move otherwise than its target at an instant
+_DRIFT = 1e-6  # rad/s, by which a beam's rate may differ from its target's at an instant
 
 Done = Mapping[str, tuple[float, float]]
 """When activities begin and end, s, as a plan has it, by name."""
@@ -31,16 +30,16 @@ Done = Mapping[str, tuple[float, float]]
 def unmet(
     timeline: Timeline, trajectory: Trajectory, segments: Sequence[Segment], done: Done, *, whole: bool
 ) -> list[str]:
-    """A sentence for each thing that activities ask for and a motion does not do.
+    """Return a sentence for each thing that activities ask for and a motion does not do.
 
     How well devices point while they track is left to `proving.pointing_error`.
 
     Args:
         timeline: what was asked.
-        trajectory: over all segments.
-        segments: slews and activities in order.
-        done: the activities that are said to be done.
-        whole: whether the whole timeline is said to be done.
+        trajectory: the motion over all segments.
+        segments: slews and activities in order of time.
+        done: begin and end, s, of each activity that is said to be done, by name.
+        whole: whether all of the timeline is said to be done, so that a missing activity is a fault.
     """
     faults: list[str] = []
     ended: dict[str, float] = {}
@@ -75,7 +74,7 @@ def _off(
     begin: float,
     end: float,
 ) -> Iterator[str]:
-    """Yield what of an activity is not met in the motion between a begin and an end, s."""
+    """Yield what an activity asks for that is not met in the motion from `begin` to `end`, s."""
     lasting = activity.kind != "point" and end - begin > _SAME_TIME
     if lasting and not any(_covers(segment, activity, begin, end) for segment in segments):
         yield f"has no segment from {begin:.2f} s to {end:.2f} s"
@@ -86,13 +85,16 @@ def _off(
 
 
 def _covers(segment: Segment, activity: Activity, begin: float, end: float) -> bool:
-    """Whether a segment is that of an activity, and lasts from a begin to an end, s."""
+    """Whether a segment belongs to an activity and lasts at least from `begin` to `end`, s."""
     own = (segment.name, segment.kind) == (activity.name, activity.kind)
     return own and segment.start <= begin + _SAME_TIME and segment.end >= end - _SAME_TIME
 
 
 def _untimely(activity: Activity, begin: float, end: float, until: float | None) -> Iterator[str]:
-    """Yield how an activity from a begin to an end, s, misses its window, and the time that it is to take."""
+    """Yield how an activity from `begin` to `end`, s, violates its window or the duration it must have.
+
+    `until` is the end of the timeline, s, or None.
+    """
     if activity.earliest is not None and not begin >= activity.earliest - _SAME_TIME:
         yield f"begins at {begin:.2f} s, not from {activity.earliest:.2f} s on"
     if activity.latest is not None and not end <= activity.latest + _SAME_TIME:
@@ -108,7 +110,7 @@ def _untimely(activity: Activity, begin: float, end: float, until: float | None)
 
 
 def _unseen(activity: Activity, begin: float, end: float) -> Iterator[str]:
-    """Yield which targets of an activity are hidden meanwhile, s."""
+    """Yield a phrase for each target of an activity that is hidden at some time from `begin` to `end`, s."""
     for path in () if activity.targets is None else activity.targets.paths:
         for span in path.hidden:
             if span.at(begin) or begin < span.start < end - _SAME_TIME:
@@ -116,7 +118,7 @@ def _unseen(activity: Activity, begin: float, end: float) -> Iterator[str]:
 
 
 def _unheld(state: GivenState, trajectory: Trajectory, begin: float, end: float) -> Iterator[str]:
-    """Yield how far a motion is off a state at some time from a begin to an end, s."""
+    """Yield a phrase if attitude or joints leave a given state at any time from `begin` to `end`, s."""
     at = trajectory.sample(np.clip(begin, 0.0, trajectory.duration))
     turned = float(so3.distance(state.attitude, at.attitude))
     joints = np.abs(at.joints - state.joints)
@@ -140,14 +142,14 @@ def _unheld(state: GivenState, trajectory: Trajectory, begin: float, end: float)
 
 
 def _between(breaks: np.ndarray, begin: float, end: float) -> range:
-    """Numbers of the pieces of which more than next to nothing lies between two times, s."""
+    """Indices of the pieces that overlap the span from `begin` to `end`, s, by more than `_SAME_TIME`."""
     first = int(np.searchsorted(breaks, begin + _SAME_TIME, side="right")) - 1
     last = int(np.searchsorted(breaks, end - _SAME_TIME))
     return range(max(first, 0), min(last, len(breaks) - 1))
 
 
 def _astray(craft: Spacecraft, targets: Targets, trajectory: Trajectory, time: float) -> Iterator[str]:
-    """Yield which devices miss their targets at a time, s, or move otherwise than these."""
+    """Yield a phrase for each device that at `time`, s, misses its target or moves otherwise than that."""
     at = trajectory.sample(np.clip(time, 0.0, trajectory.duration))
     when = np.array([time])
     change = _STEP * np.array([-1.0, 0.0, 1.0])[:, None] * at.joint_rates

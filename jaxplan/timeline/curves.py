@@ -1,15 +1,18 @@
-"""Trajectories through states at nodes, their joining, and ends bent to given accelerations.
+"""Trajectories through states at nodes, joining and cutting them, and giving their ends accelerations.
 
-**Through nodes.** Joints follow the spline of degree 5 through their angles. The platform follows one in
-charts ``R_a exp(b^)``, each about the attitude at its start and left before it has turned by a radian. At the
-ends of charts angular velocity and acceleration are those of a spline through the nodes around, so that the
-motion has two continuous derivatives there, and four elsewhere.
+**Through nodes.** Joints follow the spline of degree 5 through their angles. The platform follows such a
+spline in charts ``R_a exp(b^)``: each is about the attitude ``R_a`` at its start and is left before the
+platform has turned by a radian. Where charts meet, angular velocity and acceleration are those of a spline
+through the nodes around, so that the motion has two continuous derivatives there, and four elsewhere.
 
 **Bent ends.** Slews are fitted between attitudes, joints and rates. What they lack in acceleration ``a`` at
 an end is added on the outermost piece, of length ``h``: ``a h^2 u^3 (1 - u)^2 / 2``, with ``u`` from 0 at the
-inner end of the piece to 1 at the outer one. Its value and rate are zero at both, its acceleration is zero
-at the inner and ``a`` at the outer one. It moves nothing by more than ``0.0173 a h^2``, and changes no rate
-by more than ``0.0678 a h``: on a piece that is cut shorter by less, with more jerk but no more acceleration.
+inner end of the piece to 1 at the outer one. Its value and rate are zero at both ends, its acceleration is
+zero at the inner and ``a`` at the outer one. It moves nothing by more than ``0.0173 a h^2``, and changes no
+rate by more than ``0.0678 a h``; on a shorter piece both are smaller, with more jerk but no more
+acceleration.
+
+Coefficients are those of Legendre polynomials on each piece, mapped to [-1, 1].
 """
 
 from collections.abc import Sequence
@@ -25,8 +28,8 @@ from jaxplan.timeline.least_energy import Nodes
 from jaxplan.trajectory import Trajectory
 
 DEGREE = 5
-_CHART = 1.0  # rad, after which another chart is taken
-_AROUND = 5  # nodes to either side from which derivatives at the ends of charts are found
+_CHART = 1.0  # rad, rotation after which a new chart begins
+_AROUND = 5  # nodes to either side, from which derivatives at the ends of charts are computed
 FEWEST = 8  # nodes of a curve
 
 # From coefficients of powers of (u + 1) / 2 to Legendre coefficients in u, for degree 5.
@@ -37,10 +40,10 @@ for _power in range(DEGREE + 1):
 
 
 def through(nodes: Nodes) -> Trajectory:
-    """The trajectory through nodes, from the first one's time on, which is its zero.
+    """Return the trajectory through nodes; its time zero is that of the first node.
 
     Args:
-        nodes: at least `FEWEST`.
+        nodes: the states to pass, at least `FEWEST` of them.
     """
     times = nodes.times - nodes.times[0]
     joints = _spline(times, nodes.joints)
@@ -71,13 +74,14 @@ def through(nodes: Nodes) -> Trajectory:
 
 
 def _spline(times: np.ndarray, values: np.ndarray, ends: Any = None) -> tuple[np.ndarray, np.ndarray]:
-    """Breaks (p + 1,) s and Legendre coefficients (p, 6, d) of the spline of degree 5 through values.
+    """Return the spline of degree 5 through values, as breaks (p + 1,) s and coefficients (p, 6, d).
+
+    It has p pieces; coefficients are those of Legendre polynomials.
 
     Args:
-        times: (n,) s.
+        times: (n,) s, of the values.
         values: (n, d).
-        ends: first and second derivatives at either end, ((d,), (d,)) each; None for those of the
-            polynomials through the outermost nodes.
+        ends: (first, second) derivative (d,) at either end; None to leave them to the values ("not-a-knot").
     """
     base = values[:1]  # what stands still does so to the last bit
     spline = interpolated(times, values - base, ends)
@@ -95,29 +99,29 @@ def _spline(times: np.ndarray, values: np.ndarray, ends: Any = None) -> tuple[np
 
 
 def interpolated(times: np.ndarray, values: np.ndarray, ends: Any = None) -> Any:
-    """The spline of scipy through values; arguments as of `_spline`."""
+    """Return scipy's spline of degree 5 through values; arguments as of `_spline`."""
     given = None if ends is None else tuple([(1, rate), (2, bend)] for rate, bend in ends)
     return _made(times, values, given)
 
 
 def rising(times: np.ndarray, values: np.ndarray) -> Any:
-    """The spline of scipy through values whose first two derivatives are zero at its begin.
+    """Return scipy's spline of degree 5 whose first two derivatives are zero at its start.
 
-    Its third and fourth are zero at its end. Arguments are as of `_spline`.
+    Its third and fourth derivatives are zero at its end. Arguments are as of `_spline`.
     """
     zero = np.zeros(values.shape[1])
     return _made(times, values, ([(1, zero), (2, zero)], [(3, zero), (4, zero)]))
 
 
 def _made(times: np.ndarray, values: np.ndarray, conditions: Any) -> Any:
-    """The spline of scipy through values with conditions at both ends, as scipy has them."""
+    """Return scipy's spline of degree 5 through values; `conditions` is scipy's `bc_type`."""
     from scipy.interpolate import make_interp_spline  # slow to import, so not at the top
 
     return make_interp_spline(times, values, k=DEGREE, bc_type=conditions)
 
 
 def chart_ends(attitudes: np.ndarray) -> list[int]:
-    """Numbers of the nodes at which charts end: the first and the last, and some between."""
+    """Return indices of the nodes at which charts end: first, last, and those before a turn of `_CHART`."""
     edges = [0]
     for node in range(1, len(attitudes)):
         far = so3.distance(attitudes[edges[-1]], attitudes[node]) > _CHART
@@ -127,14 +131,14 @@ def chart_ends(attitudes: np.ndarray) -> list[int]:
 
 
 def _derivatives(times: np.ndarray, attitudes: np.ndarray, node: int) -> tuple[np.ndarray, np.ndarray]:
-    """Angular velocity and acceleration, (3,) each, in body axes at a node, from the nodes around it."""
+    """Return angular velocity and acceleration at a node, (3,) each in body axes, from the nodes around."""
     own = around(len(times), node)
     spline = interpolated(times[own], so3.log(attitudes[node].T @ attitudes[own]))
     return spline(times[node], 1), spline(times[node], 2)  # where b is zero they are those of the body
 
 
 def around(count: int, node: int) -> slice:
-    """The nodes, of so many, from which derivatives at one of them are found."""
+    """Return the slice of the `count` nodes from which derivatives at `node` are computed."""
     first = max(0, min(node - _AROUND, count - 2 * _AROUND - 1))
     return slice(first, first + 2 * _AROUND + 1)
 
@@ -142,9 +146,10 @@ def around(count: int, node: int) -> slice:
 def _in_chart(
     eta: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First and second derivative (3,) of ``b`` at ``eta`` for an angular velocity and acceleration.
+    """Return first and second derivative (3,) of chart coordinates ``b`` at ``eta``.
 
-    From ``omega = D b'`` and ``omega' = D b'' + D' b'`` with the right Jacobian ``D`` of ``eta``.
+    `velocity` and `acceleration` are those of the body, in body axes: ``omega = D b'`` and
+    ``omega' = D b'' + D' b'`` with the right Jacobian ``D`` of SO(3) at ``eta``.
     """
     tangent = so3.right_jacobian(eta)
     rate = np.linalg.solve(tangent, velocity)
@@ -155,13 +160,13 @@ def _in_chart(
 def bent(
     trajectory: Trajectory, ends: Sequence[tuple[np.ndarray, np.ndarray]], share: float = 1.0
 ) -> Trajectory:
-    """The trajectory with given accelerations at its start and goal.
+    """Return a trajectory changed at both ends so that it has given accelerations there.
 
     Args:
-        trajectory: a slew, of polynomials of degree 5.
-        ends: for start and goal the angular acceleration (3,) rad/s^2, body axes, and accelerations of joints
+        trajectory: a slew, of polynomials of degree 5; it is not changed in place.
+        ends: for start and goal the angular acceleration (3,) rad/s^2, body axes, and the joint accelerations
             (J,) rad/s^2.
-        share: of the outermost pieces, on which they are added.
+        share: fraction of the first and last piece, from the outer end, over which the change is spread.
     """
     if share < 1:
         trajectory = _cut(trajectory, share)
@@ -186,7 +191,7 @@ def bent(
 
 
 def _cut(trajectory: Trajectory, share: float) -> Trajectory:
-    """The same motion with its first and last pieces cut in two, the outer ones a share of them."""
+    """Return the same motion with its first and last piece cut in two; outer parts are `share` of a piece."""
     breaks, coefficients, kept = _cut_spline(trajectory.breaks, trajectory.coefficients, share)
     joint_breaks, joints, _ = _cut_spline(trajectory.joint_breaks, trajectory.joint_coefficients, share)
     return replace(
@@ -204,10 +209,10 @@ def _cut(trajectory: Trajectory, share: float) -> Trajectory:
 def _cut_spline(
     breaks: np.ndarray, coefficients: np.ndarray, share: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cut the first and the last piece of a spline in two.
+    """Cut the first and the last piece of a spline in two; the outer parts are `share` of the pieces.
 
     Returns:
-        Breaks, Legendre coefficients (p, 6, k), and for each piece the number of the one that it is of.
+        Breaks (p + 1,) s, Legendre coefficients (p, 6, k), and for each new piece the index of its old one.
     """
     spans = np.diff(breaks)
     edges = np.unique([*breaks, breaks[0] + share * spans[0], breaks[-1] - share * spans[-1]])
@@ -220,14 +225,17 @@ def _cut_spline(
 
 
 def _bump(end: int, span: float) -> np.ndarray:
-    """Legendre coefficients (6,), s^2, of what adds a unit acceleration at an end of a piece of `span` s."""
+    """Coefficients (6,), s^2, that add a unit acceleration at one end of a piece of `span` s.
+
+    `end` is 0 for the start of the piece and 1 for its end.
+    """
     rise = np.polynomial.Polynomial([0, 0, 0, 1.0]) * np.polynomial.Polynomial([1.0, -1.0]) ** 2 / 2
     found = _TO_LEGENDRE @ np.asarray(rise.coef, float) * span**2
     return found if end else found * (-1.0) ** np.arange(DEGREE + 1)
 
 
 def joined(parts: Sequence[tuple[float, Trajectory]]) -> Trajectory:
-    """One trajectory of several that follow each other, each given after the time (s) at which it begins."""
+    """Join trajectories that follow each other; each part is given as (s at which it begins, trajectory)."""
     begins = [begin for begin, _ in parts]
     last, ending = parts[-1]
     end = last + ending.duration
@@ -257,7 +265,10 @@ def joined(parts: Sequence[tuple[float, Trajectory]]) -> Trajectory:
 
 
 def part(trajectory: Trajectory, start: float, end: float) -> Trajectory:
-    """The part of a joined trajectory between two of its breaks, s; the start is its zero."""
+    """Cut out the part of a joined trajectory between two times, s; its time zero is `start`.
+
+    The cut is at the breaks nearest to `start` and `end`, which should be breaks.
+    """
 
     def between(breaks: np.ndarray) -> slice:
         first, last = (int(np.argmin(np.abs(breaks - time))) for time in (start, end))

@@ -1,13 +1,15 @@
-"""When the Earth hides the Sun from the spacecraft, as far as a scene tells.
+"""Compute when the Earth hides the Sun from the spacecraft, if a scene's zones allow that.
 
 A scene has no orbit, but zones about the Earth and the Sun have the directions to both over time. How far the
-Earth is follows from how its direction turns: on an orbit about it the angular momentum ``h = r^2 theta'`` is
+Earth is follows from how its direction turns: on a Kepler orbit the angular momentum ``h = r^2 theta'`` is
 constant and ``r = p / (1 + e cos(theta - w))``, so that ``sqrt(theta')`` is ``(mu / p^3)^(1/4)`` times ``1 +
-e cos(theta - w)``, which is linear in ``1, cos theta, sin theta``. Where that fit leaves more than a
-thousandth, nothing is told.
+e cos(theta - w)``, which is linear in ``1, cos theta, sin theta`` and so can be fitted. Here ``r`` is the
+distance, ``theta`` the angle of the direction in the orbit's plane, ``p`` the semi-latus rectum, ``e`` the
+eccentricity and ``w`` the angle of perigee. If that fit leaves more than a thousandth, no eclipses are
+computed.
 
-The Earth is a sphere of its equatorial radius without air, and what counts is the Sun's centre. On an orbit
-that the Earth's flattening disturbs the ends are off by some seconds.
+The Earth is taken as a sphere of its equatorial radius without air, and the Sun as its centre. On an orbit
+disturbed by the Earth's flattening the ends of eclipses are off by some seconds.
 """
 
 from collections.abc import Iterable
@@ -22,13 +24,13 @@ from jaxplan.sky.orbits import EARTH_MU
 from jaxplan.timeline.sign_changes import Changes, changes
 
 _NAMES = {"sun": ("sun",), "earth": ("earth", "nadir")}
-_MISFIT = 1e-3  # of the square root of the rate, that the orbit may leave
+_MISFIT = 1e-3  # relative error of the square root of the rate up to which an orbit counts as fitting
 _ARC = 0.5  # rad of the orbit that must be known to tell its shape
 _STEP = 20.0  # s between samples
 
 
 def paths_of(zones: Iterable[Zone]) -> tuple[DirectionPath, DirectionPath] | None:
-    """The directions to Sun and Earth over time, from zones of these names; None where one is missing."""
+    """Return the directions to Sun and Earth over time, from zones of these names; None if one is missing."""
     found: dict[str, DirectionPath] = {}
     for zone in zones:
         for body, names in _NAMES.items():
@@ -41,12 +43,12 @@ def eclipses(sun: DirectionPath, earth: DirectionPath, end: float) -> Changes | 
     """Find when the Sun's centre goes behind the Earth and comes out.
 
     Args:
-        sun: direction to it.
-        earth: direction to its centre.
-        end: s, until when.
+        sun: inertial direction to the Sun.
+        earth: inertial direction to the Earth's centre.
+        end: s, until when to look.
 
     Returns:
-        The changes, rising where the Sun comes out; None where the directions do not tell.
+        The changes, rising where the Sun comes out; None where the directions do not show an orbit.
     """
     if not earth.moves:
         return None
@@ -74,12 +76,17 @@ def eclipses(sun: DirectionPath, earth: DirectionPath, end: float) -> Changes | 
 
 
 def _basis(angle: np.ndarray) -> np.ndarray:
-    """(k, 3) of 1, cos and sin of angles (k,)."""
+    """Return (k, 3): 1, cosine and sine of angles (k,), rad."""
     return np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def _orbit(earth: DirectionPath, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Two axes (3,) of the orbit's plane and the fit (3,) of the root of the rate; None where none fits."""
+    """Fit an orbit to directions to the Earth at `times`, s; None where none fits.
+
+    Returns:
+        Two unit vectors (3,) that span the orbit's plane, and coefficients (3,) of `_basis` for the square
+        root of the angular rate.
+    """
     down, turn = np.asarray(earth.at(times)), np.asarray(earth.rate(times))
     normal = np.mean(np.cross(down, turn), axis=0)
     size = float(np.linalg.norm(normal))

@@ -1,28 +1,34 @@
-"""A step of least energy that keeps rows where it can: a quadratic program with a price for each.
+"""Solve a quadratic program whose inequalities may be violated, each at its own price.
 
-Most rows never bind, so a program begins without any, and those that its step breaks are added until none is.
+Most rows never bind, so the program begins without any; those that its step violates are added until the step
+violates no other row.
 """
 
 import numpy as np
 
 from jaxplan.trajectory.qp import BoxQP, solve_box_qps
 
-_ROUNDS = 12  # in which rows are added
-_KEPT = 1e-9  # rad, by which a row may be broken and count as kept
-_FLAT = 1e-9  # size of a row below which no step changes it
+_ROUNDS = 12  # most rounds in which rows are added
+_KEPT = 1e-9  # rad, by which a row may be violated and still counts as kept
+_FLAT = 1e-9  # norm of a row below which it is ignored, since no step changes its value
 
 
 def priced_step(
     hessian: np.ndarray, pull: np.ndarray, rows: np.ndarray, slack: np.ndarray, price: np.ndarray
 ) -> np.ndarray:
-    """The step (y,) least in ``y H y / 2 + p y`` with ``B y + s >= 0``, where rows may be broken at a price.
+    """Return the step ``x`` that minimizes ``x H x / 2 + p x`` plus the price of rows violated.
+
+    Row i asks for ``B_i x + s_i >= 0``; violating it by ``v`` costs ``price_i * v``.
 
     Args:
-        hessian: (y, y).
-        pull: (y,).
-        rows: (b, y).
-        slack: (b,) rad.
-        price: (b,) 1/rad, of breaking each.
+        hessian: ``H`` (y, y), positive definite.
+        pull: ``p`` (y,).
+        rows: ``B`` (b, y).
+        slack: ``s`` (b,) rad.
+        price: (b,) 1/rad.
+
+    Returns:
+        The step (y,).
     """
     inverse = np.linalg.inv(hessian)
     free = -inverse @ pull

@@ -1,11 +1,11 @@
-"""What happens on a planned day, in order of time.
+"""Events of a planned day, in order of time.
 
-Activities and slews begin and end. Targets of activities are hidden and seen again, whether they are followed
+Activities and slews begin and end. Targets of activities are hidden and seen again, whether they are tracked
 then or not. A device comes near to a keep-out zone and leaves it, and each zone has an instant of its least
-margin. A target that is seen passes through a keep-out cone that binds its device, so that there can be no
-link to it. The Earth hides the Sun, where zones about both tell (`jaxplan.timeline.eclipses`). Each wheel
-once holds its most. Instants are found from samples of the motion every few seconds, changes to a microsecond
-and extrema to 1e-5 s.
+margin. A target that is not hidden passes through a keep-out cone that binds its device, an *outage*, since
+no link to it is possible then. The Earth hides the Sun, where zones about both give their directions
+(`jaxplan.timeline.eclipses`). Each wheel has an instant of largest stored momentum. Instants are found from
+samples of the motion every few seconds: changes to a microsecond, extrema to 1e-5 s.
 """
 
 from collections.abc import Iterator, Sequence
@@ -47,7 +47,7 @@ KINDS = (
 NEAR = np.deg2rad(5.0)
 """rad: margin to a keep-out zone below which a device is near to it, unless another one is asked for."""
 _STEP = 10.0  # s between samples of the motion, at most; a slew has more
-_EACH = 33  # samples of a segment, at least
+_EACH = 33  # least number of samples of a segment
 _TARGET_STEP = 15.0  # s between samples of targets
 
 
@@ -73,15 +73,15 @@ def events(plan: TimelinePlan, *, near: float = NEAR) -> tuple[Event, ...]:
     """Find what happens on a planned day.
 
     Args:
-        plan: of a timeline, of any status; of what could not be planned nothing is told.
-        near: rad, margin to a keep-out zone below which a device is near to it, positive.
+        plan: plan of a timeline, of any status; there are no events of what could not be planned.
+        near: rad, positive: a device with a smaller margin to a keep-out zone counts as near to it.
 
     Returns:
-        The events in order of time, within the planned motion. What holds from the start on, such as a target
-        that is hidden then, is no event.
+        The events in order of time, within the planned motion. A state that holds from the start on, such as
+        a target that is hidden then, is not an event. Empty if the plan has no trajectory.
 
     Raises:
-        TypeError: if it is no plan of a timeline.
+        TypeError: if `plan` is not a TimelinePlan.
         ValueError: if `near` is not a positive number.
 
     Example:
@@ -103,7 +103,7 @@ def events(plan: TimelinePlan, *, near: float = NEAR) -> tuple[Event, ...]:
 
 
 def _instants(plan: TimelinePlan, end: float) -> np.ndarray:
-    """Times (k,) s up to the end, s, at which the motion is looked at first."""
+    """Return times (k,), s, at which the motion is sampled first: some in every segment, up to `end`."""
     parts = [
         np.linspace(one.start, one.end, max(_EACH, 2 + int((one.end - one.start) / _STEP)))
         for one in plan.segments
@@ -112,7 +112,7 @@ def _instants(plan: TimelinePlan, end: float) -> np.ndarray:
 
 
 def _doings(plan: TimelinePlan) -> Iterator[Event]:
-    """Yield the events of slews and activities."""
+    """Yield the begins and ends of slews and activities."""
     for segment in plan.segments:
         if segment.kind == "slew":
             name, lasts = segment.name, segment.end - segment.start
@@ -132,7 +132,7 @@ def _doings(plan: TimelinePlan) -> Iterator[Event]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Target:
-    """A target with its name, and the names of the devices that some activity has it for."""
+    """A target, its name, and the names of all devices for which some activity has it as the target."""
 
     name: str
     path: DirectionPath
@@ -140,9 +140,9 @@ class _Target:
 
 
 def _targets(plan: TimelinePlan) -> list[_Target]:
-    """All targets of activities, each once, whichever have it.
+    """Return all targets of activities, each once even if several activities have it.
 
-    One whose name its path does not have is called after the device and the first activity.
+    A target whose path has no name is called after the device and the first activity that has it.
     """
     craft = plan.timeline.scene.spacecraft
     names: dict[Any, str] = {}
@@ -166,7 +166,7 @@ def _targets(plan: TimelinePlan) -> list[_Target]:
 
 
 def _risings(plan: TimelinePlan, end: float) -> Iterator[Event]:
-    """Yield when targets are hidden and seen again, until `end`, s."""
+    """Yield when targets are hidden and when they are seen again, until `end`, s."""
     for target in _targets(plan):
         until = -np.inf
         spans = sorted(target.path.hidden, key=lambda span: span.start)
@@ -196,7 +196,10 @@ def _outages(plan: TimelinePlan, end: float) -> Iterator[Event]:
 
 
 def _passages(target: _Target, zone: KeepOut, devices: Sequence[str], end: float) -> Iterator[Event]:
-    """Yield when a target that is seen enters and leaves a cone that binds devices, until `end`, s."""
+    """Yield when a target enters and leaves a keep-out cone while not hidden, until `end`, s.
+
+    `devices` are the names of those that the cone binds and that have this target, for the text.
+    """
     axis = zone.path
     assert axis is not None
     moving = [path for path in (target.path, axis) if path.moves]
@@ -221,7 +224,7 @@ def _passages(target: _Target, zone: KeepOut, devices: Sequence[str], end: float
 
 
 def _eclipses(plan: TimelinePlan, end: float) -> Iterator[Event]:
-    """Yield when the Earth hides the Sun, until `end`, s, where zones about both tell."""
+    """Yield when the Earth hides the Sun, until `end`, s; nothing if zones do not give their directions."""
     bodies = paths_of((*plan.timeline.scene.keep_out, *plan.timeline.scene.keep_in))
     found = None if bodies is None else eclipses(*bodies, end)
     if found is None:
@@ -234,7 +237,10 @@ def _eclipses(plan: TimelinePlan, end: float) -> Iterator[Event]:
 def _of_margins(
     plan: TimelinePlan, trajectory: Trajectory, times: np.ndarray, near: float
 ) -> Iterator[Event]:
-    """Yield when devices come near to keep-out zones, rad, and the least margin of each zone."""
+    """Yield when devices come nearer than `near`, rad, to keep-out zones, and each zone's least margin.
+
+    `times`, s, are those at which the motion is sampled first.
+    """
     scene = plan.timeline.scene
     margins = ZoneMargins(scene)
     pairs, names = margins.pairs, scene.sight_names
@@ -273,7 +279,7 @@ def _of_margins(
 
 
 def _of_wheels(plan: TimelinePlan, trajectory: Trajectory, times: np.ndarray) -> Iterator[Event]:
-    """Yield when each wheel holds its most."""
+    """Yield for each wheel when the momentum that it stores is largest in size."""
     craft = plan.timeline.scene.spacecraft
     if not craft.wheels:
         return

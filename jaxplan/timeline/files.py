@@ -1,14 +1,13 @@
-"""Save and load plans of timelines: one compressed file with the numbers as they are.
+"""Save and load plans of timelines, each as one compressed file.
 
 A day has some 10,000 pieces of polynomials, so the file is a zip archive like `numpy.savez_compressed` makes:
 an ``.npy`` entry for each array of the trajectory and for each long list of numbers in the timeline, and
-``plan.json`` with all else. `numpy.load` opens it. The same plan has the same bytes on the same machine; its
-timings, which differ, are not kept.
+``plan.json`` with all else. `numpy.load` opens it. The same plan gives the same bytes on the same machine;
+computation times, which differ, are not stored.
 
 Nothing in a file is executed, and nothing is taken on trust: entries are numbers in float64 or text, never
-pickled objects; the timeline goes through the checks of its own file, all else through those of its table,
-and what contradicts itself is refused. The stored certificate is only a record; ``jaxplan check`` makes it
-anew.
+pickled objects; the timeline goes through the checks of timeline files, the rest through those of its table,
+and contradictions are refused. The stored certificate is only a record; ``jaxplan check`` computes it anew.
 """
 
 import io
@@ -38,10 +37,10 @@ KIND = "plan of a timeline"
 LARGEST = 2**30
 """Bytes of all entries together, unpacked; a day of a spacecraft with eight joints has 10 MB."""
 _CONTENT = "plan.json"
-_LONG = 32  # numbers of a list, from which on it is an entry by itself
-_ENTRY = "entry"  # key of a dict that stands in the place of such a list
-_MADE = (1980, 1, 1, 0, 0, 0)  # when entries say that they were made, which must not differ
-_ROUNDING = 1e-9  # s by which times may differ that are the same
+_LONG = 32  # least length of a list of numbers that is an entry of its own
+_ENTRY = "entry"  # key of a dict that stands in place of such a list, with the entry's name
+_MADE = (1980, 1, 1, 0, 0, 0)  # time stamp of all entries, the same for equal bytes
+_ROUNDING = 1e-9  # s, by which equal times may differ
 _SECONDS = Number(Interval("[0, 1e6]"))
 _ARRAYS = (
     "breaks",
@@ -57,7 +56,7 @@ _STATUS = Choice(tuple(Status.__members__), Status.__members__)
 
 
 def _as_read(parts: dict[str, Any], place: Place) -> dict[str, Any]:
-    """What was read of a table, by its keys."""
+    """Return the values read from a table as a dict by key; used where a table makes no object."""
     return parts
 
 
@@ -98,11 +97,11 @@ def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
 
     Args:
         plan: a `jaxplan.timeline.TimelinePlan`, also one that failed.
-        path: of the file, usually ``.npz``; one that is there is replaced.
+        path: the file, usually ``.npz``; an existing one is replaced.
 
     Raises:
         ScenarioError: if the timeline could not be read again.
-        OSError: the file cannot be written; one that was there is left as it was.
+        OSError: if the file cannot be written; an existing one is left as it was.
     """
     target = file_path("path", path)
     arrays: dict[str, np.ndarray] = {}
@@ -134,7 +133,10 @@ def save_plan(plan: Any, path: str | os.PathLike[str]) -> None:
 
 
 def _packed(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
-    """Tables with the name of an entry in the place of each long list of numbers, which goes to `arrays`."""
+    """Return tables with each long list of numbers replaced by the name of an entry.
+
+    The lists themselves are put into `arrays` by that name, which begins with `name`.
+    """
     if isinstance(value, dict):
         return {key: _packed(inner, f"{name}.{key}", arrays) for key, inner in value.items()}
     if not isinstance(value, list):
@@ -146,7 +148,7 @@ def _packed(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
 
 
 def _is_array(rows: list[Any]) -> bool:
-    """Whether a list has floats alone, or rows of floats, each as long as the first."""
+    """Whether a list consists of floats alone, or of lists of floats that are all of the same length."""
     if all(type(row) is float for row in rows):
         return True
     return all(
@@ -156,14 +158,14 @@ def _is_array(rows: list[Any]) -> bool:
 
 
 def _bytes(array: np.ndarray) -> bytes:
-    """An array as an ``.npy`` file."""
+    """Return an array as the bytes of an ``.npy`` file."""
     file = io.BytesIO()
     np.lib.format.write_array(file, np.ascontiguousarray(array, "<f8"), version=(1, 0), allow_pickle=False)
     return file.getvalue()
 
 
 def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
-    """Add an entry whose bytes tell nothing of when and where it was made."""
+    """Add an entry without time and system of its creation, so that equal plans give equal bytes."""
     entry = zipfile.ZipInfo(name, _MADE)
     entry.compress_type, entry.create_system, entry.external_attr = zipfile.ZIP_DEFLATED, 3, 0o644 << 16
     archive.writestr(entry, content)
@@ -173,13 +175,13 @@ def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read the attributes of a timeline's plan from a file that `save_plan` wrote.
 
     Args:
-        path: of the file.
+        path: the file.
 
     Returns:
-        By attribute; activities and segments are dicts of theirs.
+        The attributes by name; activities and segments are dicts of their own attributes.
 
     Raises:
-        PlanFileError: if the file is missing, too large, no such archive, or not a plan of a timeline.
+        PlanFileError: if the file is missing, too large, not such an archive, or not a plan of a timeline.
     """
     source = file_path("path", path)
     try:
@@ -207,7 +209,7 @@ def read_plan(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def is_plan(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is an archive with the content of a timeline's plan; its numbers are not looked at."""
+    """Whether a file is an archive with the entry of a timeline's plan; its content is not checked."""
     try:
         with zipfile.ZipFile(Path(path)) as archive:
             return _CONTENT in archive.namelist()
@@ -220,7 +222,7 @@ def _refuse(word: str) -> float:
 
 
 def _entries(archive: zipfile.ZipFile) -> dict[str, bytes]:
-    """The content of all entries of an archive by name; raises ValueError if they are too large."""
+    """Return the bytes of all entries of an archive, by name; raises ValueError if they are too large."""
     listed = archive.infolist()
     if sum(entry.file_size for entry in listed) > LARGEST:
         raise ValueError(f"unpacked it is larger than {LARGEST >> 20} MiB")
@@ -231,7 +233,7 @@ def _entries(archive: zipfile.ZipFile) -> dict[str, bytes]:
 
 
 def _array(name: str, content: bytes) -> np.ndarray:
-    """The array of an ``.npy`` entry; raises ValueError if it is none of float64."""
+    """Return the array of an ``.npy`` entry; raises ValueError if it is not one of float64."""
     file = io.BytesIO(content)
     try:
         array: np.ndarray = np.lib.format.read_array(file, allow_pickle=False)
@@ -243,7 +245,7 @@ def _array(name: str, content: bytes) -> np.ndarray:
 
 
 def _unpacked(value: Any, arrays: Mapping[str, np.ndarray]) -> Any:
-    """Tables with lists of numbers in the place of the names of their entries; raises KeyError."""
+    """Return tables with names of entries replaced by their lists of numbers; KeyError if one is missing."""
     if isinstance(value, dict):
         if value.keys() == {_ENTRY}:
             if value[_ENTRY] not in arrays:
@@ -254,7 +256,10 @@ def _unpacked(value: Any, arrays: Mapping[str, np.ndarray]) -> Any:
 
 
 def _parts(content: dict[str, Any]) -> dict[str, Any]:
-    """Read the attributes of a plan from a file's content; raises ScenarioError with all faults."""
+    """Return a plan's attributes, by name, from a file's content; raises ScenarioError with all faults.
+
+    `content` is emptied of version, kind and timeline.
+    """
     root = Place(Reading())
     Choice((SCHEMA_VERSION,)).read(content.pop("schema_version", None), root["schema_version"])
     tables = content.pop("timeline", None)
@@ -283,7 +288,13 @@ def _parts(content: dict[str, Any]) -> dict[str, Any]:
 
 
 def _check_agreement(read: Mapping[str, Any], timeline: Timeline, root: Place) -> None:
-    """Note where parts of a plan that are valid by themselves contradict each other, or the timeline."""
+    """Note a fault wherever parts of a plan contradict each other, or the timeline.
+
+    Args:
+        read: the values read, by name.
+        timeline: the plan's timeline.
+        root: place of the whole file, to which faults are added.
+    """
     trajectory, certificate = read["trajectory"], read["certificate"]
     if (trajectory is None) != (certificate is None):
         root["certificate"].fault("must be there where a trajectory is, and only there")
@@ -306,7 +317,7 @@ def _check_agreement(read: Mapping[str, Any], timeline: Timeline, root: Place) -
 
 
 def _check_segments(segments: Any, trajectory: Trajectory | None, place: Place) -> None:
-    """Note segments that are not one after the other from the start of the trajectory to its end."""
+    """Note a fault unless segments follow each other from the start of the trajectory to its end."""
     end = 0.0
     for number, one in enumerate(segments):
         if one["start"] != end:
@@ -325,7 +336,7 @@ def _check_segments(segments: Any, trajectory: Trajectory | None, place: Place) 
 
 
 def _check_done(one: Mapping[str, Any], segments: Any, place: Place) -> None:
-    """Note times of an activity that miss, do not rise, or for which its segment is not there."""
+    """Note a fault if an activity's times are missing or reversed, or no segment covers them."""
     start, end = one["start"], one["end"]
     if one["status"] is Status.OK and (start is None or end is None):
         place["start"].fault("must be a number, as the end must, of what is planned", start)

@@ -1,7 +1,7 @@
 """What is certain to be impossible in a timeline before any of it is planned.
 
 A state that an activity holds may break limits, or zones that stand still; a target may lie in a zone of its
-own device; and targets may be hidden for too much of the window in which they are to be followed. Whatever
+own device; and targets may be hidden for too much of the window in which they are to be tracked. Whatever
 depends on what is done before, or on where zones are at some time, is left to planning.
 """
 
@@ -22,13 +22,14 @@ _SAME = 1e-9  # s, by which rounding may let a target be hidden too soon
 
 
 def foreseen(timeline: Timeline) -> tuple[str, ...]:
-    """What activities ask for that can never be done.
+    """Return what activities ask for that can never be done.
 
     Args:
-        timeline: as it was read, in radians and seconds.
+        timeline: in radians and seconds, as it was read.
 
     Returns:
-        A phrase for each, which begins with the name of its activity; empty where nothing is certain.
+        A phrase for each, which begins with the name of its activity; empty if nothing is certainly
+        impossible.
     """
     still = _standing_still(timeline.scene)
     return tuple(
@@ -39,7 +40,7 @@ def foreseen(timeline: Timeline) -> tuple[str, ...]:
 
 
 def _standing_still(scene: Scenario) -> Scenario:
-    """The scene without zones that move, and without groups in which one does."""
+    """Return the scene without moving zones and without groups that have a moving one."""
     groups = {zone.any_of for zone in scene.zones if zone.moves} - {None}
     kept: dict[str, Any] = {
         kind: tuple(zone for zone in getattr(scene, kind) if not zone.moves and zone.any_of not in groups)
@@ -49,7 +50,10 @@ def _standing_still(scene: Scenario) -> Scenario:
 
 
 def _of_one(activity: Activity, scene: Scenario, until: float | None) -> Iterator[str]:
-    """Yield a phrase for what an activity asks in vain, among zones that stand still."""
+    """Yield a phrase for each thing that an activity asks for in vain.
+
+    `scene` has only zones that stand still; `until` is the end of the timeline, s, or None.
+    """
     if activity.attitude is not None:
         state, rest = activity.attitude, np.zeros(len(activity.attitude.joints))
         yield from breaches(scene, state.attitude, state.joints, np.zeros(3), rest)
@@ -64,7 +68,10 @@ def _of_one(activity: Activity, scene: Scenario, until: float | None) -> Iterato
 
 
 def _never_seen(activity: Activity, targets: Targets, scene: Scenario, latest: float) -> Iterator[str]:
-    """Yield a phrase for each target, or one for all together, not seen for long enough by `latest`, s."""
+    """Yield a phrase for each target that is not seen for long enough by `latest`, s.
+
+    If each of them is, but not all together, yield one phrase that says so.
+    """
     opens = activity.earliest or 0.0
     lasts = None if activity.duration is None and activity.kind != "point" else activity.duration or 0.0
     how_long = "up to the end of" if lasts is None else f"for {lasts:g} s within" if lasts else "within"
@@ -80,9 +87,9 @@ def _never_seen(activity: Activity, targets: Targets, scene: Scenario, latest: f
 
 
 def _seen(spans: Sequence[Hidden], opens: float, lasts: float | None, latest: float) -> bool:
-    """Whether there is a time, from `opens` to `latest` s, that lasts as asked and is in none of the spans.
+    """Whether there is a time from `opens` to `latest`, s, that is free of all hidden spans for long enough.
 
-    `lasts` is in s; None for all the time until `latest`, which may begin at any time before.
+    `lasts` is how long, s; None if the time must go on until `latest`, and may then begin at any time before.
     """
     time = opens
     while True:

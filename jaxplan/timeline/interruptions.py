@@ -1,9 +1,9 @@
-"""For how long slews interrupt devices that have the same target before and after.
+"""Times in which slews interrupt devices that have the same target before and after.
 
 A slew leads the whole spacecraft from one activity to the next, all devices together: those whose targets
-change, and those whose targets do not. The latter leave theirs for the time of the slew, since both ends of
-it are motions of their own, each the least one for what it has to do. A device that has another target, or
-none, in the next activity is not interrupted but at its end.
+change and those whose targets do not. The latter leave their targets during the slew, since the motions
+before and after it are planned separately. A device with another target in the next activity, or none, is not
+interrupted: its tracking just ends.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,8 +20,8 @@ from jaxplan.model.timeline import Segment, Timeline
 from jaxplan.runtime.display import shown
 from jaxplan.trajectory import Trajectory
 
-_STEP = 0.25  # s between the instants at which it is looked at how far a device is off, at most
-_EACH = 65  # such instants of an interruption, at least
+_STEP = 0.25  # s, most time between samples of how far a device is off its target
+_EACH = 65  # least number of such samples in an interruption
 
 
 @shown("device", "before", "after", "start s", "end s", "off deg")
@@ -33,9 +33,9 @@ class Interruption:
         device: its name.
         before: name of the activity that tracked the target until then.
         after: name of the activity that tracks it from then on.
-        start: s, from the timeline's start on, at which the first ends to track it.
-        end: s, at which the second, or the wait for its window, begins to.
-        off: rad, the largest angle between device and target meanwhile, at samples.
+        start: s from the timeline's start, when the activity before stops tracking it.
+        end: s, when the activity after it, or the wait for its window, begins to track it.
+        off: rad, the largest angle between device and target meanwhile, at sampled instants.
     """
 
     device: str
@@ -47,29 +47,30 @@ class Interruption:
 
     @property
     def duration(self) -> float:
-        """How long it lasts, s."""
+        """Duration of the interruption, s."""
         return self.end - self.start
 
 
 def interruptions(
     timeline: Timeline, segments: Sequence[Segment], trajectory: Trajectory
 ) -> tuple[Interruption, ...]:
-    """Find for how long devices are kept from targets that they go on with after a slew.
+    """Find for how long slews keep devices from targets that they have before and after.
 
     Args:
         timeline: what was asked.
-        segments: slews and activities in order, without gaps.
-        trajectory: over all segments.
+        segments: slews and activities in order of time, without gaps.
+        trajectory: the motion over all segments.
 
     Returns:
-        One for each slew and each device that tracks the same target before and after it, in order of time
-        and of the targets of the activity before; none where another activity lies between.
+        One interruption for each slew and each device that tracks the same target before and after it, in
+        order of time and then of the targets of the activity before. If another activity lies between, there
+        is none.
     """
     return tuple(_found(timeline, segments, trajectory))
 
 
 def _found(timeline: Timeline, segments: Sequence[Segment], trajectory: Trajectory) -> Iterator[Interruption]:
-    """Yield what `interruptions` lists."""
+    """Yield the interruptions; arguments as of `interruptions`."""
     craft = timeline.scene.spacecraft
     asked = {one.name: one.track for one in timeline.activities}
     tracks = [number for number, one in enumerate(segments) if one.kind == "track"]
@@ -97,7 +98,7 @@ def _found(timeline: Timeline, segments: Sequence[Segment], trajectory: Trajecto
 def _off(
     craft: Spacecraft, device: str, path: DirectionPath, trajectory: Trajectory, start: float, end: float
 ) -> float:
-    """The largest angle, rad, of a device from its target at samples from a start to an end, s."""
+    """Return the largest angle, rad, between a device and its target at samples from `start` to `end`, s."""
     times = np.linspace(start, end, max(_EACH, 1 + int(np.ceil((end - start) / _STEP))))
     at = trajectory.sample(np.clip(times, 0.0, trajectory.duration))
     beams = np.asarray(craft.boresights(at.attitude, at.joints))[:, craft.device_names.index(device)]

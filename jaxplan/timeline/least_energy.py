@@ -1,17 +1,20 @@
 """The motion of least energy with which devices follow their targets, as attitudes and joints at nodes.
 
-What targets leave free, the platform's attitude or a part of it and the joints of free devices, is chosen at
-K + 1 equidistant instants so that the energy of all motion is least: squares of rates and accelerations of
-platform and joints, by the weights of the fit, with rates from differences between nodes. To it are added
-how far the first node is from the state that the spacecraft comes from, over the time that the slew takes,
-how far the last one is from where the next slew leads (`looking_ahead`), and how far devices are from what
+What targets leave free, that is the platform's attitude or a part of it and the joints of free devices, is
+chosen at K + 1 equidistant instants so that the energy of all motion is least: squares of rates and
+accelerations of platform and joints, by the weights of the fit, with rates from differences between nodes.
+Added are how far the first node is from the state that the spacecraft comes from, over the time of the slew,
+how far the last nodes are from where the next slew leads (`looking_ahead`), and how far devices are from what
 they prefer. Ranges, rates and constraints are kept at the nodes with some room; accelerations, and what holds
-in between, are for the certificate.
+in between, are left to the certificate.
 
-It is found by Gauss' and Newton's method: about the nodes so far the residuals are linear in small turns
-``R exp(z^)`` and changes of free joints. In each step targets are met exactly (`Pursuit.meeting`), and steps
-lie in the null space of what they ask. A step that breaks nothing is that of a linear system; else it is
-one of a quadratic program, in which what cannot be kept may be broken at a price.
+The method is Gauss-Newton: about the nodes so far the residuals are linear in small turns ``R exp(z^)`` and
+changes of free joints. In each step targets are met exactly (`Pursuit.meeting`), and steps lie in the null
+space of their equations. A step that breaks nothing solves a linear system; else it solves a quadratic
+program, in which what cannot be kept may be broken at a price.
+
+Shapes: K + 1 nodes, J joints, f free joints, c ranges (low ends of all joints, then high ends) and
+constraints, y unknowns of a node. Attitudes are body to inertial.
 """
 
 from collections.abc import Sequence
@@ -30,21 +33,21 @@ from jaxplan.timeline.pursuit import Pursuit
 
 _STEPS = 12  # most steps; some four are usual
 _OPTIMAL_STEPS = 60  # likewise where the optimum is asked for
-_SETTLED = 5e-3  # share of the energy; a step that gains no more is the last
+_SETTLED = 5e-3  # fraction of the energy; a step that gains no more is the last
 _STILL = 1e-6  # rad; so is one that changes nothing by more
 _POLISH, _LEAST = 60, 1e-12  # most further steps to the optimum, and rad, the size of the last
-_DIFFERENCE = 1e-6  # rad, for slopes by differences
+_DIFFERENCE = 1e-6  # rad, step of finite differences
 _TRUST = 0.5  # rad, most by which a step moves any device
 _NEAR = 1.2  # rad; constraints with larger margins do not matter to a step
-_HARD = np.deg2rad(0.05)  # rad, that nodes keep from constraints and ends of ranges, so that curves do
-_ROOM = np.deg2rad(1.0)  # rad, that they keep where it costs little, so that slews have room at both ends
-_SHARE = 0.9  # of limits of rate that nodes may use
-_PRICE = 1e3  # of a radian by which a node breaks something, beside the energy
-_CHEAP = 1.0  # of one by which it has less room
+_HARD = np.deg2rad(0.05)  # rad, room that nodes keep to constraints and ends of ranges, for what is between
+_ROOM = np.deg2rad(1.0)  # rad, room that they keep where it costs little, for slews at both ends
+_SHARE = 0.9  # fraction of limits of rate that nodes may use
+_PRICE = 1e3  # 1/rad, price of what a node lacks of the room `_HARD`, beside the energy
+_CHEAP = 1.0  # 1/rad, price of what it lacks of the room `_ROOM`
 _WISH = 0.1  # 1/s, weight of the square of the angle to what a device prefers, per rate weight
-_LEAST_RATE = 1e-3  # rate weight, likewise, where that is less
-_AT = 3e-9  # rad, within which a node keeps just some room
-_DRAWN = 2  # last nodes that are drawn ahead, so that the motion slows down when it is there
+_LEAST_RATE = 1e-3  # least rate weight in that product
+_AT = 3e-9  # rad, within which a node counts as keeping just some room
+_DRAWN = 2  # number of last nodes that are drawn ahead, so that the motion has slowed down when it is there
 _TIE = 1e-9  # weight on the size of a step, so that what costs nothing does not change
 
 
@@ -54,15 +57,15 @@ class Wanted:
 
     Attributes:
         attitude: (3, 3) of the state that the spacecraft comes from; None for none.
-        joints: (J,) rad, at the beginning after the least turn of the platform from there. To these, and not
-            to those before, the first node is drawn: the joints are quick, and the platform is to turn less.
+        joints: (J,) rad, joints at the beginning after the least turn of the platform from there. To these,
+            not to those before, the first node is drawn: joints are quick, and the platform is to turn less.
             Devices without a target have them all along.
-        slew_time: s, that the slew from there takes, roughly.
+        slew_time: s, how long the slew from there takes, roughly.
         ahead: (3, 3) attitude to which the last two nodes are drawn; None for none.
-        ahead_time: s, over which the way from there counts: the less, the nearer they come to it.
-        held: number of the first nodes that stay as they are guessed.
-        wishes: devices without a target by number, each with the direction that it prefers.
-        weights: of the squares of rate and acceleration.
+        ahead_time: s, the time T of that term; the shorter, the nearer they come to it.
+        held: number of the first nodes that stay as in the first guess.
+        wishes: (device, direction that it prefers), for devices without a target by index.
+        weights: of the squares of rate and of acceleration.
         optimal: whether steps go on until the energy is least to rounding, so that the nodes are a function
             of what they depend on.
     """
@@ -84,7 +87,7 @@ class Nodes:
 
     Attributes:
         times: (K + 1,) s.
-        attitudes: (K + 1, 3, 3).
+        attitudes: (K + 1, 3, 3) body to inertial.
         joints: (K + 1, J) rad.
     """
 
@@ -94,16 +97,15 @@ class Nodes:
 
 
 class Leaning(NamedTuple):
-    """What nodes of least energy lean on: rows of low ends of ranges, then of high ones, and of constraints.
+    """What nodes of least energy lean on: ranges, constraints and rates of which they keep just some room.
 
     Attributes:
-        node: (a,) numbers of nodes that keep just some room from something.
-        row: (a,) of what.
-        room: (a,) rad, how much.
-        price: (K + 1, c) 1/rad, of what is left where that is less than such room.
-        rate: (r, 2) where a rate is as large as it may be: number of the interval, and of the rate as of
-            `rate_bounds`.
-        too_fast: whether one is larger.
+        node: (a,) indices of nodes that keep just some room from something.
+        row: (a,) index of the range or constraint, below c, from which they keep it.
+        room: (a,) rad, how much room.
+        price: (K + 1, c) 1/rad, price of room that is missing; 0 where there is enough.
+        rate: (r, 2) for each rate at its bound the indices of interval and rate, as in `rate_bounds`.
+        too_fast: whether a rate exceeds its bound.
     """
 
     node: np.ndarray
@@ -118,9 +120,9 @@ class LeastMotion:
     """The search for the nodes of least energy.
 
     Args:
-        pursuit: what must point where.
+        pursuit: what must point where, and the constraints.
         wanted: what the motion shall be near.
-        free: numbers of the joints that are among the unknowns.
+        free: indices of the f joints that are chosen, too.
     """
 
     def __init__(self, pursuit: Pursuit, wanted: Wanted, free: Sequence[int] = ()) -> None:
@@ -128,7 +130,7 @@ class LeastMotion:
         self.free = np.array(free, int)
 
     def solve(self, times: np.ndarray, attitudes: np.ndarray, rest: np.ndarray) -> Nodes:
-        """The nodes of least energy near a first guess.
+        """Find the nodes of least energy near a first guess.
 
         Args:
             times: (K + 1,) s, equidistant, at least three.
@@ -154,7 +156,7 @@ class LeastMotion:
         return self._polished(nodes) if optimal else nodes
 
     def _polished(self, nodes: Nodes) -> Nodes:
-        """Nodes after whole steps for as long as these become shorter, which the price could not tell."""
+        """Take whole steps for as long as they get shorter, to more digits than the price can tell."""
         last = np.inf
         for _ in range(_POLISH):
             step = self._step(nodes)
@@ -167,19 +169,19 @@ class LeastMotion:
         return nodes
 
     def first(self, times: np.ndarray, attitudes: np.ndarray, rest: np.ndarray) -> Nodes:
-        """The nodes of a first guess, with targets met; arguments as of `solve`."""
+        """Return the nodes of a first guess, changed so that targets are met; arguments as of `solve`."""
         return self._nodes(times, attitudes, np.broadcast_to(rest, (len(times), np.shape(rest)[-1])))
 
     def broken(self, nodes: Nodes) -> np.ndarray:
-        """How far each node (K + 1,) is beyond the worst of ranges and constraints, rad; at least 0."""
+        """How far each node (K + 1,) violates its worst range or constraint, rad; zero if it keeps all."""
         return np.maximum(0, np.max(-self._left(nodes), axis=1, initial=0.0))
 
     def depth(self, nodes: Nodes) -> float:
-        """How far the worst node is beyond the worst of ranges and constraints, rad; below zero within."""
+        """How far the worst node violates its worst range or constraint, rad; negative if all are kept."""
         return float(np.max(-self._left(nodes), initial=-np.inf))
 
     def leaning(self, nodes: Nodes) -> Leaning:
-        """What nodes of least energy lean on."""
+        """Find the ranges, constraints and rates of which the given nodes keep just some room."""
         left = self._left(nodes)
         levels = [(np.argwhere(np.abs(left - level) <= _AT), level) for level in (_HARD, _ROOM)]
         rows = np.concatenate([found for found, _ in levels])
@@ -197,25 +199,25 @@ class LeastMotion:
         )
 
     def _nodes(self, times: np.ndarray, attitudes: np.ndarray, rest: np.ndarray) -> Nodes:
-        """Nodes at attitudes near given ones at which targets are met, with joints that follow."""
+        """Return nodes whose attitudes, near given ones, allow to meet targets, with the joints for that."""
         met = self.pursuit.meeting(attitudes, times)
         joints = self.pursuit.unwrapped(self.pursuit.joints(met, times, rest))
         return Nodes(times=times, attitudes=met, joints=joints)
 
     def _moved(self, nodes: Nodes, step: np.ndarray) -> Nodes:
-        """Nodes after a step (K + 1, 3 + f) of turns and of free joints, rad."""
+        """Return nodes after a step (K + 1, 3 + f) rad: body-axis turns, and changes of free joints."""
         rest = nodes.joints.copy()
         rest[:, self.free] += step[:, 3:]
         return self._nodes(nodes.times, nodes.attitudes @ so3.exp(step[:, :3]), rest)
 
     def _left(self, nodes: Nodes) -> np.ndarray:
-        """What is left (K + 1, c) rad of low ends of ranges, then of high ones, and of constraints."""
+        """Room (K + 1, c), rad, to low ends of ranges, high ends and constraints; negative where violated."""
         low, high = self.pursuit.craft.joint_ranges.T
         margins = self.pursuit.margins(nodes.attitudes, nodes.joints, nodes.times)
         return np.concatenate([nodes.joints - low, high - nodes.joints, margins], axis=1)
 
     def price(self, nodes: Nodes) -> float:
-        """The energy of nodes and the price of what they break."""
+        """Energy of nodes, plus the price of what they violate and of too little room."""
         residual = self._residuals(nodes)
         left = self._left(nodes)
         broken = np.sum(np.maximum(0, _HARD - left)) + np.sum(np.maximum(0, self._overruns(nodes)))
@@ -223,7 +225,7 @@ class LeastMotion:
         return float(residual @ residual / 2 + _PRICE * broken + _CHEAP * narrow)
 
     def _overruns(self, nodes: Nodes) -> np.ndarray:
-        """How far rates of joints, and of the platform, are beyond their limits, as angles between nodes."""
+        """Angles between nodes less those that rate limits allow, rad: of joints, then of the platform."""
         craft, step = self.pursuit.craft, nodes.times[1] - nodes.times[0]
         joints = np.abs(np.diff(nodes.joints, axis=0)) - step * craft.joint_rate_limits
         turned = np.linalg.norm(self._turns(nodes), axis=1) - step * longest(craft, 1)
@@ -231,12 +233,12 @@ class LeastMotion:
 
     @staticmethod
     def _turns(nodes: Nodes) -> np.ndarray:
-        """Rotation vectors (K, 3) rad from each node to the next, in the axes of the former."""
+        """Rotation vectors (K, 3) rad from each node to the next, in the body axes of the former."""
         relative = np.swapaxes(nodes.attitudes[:-1], 1, 2) @ nodes.attitudes[1:]
         return np.asarray(so3.log(relative))
 
     def _slopes(self, nodes: Nodes) -> np.ndarray:
-        """Derivatives (K + 1, J, 3 + f) of joints by turns and free joints, targets met."""
+        """Derivatives (K + 1, J, 3 + f) of joints by turns and free joints, while targets stay met."""
         slopes = np.zeros((*nodes.joints.shape, 3 + len(self.free)))
         for axis in range(3):
             turn = _DIFFERENCE * np.eye(3)[axis]
@@ -253,7 +255,7 @@ class LeastMotion:
         return slopes
 
     def _residuals(self, nodes: Nodes) -> np.ndarray:
-        """Residuals (r,), half whose square is the energy: of rates, accelerations, ways, wishes."""
+        """Residuals (r,), half whose square is the energy: rates, accelerations, first node, last, wishes."""
         by_rate, by_acceleration, by_way, by_ahead, by_wish = self._weights(nodes)
         change = np.concatenate([self._turns(nodes), np.diff(nodes.joints, axis=0)], axis=1)
         found = [by_rate * change.ravel(), by_acceleration * np.diff(change, axis=0).ravel()]
@@ -266,7 +268,7 @@ class LeastMotion:
         return np.concatenate(found)
 
     def _rows(self, nodes: Nodes, slopes: np.ndarray, ahead: np.ndarray) -> np.ndarray:
-        """Derivatives (r, K + 1, 3 + f) of the residuals; arguments as of `_ahead`, and what that returns."""
+        """Derivatives (r, K + 1, 3 + f) of the residuals; `slopes` and `ahead` are of `_slopes`, `_ahead`."""
         count, size = len(nodes.times), slopes.shape[2]
         by_rate, by_acceleration, by_way, by_ahead, by_wish = self._weights(nodes)
         found = [by_rate * ahead, by_acceleration * np.diff(ahead, axis=0)]
@@ -288,7 +290,7 @@ class LeastMotion:
         return np.concatenate([own.reshape(-1, count, size) for own in found])
 
     def _weights(self, nodes: Nodes) -> tuple[float, float, float, float, float]:
-        """Roots of the weights of rates, accelerations, ways to the first node and from the last, wishes."""
+        """Square roots of the weights of rates, accelerations, first node, last nodes, and wishes."""
         step, (rate, acceleration) = nodes.times[1] - nodes.times[0], self.wanted.weights
         each = (
             rate / step,
@@ -300,10 +302,7 @@ class LeastMotion:
         return tuple(np.sqrt(each).tolist())
 
     def _ahead(self, nodes: Nodes, slopes: np.ndarray) -> np.ndarray:
-        """Derivatives (K, 3 + J, K + 1, 3 + f) of turns and changes of joints from each node to the next.
-
-        `slopes` are as of `_slopes`.
-        """
+        """Derivatives (K, 3 + J, K + 1, 3 + f) of changes from node to node; `slopes` as of `_slopes`."""
         count, size = len(nodes.times), slopes.shape[2]
         found = np.zeros((count - 1, 3 + nodes.joints.shape[1], count, size))
         every = np.arange(count - 1)
@@ -317,11 +316,11 @@ class LeastMotion:
         return found
 
     def _misses(self, nodes: Nodes, device: int, path: DirectionPath) -> np.ndarray:
-        """How far a device is off a direction, ``u - R^T e``, (K + 1, 3)."""
+        """How far a device's beam is off a direction in body axes, ``u - R^T e``, (K + 1, 3)."""
         return self._beam(nodes.joints, device) - self._wished(nodes, path)
 
     def _miss_slopes(self, nodes: Nodes, device: int, path: DirectionPath) -> np.ndarray:
-        """Derivatives (K + 1, 3, 3 + f) of `_misses`."""
+        """Derivatives (K + 1, 3, 3 + f) of `_misses` by turns and free joints."""
         seen = self._beam(nodes.joints, device)
         slope = np.zeros((len(seen), 3, 3 + len(self.free)))
         slope[:, :, :3] = -so3.hat(self._wished(nodes, path))  # R^T e after a turn z: s + s x z
@@ -333,11 +332,11 @@ class LeastMotion:
 
     @staticmethod
     def _wished(nodes: Nodes, path: DirectionPath) -> np.ndarray:
-        """A direction (K + 1, 3) at the nodes, in body axes."""
+        """A direction at the nodes, (K + 1, 3) unit vectors in body axes."""
         return (np.asarray(as_path(path).at(nodes.times))[:, None] @ nodes.attitudes)[:, 0]
 
     def _beam(self, joints: np.ndarray, device: int) -> np.ndarray:
-        """Boresights (K + 1, 3) of a device in body axes."""
+        """Boresights of a device at joints (K + 1, J), (K + 1, 3) unit vectors in body axes."""
         gimbals = self.pursuit.craft.gimbals
         if device >= gimbals.count:
             fixed = self.pursuit.craft.fixed_boresights[device - gimbals.count]
@@ -345,7 +344,7 @@ class LeastMotion:
         return np.asarray(gimbals.boresights(joints))[:, device]
 
     def _step(self, nodes: Nodes) -> np.ndarray:
-        """The step (K + 1, 3 + f), rad, of least energy to first order, that keeps what can be kept."""
+        """The step (K + 1, 3 + f), rad, of least energy to first order that keeps what can be kept."""
         slopes = self._slopes(nodes)
         ahead = self._ahead(nodes, slopes)
         residual, rows = self._residuals(nodes), self._rows(nodes, slopes, ahead)
@@ -362,7 +361,7 @@ class LeastMotion:
         return np.asarray(step * min(1.0, _TRUST / max(float(np.max(moved)), 1e-300)))
 
     def _basis(self, nodes: Nodes, size: int) -> np.ndarray:
-        """Directions (K + 1, 3 + f, y), orthonormal or zero, of steps along which targets stay met."""
+        """Basis (K + 1, 3 + f, y) of steps that keep targets met: orthonormal, zero for held nodes."""
         count = len(nodes.times)
         if not self.pursuit.equations:
             basis = np.tile(np.eye(size), (count, 1, 1))
@@ -380,10 +379,9 @@ class LeastMotion:
     def _bounds(
         self, nodes: Nodes, slopes: np.ndarray, ahead: np.ndarray, basis: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows ``B y + s >= 0`` of what a step shall keep, in radians, and the price of breaking each.
+        """Return ``B x + s >= 0`` that a step ``x`` in the basis shall keep, and the price of each row.
 
-        Returns:
-            (b, (K + 1) y), (b,) and (b,).
+        B is (b, (K + 1) y), s (b,) rad, and prices are (b,) 1/rad.
         """
         count, size = len(nodes.times), slopes.shape[2]
         craft, left = self.pursuit.craft, self._left(nodes)
@@ -417,7 +415,7 @@ class LeastMotion:
         )
 
     def _margin_slopes(self, nodes: Nodes, left: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-        """Derivatives (K + 1, c', 3 + f) of the constraints' margins by turns and free joints."""
+        """Derivatives (K + 1, constraints, 3 + f) of the constraints' margins by turns and free joints."""
         own = left.shape[1] - 2 * nodes.joints.shape[1]
         found = np.zeros((len(nodes.times), own, slopes.shape[2]))
         if not own:
@@ -434,13 +432,13 @@ class LeastMotion:
 
 
 def rate_bounds(craft: Spacecraft) -> AnyArray:
-    """Rates (J + 4,) rad/s that nodes may use: of joints, of the platform about each axis, of its turn."""
+    """Rates (J + 4,) rad/s that nodes may have: of joints, of three body axes, of the whole turn."""
     xp, joints, axes, whole = arrays(craft.joint_rate_limits, craft.rate_limit, longest(craft, 1))
     return _SHARE * xp.concatenate([joints, xp.broadcast_to(axes, (3,)), whole[None]])
 
 
 def wish_weight(rate: Any, step: Any) -> Any:
-    """Weight of the square of the chord to what a device prefers, for each node, as of the other squares.
+    """Weight of the squared chord between a device's beam and what it prefers, for each node.
 
     Args:
         rate: weight of the square of the rate.

@@ -1,4 +1,4 @@
-"""A planned day as rows of text: activities for tables, events for tables and files, and stamps of UTC."""
+"""A planned day as rows of text: activities for tables, events for tables and files, and time stamps."""
 
 from collections.abc import Iterable
 
@@ -13,7 +13,7 @@ NONE = "\N{EN DASH}"
 
 
 def clock(plan: TimelinePlan) -> str:
-    """What `stamps` are in: "UTC", with the date where all of the plan is on one, or "s"."""
+    """Return what the texts of `stamps` show: "UTC", with the date if the whole plan is on one, or "s"."""
     epoch = plan.timeline.scene.epoch
     if epoch is None:
         return "s"
@@ -22,7 +22,7 @@ def clock(plan: TimelinePlan) -> str:
 
 
 def _date(plan: TimelinePlan) -> str | None:
-    """The date in UTC on which all of a plan is, if there is one."""
+    """Return the UTC date of a plan if all of it is on one date; else, and without an epoch, None."""
     epoch = plan.timeline.scene.epoch
     if epoch is None:
         return None
@@ -32,7 +32,7 @@ def _date(plan: TimelinePlan) -> str | None:
 
 
 def stamps(plan: TimelinePlan, times: Iterable[float | None]) -> list[str]:
-    """Texts of times, s, as `clock` says what they are in; a dash for None."""
+    """Return texts of times given in s: UTC or seconds, as `clock` says; a dash for None."""
     given = list(times)
     known = [time for time in given if time is not None]
     epoch, cut = plan.timeline.scene.epoch, 0 if _date(plan) is None else len("2026-06-20 ")
@@ -44,14 +44,14 @@ def stamps(plan: TimelinePlan, times: Iterable[float | None]) -> list[str]:
 
 
 def activity_rows(plan: TimelinePlan, *, messages: bool = True) -> list[list[str]]:
-    """Rows of a table of what became of each activity, the first one its head.
+    """Return rows of a table with what became of each activity; the first row is the head.
 
-    Columns are name, kind, start, end, duration of the slew in s, largest pointing error in deg and status;
-    the message comes last where there is any, unless that is not wanted.
+    Columns are name, kind, start, end, duration of the slew in s, largest pointing error in deg, and status.
+    The message is a last column if any activity has one.
 
     Args:
-        plan: of a timeline.
-        messages: whether they are told.
+        plan: plan of a timeline.
+        messages: False to leave out the column of messages.
 
     Example:
         >>> as_table("Plan of a day", plan.rows(), activity_rows(plan, messages=False))
@@ -71,11 +71,11 @@ def activity_rows(plan: TimelinePlan, *, messages: bool = True) -> list[list[str
 
 
 def event_rows(found: Iterable[Event], epoch: np.datetime64 | None = None) -> list[list[str]]:
-    """Rows of a CSV file of events, the first one its head.
+    """Return rows of a CSV file of events; the first row is the head.
 
     Args:
-        found: of `events`.
-        epoch: UTC of the timeline's start; without it the column of UTC is left out.
+        found: the events, from `events`.
+        epoch: UTC of the timeline's start; None leaves out the column of UTC.
 
     Example:
         >>> with open("events.csv", "w", newline="") as file:
@@ -92,7 +92,7 @@ def event_rows(found: Iterable[Event], epoch: np.datetime64 | None = None) -> li
 
 
 def events_table(found: Iterable[Event], epoch: np.datetime64 | None = None) -> str:
-    """Events as a table of text, a line each; arguments as of `event_rows`."""
+    """Return events as a table of text, one line each below a head; arguments as of `event_rows`."""
     lines: list[str] = []
     for row in event_rows(found, epoch):
         time, *others = row

@@ -1,19 +1,20 @@
-"""Motions that turn to where the next slew leads while devices follow their targets.
+"""Motions that turn the platform to where the next slew leads while devices follow their targets.
 
 Where targets leave the platform's attitude free, a turn costs nothing but motion within limits. The motion of
-least energy is found first, as if nothing came after it. From its end step 1 says to which state the next
-slew would lead. If it is the platform that decides on the strict bound of that slew, and not a joint that
-must move anyway, the motion is found again with its last two nodes drawn there, each by a term of the form of
-that which draws the first node to the state before,
+least energy is found first, as if nothing came after it. From its end, step 1 finds the state to which the
+next slew would lead. If the lower bound of that slew's duration is set by the platform, and not by a joint
+that must move anyway, the motion is found again with its last two nodes *drawn* there: each gets an added
+term of energy of the same form as the one that draws the first node to the state before,
 
-    rate_weight / T |log(A^T R_k)|^2,        A the attitude of that state
+    rate_weight / T |log(A^T R_k)|^2,        A the attitude of that state, R_k that of the node
 
-over a short time T, so that a track of minutes turns most of the way. The next state follows the end, and so
-this is done a few times. Where it breaks a limit or a zone, a longer T draws less. Rates change in a quarter
-of the motion's time, so that accelerations are small. What is kept breaks nothing, and lowers the bound.
+over a short time T, so that a track of minutes turns most of the way. The next state depends on the end of
+the motion, so this is repeated a few times. If the result breaks a limit or a zone, a longer T draws less.
+Rates change over a quarter of the motion's time, so that accelerations are small. A drawn motion is taken
+only if it breaks nothing and lowers the bound.
 
-The first nodes stay, and the curve until the last of them, so the motion begins as it did: the slew to it can
-take as long as before, and an activity ends when it did.
+The first nodes are *held*, and so is the curve until the last of them, so the motion begins as it did: the
+slew to it can take as long as before, and the activity ends when it did.
 """
 
 from dataclasses import dataclass, replace
@@ -31,15 +32,15 @@ from jaxplan.timeline.slews import FIRST, LEAST, Departure
 from jaxplan.timeline.tracking import State, tracked_through
 from jaxplan.timeline.wheel_momentum import holding
 
-_OVER = (4.0, 20.0, 100.0)  # s, times over which the way ahead counts, the first of which breaks nothing
-_ROUNDS = 3  # in which the next state follows the end of the motion
-_FINER = 4  # intervals of the curve in one between nodes, so that what it begins with is far from the turn
-_FARTHEST = 2.8  # rad, by which it may turn
-_ALL = 3  # equations of an attitude that leave nothing of it free
-_GAIN = 0.2  # s, by which each makes the bound lower at least
-_LITTLE = 0.1  # of the bound, below which what is gained makes a round the last
-_SMOOTH = 0.25  # of the time of the motion, in which its rates change, so that it begins as it did
-_HELD = 3  # first nodes that stay, so that the slew before does, and the rates in which it ends
+_OVER = (4.0, 20.0, 100.0)  # s, times T that are tried in turn, until one breaks nothing
+_ROUNDS = 3  # most repetitions, each with the next state for the new end of the motion
+_FINER = 4  # intervals of the curve in each between nodes, so that the held part is far from the turn
+_FARTHEST = 2.8  # rad, most by which nodes may turn
+_ALL = 3  # number of equations of targets that leaves nothing of an attitude free
+_GAIN = 0.2  # s, least by which each repetition must lower the bound
+_LITTLE = 0.1  # fraction of the bound; a repetition that gains less is the last
+_SMOOTH = 0.25  # fraction of the motion's time in which its rates change, so that it begins as it did
+_HELD = 3  # first nodes that are held, so that the slew before, and its final rates, stay the same
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,9 +48,9 @@ class _Ahead:
     """The slew that would follow a motion.
 
     Attributes:
-        attitude: (3, 3) to which it leads.
-        bound: of its duration.
-        by_platform: whether the platform decides on that.
+        attitude: (3, 3) body to inertial, to which it leads.
+        bound: lower bound of its duration.
+        by_platform: whether the platform, not a joint, sets the bound.
     """
 
     attitude: np.ndarray
@@ -58,16 +59,16 @@ class _Ahead:
 
     @property
     def can_gain(self) -> bool:
-        """Whether it can be made shorter by turning the platform before."""
+        """Whether turning the platform beforehand can make the slew shorter."""
         return self.by_platform and self.bound.seconds > LEAST
 
 
 class Led(NamedTuple):
-    """A motion that is led to where the next slew leads.
+    """A motion that is drawn to where the next slew leads.
 
     Attributes:
-        motion: it.
-        bound: s, of the next slew after the motion as it was found without.
+        motion: the drawn motion.
+        bound: s, lower bound of the next slew after the motion that was not drawn.
     """
 
     motion: Motion
@@ -75,12 +76,12 @@ class Led(NamedTuple):
 
 
 def led_ahead(doing: Doing, motion: Motion, then: Doing) -> Led | None:
-    """The motion of an activity with targets, led to where the slew to the next one leads.
+    """Return an activity's motion drawn to where the slew to the next activity leads.
 
     Args:
-        doing: the activity.
-        motion: of it, as found without what comes after.
-        then: the next activity; from which state and when is not looked at.
+        doing: the activity, which has targets.
+        motion: its motion, found without regard to what comes after.
+        then: the next activity; its state and time before are ignored.
 
     Returns:
         None where nothing is gained.
@@ -117,10 +118,10 @@ def led_ahead(doing: Doing, motion: Motion, then: Doing) -> Led | None:
 
 
 def _ahead(motion: Motion, then: Doing, seconds: float) -> _Ahead | None:
-    """The slew from the end of a motion to an activity that takes about so long, s.
+    """Return the slew from the end of a motion to the activity `then`; it takes about `seconds`.
 
     Returns:
-        None where step 1 finds no state for it.
+        None where step 1 finds no state for the activity.
     """
     assert motion.trajectory is not None
     length = motion.trajectory.duration
@@ -136,7 +137,7 @@ def _ahead(motion: Motion, then: Doing, seconds: float) -> _Ahead | None:
 
 
 def _goal(then: Doing, time: float) -> State | None:
-    """The best state of step 1 in which an activity may begin at a time, s; None where none is known."""
+    """Return the best state of step 1 in which an activity may begin at `time`, s; None if there is none."""
     given, targets = then.activity.attitude, then.activity.targets
     if given is not None:
         return State.still(given.attitude, given.joints)
@@ -147,14 +148,14 @@ def _goal(then: Doing, time: float) -> State | None:
 
 
 def _drawn(doing: Doing, pursuit: Pursuit, near: Motion, attitude: np.ndarray, over: float) -> Motion | None:
-    """The motion near another one whose end is drawn to an attitude; None if it breaks something.
+    """Return a motion near another one, its end drawn to an attitude; None if it breaks something.
 
     Args:
         doing: the activity.
-        pursuit: of its targets.
-        near: the motion.
-        attitude: (3, 3).
-        over: s, the time over which the way there counts.
+        pursuit: its targets, and the constraints.
+        near: the other motion.
+        attitude: (3, 3) body to inertial.
+        over: s, the time T of the added term: the shorter, the stronger it draws.
     """
     tracked, targets = near.tracked, doing.activity.track
     assert tracked is not None
@@ -181,13 +182,13 @@ def _drawn(doing: Doing, pursuit: Pursuit, near: Motion, attitude: np.ndarray, o
 
 
 def _beside(pursuit: Pursuit, near: Motion, turned: Nodes) -> Nodes | None:
-    """Nodes between those of a motion that was turned, such that it begins as the motion that it is near.
+    """Return a finer set of nodes through turned ones that begins as the motion `near` does.
 
-    The turn from that motion is zero, with two derivatives, until the last node that stays. A spline through
-    the turned nodes alone would swing there, and so have other rates at its begin.
+    The turn from that motion is zero, with two derivatives, until the last held node. A spline through the
+    turned nodes alone would swing there, and so have other rates at its start.
 
     Returns:
-        None where the turn is so large that it is not known which way it goes.
+        None where the turn is too large for its direction to be certain.
     """
     assert near.tracked is not None
     assert near.trajectory is not None

@@ -1,7 +1,8 @@
-"""The motion of each kind of activity, from the time on at which it begins.
+"""The motion of each kind of activity, from the time at which it begins.
 
 A motion depends on when it begins, on the state that the spacecraft comes from, and for devices without a
-target on where they are then. Where there is none, `Refused` says which device, zone or second is in the way.
+target on where they are then. If there is none, `Refused` says which device, zone or time is in the way.
+Times are seconds of the timeline; attitudes (3, 3) are body to inertial.
 """
 
 from collections.abc import Iterator, Sequence
@@ -35,23 +36,23 @@ from jaxplan.timeline.tracking import State, Tracked, led_back, overrun, roomies
 from jaxplan.trajectory import Trajectory
 
 SLEW_TIME = 30.0  # s, a usual slew; it weighs the way to a motion against the motion's own energy
-_GOALS = 4  # attitudes of step 1 that are tried as first guesses
-_BROKEN = 1e-9  # rad by which a node may break what it keeps
+_GOALS = 4  # number of attitudes of step 1 that are tried as first guesses
+_BROKEN = 1e-9  # rad, by which a node may violate something and still counts as keeping it
 _LOOK, _LOOKS = 5.0, 2000  # s between the instants at which zones are looked at, and the most of them
 _EXACT = np.deg2rad(1e-6)  # rad, to which instruments and drives meet targets where they can
-_ROOM = np.deg2rad(1.0)  # rad, that an instant keeps from zones and ends of ranges where it can
+_ROOM = np.deg2rad(1.0)  # rad, room that pointing at an instant keeps to zones and ends of ranges if it can
 _SAME = 1e-9  # s, by which a time may be late
 _SAME_INSTANT = 1e-3  # s, between the end of a span and what begins because of it
 
 
 def with_room(craft: Spacecraft, targets: Targets) -> tuple[Spacecraft, Targets]:
-    """Spacecraft and targets with the room that an instant keeps from ends of ranges and zones if it can."""
+    """Return spacecraft and targets that keep extra room, `_ROOM`, to ends of ranges and to zones."""
     clearance = array_module(targets.clearance).maximum(targets.clearance, _ROOM)
     return usable(craft, Robust(joint_error=_ROOM)), replace(targets, clearance=clearance)
 
 
 class Refused(Exception):
-    """An activity cannot be done; the arguments are a status and a message."""
+    """Raised where an activity cannot be done; its arguments are a status and a message."""
 
     def __init__(self, status: Status, message: str) -> None:
         self.status, self.message = status, message
@@ -63,12 +64,11 @@ class Motion:
     """What is done from an instant on.
 
     Attributes:
-        state: in which it begins.
-        trajectory: from its begin on, which is its zero; None of what takes no time.
+        state: the state in which it begins.
+        trajectory: the motion, its time zero at its begin; None for what takes no time.
         begin: s, in the timeline's times.
         tracked: how devices follow their targets; None where they have none.
-        aim: the best state of step 1 at the begin, to whose joints the nodes are drawn; None where that is
-            not known.
+        aim: the best goal of step 1 at the begin, to whose joints the nodes are drawn; None if unknown.
         led: whether the platform turns to where the next slew leads.
     """
 
@@ -82,17 +82,17 @@ class Motion:
 
 @dataclass(kw_only=True, eq=False)
 class Doing:
-    """An activity that is to be done by a spacecraft that comes from some state.
+    """An activity to be done by a spacecraft that comes from some state.
 
     Attributes:
         scene: spacecraft, zones and settings, in the timeline's times.
         activity: what is asked.
         before: the state from which the spacecraft comes.
-        time: s, of that state.
-        latest_end: s, at which an activity without a duration ends; None where nothing says.
-        known: s, until when it is known where things are.
+        time: s, when it is in that state.
+        latest_end: s, when an activity without a duration ends; None if nothing says so.
+        known: s, until when positions of targets and zones are known.
         total: (3,) N m s, momentum of platform and wheels in inertial axes; None without wheels.
-        last: the motion that was found last, a first guess for the next.
+        last: the motion that was found last, a first guess for the next; `motion` updates it.
     """
 
     scene: Scenario
@@ -105,7 +105,7 @@ class Doing:
     last: Motion | None = field(default=None)
 
     def ends(self, begin: float) -> float:
-        """When the activity ends, s, if its motion begins at a time, s."""
+        """Return when the activity ends, s, if its motion begins at `begin`, s."""
         own = self.activity
         if own.kind == "point":
             return begin
@@ -116,11 +116,11 @@ class Doing:
 
     @property
     def last_begin(self) -> float:
-        """The last time, s, at which the motion may begin, by what is known."""
+        """The latest time, s, at which the motion may begin, given until when things are known."""
         return self.known - (0.0 if self.activity.kind == "point" else self.activity.duration or 0.0)
 
     def motion(self, begin: float) -> Motion:
-        """The motion from a time, s, on; raises `Refused` where there is none."""
+        """Return the activity's motion from `begin`, s, on; raises `Refused` if there is none."""
         own = self.activity
         self._expect_known(begin)
         if own.attitude is not None:
@@ -135,7 +135,7 @@ class Doing:
         return found
 
     def expect_possible(self, found: Motion) -> None:
-        """Raise `Refused` if a motion is beyond a limit, or cannot but break something beside it."""
+        """Raise `Refused` if a motion exceeds a limit, or its ends break something or allow no slew."""
         if found.trajectory is None:
             return
         if fast := self._overrun(found.trajectory, found.begin):
@@ -149,12 +149,12 @@ class Doing:
                 raise Refused(Status.INVALID_GOAL, f"{broken}, at {when:.2f} s")
 
     def _overrun(self, trajectory: Trajectory, begin: float) -> str:
-        """By how much the worst load is beyond its limit, at which time, s; empty if none is."""
+        """Return text on the load that exceeds its limit the most, and when; empty if none does."""
         beyond = overrun(self.scene.usable, trajectory, begin, self.total)
         return beyond + ", as targets move then" * bool(beyond and self.activity.targets is not None)
 
     def _held(self, state: State, begin: float) -> Motion:
-        """The motion that stays in a state."""
+        """Return the motion that stays in a state from `begin`, s, on; `Refused` if that breaks something."""
         end = self.ends(begin)
         if not end > begin:
             return Motion(state=state, trajectory=None, begin=begin)
@@ -175,7 +175,7 @@ class Doing:
         return Motion(state=state, trajectory=curves.through(nodes), begin=begin)
 
     def _resting(self, begin: float) -> Motion:
-        """The motion of a spacecraft that has come to rest, and moves only where zones ask for it."""
+        """Return the motion of a spacecraft that brakes to rest and then moves only if zones force it."""
         far = (begin - self.time) / 2  # braking evenly
         low, high = self.scene.usable.joint_ranges.T
         joints = np.clip(self.before.joints + far * self.before.rates, low, high)
@@ -187,7 +187,7 @@ class Doing:
             return self._tracked(None, [attitude[None]], joints, begin)
 
     def _pointing(self, targets: Targets, begin: float) -> Motion:
-        """The motion that follows targets."""
+        """Return the motion that follows targets from `begin`, s, on, or the one that violates the least."""
         end = self.ends(begin)
         if self.last is not None and self.last.tracked is not None:
             nodes = self.last.tracked.nodes
@@ -217,10 +217,10 @@ class Doing:
     def _first_guesses(
         self, targets: Targets, goals: Sequence[Goal], begin: float
     ) -> Iterator[list[np.ndarray]]:
-        """Yield lists of attitudes (1, 3, 3) at a time, s, from which a track may lead, likely ones first.
+        """Yield lists of attitudes (1, 3, 3) at `begin`, s, as first guesses of a track, likely ones first.
 
-        What is best at the start may lead where nothing is at the end, so those follow from which targets
-        lead to what is best there; then those with the most room, wherever they are.
+        The best at the start may lead nowhere at the end. So next are those from which the targets lead to
+        what is best at the end, and then those with the most room all along.
         """
         end, craft, rows = self.ends(begin), self.scene.usable, self.scene.constraints
         pursuit = Pursuit.of(craft, rows, targets)
@@ -230,7 +230,7 @@ class Doing:
         yield roomiest(pursuit, self.before.joints, begin, end, count=_GOALS, seed=self.scene.search.seed)
 
     def _decomposed(self, targets: Targets, begin: float) -> Decomposition:
-        """States at a time, s, in which devices point at their targets, the best first."""
+        """Find states at `begin`, s, in which devices point at their targets, best first, or refuse."""
         scene, rows = self.scene, self.scene.constraints.at(begin)
         found = self.attempted(scene.usable, targets, begin)
         masked = any(one.mask for one in scene.usable.terminals)  # masks may be taken off ranges
@@ -245,7 +245,7 @@ class Doing:
         return found
 
     def _expect_free(self, targets: Targets, begin: float) -> None:
-        """Raise `Refused` if a constraint is broken where targets are met without any, at a time, s."""
+        """Raise `Refused` if targets can be met at `begin`, s, only where a constraint is broken."""
         bare = replace(self.scene, keep_out=(), keep_in=())
         terminals = tuple(replace(one, mask=()) for one in bare.spacecraft.terminals)
         bare = replace(bare, spacecraft=replace(bare.spacecraft, terminals=terminals))
@@ -256,10 +256,10 @@ class Doing:
     def attempted(
         self, craft: Spacecraft, targets: Targets, begin: float, rows: Constraints | None = None
     ) -> Decomposition:
-        """What step 1 finds for a spacecraft at a time, s, with the scene's constraints or other rows.
+        """Run step 1 for a spacecraft at `begin`, s, with the scene's constraints or with `rows`.
 
-        Instruments and drives meet their targets exactly, so that what they are allowed to be off is left to
-        the motion; where that is too much for several at once, within their tolerance.
+        Instruments and drives meet their targets exactly, so that the tolerance is left to the motion. If
+        several of them cannot do so at once, they meet them within their tolerance.
         """
         asked, among = targets.at(begin), (self.scene.constraints if rows is None else rows).at(begin)
         most = float(targets.tolerance)
@@ -282,7 +282,7 @@ class Doing:
         return found
 
     def _instant(self, targets: Targets, goals: Sequence[Goal], begin: float) -> Motion:
-        """The state in which devices point at targets at an instant, at their rates: the best that can be."""
+        """Return the best state in which devices point at targets at `begin`, s, and turn with them."""
         roomy, clear = with_room(self.scene.usable, targets)
         first: str | None = None
         for goal in (*self.attempted(roomy, clear, begin).goals, *goals):
@@ -294,19 +294,19 @@ class Doing:
         raise Refused(Status.INVALID_GOAL, f"{first}, at {begin:.2f} s")
 
     def at_rates(self, targets: Targets, goal: Goal, time: float) -> State:
-        """A goal as the state in which devices follow targets at a time, s, at the least rates."""
+        """Return a goal as the state in which devices follow targets at `time`, s, at the least rates."""
         spin, rates = least_rates(self.scene.usable, targets.at(time), goal, targets.rates(time))
         return replace(State.still(goal.attitude, goal.joints), velocity=spin, rates=rates)
 
     def _broken(self, state: State, time: float, *, arriving: bool = False) -> str:
-        """What a state breaks at a time, s, or cannot but break before it, if `arriving`, or after it."""
+        """Return text on what a state breaks at `time`, s, or must break next (before it, if `arriving`)."""
         each = state.attitude, state.joints, state.velocity, state.rates
         return "; ".join(breaches(self.scene, *each, arriving=arriving, time=time))
 
     def _tracked(
         self, targets: Targets | None, guesses: list[np.ndarray], joints: np.ndarray, begin: float
     ) -> Motion:
-        """The motion of least energy near the first of some attitudes from which there is one."""
+        """Return the motion of least energy near the first of some attitudes, `guesses`, that has one."""
         scene = self.scene
         craft, rows = scene.usable, scene.constraints
         pursuit = Pursuit.of(craft, rows, targets)
@@ -330,7 +330,7 @@ class Doing:
         )
 
     def _calmest(self, pursuit: Pursuit, wanted: Wanted, guesses: list[np.ndarray], begin: float) -> Tracked:
-        """The motion near the first of some attitudes from which one breaks nothing, or that breaks least."""
+        """Return the motion from the first guess that violates nothing, or else the one that does least."""
         targets = self.activity.targets
         tolerance = 1e-4 if targets is None else float(targets.tolerance)
         free, end = self._free(targets), self.ends(begin)
@@ -345,7 +345,7 @@ class Doing:
         return best
 
     def _free(self, targets: Targets | None) -> tuple[int, ...]:
-        """Numbers of the joints of devices that have no target and may move: for a zone, or by a wish."""
+        """Indices of the joints, of devices without a target, that may move for a zone or a wish."""
         craft, rows = self.scene.usable, self.scene.constraints
         gimbals, asked = craft.gimbals, () if targets is None else targets.numbers(craft)
         held = () if targets is None else targets.hold
@@ -359,7 +359,7 @@ class Doing:
         return tuple(found)
 
     def _expect_known(self, begin: float) -> None:
-        """Raise `Refused` if an activity that begins at a time, s, ends after the timeline."""
+        """Raise `Refused` if the activity from `begin`, s, has a hidden target or outlasts the timeline."""
         if own_targets := self.activity.targets:
             self._expect_seen(own_targets, begin, self.ends(begin))
         late = self.ends(begin) - self.known
@@ -371,7 +371,7 @@ class Doing:
             )
 
     def _expect_seen(self, targets: Targets, begin: float, end: float) -> None:
-        """Raise `Refused` if a target is hidden at some time of the activity, seconds both."""
+        """Raise `Refused` if a target is hidden at some time from `begin` to `end`, s."""
         for name, path in zip(targets.names(self.scene.spacecraft), targets.paths, strict=True):
             for span in path.hidden:
                 if span.start <= begin < span.end - _SAME or begin < span.start < end:
@@ -383,10 +383,10 @@ class Doing:
                     )
 
     def seen_from(self, time: float) -> float:
-        """The first begin, s, at or after a time, s, of a span in which all targets are seen all along.
+        """Return the first begin, s, not before `time`, from which all targets are seen all along.
 
-        An instant at which devices point is not before its window. Where targets are not seen again as far
-        as they are known, it is the time that was asked for.
+        An instant of pointing is not before its window. If targets are not seen again as far as is known, the
+        result is `time`.
         """
         targets = self.activity.targets
         if targets is None:
@@ -405,7 +405,7 @@ class Doing:
             time = max(span.end for span in inside)
 
     def seen_at_last(self, begin: float) -> str:
-        """What was hidden until a time, s, from which the activity is done: a phrase, empty for nothing."""
+        """Return a phrase on the target that was hidden until just `begin`, s; empty if there is none."""
         targets = self.activity.targets
         for path in () if targets is None else targets.paths:
             for span in path.hidden:
@@ -414,7 +414,7 @@ class Doing:
         return ""
 
     def _expect_kept(self, found: Tracked) -> None:
-        """Raise `Refused` if nodes break a range or a constraint."""
+        """Raise `Refused` if nodes violate a range or a constraint."""
         if np.max(found.broken) <= _BROKEN:
             return
         phrases = self._phrases(found.nodes, found.worst)
@@ -422,7 +422,7 @@ class Doing:
         raise Refused(Status.GOAL_UNREACHABLE, f"{'; '.join(phrases) or 'a limit is passed'} {when}")
 
     def _phrases(self, nodes: Nodes, node: int) -> list[str]:
-        """A phrase for each range and constraint that a node breaks."""
+        """Return a phrase for each range and constraint that the given node violates."""
         scene, craft = self.scene, self.scene.usable
         low, high = craft.joint_ranges.T
         joints = nodes.joints[node]
@@ -439,11 +439,11 @@ class Doing:
 
 
 def _depth(motion: Motion) -> tuple[float, float]:
-    """How far nodes of a motion that follows targets, and what lies between them, break something, rad."""
+    """Return how far nodes, and the curve between, violate something, rad; for motions with `tracked`."""
     assert motion.tracked is not None
     return motion.tracked.depth
 
 
 def keeps_all(motion: Motion) -> bool:
-    """Whether a motion that follows targets breaks nothing at its nodes and between them."""
+    """Whether a motion that follows targets violates nothing at its nodes and between them."""
     return max(_depth(motion)) <= _BROKEN

@@ -1,4 +1,4 @@
-"""A timeline under way: what is planned so far, and the state in which that ends."""
+"""A partly planned timeline: what is planned so far, and the state in which that ends."""
 
 import time as clock
 from copy import copy
@@ -24,19 +24,22 @@ from jaxplan.trajectory import Trajectory
 class SoFar:
     """What is planned of a timeline so far.
 
+    Args:
+        timeline: what is to be planned; it is checked as one from a file is.
+
     Attributes:
-        timeline: that is planned.
+        timeline: the timeline.
         scene: spacecraft, zones and settings, in the timeline's times.
-        state: in which it ends.
-        time: s, when.
+        state: the state in which the plan so far ends.
+        time: s, when it ends.
         total: (3,) N m s, momentum of platform and wheels in inertial axes; None without wheels.
-        parts: of the motion, each with the time, s, at which it begins.
-        proofs: likewise, with their certificates.
-        segments: slews and what activities do.
-        activities: what became of each.
-        choices: how each that is planned came to begin.
-        seconds: that were spent, by step.
-        broken: what the start breaks.
+        parts: parts of the motion, each as (s at which it begins, trajectory).
+        proofs: the same with certificates: (s at which it begins, trajectory, certificate).
+        segments: slews and what activities do, in order of time.
+        activities: what became of each activity that was tried.
+        choices: how each planned activity came to begin.
+        seconds: computation time in seconds, by step.
+        broken: phrases for what the start breaks; empty if it breaks nothing.
     """
 
     def __init__(self, timeline: Timeline) -> None:
@@ -63,23 +66,23 @@ class SoFar:
         self.broken = start_breaches(replace(scene, goal=start))
 
     def _copied(self) -> Self:
-        """A day that is planned as far as this one, and goes its own way from there."""
+        """Return a copy that can be continued independently; the lists are copied, their elements shared."""
         own = copy(self)
         own.parts, own.proofs, own.segments = list(self.parts), list(self.proofs), list(self.segments)
         own.activities, own.choices = list(self.activities), list(self.choices)
         return own
 
     def _mark(self) -> tuple[State, float, int]:
-        """How far the plan is, to come back to by `_back_to`."""
+        """Return a mark of how far the plan is, for `_back_to`."""
         return self.state, self.time, len(self.parts)
 
     def _back_to(self, mark: tuple[State, float, int]) -> None:
-        """Take away what was added after a mark."""
+        """Remove the parts of the motion that were added after a mark, and return to its state and time."""
         self.state, self.time, kept = mark
         del self.parts[kept:], self.proofs[kept:], self.segments[kept:]
 
     def _add(self, name: str, kind: str, trajectory: Trajectory, proof: Certificate) -> None:
-        """Append a part of the motion with its certificate, and go on from its end."""
+        """Append a part of the motion with its certificate, and continue from its end."""
         self.parts.append((self.time, trajectory))
         self.proofs.append((self.time, trajectory, proof))
         end = self.time + trajectory.duration
@@ -87,12 +90,12 @@ class SoFar:
         self.state, self.time = State.of(trajectory, trajectory.duration), end
 
     def _craft(self, further: Trajectory | None = None) -> Spacecraft:
-        """The spacecraft with what its wheels hold now, or at the end of a further part."""
+        """Return the spacecraft with the momentum that its wheels hold now, or after a part `further`."""
         state = self.state if further is None else State.of(further, further.duration)
         return holding(self.scene.spacecraft, self.total, state)
 
     def result(self) -> TimelinePlan:
-        """The plan of all that was done, with its proof."""
+        """Return the plan of all that was done, with one trajectory and certificate over all parts."""
         failed = next((one for one in self.activities if not one.ok), None)
         trajectory = certificate = None
         status, message = Status.OK, ""

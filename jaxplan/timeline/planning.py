@@ -1,10 +1,13 @@
 """Plan a timeline: its activities one after the other, slews between them, and the proof of it all.
 
-Each activity begins as soon as its slew can end, not before its window and the one that it comes after. Where
-the window is later than that, a slew in the shortest time is followed by the targets' pursuit until the
-window opens, if they are seen then, or else begins after a rest; a calm one takes the time that there is, or
-what is gentle, after a rest. An activity that cannot be done is told by name and is not done, nor is what
-comes after it by its `after`. Planning ends there; if asked the rest is planned from the state before it.
+Each activity begins as soon as its slew can end, but not before its window opens and the activity that it
+comes after has ended. If the window opens later than a slew in the shortest time ends, the targets are
+tracked until it opens, if they are seen then, or the slew begins after a rest. A slew that is "calm" takes
+the time that there is, or a gentle time after a rest. An activity that cannot be done is reported by name and
+left out, as is what comes after it by its `after`. Planning ends there or, if asked to go on, continues from
+the state before it.
+
+An activity is *led* if its motion turns the platform to where the next slew leads (`looking_ahead`).
 """
 
 import time as clock
@@ -29,9 +32,9 @@ from jaxplan.timeline.replanning import first_again
 from jaxplan.timeline.slews import Departure, Slew
 from jaxplan.timeline.tracking import State
 
-_GENTLE = 6.0  # times the strict bound: how long a slew takes at most where there is time
-_USUAL = 60.0  # s: a slew that long is gentle in any case, and less time is not worth a rest
-_TRIES, _MORE = 3, 1.05  # slews from a rest that are tried, and the factor on what one needs for the next
+_GENTLE = 6.0  # times the lower bound: how long a slew takes at most where there is time
+_USUAL = 60.0  # s; a slew of that duration is gentle in any case, and less time is not worth a rest
+_TRIES, _MORE = 3, 1.05  # most slews from a rest to try, and the next one's time over what the last needs
 _SAME = 1e-9  # s, below which there is no time for a slew
 
 
@@ -40,10 +43,10 @@ class _Found:
     """How an activity can be done.
 
     Attributes:
-        doing: the activity.
+        doing: the activity, with what it begins from.
         departure: where the slew to it starts.
-        slew: to it.
-        motion: that follows.
+        slew: the slew to it.
+        motion: the motion that follows the slew.
     """
 
     doing: Doing
@@ -54,12 +57,12 @@ class _Found:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Otherwise:
-    """How an activity would be done that was led to where the next slew leads.
+    """How an activity that was led would be done if it were not.
 
     Attributes:
-        day: before it.
-        found: slew and motion, as they are not led.
-        bound: s, of the next slew after that.
+        day: the day as planned before it.
+        found: its slew and motion, not led.
+        bound: s, lower bound of the next slew's duration after that motion.
     """
 
     day: "_Day"
@@ -76,25 +79,26 @@ def plan_timeline(
     go_on: bool = False,
     progress: bool = True,
 ) -> TimelinePlan:
-    """Plan all activities of a timeline, with the slews between them, and prove it safe.
+    """Plan all activities of a timeline and the slews between them, and prove the motion safe.
 
     Args:
         timeline: what is to be done.
-        after: an earlier plan that is kept up to where the slew to `from_activity` begins. Until then the
-            timeline must be the same; from that activity on anything may differ.
-        from_activity: name of the first activity that is planned anew.
-        throw: raise when an activity cannot be planned; otherwise return what was found.
-        go_on: whether the rest is planned where an activity cannot be; else planning ends there.
+        after: an earlier plan, which is kept up to where the slew to `from_activity` begins. Up to then the
+            timeline must be the same; from that activity on anything may differ. None to plan all.
+        from_activity: name of the first activity that is planned anew; None to plan all.
+        throw: raise TimelineError if an activity cannot be planned; if False, return what was found.
+        go_on: whether to plan the rest if an activity cannot be planned; if False, planning ends there.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
 
     Returns:
-        The plan, whose trajectory is one over all activities.
+        The plan, whose trajectory is a single one over all activities.
 
     Raises:
-        TimelineError: with ``status``, ``plan`` and a message that says which activity, what is in the way
-            and what to change, if ``throw``.
-        ScenarioError: for what no timeline may have; the message lists every fault.
-        ValueError: if one of `after` and `from_activity` is given without the other, or no such activity is.
+        TimelineError: if `throw` and the plan is not OK; it has the plan, its status and a message that says
+            which activity failed, what is in the way and what to change.
+        ScenarioError: for values that no timeline may have; the message lists every fault.
+        ValueError: if only one of `after` and `from_activity` is given, if there is no such activity, or if
+            what comes before it has changed.
 
     Example:
         >>> day = jp.plan_timeline(timeline)
@@ -121,7 +125,12 @@ def plan_timeline(
 
 
 class _Day(SoFar):
-    """A timeline under way, and how it goes on."""
+    """A partly planned timeline that can plan further activities.
+
+    Attributes:
+        otherwise: how the last activity would be done if it were not led; None if it is not led.
+        following: the next activity by the name of each, if the timeline looks ahead; else empty.
+    """
 
     def __init__(self, timeline: Timeline) -> None:
         super().__init__(timeline)
@@ -130,7 +139,10 @@ class _Day(SoFar):
         self.following = {one.name: then for one, then in pairwise(ordered)}
 
     def left(self, kept: TimelinePlan | None, name: str | None) -> list[Activity]:
-        """The activities that are to be planned; those before a name are taken from a plan that is kept."""
+        """Return the activities to plan, in order, after taking those before `name` over from a kept plan.
+
+        With None for both arguments all activities are to be planned; None for one of them is a ValueError.
+        """
         ordered = in_order(self.timeline.activities)
         if kept is None and name is None:
             return ordered
@@ -150,11 +162,12 @@ class _Day(SoFar):
         return ordered[first:]
 
     def after(self, activity: Activity) -> "_Day":
-        """The day with an activity planned from the state so far on, or why it cannot be.
+        """Plan an activity from the state so far, or record why it cannot be done; returns the day after it.
 
-        Where the one before was led to it, the day in which it was not is planned, too, unless that cannot
-        have a shorter slew: so this activity ends no later, and is not refused, because of what was led.
-        Those after it begin from another state, and may end later.
+        If the activity before was led to this one, the day in which it was not is planned as well, unless its
+        slew cannot be shorter, and the better day is returned. So this activity ends no later, and is not
+        refused, because the one before was led. Activities after it begin from another state, and may end
+        later.
         """
         otherwise, self.otherwise = self.otherwise, None
         done = self._do_or_tell(activity)
@@ -170,12 +183,15 @@ class _Day(SoFar):
         return self if done and self._last_times() < other._last_times() else other
 
     def _last_times(self) -> tuple[float, float]:
-        """When the last activity ends, s, to what matters, and how long the slew to it takes."""
+        """Return when the last activity ends and how long the slew to it takes, s, for comparing two days."""
         last = self.activities[-1]
         return round(last.end or 0.0, 6), last.slew or 0.0
 
     def _do_or_tell(self, activity: Activity) -> bool:
-        """Plan an activity from the state so far on; returns whether it could be."""
+        """Plan an activity from the state so far, or record why it cannot be done.
+
+        Returns whether it could.
+        """
         before = self._mark()
         try:
             if self.broken:
@@ -193,19 +209,22 @@ class _Day(SoFar):
         return True
 
     def _expect_done(self, name: str) -> None:
-        """Raise `Refused` if the activity of a name, which was to be done before, is not; empty for none."""
+        """Raise `Refused` if the activity `name`, which must be done before, is not; "" stands for none."""
         failed = next((one for one in self.activities if one.name == name and not one.ok), None)
         if failed is not None:
             raise Refused(failed.status, f"{name}, after which it comes, is not done ({failed.status.name})")
 
     def rest(self) -> None:
-        """Rest until the timeline's end, if time is left."""
+        """Plan a rest until the end of the timeline, if time is left."""
         until = self.timeline.until
         if until is not None and until > self.time + _SAME:
             self._do_or_tell(Activity(name=REST, idle=True))
 
     def _do(self, activity: Activity, *, listed: bool = True) -> None:
-        """Plan an activity; raises `Refused`. What only fills time is not listed among the activities."""
+        """Plan an activity; raises `Refused`.
+
+        `listed` is False for a rest that only fills time, which is not listed among the activities.
+        """
         doing = self._doing(activity)
         slew, motion = self._slew(doing)
         departure = Departure(scene=self.scene, craft=self._craft(), state=self.state, time=self.time)
@@ -216,7 +235,14 @@ class _Day(SoFar):
     def _add_all(
         self, found: _Found, proof: Certificate | None, error: float | None, *, listed: bool = True
     ) -> None:
-        """Append slew and motion of an activity, with the motion's proof and how near devices point."""
+        """Append slew and motion of an activity, and list the activity unless `listed` is False.
+
+        Args:
+            found: how the activity is done.
+            proof: certificate of its motion; None if it takes no time.
+            error: rad, angle within which devices are proved to point; None if nothing is tracked.
+            listed: whether the activity is listed, with the choices made for it.
+        """
         activity, slew, motion = found.doing.activity, found.slew, found.motion
         if slew.trajectory is not None and slew.proof is not None:
             self._add(activity.name, "slew", slew.trajectory, slew.proof)
@@ -251,7 +277,7 @@ class _Day(SoFar):
         )
 
     def _doing(self, activity: Activity) -> Doing:
-        """An activity that is to be done from the state so far on."""
+        """Return an activity as one to be done from the state so far."""
         return Doing(
             scene=self.scene,
             activity=activity,
@@ -263,9 +289,9 @@ class _Day(SoFar):
         )
 
     def _do_ahead(self, found: _Found) -> bool:
-        """Plan an activity so that it is led to where the next slew leads; returns whether it is.
+        """Plan an activity led to where the next slew leads; returns whether that was possible and of use.
 
-        The slew takes as long as the one that was found.
+        The slew to it takes as long as the one that was found before.
         """
         doing, departure, then = found.doing, found.departure, self.following.get(found.doing.activity.name)
         begin = found.motion.begin
@@ -294,7 +320,10 @@ class _Day(SoFar):
         return True
 
     def _proved(self, found: _Found) -> tuple[Certificate | None, float | None]:
-        """The proof of a motion, and how near devices are proved to point; raises `Refused`."""
+        """Return the proof of a motion, and within which angle, rad, devices point; raises `Refused`.
+
+        Both are None for a motion that takes no time; the angle is None if nothing is tracked.
+        """
         activity, motion = found.doing.activity, found.motion
         if motion.trajectory is None:
             return None, None
@@ -313,7 +342,7 @@ class _Day(SoFar):
         return proof, error
 
     def _slew(self, doing: Doing) -> tuple[Slew, Motion]:
-        """The slew to an activity, and the motion that follows; raises `Refused`."""
+        """Return the slew to an activity and the motion that follows it; raises `Refused`."""
         activity = doing.activity
         opens = activity.earliest or 0.0
         departure = Departure(scene=self.scene, craft=self._craft(), state=self.state, time=self.time)
@@ -350,10 +379,10 @@ class _Day(SoFar):
         return slew, slew.goal
 
     def _after_rest(self, departure: Departure, doing: Doing, slew: Slew) -> Slew:
-        """A slew that must not end before an instant, such as that at which a target comes into sight.
+        """Return a slew that ends at a given instant, such as that at which a target comes into sight.
 
-        Where there is much time until then the platform rests, and slews in the shortest time after that;
-        else, or where that cannot be, it takes all the time that there is, which is `slew`.
+        If there is much time until then, the platform rests first, and then slews in the shortest time. If
+        there is not, or that fails, the slew takes all the time there is; it is the argument `slew`.
         """
         motion, slew = slew.goal, replace(slew, time=None)
         if slew.duration <= _USUAL:
@@ -375,7 +404,11 @@ class _Day(SoFar):
         return slew
 
     def _calm(self, departure: Departure, doing: Doing, opens: float) -> tuple[Slew, Motion]:
-        """The slew that takes all the time until an activity may begin, and the motion that follows."""
+        """Return the slew that takes all the time until an activity may begin, and the motion that follows.
+
+        `opens` is when its window opens, s. If there is more time than a gentle slew takes, a rest comes
+        first.
+        """
         begin = doing.seen_from(opens)
         motion = self._motion(doing, begin)
         expect_in_time(doing, motion, self.time)
@@ -392,7 +425,10 @@ class _Day(SoFar):
         return slew, motion
 
     def _wait(self, name: str, until: float) -> bool:
-        """Rest until a time, s, from which a slew to an activity is gentle; returns whether that can be."""
+        """Rest until a time, s, from which a slew to the activity `name` is gentle.
+
+        Returns whether that works.
+        """
         try:
             self._do(Activity(name=name, idle=True, latest=until), listed=False)
         except Refused:
@@ -400,7 +436,7 @@ class _Day(SoFar):
         return True
 
     def _motion(self, doing: Doing, begin: float) -> Motion:
-        """The motion of an activity from a time, s, on."""
+        """Return the motion of an activity from `begin`, s, on, and count its computation time."""
         begun = clock.monotonic()
         try:
             return doing.motion(begin)

@@ -1,12 +1,12 @@
 """What is proved of a timeline's plan: limits and zones at every instant, and how well devices point.
 
-The certificate of the whole is made of those of its segments, each by the prover of single plans, and of the
-joins between: there two segments must have the same attitude, joints, rates and accelerations. What wheels
-hold follows from the total momentum, which is that of the start all along; each segment begins with what
-they hold then.
+The certificate of the whole is made of those of its segments, each from the prover of single plans, and of
+checks where they join: two successive segments must have the same attitude, joints, rates and accelerations
+there. What wheels hold follows from the total momentum, which stays as it is at the start; each segment
+begins with what they hold then.
 
-How well devices point is the largest angle from their targets, which is proved as the margin of a cone about
-each target as it moves.
+How well devices point is the largest angle from their targets. Its bound is proved as the margin of a cone
+about each target as it moves.
 """
 
 from collections.abc import Sequence
@@ -30,8 +30,8 @@ from jaxplan.timeline.tracking import State
 from jaxplan.timeline.wheel_momentum import holding, total_in
 from jaxplan.trajectory import Trajectory
 
-_CONE = 2.0  # times the tolerance: half angle of the cone about a target in which devices are proved to be
-_WIDEST = 0.5  # rad, of such a cone
+_CONE = 2.0  # times the tolerance: half angle of the cone about a target, as a keep-in zone for the proof
+_WIDEST = 0.5  # rad, largest half angle of such a cone
 _PLACES = {
     "attitude": "attitude",
     "joints": "joints",
@@ -43,13 +43,16 @@ _PLACES = {
 
 
 def pointing_error(scene: Scenario, targets: Targets, trajectory: Trajectory, begin: float) -> float:
-    """Upper bound, rad, over all time of the angle between devices and their targets.
+    """Return an upper bound, rad, of the angle between devices and their targets at all times.
 
     Args:
-        scene: the spacecraft, in the timeline's times.
-        targets: of the devices.
-        trajectory: that follows them, from its start on.
-        begin: s, of that start.
+        scene: the spacecraft and settings, in the timeline's times.
+        targets: the devices' targets.
+        trajectory: the motion that follows them; its time zero is its start.
+        begin: s, when it starts in the timeline.
+
+    Returns:
+        The bound; infinite if none could be proved for some device.
     """
     craft = scene.spacecraft
     # directions count alone
@@ -74,13 +77,14 @@ def pointing_error(scene: Scenario, targets: Targets, trajectory: Trajectory, be
 
 
 def certify_part(scene: Scenario, begin: float, trajectory: Trajectory, craft: Spacecraft) -> Certificate:
-    """Prove a part of a motion.
+    """Certify a part of a motion.
 
     Args:
-        scene: zones and settings, in the timeline's times. A part that begins at zero must start as it does.
-        begin: s, of the part.
-        trajectory: of the part, from its start on.
-        craft: the spacecraft, whose wheels store what they hold then.
+        scene: zones and settings, in the timeline's times. A part that begins at time zero must start in the
+            scene's start.
+        begin: s, when the part begins in the timeline.
+        trajectory: the part; its time zero is its start.
+        craft: the spacecraft, whose wheels store what they hold when the part begins.
     """
     moved = replace(later(scene, begin, trajectory.duration), spacecraft=craft)
     return certify(
@@ -97,7 +101,7 @@ def certify_part(scene: Scenario, begin: float, trajectory: Trajectory, craft: S
 
 
 def _start(scene: Scenario) -> EndState:
-    """The state in which the scene starts, as claims have it."""
+    """Return the scene's start in the form that claims have."""
     start = scene.start
     return EndState(
         attitude=start.attitude,
@@ -108,7 +112,10 @@ def _start(scene: Scenario) -> EndState:
 
 
 def jumps_between(before: Trajectory, after: Trajectory) -> dict[str, float]:
-    """Jumps from the end of a trajectory to the start of the next, by the names of a certificate's jumps."""
+    """Return the largest jumps from the end of a trajectory to the start of the next, by quantity.
+
+    Names are those in `Certificate.jumps`; units are rad and seconds.
+    """
     ended, begun = State.of(before, before.duration), State.of(after, 0.0)
     return {
         name: float(np.max(np.abs(getattr(begun, own) - getattr(ended, own)), initial=0.0))
@@ -117,9 +124,12 @@ def jumps_between(before: Trajectory, after: Trajectory) -> dict[str, float]:
 
 
 def merged(parts: Sequence[tuple[float, Trajectory, Certificate]]) -> Certificate:
-    """The certificate of a motion from those of its parts, each given after the time (s) at which it begins.
+    """Return the certificate of a motion from those of its parts.
 
-    The jumps from part to part are looked at, too.
+    The jumps from part to part are checked as well.
+
+    Args:
+        parts: each as (s at which it begins, trajectory, certificate), in order of time.
     """
     begins = [begin for begin, _, _ in parts]
     found = [proof for _, _, proof in parts]
@@ -169,9 +179,9 @@ def merged(parts: Sequence[tuple[float, Trajectory, Certificate]]) -> Certificat
 
 
 def _gaps(trajectory: Trajectory, segments: Sequence[Segment]) -> list[str]:
-    """A sentence for each way in which segments are not the whole of a trajectory, one after the other.
+    """Return a sentence for each way in which segments fail to cover a trajectory one after the other.
 
-    They begin at breaks of platform and joints, since only from there on are parts of the motion its own.
+    They must begin at breaks of both platform and joints, so that a part can be cut out there.
     """
     ends = [0.0, *(segment.end for segment in segments)]
     off = [segment for segment, end in zip(segments, ends, strict=False) if segment.start != end]
@@ -196,14 +206,14 @@ def certify_segments(
 
     Args:
         timeline: what was asked.
-        trajectory: over all segments.
-        segments: slews and activities in order.
-        done: the activities that are said to be done, and when.
+        trajectory: the motion over all segments.
+        segments: slews and activities in order of time.
+        done: begin and end, s, of the activities that are said to be done, by name.
         whole: whether the whole timeline is said to be done.
 
     Returns:
-        The certificate, which lists what could not be proved; that each of these activities is done, and that
-        devices point within their tolerances, is among it.
+        The certificate, whose `faults` list what could not be proved. It covers that each of these activities
+        is done, and that devices point within their tolerances.
     """
     scene = timeline.scene
     asked = {one.name: one for one in timeline.activities}

@@ -1,13 +1,13 @@
-"""What must point where while targets are tracked: attitudes that allow it, and the joints that follow.
+"""What must point where while targets are tracked: attitudes that allow it, and joints that then follow.
 
 A terminal can follow its target whatever the platform does: its yaw and pitch are the angles toward it. An
-instrument asks two numbers of the attitude and a drive one: with the target ``s = R^T e`` in body axes, the
-instrument's ``c . s = 0`` for two directions ``c`` across its boresight, and the drive's
-``a . s = sin(tilt)`` for its axis ``a``. By a turn ``R exp(z^)`` they change by ``(c x s) . z``. Devices that
-have no target keep their joints, or have them among the unknowns.
+instrument imposes two equations on the attitude and a drive one: with the target ``s = R^T e`` in body axes,
+``e`` in inertial ones, the instrument's ``c . s = 0`` for two directions ``c`` across its boresight, and the
+drive's ``a . s = sin(tilt)`` for its axis ``a``. By a turn ``R exp(z^)`` they change by ``(c x s) . z``.
+Devices without a target keep their joints, or have them among the unknowns.
 
-Shapes: K instants, k devices with targets, J joints, m equations. Times are seconds from the timeline's
-start on; attitudes are body to inertial, angles in radians.
+Shapes: K instants, k devices with targets, J joints, m equations, Z rows of constraints. Times are seconds
+from the timeline's start on; attitudes are body to inertial, angles in radians.
 """
 
 from dataclasses import dataclass, field
@@ -30,10 +30,10 @@ from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
 
 _NEWTON = 12  # most steps of Newton's method; it doubles its digits in each
-_MET = 1e-13  # of an equation, of which unit vectors are; rounding allows no less
-_ALIKE = 1e-9  # sine of an angle below which two directions have no axis between them
-_KEPT = 8  # sets of instants for which directions are kept
-_FARTHEST = 0.5  # rad, most that a step turns, since equations are linear near a solution alone
+_MET = 1e-13  # most error of an equation of unit vectors that counts as met; rounding allows no less
+_ALIKE = 1e-9  # sine of an angle below which the axis of a turn from one direction to another is undefined
+_KEPT = 8  # most sets of instants for which directions are cached
+_FARTHEST = 0.5  # rad, most that a step turns, since equations are linear only near a solution
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,10 +41,10 @@ class Pursuit:
     """Devices with the targets that they follow, and constraints that must hold meanwhile.
 
     Attributes:
-        craft: with the ranges and limits that may be used.
+        craft: the spacecraft with the ranges and limits that may be used.
         rows: the constraints.
-        devices: numbers (k,) of the devices with targets, as of `Spacecraft.device_names`.
-        paths: (k) of their targets.
+        devices: indices of the k devices with targets, as of `Spacecraft.device_names`.
+        paths: the k directions of their targets over time.
     """
 
     craft: Spacecraft
@@ -55,35 +55,35 @@ class Pursuit:
 
     @classmethod
     def of(cls, craft: Spacecraft, rows: Constraints, targets: Targets | None) -> "Pursuit":
-        """The pursuit of targets; without any, nothing must point anywhere."""
+        """Return the pursuit of targets; with None no device has a target."""
         if targets is None:
             return cls(craft=craft, rows=rows, devices=(), paths=())
         return cls(craft=craft, rows=rows, devices=targets.numbers(craft), paths=targets.paths)
 
     @cached_property
     def own_joints(self) -> np.ndarray:
-        """Numbers of the joints that targets decide on."""
+        """Indices of the joints of devices with targets, which these determine."""
         gimbals = self.craft.gimbals
         own = [gimbals.joints_of(number) for number in self.devices if number < gimbals.count]
         return np.concatenate([np.zeros(0, int), *own]).astype(int)
 
     @cached_property
     def equations(self) -> int:
-        """How many numbers targets ask of the attitude, m."""
+        """Number m of equations that the targets impose on an attitude."""
         gimbals = self.craft.gimbals
         return sum(2 if n >= gimbals.count else 1 if n >= gimbals.terminals else 0 for n in self.devices)
 
     @cached_property
     def sights(self) -> Sights:
-        """What the constraints bind."""
+        """The directions that the constraints bind."""
         return self.rows.sights(self.craft.gimbals, self.craft.fixed_boresights)
 
     def directions(self, times: np.ndarray) -> np.ndarray:
-        """Directions (K, k, 3) of the targets at times (K,), inertial unit vectors."""
+        """Directions of the targets at times (K,), s: (K, k, 3) inertial unit vectors."""
         return self._at(times)[0]
 
     def _at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Directions (K, k, 3) of targets and axes (K, Z, 3) of constraints; kept for nodes that stay."""
+        """Directions (K, k, 3) of targets and axes (K, Z, 3) of constraints at times (K,), cached."""
         key = times.tobytes()
         if key not in self._known:
             seen = [np.asarray(as_path(path).at(times)) for path in self.paths]
@@ -94,14 +94,14 @@ class Pursuit:
         return self._known[key]
 
     def residuals(self, attitudes: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What targets ask of attitudes, which is zero where these allow all devices to point.
+        """Evaluate the equations that targets impose on attitudes; zero means that all devices can point.
 
         Args:
             attitudes: (K, 3, 3).
-            times: (K,).
+            times: (K,) s.
 
         Returns:
-            (K, m), and derivatives (K, m, 3) by turns ``z`` of ``R exp(z^)``.
+            Values (K, m), and their derivatives (K, m, 3) by turns ``z`` of ``R exp(z^)``.
         """
         gimbals, craft = self.craft.gimbals, self.craft
         seen = self.directions(times) @ attitudes  # in body axes
@@ -122,10 +122,10 @@ class Pursuit:
         return np.concatenate(values, axis=1), np.concatenate(slopes, axis=1)
 
     def meeting(self, attitudes: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """The attitudes (K, 3, 3) near given ones from which all devices can point at their targets.
+        """Return the attitudes (K, 3, 3) near given ones from which all devices can point at their targets.
 
-        Where there are none, as two instruments cannot point as they are asked to, it is those of least
-        squares.
+        If there are none, as when two instruments cannot point as they are asked to, the equations hold as
+        well as they can in the sense of least squares.
         """
         turned = np.asarray(attitudes, float)
         if not self.equations:
@@ -141,9 +141,9 @@ class Pursuit:
         return turned
 
     def _turned_about(self, attitudes: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Attitudes (K, 3, 3) turned until the first instrument with a target points there, if it is far off.
+        """Turn attitudes (K, 3, 3) until the first instrument with a target points there, if it is far off.
 
-        Its equations hold with its back to the target, too.
+        Its equations hold with its back to the target, too, so Newton's method might turn it that way.
         """
         gimbals = self.craft.gimbals
         fixed = [place for place, number in enumerate(self.devices) if number >= gimbals.count]
@@ -160,13 +160,13 @@ class Pursuit:
         return np.asarray(attitudes @ turn)
 
     def joints(self, attitudes: np.ndarray, times: np.ndarray, rest: np.ndarray) -> np.ndarray:
-        """Joints (K, J) with which devices point at their targets.
+        """Return joints (K, J), rad, with which devices point at their targets.
 
         Args:
             attitudes: (K, 3, 3).
-            times: (K,).
-            rest: (K, J), joints of the others; of yaws that may be whole turns apart the nearest to it is
-                taken.
+            times: (K,) s.
+            rest: (J,) or (K, J) rad, joints of the other devices; if a yaw may be whole turns away, the one
+                nearest to its value here is taken.
         """
         gimbals = self.craft.gimbals
         found = np.array(np.broadcast_to(rest, (len(times), self.craft.joint_count)), float)
@@ -183,14 +183,17 @@ class Pursuit:
         return found
 
     def unwrapped(self, joints: np.ndarray) -> np.ndarray:
-        """Joints (K, J) in which no yaw that follows a target jumps by a whole turn from one to the next."""
+        """Return joints (K, J) with whole turns added so that no yaw with a target jumps in time."""
         yaws = np.intersect1d(self.own_joints, self.craft.gimbals.yaws)
         smooth = np.array(joints)
         smooth[:, yaws] = np.unwrap(smooth[:, yaws], axis=0, period=TURN)
         return smooth
 
     def margins(self, attitudes: np.ndarray, joints: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Margins (K, p) rad of all that must hold: of pairs of row and sight, and of the best of a group."""
+        """Margins (K, p), rad, of all that must hold, negative where broken.
+
+        They are those of single pairs of row and sight, then those of the best entry of each group.
+        """
         rows, sights = self.rows, self.sights
         seen = sights.in_body(joints)
         values = joint_values(rows, sights.gimbals, joints) if rows.inner else None
@@ -202,7 +205,7 @@ class Pursuit:
         return np.asarray(np.concatenate([table[:, row, sight], best], axis=1))
 
     def errors(self, attitudes: np.ndarray, joints: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Angles (K, k) rad between the devices' boresights and their targets."""
+        """Angles (K, k), rad, between the devices' boresights and their targets."""
         craft = self.craft
         moving = craft.gimbals.boresights(joints)
         still = np.broadcast_to(craft.fixed_boresights, (len(times), *craft.fixed_boresights.shape))

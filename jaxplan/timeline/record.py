@@ -1,4 +1,4 @@
-"""The plan of a timeline: its trajectory, what became of each activity, and what is proved of all."""
+"""The record of a timeline's plan: its trajectory, what became of each activity, what is proved of all."""
 
 import os
 from dataclasses import dataclass, field
@@ -52,13 +52,13 @@ class PlannedActivity:
         name: of the activity.
         kind: "track", "point", "attitude" or "idle".
         status: how its planning ended.
-        message: for the user, what is in the way and what to change; empty when all is well.
-        start: s, from the timeline's start on; None where it is not planned.
+        message: for the user, what is in the way and what to change; empty when there is nothing to say.
+        start: s, from the timeline's start on; None if it is not planned.
         end: s; None likewise.
-        slew: s, how long the slew takes that ends at it; None likewise. Where the platform rests on the way,
-            an earlier one leads to that rest, which is a segment, too.
-        pointing_error: rad, upper bound over all its time of the angle between any device and its target;
-            None where nothing is tracked.
+        slew: s, duration of the slew that ends at the activity; None likewise. If the platform rests on the
+            way, an earlier slew leads to that rest; both are segments of their own.
+        pointing_error: rad, upper bound, at all its times, of the angle between any device and its target;
+            infinite if none could be proved, None where nothing is tracked.
     """
 
     name: str
@@ -72,7 +72,7 @@ class PlannedActivity:
 
     @property
     def ok(self) -> bool:
-        """Whether it is planned."""
+        """Whether the activity is planned."""
         return self.status is Status.OK
 
 
@@ -83,15 +83,15 @@ class TimelinePlan:
 
     Attributes:
         timeline: what was asked.
-        status: how it ended, that of the first activity that is not planned.
-        message: for the user; empty when all is well.
-        activities: what became of each, in the order in which they are done.
-        segments: slews and activities in order, without gaps.
-        trajectory: all of the motion as a function of time; None where nothing is planned.
+        status: how planning ended: that of the first activity that is not planned, else of the certificate.
+        message: for the user; empty when there is nothing to say.
+        activities: what became of each activity that was tried, in order of execution.
+        segments: slews and activities in order of time, without gaps.
+        trajectory: the whole motion as a function of time; None where nothing is planned.
         certificate: what is proved of the trajectory.
-        choices: how each activity came to begin, see `jaxplan.timeline.choices`; no file has them, and of a
-            plan that was read there are none.
-        timings: seconds by step, the one part that is not deterministic.
+        choices: how each activity came to begin, see `jaxplan.timeline.choices`. They are not stored in
+            files, so a plan that was loaded has none.
+        timings: computation times in seconds, by step; the one part that is not deterministic.
     """
 
     timeline: Timeline
@@ -111,37 +111,37 @@ class TimelinePlan:
 
     @property
     def not_done(self) -> tuple[str, ...]:
-        """Names of the activities of the timeline that are not planned, in the timeline's order."""
+        """Names of the activities that are not planned, in the timeline's order."""
         done = {one.name for one in self.activities if one.ok}
         return tuple(one.name for one in self.timeline.activities if one.name not in done)
 
     @property
     def advice(self) -> str:
-        """What a user may change, in a sentence or two; empty of a certified plan."""
+        """What a user may change, in a sentence or two; empty if the plan is certified."""
         return _ADVICE.get(self.status, self.status.advice)
 
     @property
     def scene(self) -> Scenario:
-        """Spacecraft, start, zones and settings."""
+        """The timeline's spacecraft, start, zones and settings."""
         return self.timeline.scene
 
     @property
     def scenario(self) -> Scenario:
-        """The scene, by the name that plans of single manoeuvres have for it."""
+        """The scene, under the name that plans of single manoeuvres use."""
         return self.timeline.scene
 
     @property
     def names(self) -> ExportNames | None:
-        """What exported files call the spacecraft; None for what exports do without."""
+        """What exported files call the spacecraft; None to export without such names."""
         return self.timeline.names
 
     def certify(self) -> Certificate:
-        """Certify the plan anew, trusting nothing that it says but what was asked.
+        """Certify the plan anew; nothing in it is trusted except what was asked.
 
         Returns:
-            The certificate, which lists what could not be proved; that each activity that is planned is done,
-            within its window, for its time and in its state, and that devices point within their tolerances,
-            is among it.
+            The certificate, whose `faults` list what could not be proved. It covers that each planned
+            activity is done within its window, for its duration and in its state, and that devices point
+            within their tolerances.
 
         Raises:
             ValueError: if the plan has no trajectory.
@@ -162,34 +162,34 @@ class TimelinePlan:
         return certify_segments(self.timeline, self.trajectory, self.segments, done, whole=self.ok)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the plan to one compressed file, see `jaxplan.timeline.files`; its timings are left out."""
+        """Write the plan to one compressed file, see `jaxplan.timeline.files`, without computation times."""
         save_plan(self, path)
 
     @property
     def pointing_error(self) -> float | None:
-        """Largest of the activities' proved pointing errors, rad; None where nothing is tracked."""
+        """Largest proved pointing error of the activities, rad; None where nothing is tracked."""
         known = [one.pointing_error for one in self.activities if one.pointing_error is not None]
         return max(known, default=None)
 
     @property
     def slews(self) -> tuple[Segment, ...]:
-        """All slews in order of time: those that end at activities, and those to rests on the way to one."""
+        """All slews in order of time, to activities and to rests on the way to one."""
         return tuple(one for one in self.segments if one.kind == "slew")
 
     @property
     def slews_to_rests(self) -> int:
-        """Number of slews that end at a rest on the way to an activity, from which another one goes on."""
+        """Number of slews that end in a rest on the way to an activity."""
         return len(self.slews) - len({one.name for one in self.slews})
 
     @cached_property
     def interruptions(self) -> tuple[Interruption, ...]:
-        """When slews interrupt devices whose target is the same before and after, in order of time."""
+        """Times in which slews interrupt devices with the same target before and after, in order."""
         if self.trajectory is None:
             return ()
         return interruptions(self.timeline, self.segments, self.trajectory)
 
     def rows(self) -> list[tuple[str, str]]:
-        """The plan as (label, value) rows for a table; timings are left out."""
+        """Return the plan as (label, value) rows for a table, without computation times."""
         rows = [("status", self.status.name)]
         if self.message:
             rows.append(("", self.message))
@@ -212,7 +212,7 @@ class TimelinePlan:
         return rows
 
     def summary(self) -> dict[str, Any]:
-        """The plan as a dict in the units of files, for machines; timings included."""
+        """Return the plan as a dict of plain values in the units of files, computation times included."""
         return {
             "name": self.timeline.name,
             "status": self.status.name,
@@ -240,7 +240,7 @@ class TimelinePlan:
         }
 
     def table(self) -> str:
-        """A line for each activity, with its times, slew and pointing error."""
+        """Return a text table with a line for each activity: its times, slew, pointing error and status."""
         tried = {one.name for one in self.activities}
         left = [name for name in self.not_done if name not in tried]
         cells = [
@@ -273,13 +273,13 @@ class TimelinePlan:
 
 
 def load_timeline_plan(path: str | os.PathLike[str]) -> TimelinePlan:
-    """Read a plan of a timeline that `TimelinePlan.save` wrote.
+    """Read a plan of a timeline from a file that `TimelinePlan.save` wrote.
 
     Args:
-        path: of the file.
+        path: the file.
 
     Returns:
-        The plan, with the same bits in its trajectory and without timings.
+        The plan: its trajectory is the same to the last bit; computation times and choices are missing.
 
     Raises:
         PlanFileError: if the file is missing, too large, or not a plan of a timeline.
@@ -299,7 +299,7 @@ def load_timeline_plan(path: str | os.PathLike[str]) -> TimelinePlan:
 
 
 def _summary(one: PlannedActivity) -> dict[str, Any]:
-    """What became of an activity as a dict in the units of files."""
+    """Return what became of an activity as a dict in the units of files."""
     return {
         "name": one.name,
         "kind": one.kind,
@@ -313,20 +313,20 @@ def _summary(one: PlannedActivity) -> dict[str, Any]:
 
 
 def _degrees(angle: float | None) -> float | None:
-    """An angle in degrees; None for none, and for an infinite one, which JSON has no number for."""
+    """Convert an angle from rad to degrees; None for None, and for infinity, which JSON cannot write."""
     return None if angle is None or not np.isfinite(angle) else float(np.rad2deg(angle))
 
 
 def _cell(value: float | None, form: str) -> str:
-    """A number by a format, or a dash."""
+    """Return a number as text in the given format; a dash for None."""
     return "-" if value is None else f"{value:{form}}"
 
 
 class TimelineError(Exception):
-    """The error of `plan_timeline` where an activity cannot be planned.
+    """Raised by `plan_timeline` where an activity cannot be planned, or the motion not certified.
 
     Attributes:
-        plan: what was found before it failed.
+        plan: what was found before planning failed.
         status: why it failed.
     """
 

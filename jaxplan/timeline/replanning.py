@@ -1,7 +1,7 @@
-"""What must stay as it was for an earlier plan to be kept up to an activity, and planned anew from there on.
+"""What must be unchanged for an earlier plan to be kept up to an activity and continued from there.
 
-What comes before that activity, and the start, must be the same as in the plan that is kept, since its motion
-stays what it is; that it breaks nothing of what is asked now is proved anew.
+The start, and all before that activity, must be the same as in the plan that is kept, since its motion is
+reused. That it breaks nothing of what is asked now is proved anew.
 """
 
 from collections.abc import Sequence
@@ -15,15 +15,15 @@ from jaxplan.timeline.record import TimelinePlan
 
 
 def first_again(timeline: Timeline, kept: TimelinePlan, name: str) -> int:
-    """Number of the activity, in the order in which they are done, from which a timeline is planned anew.
+    """Return the index of the activity, in order of execution, from which a timeline is planned anew.
 
     Args:
-        timeline: that is planned.
+        timeline: the timeline to plan.
         kept: an earlier plan, which is kept before that activity.
-        name: of the activity.
+        name: name of the activity.
 
     Raises:
-        ValueError: if there is no such activity, or what comes before is not what was planned.
+        ValueError: if there is no such activity, or if what comes before it is not what was planned.
     """
     expect("after", kept, TimelinePlan, "jp.plan_timeline makes one")
     names = [one.name for one in in_order(timeline.activities)]
@@ -37,7 +37,7 @@ def first_again(timeline: Timeline, kept: TimelinePlan, name: str) -> int:
 
 
 def _expect_the_same(timeline: Timeline, kept: TimelinePlan, names: Sequence[str]) -> None:
-    """Raise a ValueError where activities of these names, or the start, are others in a kept plan."""
+    """Raise ValueError if the start, or an activity of these names, differs from that in a kept plan."""
     were, are = ({one.name: one for one in own.activities} for own in (kept.timeline, timeline))
     for own in names:
         changed = [

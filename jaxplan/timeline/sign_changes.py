@@ -1,7 +1,7 @@
-"""Instants at which functions of time change their sign, and where they are least, of many at once.
+"""Find when functions of time change sign and where they are least, for many functions at once.
 
-Functions are columns of a table at common times, close enough together that between two of them a function
-has one extremum at most. What is not a number counts as positive and infinite.
+The functions are columns of a table of samples at common times, close enough together that between two
+samples a function has at most one extremum. Values that are NaN count as positive and infinite.
 """
 
 from collections.abc import Callable
@@ -12,14 +12,20 @@ import numpy as np
 Values: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """From times (k,) s and numbers of columns (k,) to the values (k,) of these columns then."""
 
-_PARTS = 8  # into which the span about a change of sign, or about an extremum, is cut at a time
-_ROUNDS = 11  # of cutting: of 60 s at a change to 7e-9 s, at an extremum, where two parts stay, to 1e-5 s
-_FAR = 1e9  # what stands for a value that is no number
-_DEEP = 2.0  # steps of a function to the samples before and after, by which it may dip deeper between
+_PARTS = 8  # number of parts into which the span about a change of sign, or an extremum, is cut in each round
+_ROUNDS = 11  # of cutting: from 60 s to 7e-9 s at a change, to 1e-5 s at an extremum, which keeps two parts
+_FAR = 1e9  # stands for values that are not finite
+_DEEP = 2.0  # times the larger step to its neighbours: most by which a function may dip below a sample
 
 
 class Changes(NamedTuple):
-    """Changes of sign: times (k,) s, numbers of columns (k,), and whether each is to positive (k,) bool."""
+    """Changes of sign.
+
+    Attributes:
+        times: (k,) s.
+        columns: (k,) indices of the columns that change sign.
+        rising: (k,) bool, whether the change is from negative to positive.
+    """
 
     times: np.ndarray
     columns: np.ndarray
@@ -27,15 +33,15 @@ class Changes(NamedTuple):
 
 
 def changes(table: np.ndarray, times: np.ndarray, values: Values) -> Changes:
-    """Find all changes of sign, those of short dips and peaks between two times too.
+    """Find all changes of sign, also the two of a short dip or peak between samples.
 
     Args:
-        table: (n, c) values of the columns.
-        times: (n,) s, rising.
-        values: the same functions at any times.
+        table: (n, c) samples of c functions.
+        times: (n,) s, rising, of the samples.
+        values: evaluates the same functions at any times.
 
     Returns:
-        The changes, to 1e-6 s, column by column. A zero counts as positive.
+        The changes, to 1e-6 s, sorted by column, then by time. Zero counts as positive.
     """
     known = np.where(np.isfinite(table), table, _FAR)
     negative = known < 0
@@ -62,7 +68,11 @@ def changes(table: np.ndarray, times: np.ndarray, values: Values) -> Changes:
 def _turned(
     table: np.ndarray, times: np.ndarray, values: Values
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Extrema between samples of one sign that have the other: times, columns, and places of samples."""
+    """Find extrema that have the other sign than the samples around them.
+
+    Returns:
+        Their times (k,) s, their columns (k,), and the indices (k,) of the samples they are next to.
+    """
     before, middle, after = table[:-2], table[1:-1], table[2:]
     sign = np.where(middle < 0, -1.0, 1.0)
     alike = (np.sign(before) * sign >= 0) & (np.sign(after) * sign >= 0)
@@ -81,7 +91,18 @@ def _turned(
 def _least(
     low: np.ndarray, high: np.ndarray, columns: np.ndarray, side: np.ndarray, values: Values
 ) -> np.ndarray:
-    """Times (k,) s between two each at which columns, times +1 or -1 (`side`), are least."""
+    """Find where columns are least, each between its own two times.
+
+    Args:
+        low: (k,) s.
+        high: (k,) s.
+        columns: (k,) indices of the columns.
+        side: (k,) +1 to minimize the column, -1 to maximize it.
+        values: evaluates the columns.
+
+    Returns:
+        Times (k,) s.
+    """
     for _ in range(_ROUNDS if len(columns) else 0):
         inner = _inner(low, high)
         place = np.argmin(side[:, None] * _at(inner, columns, values), axis=1)[:, None]
@@ -91,21 +112,22 @@ def _least(
 
 
 def _inner(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The times (k, _PARTS - 1) that cut spans from `low` to `high`, (k,) s, into equal parts."""
+    """Return the times (k, _PARTS - 1) that cut the spans from `low` to `high`, (k,) s, into equal parts."""
     shares = np.arange(1, _PARTS) / _PARTS
     return low[:, None] + (high - low)[:, None] * shares
 
 
 def _at(times: np.ndarray, columns: np.ndarray, values: Values) -> np.ndarray:
-    """Values (k, m) of columns (k,) at times (k, m), infinite where they are no number."""
+    """Return values (k, m) of columns (k,) at times (k, m) s; infinite in place of NaN."""
     found = values(times.ravel(), np.repeat(columns, times.shape[1])).reshape(times.shape)
     return np.where(np.isnan(found), np.inf, found)
 
 
 def least(table: np.ndarray, times: np.ndarray, values: Values) -> tuple[np.ndarray, np.ndarray]:
-    """Find when each column is least: times (c,) s to 1e-5 s, and the values (c,); arguments as of `changes`.
+    """Find when each column is least; arguments as of `changes`.
 
-    A column that is nowhere a number is infinite.
+    Returns:
+        Times (c,) s, to 1e-5 s, and values (c,) there; infinite for a column that is NaN everywhere.
     """
     known = np.where(np.isnan(table), np.inf, table)
     columns = np.arange(table.shape[1])

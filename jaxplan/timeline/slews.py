@@ -1,11 +1,13 @@
-"""Slews between the motions of activities: they end in the state, rates and accelerations of what follows.
+"""Slews between the motions of activities; each ends in the state, rates and accelerations of what follows.
 
-A slew leads from one state to another at given times. It is fitted along the straight path first, and where
-that cannot be proved it is planned with a search, as any manoeuvre. Its duration is the time that there is,
-or the shortest, which is looked for from the strict lower bound on: first in a time a little above that, then
-in what the fit says is needed; with ``trajectory.optimal`` in what the optimum tells, or where an end moves
-in a fixed multiple of the bound. The state in which it ends depends on when that is, so that each duration
-has a goal of its own.
+A slew leads from one state to another at given times. It is fitted along the straight path first; if that
+cannot be proved safe, it is planned with a search, like any manoeuvre. Its duration is the time that there
+is, or the shortest. The latter is sought upwards from the lower bound: first a time a little above it, then
+what the fit says is needed; with ``trajectory.optimal`` what the optimum takes or, if an end of the slew
+moves, a fixed multiple of the bound, a *rung*. The state in which the slew ends depends on when that is, so
+each duration that is tried has a goal of its own.
+
+A *way* is a path past zones. Attitudes are (3, 3) body to inertial.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,15 +37,15 @@ from jaxplan.trajectory.fit import too_tight
 from jaxplan.trajectory.peaks import peaks
 
 _ABOVE = 1.03  # times the bound: the first duration that is tried
-_ROOM = 0.3  # s above the bound that it is at least, since accelerations begin and end at rest
+_ROOM = 0.3  # s, least by which it exceeds the bound, since accelerations begin and end at zero
 _CLOSE = 1.004  # times the bound, below which a duration is not worth a try
-_SLACK = 1.003  # times what is needed to a goal, that is given to reach the goal of another time
-_RUNG = 1.01  # times the rung below: multiples of the bound that are tried where no optimum tells the time
-_GROWTH = (1.02, 1.04, 1.08, 1.15, 1.3, 1.6)  # times: how much longer at least the next try is
-_STEP = 0.05  # s: likewise
-FIRST = 10.0  # s, for which the first goal is found
-LEAST = 0.5  # s, of any slew
-_DETOUR = 1.3  # times the duration that was tried; a straight slew that needs more is compared with others
+_SLACK = 1.003  # times the time needed to one goal: given to reach the goal at another time
+_RUNG = 1.01  # times the rung below; rungs are multiples of the bound, tried where no optimum tells the time
+_GROWTH = (1.02, 1.04, 1.08, 1.15, 1.3, 1.6)  # least factors from each try to the next
+_STEP = 0.05  # s, likewise the least increase
+FIRST = 10.0  # s, duration for which the first goal is found
+LEAST = 0.5  # s, least duration of any slew
+_DETOUR = 1.3  # times the duration that was tried; a straight slew that needs more counts as blocked
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,15 +53,15 @@ class Slew:
     """A slew, or why there is none.
 
     Attributes:
-        status: how it ended.
-        message: what is in the way, and what to change.
+        status: how planning it ended.
+        message: what is in the way, and what to change; empty if it is planned.
         duration: s, planned or asked for.
-        needed: s, that are long enough where that duration is too short; None where that is not known.
-        blocked: whether what failed is not for lack of some time alone, as where a zone is in the way.
-        trajectory: from its start on, which is its zero; None where it failed.
-        goal: what follows, by the function that says it.
-        proof: the certificate of the trajectory, also where it failed.
-        time: how the duration came about, of slews in the shortest time.
+        needed: s, a duration that is long enough if that one is too short; None if unknown.
+        blocked: whether it failed for another reason than a duration a little too short, such as a zone.
+        trajectory: the slew, its time zero at its start; None if it failed.
+        goal: what follows the slew, as the caller's function `goal_at` gave it.
+        proof: certificate of the trajectory, also of one that could not be certified; None without any.
+        time: how the duration came about, for slews in the shortest time; else None.
     """
 
     status: Status
@@ -75,13 +77,13 @@ class Slew:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Departure:
-    """Where slews start.
+    """The state and time from which slews start.
 
     Attributes:
         scene: zones and settings, in the timeline's times.
-        craft: the spacecraft with what its wheels hold then.
-        state: at the start.
-        time: s, in the timeline's times.
+        craft: the spacecraft, with what its wheels hold at the start.
+        state: the state at the start.
+        time: s of the start, in the timeline's times.
     """
 
     scene: Scenario
@@ -90,7 +92,7 @@ class Departure:
     time: float
 
     def in_time(self, goal: State, duration: float) -> Slew:
-        """The slew to a state in a given duration, s; of one that is too short it says what is needed."""
+        """Return the slew to a state in a given duration, s; one that is blocked is planned with a search."""
         straight = self._along(None, goal, duration)
         if straight.trajectory is not None or not straight.blocked:
             return straight
@@ -100,10 +102,11 @@ class Departure:
         return self._proved(goal, plan.trajectory)
 
     def _along(self, way: Path | None, goal: State, duration: float, craft: Spacecraft | None = None) -> Slew:
-        """The slew to a state in a given duration, s, near a path to some such state; near none straight.
+        """Return the slew to a state in a given duration, s, along a way to a nearby state; None is straight.
 
-        What the accelerations at the ends add to the fit may be beyond a limit that it takes in full. Then it
-        is made again for a spacecraft with so much less, `craft`, and proved for its own.
+        The accelerations added at the ends may exceed limits that the fit has used in full. Then the slew is
+        fitted again for a spacecraft with limits that are smaller by as much, `craft`, and proved for the
+        real one.
         """
         path = _straight(self.state, goal) if way is None else _ending(way, goal)
         scenario = self.scenario(goal, duration)
@@ -121,9 +124,9 @@ class Departure:
         return Slew(status=fitted.status, message=text, duration=duration, needed=needed, blocked=blocked)
 
     def _proved(self, goal: State, fitted: Trajectory) -> Slew:
-        """A slew that was fitted, with the accelerations of both ends, and its certificate.
+        """Return a slew from a fit, with the accelerations of both ends added, and its certificate.
 
-        Where they let a rate be beyond its limit they are reached in less time.
+        If they make a rate exceed its limit, they are added over a shorter time.
         """
         ends = (self.state.acceleration, self.state.bends), (goal.acceleration, goal.bends)
         for share in _SHARES:
@@ -145,13 +148,13 @@ class Departure:
         seen_from: Callable[[float], float],
         last: float = np.inf,
     ) -> Slew:
-        """The slew of the shortest time to a goal that depends on when it is reached.
+        """Find the shortest slew to a goal that depends on when it is reached.
 
         Args:
-            goal_at: function from a time, s, in the timeline's times, to the state then and whatever the
-                caller wants to have of it.
-            seen_from: function from such a time to the first one at or after it at which there is a goal.
-            last: s, the last such time at which there is one.
+            goal_at: given a time, s, in the timeline's times, returns the goal state then, and anything that
+                the caller wants to find in `Slew.goal`.
+            seen_from: given such a time, returns the first one at or after it at which there is a goal.
+            last: s, the last such time at which there is a goal.
         """
 
         def admitted(time: SlewTime) -> SlewTime:
@@ -208,7 +211,10 @@ class Departure:
         return failed
 
     def _needed(self, way: Path | None, goal: State, needed: float | None) -> float | None:
-        """What is needed, s, to a state near a path: with `trajectory.optimal` the optimum, where known."""
+        """Return the duration needed to a state, s: with `trajectory.optimal` that of the optimum, if known.
+
+        Otherwise it is `needed`, what a fit along `way` has said.
+        """
         if needed is None or not (self.scene.trajectory.optimal and self._has_optimum(goal)):
             return needed
         fitted = self._quickest(way, goal)
@@ -216,13 +222,13 @@ class Departure:
         return fitted.trajectory.duration if found and fitted.trajectory is not None else needed
 
     def _has_optimum(self, goal: State) -> bool:
-        """Whether the optimum of the shortest motion to a state can be found."""
+        """Whether the optimal motion to a state can be computed: at rest at both ends, nothing moves."""
         return self.at_rest(goal) and not moves(self.scene)
 
     def _on_a_rung(self, enough: SlewTime) -> SlewTime:
-        """A duration raised to the next rung of a ladder of multiples of the bound.
+        """Raise a duration to the next rung, which is a power of `_RUNG` times the lower bound.
 
-        What a fit says is needed changes by itself from one fit to the next; rungs stay, and so the duration
+        What a fit says is needed may change slightly from one fit to the next. Rungs do not, so the duration
         is a function of both ends.
         """
         assert enough.goal is not None
@@ -234,7 +240,7 @@ class Departure:
         return own.longer(factor, 0.0)
 
     def _quickest(self, way: Path | None, goal: State) -> Fit:
-        """The shortest motion to a state near a path; near none straight."""
+        """Fit the shortest motion to a state along a way; None is straight."""
         path = _straight(self.state, goal) if way is None else _ending(way, goal)
         return fit(self.scenario(goal, MINIMUM), path, _goal(self.state, goal, 0.0))
 
@@ -243,7 +249,7 @@ class Departure:
         return not any(np.any(one.velocity) or np.any(one.rates) for one in (self.state, goal))
 
     def shortest_plan(self, time: SlewTime) -> Plan:
-        """The shortest motion that a duration is a multiple of, as a manoeuvre, without a certificate."""
+        """Return the shortest motion on which a duration is based, as a manoeuvre's plan, not certified."""
         assert time.goal is not None
         goal, way, found = time.goal, time.path, time.shortest
         if found is None:
@@ -257,12 +263,15 @@ class Departure:
         )
 
     def _planned(self, goal: State, duration: Any) -> Plan:
-        """The slew to a state as a manoeuvre with a search, in a duration, s, or the shortest."""
+        """Plan the slew to a state as a manoeuvre with a search.
+
+        `duration` is in s, or a word such as "minimum".
+        """
         scenario = self.scenario(goal, duration)
         return plan_in_rounds([scenario], [Clock(scenario.search.time_limit)])[0]
 
     def _told(self, found: Fit | Plan) -> str:
-        """Why a fit or a plan failed, in words of a timeline, which sets no durations of slews."""
+        """Return text on why a fit or a plan failed, for timelines, where no duration of a slew is set."""
         trajectory = found.trajectory
         if found.status is Status.LIMITS_TOO_TIGHT and trajectory is not None:
             own = peaks(trajectory, self._usable)
@@ -279,26 +288,29 @@ class Departure:
 
     @property
     def _usable(self) -> Spacecraft:
-        """The spacecraft with the ranges and limits that may be used."""
+        """The spacecraft with the ranges and limits that a plan may use."""
         return replace(self.scene, spacecraft=self.craft).usable
 
     def bound(self, goal: State) -> float:
-        """Strict lower bound, s, of the duration of slews to a state; it knows no zones."""
+        """Strict lower bound, s, of the duration of slews to a state; it takes no account of zones."""
         return self.limiting(goal).seconds
 
     def limiting(self, goal: State) -> DurationBound:
-        """That bound, and which limit it follows from."""
+        """The lower bound of `bound`, with the name of what sets it."""
         pairs = [(getattr(self.state, name), getattr(goal, name)) for name in _BOUND]
         return duration_bound(self.craft, *(np.stack(pair) for pair in pairs))
 
     def _above(self, goal: State, after: SlewTime, motion: Any) -> SlewTime:
-        """The first duration tried of slews to a state: the goal after some duration, with its motion."""
+        """Return the first duration to try for a state, a little above its lower bound.
+
+        `after` is the duration after which this state is the goal, and `motion` what follows it.
+        """
         bound = self.bound(goal)
         above = SlewTime(seconds=bound, kind=BOUND, factor=1.0, goal=goal, after=after, motion=motion)
         return max(above.longer(_ABOVE, 0.0), above.longer(1.0, _ROOM), key=lambda one: one.seconds)
 
     def scenario(self, goal: State, duration: Any) -> Scenario:
-        """The problem of a slew to a state in a duration, s, or the shortest."""
+        """Return the problem of a slew to a state; `duration` is in s, or a word such as "minimum"."""
         scene = later(self.scene, self.time, None if isinstance(duration, str) else duration)
         tube = scene.trajectory.node_tube
         settings = replace(
@@ -324,16 +336,19 @@ _LATER = "let it begin later, what comes before end sooner, or raise that limit"
 _OTHERWISE = "let it begin at another time or after something else, or try a larger search.clearance_deg"
 
 _RATES = ("angular_velocity", "angular_velocity_norm", "joint_rates")
-_SHARES = (1.0, 0.25, 0.05)  # of a fit's outermost pieces, on which accelerations at the ends are reached
+_SHARES = (1.0, 0.25, 0.05)  # fractions of a fit's outermost pieces on which accelerations are added, in turn
 _EASED = ("angular_acceleration", "angular_acceleration_norm", "joint_accelerations")
-_MORE = 1.5  # times what was beyond, by which limits are made less
-_MOST_EASED = 1.1  # share of a limit beyond which it is not made again
+_MORE = 1.5  # times the excess over a limit: by so much limits are lowered
+_MOST_EASED = 1.1  # peak over its limit above which the slew is not fitted again
 _PERHAPS_TOO_SHORT = (Status.LIMITS_TOO_TIGHT, Status.UNCERTIFIED)
 _BOUND = ("attitude", "joints", "velocity", "rates")
 
 
 def _beyond(proof: Certificate | None, names: Sequence[str]) -> float:
-    """The largest share of some limits that a proof found, if no other fails and it is not much; else 0."""
+    """Return a proof's largest peak over its limit, if only limits with these names are exceeded.
+
+    It returns 0 if others are, if it exceeds `_MOST_EASED`, if a zone is broken, and without a proof.
+    """
     if proof is None or not proof.peaks or (proof.min_margin is not None and not proof.min_margin >= 0):
         return 0.0
     others = [peak for name, peak in proof.peaks.items() if name not in names]
@@ -342,7 +357,7 @@ def _beyond(proof: Certificate | None, names: Sequence[str]) -> float:
 
 
 def _eased(craft: Spacecraft, share: float) -> Spacecraft:
-    """A spacecraft whose limits of acceleration are so many times smaller."""
+    """Return a spacecraft whose limits of acceleration are divided by `share`."""
 
     def less(part: Any, *names: str) -> Any:
         given = {name: getattr(part, name) for name in names}
@@ -357,7 +372,7 @@ def _eased(craft: Spacecraft, share: float) -> Spacecraft:
 
 
 def _given(state: State) -> GivenState:
-    """A state as scenarios have it."""
+    """Return a state in the form that scenarios have."""
     return GivenState(
         rotation_vector=so3.log(state.attitude),
         joints=state.joints,
@@ -367,7 +382,7 @@ def _given(state: State) -> GivenState:
 
 
 def _goal(start: State, state: State, time: float) -> Goal:
-    """A state as the goal of a slew of `time` s."""
+    """Return a state as the goal of a slew of `time` s from another state."""
     return Goal(
         attitude=state.attitude,
         joints=state.joints,
@@ -379,7 +394,7 @@ def _goal(start: State, state: State, time: float) -> Goal:
 
 
 def _ending(way: Path, goal: State) -> Path:
-    """A path that ends in another state."""
+    """Return a path with its last node replaced by a state."""
     attitudes, joints = (
         np.concatenate([nodes[:-1], last[None]])
         for nodes, last in ((way.attitudes, goal.attitude), (way.joints, goal.joints))
@@ -388,7 +403,7 @@ def _ending(way: Path, goal: State) -> Path:
 
 
 def _straight(start: State, goal: State) -> Path:
-    """The path of a single edge."""
+    """Return the path of a single edge between two states."""
     return Path(
         attitudes=np.stack([start.attitude, goal.attitude]),
         joints=np.stack([start.joints, goal.joints]),

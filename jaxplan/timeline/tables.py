@@ -1,7 +1,7 @@
-"""A timeline's plan as tables for spreadsheets: activities, and segments, interruptions and events by time.
+"""A timeline's plan as tables for spreadsheets: activities, segments, interruptions and events.
 
-Comma-separated, UTF-8, with a line of names first, seconds from the timeline's start on, and UTC to the
-millisecond where the scene has an epoch; what there is none of is empty.
+Tables are comma-separated text in UTF-8 with a line of names first. Times are seconds from the timeline's
+start on, and UTC to the millisecond where the scene has an epoch; values that do not exist are empty.
 """
 
 import csv
@@ -17,10 +17,10 @@ from jaxplan.timeline.record import TimelinePlan
 
 
 def activities_csv(plan: TimelinePlan) -> str:
-    """The text of a table with a row for each activity: what became of it, when, and how well devices point.
+    """Return a table with a row for each activity: what became of it, when, and how well devices point.
 
     Args:
-        plan: of a timeline, also one that failed.
+        plan: plan of a timeline, also one that failed.
     """
     utc = _texts(plan, [time for one in plan.activities for time in (one.start, one.end)])
     rows = [
@@ -43,10 +43,10 @@ def activities_csv(plan: TimelinePlan) -> str:
 
 
 def segments_csv(plan: TimelinePlan) -> str:
-    """The text of a table with a row for each segment: slews, and what activities do.
+    """Return a table with a row for each segment: slews, and what activities do.
 
     Args:
-        plan: of a timeline, also one that failed.
+        plan: plan of a timeline, also one that failed.
     """
     utc = _texts(plan, [time for one in plan.segments for time in (one.start, one.end)])
     rows = [(one.name, one.kind, one.start, one.end, utc[one.start], utc[one.end]) for one in plan.segments]
@@ -54,10 +54,10 @@ def segments_csv(plan: TimelinePlan) -> str:
 
 
 def interruptions_csv(plan: TimelinePlan) -> str:
-    """The text of a table with a row for each time in which a slew keeps a device from a target that stays.
+    """Return a table with a row for each time in which a slew keeps a device from an unchanged target.
 
     Args:
-        plan: of a timeline, also one that failed.
+        plan: plan of a timeline, also one that failed.
     """
     found = plan.interruptions
     utc = _texts(plan, [time for one in found for time in (one.start, one.end)])
@@ -80,17 +80,17 @@ def interruptions_csv(plan: TimelinePlan) -> str:
 
 
 def events_csv(plan: TimelinePlan) -> str:
-    """The text of a table with a row for each event, see `events`.
+    """Return a table with a row for each event, see `events`.
 
     Args:
-        plan: of a timeline, also one that failed.
+        plan: plan of a timeline, also one that failed.
     """
     names, *rows = event_rows(events(plan), plan.scene.epoch)
     return _text(names, rows)
 
 
 def _texts(plan: TimelinePlan, times: Iterable[float | None]) -> dict[float | None, str]:
-    """UTC of times, s, by these; empty without an epoch, and of none."""
+    """Return UTC texts of times, s, as a dict by time; texts are empty for None and without an epoch."""
     known = [time for time in times if time is not None]
     epoch = plan.scene.epoch
     if epoch is None:
@@ -99,7 +99,7 @@ def _texts(plan: TimelinePlan, times: Iterable[float | None]) -> dict[float | No
 
 
 def _text(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Rows as comma-separated text below their names."""
+    """Return rows as comma-separated text below a line of names."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(names)

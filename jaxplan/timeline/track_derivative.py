@@ -1,22 +1,22 @@
 """A motion of least energy as a function of what it depends on: its ends' states, with derivatives.
 
-The nodes found by `least_energy` are turned by ``R_k exp(x_k^)`` such that, with what targets ask of the
-attitudes, ``c_k``, and multipliers ``l_k``,
+The nodes found by `least_energy` are turned by ``R_k exp(x_k^)`` such that, with the equations ``c_k`` that
+targets impose on the attitudes, and multipliers ``l_k``,
 
     d/dx (|r|^2 / 2 + sum of l_k . c_k) = 0,        c_k = 0
 
 with the residuals ``r`` of rates, accelerations, the way there and wishes; joints that move for a wish or a
-zone are among the unknowns. That is solved by Newton's method, with
-second derivatives of all of it, and followed by the implicit function theorem. Number of nodes and whole
-turns of yaws are held, and from which ends of ranges nodes keep just the room that they keep, each with a
-multiplier of its own; likewise which rates are as large as they may be, and from which constraints nodes keep
-just some room, each by the pair of row and sight that decides on it.
+zone are among the unknowns. This is solved by Newton's method with second derivatives of everything, and
+differentiated by the implicit function theorem. Held fixed are the number of nodes and the whole turns of
+yaws, and also where nodes *lean*, which means keep just some room: to which ends of ranges, which rates are
+at their bounds, and to which constraints, each by the pair of row and sight that decides on it. Each has a
+multiplier.
 
 From the nodes follow the states in which the motion begins and ends as its curve has them: with as many
-nodes between, and rates by the nodes around each end (`jaxplan.timeline.curves`). Splines are linear in what
-they pass, so these are products with constant matrices.
+nodes between, and rates by the nodes around each end (`jaxplan.timeline.curves`). Splines are linear in the
+values that they pass through, so these are products with constant matrices.
 
-Shapes: K + 1 nodes, J joints, k devices with targets, m equations a node.
+Shapes: K + 1 nodes, J joints, f free joints, k devices with targets, m equations a node.
 """
 
 from dataclasses import dataclass, field, replace
@@ -57,29 +57,29 @@ _STEPS = 4  # of Newton's method, which starts at the optimum of the plan
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Track:
-    """The quantities that a motion of least energy depends on.
+    """The quantities that a motion of least energy depends on; attitudes are body to inertial.
 
     Attributes:
         craft: the spacecraft.
-        paths: (k) of the targets.
+        paths: (k) directions of the targets over time.
         attitude: (3, 3) of the state before; None where the motion need not begin near it.
-        joints: (J,) rad, to which the first node is drawn; what devices without a target keep.
+        joints: (J,) rad, to which the first node is drawn; devices without a target keep them.
         begin: s.
         end: s.
         weights: (2,) of the squares of rate and acceleration.
-        wishes: (w) paths that devices without a target prefer.
+        wishes: (w) directions that devices without a target prefer.
         attitudes: (K + 1, 3, 3) of nodes near the optimum.
         angles: (K + 1, J) rad, their joints.
-        devices: numbers of the devices with targets.
-        free: numbers of the joints that move for a wish or a zone, f of them.
-        wishing: (w) numbers of the devices that have the wishes.
-        leaning: on which ends of ranges nodes lean: rows 0 to J of low ends, then of high ones.
-        rows: the constraints; None where nodes have all the room from these that they want.
-        pairs: (p, 3) of constraints from which nodes keep just some room: node, row, sight.
+        devices: indices of the devices with targets.
+        free: indices of the f joints that move for a wish or a zone.
+        wishing: (w) indices of the devices that have the wishes.
+        leaning: to which ends of ranges nodes keep just some room: rows 0 to J low ends, then high ones.
+        rows: the constraints; None where nodes have all the room to these that they want.
+        pairs: (p, 3) node, row, sight of constraints to which nodes keep just some room.
         rooms: (p,) rad, how much.
-        narrow: (n, 3) of constraints from which nodes have less room than they want.
-        prices: (n,) 1/rad, of what is left there.
-        edges: numbers of the nodes at which charts of the curve end, for each time it is given nodes between.
+        narrow: (n, 3) node, row, sight of constraints to which nodes have less room than they want.
+        prices: (n,) 1/rad, of the room that is missing there.
+        edges: for each time that nodes are doubled, the indices of those at which charts of the curve end.
     """
 
     craft: Spacecraft
@@ -105,9 +105,9 @@ class Track:
 
 
 def ends_of(track: Track) -> tuple[State, State]:
-    """The states in which a motion of least energy begins and ends, as arrays of JAX.
+    """Return the states in which a motion of least energy begins and ends, as arrays of JAX.
 
-    Their accelerations are not known, and zero. Numbers are NaN where the optimum is not decided.
+    Accelerations are set to zero, not computed. Numbers are NaN where the equations are singular.
     """
     first, last = (
         replace(State.still(attitude, joints), velocity=velocity, rates=rates)
@@ -118,7 +118,7 @@ def ends_of(track: Track) -> tuple[State, State]:
 
 @quick_jit
 def _ends(track: Track) -> list[Any]:
-    """Attitude, joints and both their rates at begin and end of a motion of least energy."""
+    """Attitude, joints, angular velocity and joint rates at begin and end of a motion of least energy."""
     count, asked = len(track.attitudes), _asked(track, track.attitudes, _times(track, len(track.attitudes)))
     moved = (3 + len(track.free)) * count
     guess = jnp.zeros(moved + asked.size + _kept_count(track))
@@ -142,31 +142,31 @@ def _ends(track: Track) -> list[Any]:
 
 
 def _kept_count(track: Track) -> int:
-    """The number of ranges, rates and constraints of which nodes keep just as much as they must."""
+    """Number of ranges, rates and constraints to which nodes keep just some room."""
     return len(track.leaning.node) + len(track.leaning.rate) + len(track.rooms)
 
 
 def _unknowns(track: Track, moved: Array) -> tuple[Array, Array]:
-    """Turns (K + 1, 3) rad of nodes and their free joints (K + 1, f) rad, from how they are moved."""
+    """Turns (K + 1, 3) rad of nodes and their free joints (K + 1, f) rad, from a vector of unknowns."""
     count = len(track.attitudes)
     turns, shifts = moved[: 3 * count].reshape(count, 3), moved[3 * count :].reshape(count, len(track.free))
     return turns, track.angles[:, np.array(track.free, int)] + shifts
 
 
 def _times(track: Track, count: int) -> Array:
-    """Times (count,) s of nodes."""
+    """Times (count,), s, of `count` equidistant nodes."""
     return track.begin + (track.end - track.begin) * jnp.linspace(0.0, 1.0, count)
 
 
 def _seen(track: Track, attitudes: Array, times: Array) -> Array:
-    """Directions (count, k, 3) of targets in body axes."""
+    """Directions of targets in body axes, (count, k, 3)."""
     if not track.paths:
         return jnp.zeros((len(times), 0, 3))
     return jnp.stack([path.at(times) for path in track.paths], axis=1) @ attitudes
 
 
 def _joints(track: Track, attitudes: Array, times: Array, freed: Array) -> Array:
-    """Joints (count, J) rad with which devices point at their targets, free ones (count, f) as given."""
+    """Joints (count, J) rad with which devices point at their targets; `freed` (count, f) are free ones."""
     gimbals = track.craft.gimbals
     found = jnp.tile(jnp.asarray(track.joints), (len(times), 1)).at[:, np.array(track.free, int)].set(freed)
     places = [place for place, number in enumerate(track.devices) if number < gimbals.count]
@@ -184,7 +184,7 @@ def _joints(track: Track, attitudes: Array, times: Array, freed: Array) -> Array
 
 
 def _asked(track: Track, attitudes: Array, times: Array) -> Array:
-    """What targets ask of attitudes, (count, m), see `Pursuit.residuals`."""
+    """Values (count, m) of the equations that targets impose on attitudes, see `Pursuit.residuals`."""
     gimbals, craft = track.craft.gimbals, track.craft
     seen, found = _seen(track, attitudes, times), [jnp.zeros((len(times), 0))]
     for place, number in enumerate(track.devices):
@@ -200,7 +200,7 @@ def _asked(track: Track, attitudes: Array, times: Array) -> Array:
 
 
 def _met(track: Track, attitudes: Array) -> Array:
-    """Attitudes at which targets are met, by one step from where they nearly are."""
+    """Attitudes (count, 3, 3) at which targets are met, by two Newton steps from where they nearly are."""
     times = _times(track, len(attitudes))
     for _ in range(2):
         value = _asked(track, attitudes, times)
@@ -218,14 +218,14 @@ def _met(track: Track, attitudes: Array) -> Array:
 
 
 def _energy(track: Track, turns: Array, freed: Array, multipliers: Array, pushes: Array) -> Array:
-    """Half the square of all residuals, the price of little room, and what is kept times its multipliers.
+    """Lagrangian of the problem: energy, price of missing room, and constraints times their multipliers.
 
     Args:
         track: what it depends on.
         turns: (K + 1, 3) rad, of the nodes.
         freed: (K + 1, f) rad, their free joints.
-        multipliers: (K + 1, m), of what is asked.
-        pushes: (a,), of the room that is just kept.
+        multipliers: (K + 1, m), of the targets' equations.
+        pushes: (a,), multipliers of the room that is just kept.
     """
     times = _times(track, len(turns))
     attitudes = track.attitudes @ so3.exp(turns)
@@ -254,10 +254,10 @@ def _energy(track: Track, turns: Array, freed: Array, multipliers: Array, pushes
 
 
 def _spare(track: Track, turned: Array, change: Array, step: Array) -> Array:
-    """The room (r,) rad that is left to changes from node to node which are as large as they may be.
+    """Room (r,) rad that is left to the r changes between nodes that are at their bounds.
 
     Args:
-        track: with the rates that are as large as they may be.
+        track: with the rates that are at their bounds, in `leaning`.
         turned: (K, 3) rad, turns from node to node.
         change: (K, 3 + J) rad, the same and the changes of joints.
         step: s, between nodes.
@@ -272,7 +272,7 @@ def _spare(track: Track, turned: Array, change: Array, step: Array) -> Array:
 
 
 def _margins(track: Track, rows: Constraints, attitudes: Array, joints: Array, pairs: np.ndarray) -> Array:
-    """Margins (p,) rad of pairs (p, 3) of constraints: numbers of node, row and sight."""
+    """Margins (p,) rad of pairs (p, 3) of constraints: indices of node, row and sight."""
     node, row, sight = jnp.asarray(pairs).reshape(-1, 3).T
     each, gimbals = jnp.arange(len(node)), track.craft.gimbals
     sights = rows.sights(gimbals, jnp.asarray(track.craft.fixed_boresights))
@@ -289,7 +289,7 @@ def _margins(track: Track, rows: Constraints, attitudes: Array, joints: Array, p
 
 
 def _missed(track: Track, attitudes: Array, joints: Array, times: Array) -> Any:
-    """The sum of the squares of the chords from where devices look to what they prefer."""
+    """Sum of the squared chords between where devices with wishes look and what they prefer."""
     gimbals, missed = track.craft.gimbals, jnp.asarray(0.0)
     for device, path in zip(track.wishing, track.wishes, strict=True):
         if device < gimbals.count:
@@ -302,7 +302,7 @@ def _missed(track: Track, attitudes: Array, joints: Array, times: Array) -> Any:
 
 
 def _gradient(track: Track, z: Array) -> Array:
-    """The derivative of `_energy` by turns, free joints and multipliers, in one vector ``z``."""
+    """Derivative of `_energy` by the vector ``z`` of turns, free joints and multipliers."""
     count, leant = len(track.attitudes), _kept_count(track)
     moved = (3 + len(track.free)) * count
 
@@ -315,7 +315,7 @@ def _gradient(track: Track, z: Array) -> Array:
 
 
 def _factors(track: Track, z: Array) -> Any:
-    """The factors of the derivative of `_gradient`."""
+    """LU factors of the derivative of `_gradient`."""
     return jax.scipy.linalg.lu_factor(jax.jacfwd(partial(_gradient, track))(z))
 
 
@@ -325,7 +325,7 @@ _EQUATIONS = Equations(
 
 
 def _derivatives(attitudes: Array, node: int) -> tuple[Array, Array]:
-    """First and second derivative (3,) of the turn at a node, by the number of the node."""
+    """First and second derivative (3,) of body-axis turns at a node, per interval between nodes."""
     own = curves.around(len(attitudes), node)
     turns = so3.log(attitudes[node].T @ attitudes[own])
     first, second = _around_slopes(len(turns), node - own.start)
@@ -334,13 +334,13 @@ def _derivatives(attitudes: Array, node: int) -> tuple[Array, Array]:
 
 @cache
 def _around_slopes(count: int, node: int) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices (count,) from values at nodes to the first two derivatives at one of them, by its number."""
+    """Vectors (count,) from values at nodes to their first two derivatives at one, per interval."""
     spline = curves.interpolated(np.arange(float(count)), np.eye(count))
     return np.asarray(spline(node, 1)), np.asarray(spline(node, 2))
 
 
 def _finer(attitudes: Array, edges: tuple[int, ...]) -> Array:
-    """Attitudes (2 K + 1, 3, 3) of the curve through K + 1 nodes, whose charts end at given ones."""
+    """Attitudes (2 K + 1, 3, 3) of the curve through K + 1 nodes, whose charts end at nodes `edges`."""
     found = []
     for first, last in pairwise(edges):
         own = so3.log(attitudes[first].T @ attitudes[first : last + 1])
@@ -357,7 +357,7 @@ def _finer(attitudes: Array, edges: tuple[int, ...]) -> Array:
 
 @cache
 def _halfway(count: int) -> np.ndarray:
-    """Matrix (2 count + 1, count + 5) from values at nodes and derivatives at both ends to values between."""
+    """Matrix (2 count + 1, count + 5) from values at nodes, and derivatives at both ends, to finer values."""
     columns = np.eye(count + 5)
     times = np.arange(count + 1.0)
     values, ends = columns[: count + 1], columns[count + 1 :]
@@ -367,23 +367,23 @@ def _halfway(count: int) -> np.ndarray:
 
 @cache
 def _twice(count: int) -> np.ndarray:
-    """Matrix (2 count - 1, count) from values at nodes to those twice as close together."""
+    """Matrix (2 count - 1, count) from values at nodes to values at nodes twice as close."""
     spline = curves.interpolated(np.arange(float(count)), np.eye(count))
     return np.asarray(spline(np.linspace(0.0, count - 1.0, 2 * count - 1)))
 
 
 @cache
 def _end_slopes(count: int) -> np.ndarray:
-    """Matrix (2, count) from values at nodes to the derivatives at both ends, by the number of the node."""
+    """Matrix (2, count) from values at nodes to the derivatives at both ends, per interval."""
     spline = curves.interpolated(np.arange(float(count)), np.eye(count))
     return np.asarray(spline(np.array([0.0, count - 1.0]), 1))
 
 
 def track_of(motion: Motion, craft: Spacecraft, rows: Constraints, targets: Targets | None) -> Track:
-    """Gather what a motion of least energy depends on; one without targets gives way to zones.
+    """Gather what a motion of least energy depends on; without targets, it is one that gives way to zones.
 
     Raises:
-        ValueError: if a rate is larger than nodes should use.
+        ValueError: if a rate exceeds what nodes should use.
     """
     tracked = motion.tracked
     assert tracked is not None
@@ -433,12 +433,12 @@ def track_of(motion: Motion, craft: Spacecraft, rows: Constraints, targets: Targ
 
 
 def _pairs(pursuit: Pursuit, nodes: Nodes, places: np.ndarray) -> np.ndarray:
-    """The pairs (p, 3) of row and sight, with the node before, that decide on margins of `Pursuit.margins`.
+    """Return the (node, row, sight), (p, 3), that decide on margins of `Pursuit.margins`.
 
     Args:
         pursuit: with the constraints.
         nodes: of the motion.
-        places: (p, 2), numbers of nodes and of these margins.
+        places: (p, 2), indices of nodes and of these margins.
     """
     rows = pursuit.rows
     row, sight = np.nonzero(rows.bound & rows.single[:, None])

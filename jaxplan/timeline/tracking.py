@@ -1,10 +1,12 @@
 """The motion with which devices follow their targets for a while, as a trajectory.
 
-The nodes of least energy (`least_energy`) are looked for from two first guesses: an attitude that stays as it
-is, and one that is carried along by the targets, which is near the answer where these go round. Between the
-nodes lies a spline. It is brought to where all targets are met at nodes twice as close together, with joints
-that follow, until every device points within a small part of its tolerance everywhere between; that holds at
-the instants looked at, and the certificate proves it for all.
+The nodes of least energy (`least_energy`) are sought from two first guesses: an attitude that stays as it is,
+and one that is carried along by the targets, which is near the answer where these go round. A spline passes
+through the nodes. It is corrected at nodes twice as close together, where all targets are met exactly and
+joints follow, until every device points within a small part of its tolerance everywhere between; that holds
+at the instants sampled, and the certificate proves it for all.
+
+Shapes: K + 1 nodes, J joints. Attitudes are body to inertial.
 """
 
 from dataclasses import dataclass
@@ -22,19 +24,19 @@ from jaxplan.timeline.least_energy import LeastMotion, Nodes, Wanted
 from jaxplan.timeline.pursuit import Pursuit
 from jaxplan.trajectory import Samples, Trajectory
 
-_FEWEST, _MOST = 12, 240  # intervals between the nodes of least energy
-_LONGEST = 120.0  # s between them, as far as there are enough
-_TURN = np.deg2rad(4.0)  # rad by which a target turns from node to node, as far as there are enough
+_FEWEST, _MOST = 12, 240  # least and largest number of intervals between the nodes of least energy
+_LONGEST = 120.0  # s, most time between nodes, unless that takes more intervals than `_MOST`
+_TURN = np.deg2rad(4.0)  # rad, most that a target turns between nodes, likewise
 _FINEST = 4096  # intervals of the curve, beyond which it is not refined
-_PART = 0.05  # of the tolerance by which a device may be off its target between nodes
+_PART = 0.05  # fraction of the tolerance by which a device may be off its target between nodes
 _BETWEEN = 4  # instants looked at in each interval
-_ASIDE = 0.2  # rad, by which a motion is turned to give way to what comes head-on
+_ASIDE = 0.2  # rad, by which a first guess is turned to give way to a zone that comes head-on
 _FINE = 8  # steps from node to node in which attitudes are carried along
-_ROUNDING = 1e-11  # rad/s or rad/s^2: what follows one that stands still begins at rest
-_DRAWN = 64  # attitudes, from which targets may lead where there is room
-_GLANCES = 33  # instants at which it is seen how much room there is
-_FEW = 65  # instants at which rates, accelerations and loads are looked at
-_PLACES = 64  # at which it is measured how far targets turn
+_ROUNDING = 1e-11  # rad/s or rad/s^2; smaller derivatives are set to zero, so that rest stays rest
+_DRAWN = 64  # number of random attitudes among which those with the most room are sought
+_GLANCES = 33  # number of instants at which their room is computed
+_FEW = 65  # number of instants at which rates, accelerations and loads are sampled
+_PLACES = 64  # number of instants at which it is measured how far targets turn
 
 
 @shown("attitude", "joints deg", "velocity deg/s", "rates deg/s")
@@ -45,9 +47,9 @@ class State:
     Attributes:
         attitude: (3, 3) body to inertial.
         joints: (J,) rad.
-        velocity: (3,) rad/s, body axes.
-        rates: (J,) rad/s.
-        acceleration: (3,) rad/s^2, body axes.
+        velocity: (3,) rad/s, angular velocity, body axes.
+        rates: (J,) rad/s, of the joints.
+        acceleration: (3,) rad/s^2, angular acceleration, body axes.
         bends: (J,) rad/s^2, accelerations of the joints.
     """
 
@@ -60,7 +62,7 @@ class State:
 
     @classmethod
     def of(cls, trajectory: Trajectory, time: float) -> "State":
-        """The state of a trajectory at a time, s; derivatives of rounding size are zero."""
+        """Return the state of a trajectory at `time`, s; derivatives of rounding size are set to zero."""
         at = trajectory.sample(time)
 
         def clean(derivative: np.ndarray) -> np.ndarray:
@@ -77,7 +79,7 @@ class State:
 
     @classmethod
     def still(cls, attitude: np.ndarray, joints: np.ndarray) -> "State":
-        """The state at rest."""
+        """Return the state at rest at an attitude (3, 3) and joints (J,) rad."""
         zero = np.zeros(len(joints))
         return cls(
             attitude=attitude,
@@ -94,14 +96,13 @@ class Tracked:
     """A motion that follows targets.
 
     Attributes:
-        trajectory: from its start on, which is its zero.
-        nodes: of least energy, from which it was made.
-        broken: (K + 1,) rad, how far each node breaks a range or a constraint.
-        between: rad, how far the trajectory does at most at instants between the nodes.
-        too_quick: rad, by how much the fastest turn there, kept up from node to node, is beyond what limits
-            of rate allow.
+        trajectory: the motion; its time zero is its start.
+        nodes: the nodes of least energy from which it was made.
+        broken: (K + 1,) rad, how far each node violates a range or a constraint; zero if none.
+        between: rad, how far the trajectory does so at most at sampled instants between the nodes.
+        too_quick: rad, excess of the fastest sampled rate over its limit, times the time between nodes.
         wanted: what the nodes are near, beside their targets.
-        free: numbers of the joints that were chosen, too.
+        free: indices of the joints that were chosen, too.
     """
 
     trajectory: Trajectory
@@ -114,12 +115,12 @@ class Tracked:
 
     @property
     def depth(self) -> tuple[float, float]:
-        """How far nodes, and what lies between them, break something at most, rad; zero where all is kept."""
+        """How far nodes, and the curve between them, violate something at most, rad; zero if all is kept."""
         return float(np.max(self.broken)), max(self.between, self.too_quick)
 
     @property
     def worst(self) -> int:
-        """Number of the node that breaks the most."""
+        """Index of the node that violates the most."""
         return int(np.argmax(self.broken))
 
 
@@ -132,17 +133,20 @@ def track(
     end: float,
     tolerance: float,
 ) -> Tracked:
-    """Follow targets with the least motion.
+    """Find the motion of least energy that follows targets.
 
     Args:
         pursuit: what must point where, and what must hold.
         wanted: what the motion shall be near.
-        free: numbers of joints that are chosen, too.
-        guess: (1, 3, 3) attitude at the start, at which all devices can point at their targets; or those of
-            the nodes of an earlier answer.
+        free: indices of joints that are chosen, too.
+        guess: (1, 3, 3) attitude at the start, at which all devices can point at their targets; or attitudes
+            (K + 1, 3, 3) of the nodes of an earlier answer.
         start: s.
         end: s.
         tolerance: rad, by which a device may be off its target.
+
+    Returns:
+        The motion, which may violate something: see `Tracked.depth`.
     """
     times = np.linspace(start, end, _intervals(pursuit, start, end) + 1)
     search = LeastMotion(pursuit, wanted, free)
@@ -167,7 +171,7 @@ def track(
 
 
 def _refined(search: LeastMotion, found: Tracked, tolerance: float) -> Tracked:
-    """A motion with twice as many nodes, and again, while these keep all and what is between does not."""
+    """Double the nodes of a motion while the nodes keep everything and the curve between does not."""
     while found.depth[0] <= 0 < found.depth[1] and 2 * (len(found.nodes.times) - 1) <= _MOST:
         first, last = found.nodes.times[[0, -1]]
         times = np.linspace(first, last, 2 * len(found.nodes.times) - 1)
@@ -180,18 +184,18 @@ def _refined(search: LeastMotion, found: Tracked, tolerance: float) -> Tracked:
 
 
 def _better(best: Tracked | None, found: Tracked) -> Tracked:
-    """The one of two motions that breaks less."""
+    """Return the one of two motions that violates less; `best` may be None."""
     return found if best is None or found.depth < best.depth else best
 
 
 def _found(search: LeastMotion, times: np.ndarray, guess: np.ndarray, tolerance: float) -> Tracked:
-    """The motion of least energy near a first guess (K + 1, 3, 3) at times (K + 1,), s."""
+    """Find the motion of least energy near a first guess (K + 1, 3, 3) at times (K + 1,), s."""
     nodes = search.solve(times, guess, search.wanted.joints)
     return tracked_through(search, nodes, nodes, tolerance)
 
 
 def tracked_through(search: LeastMotion, nodes: Nodes, through: Nodes, tolerance: float) -> Tracked:
-    """The motion of nodes whose curve goes through them, or through others of theirs and some between."""
+    """Return the motion of some nodes with a curve `through` the same nodes, or through a finer set."""
     times, curve = nodes.times, _curve(search.pursuit, through, tolerance)
     between = _between(times)
     at = curve.sample(np.clip(between - times[0], 0, curve.duration))
@@ -208,7 +212,7 @@ def tracked_through(search: LeastMotion, nodes: Nodes, through: Nodes, tolerance
 
 
 def _too_quick(craft: Spacecraft, at: Samples) -> float:
-    """By how much a motion is beyond limits of rate at most, rad/s; at least zero."""
+    """Return by how much rates exceed their limits at most, rad/s; zero if none does."""
     speeds = [
         np.abs(at.angular_velocity) - craft.rate_limit,
         np.abs(at.joint_rates) - craft.joint_rate_limits,
@@ -219,12 +223,12 @@ def _too_quick(craft: Spacecraft, at: Samples) -> float:
 
 
 def overrun(craft: Spacecraft, motion: Trajectory, begin: float, total: np.ndarray | None) -> str:
-    """By how much the worst load of a motion is beyond its limit, and when; empty if none is.
+    """Return text on the load of a motion that exceeds its limit the most, and when; empty if none does.
 
     Args:
-        craft: with its limits.
-        motion: from its begin on, which is its zero.
-        begin: s.
+        craft: the spacecraft with its limits.
+        motion: the motion; its time zero is its begin.
+        begin: s, in the timeline's times.
         total: (3,) N m s, momentum of platform and wheels in inertial axes; None without wheels.
     """
     times = np.linspace(0.0, motion.duration, _FEW)
@@ -241,18 +245,18 @@ def overrun(craft: Spacecraft, motion: Trajectory, begin: float, total: np.ndarr
 
 
 def _between(times: np.ndarray) -> np.ndarray:
-    """Instants, s, some in each interval between times (K + 1,)."""
+    """Return some instants, s, inside each interval between times (K + 1,)."""
     shares = (np.arange(_BETWEEN) + 0.5) / _BETWEEN
     return np.asarray((times[:-1, None] + np.diff(times)[:, None] * shares).ravel())
 
 
 def _aside(nodes: Nodes) -> list[np.ndarray]:
-    """Attitudes (K + 1, 3, 3) of nodes, turned all alike to each side."""
+    """Return attitudes (K + 1, 3, 3) of nodes, all turned by `_ASIDE` about each body axis to either side."""
     return [nodes.attitudes @ so3.exp(side * _ASIDE * axis) for axis in np.eye(3) for side in (1.0, -1.0)]
 
 
 def _intervals(pursuit: Pursuit, start: float, end: float) -> int:
-    """Number of intervals between nodes that targets, or else zones, and duration ask for."""
+    """Return the number of intervals between nodes that moving targets, or zones, and duration require."""
     times = np.linspace(start, end, _PLACES)
     # without targets it is zones that ask for a motion
     seen = pursuit.directions(times) if pursuit.devices else np.asarray(pursuit.rows.axes(times))
@@ -262,7 +266,7 @@ def _intervals(pursuit: Pursuit, start: float, end: float) -> int:
 
 
 def _still(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Attitudes (K + 1, 3, 3) that change only as targets ask for it, each from the one before."""
+    """Return attitudes (K + 1, 3, 3) that change only as the targets require, each from the one before."""
     found = np.tile(attitude, (len(times), 1, 1))
     if not pursuit.equations:
         return found
@@ -272,24 +276,27 @@ def _still(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.ndar
 
 
 def led_back(pursuit: Pursuit, attitude: np.ndarray, start: float, end: float) -> np.ndarray:
-    """The attitude (1, 3, 3) at the start, s, from which targets lead to a given one (3, 3) at the end, s."""
+    """Return the attitude (1, 3, 3) at `start`, s, from which targets lead to a given one at `end`, s."""
     return _still(pursuit, attitude, np.linspace(end, start, _FEWEST + 1))[-1:]
 
 
 def roomiest(
     pursuit: Pursuit, joints: np.ndarray, start: float, end: float, *, count: int, seed: int
 ) -> list[np.ndarray]:
-    """Find attitudes (1, 3, 3) at the start from which targets lead where most room is left all along.
+    """Find attitudes at the start from which targets lead along with the most room all the time.
 
-    They are drawn at random, and led along by the targets from the start and from the end.
+    They are drawn at random, and carried along by the targets from the start on, and from the end back.
 
     Args:
         pursuit: what must point where, and what must hold.
         joints: (J,) rad, of devices without a target.
         start: s.
         end: s.
-        count: how many are wanted; there are none where targets leave one attitude alone.
-        seed: of the draws.
+        count: how many are wanted.
+        seed: seed of the draws.
+
+    Returns:
+        Attitudes (1, 3, 3), the most room first; none where targets determine the attitude.
     """
     if pursuit.equations >= 3:
         return []
@@ -310,7 +317,7 @@ def roomiest(
 
 
 def _carried(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Attitudes (K + 1, 3, 3) that turn along with all targets, as far as these turn alike."""
+    """Return attitudes (K + 1, 3, 3) that turn along with all targets, as far as these turn alike."""
     fine = np.linspace(times[0], times[-1], _FINE * (len(times) - 1) + 1)
     seen = pursuit.directions(fine)
     if not seen.shape[1]:
@@ -325,7 +332,7 @@ def _carried(pursuit: Pursuit, attitude: np.ndarray, times: np.ndarray) -> np.nd
 
 
 def _curve(pursuit: Pursuit, nodes: Nodes, tolerance: float) -> Trajectory:
-    """The trajectory through nodes, with as many more between as the tolerance asks for."""
+    """Return the trajectory through nodes, with as many more between as the tolerance (rad) requires."""
     own = nodes
     while True:
         curve = curves.through(own)

@@ -1,6 +1,6 @@
 """The momentum that wheels hold in the middle of a timeline, with which its next part starts.
 
-With numpy, or JAX where a state or a number of the spacecraft is traced.
+The functions compute with numpy, or with JAX if a state or a number of the spacecraft is traced.
 """
 
 from dataclasses import replace
@@ -15,9 +15,9 @@ from jaxplan.timeline.tracking import State
 
 
 def total_in(craft: Spacecraft, state: State) -> AnyArray | None:
-    """Total momentum (3,) N m s, inertial axes, in a state in which wheels hold what they store.
+    """Return the total momentum (3,), N m s, inertial axes, of a state in which wheels hold what they store.
 
-    It stays what it is; None without wheels.
+    It is conserved over the whole timeline. None for a spacecraft without wheels.
     """
     if not craft.wheels:
         return None
@@ -26,15 +26,15 @@ def total_in(craft: Spacecraft, state: State) -> AnyArray | None:
 
 
 def holding(craft: Spacecraft, total: AnyArray | None, state: State) -> Spacecraft:
-    """The spacecraft whose wheels store what a total momentum leaves them in a state.
+    """Return a spacecraft whose wheels store what a conserved total momentum leaves to them in a state.
 
-    Where an array shares out so that the largest share is least, the wheels are given the shares of its
-    pseudo-inverse, since only their sum counts.
+    With the allocation "minimax" the wheels are given the momenta of the pseudo-inverse instead, since only
+    their sum counts.
 
     Args:
-        craft: as it is at the start.
-        total: (3,) N m s, inertial axes, see `total_in`; None without wheels, which leaves all as it is.
-        state: of the spacecraft.
+        craft: the spacecraft as it is at the start.
+        total: (3,) N m s, inertial axes, see `total_in`; None without wheels, for which `craft` is returned.
+        state: the state of the spacecraft then.
     """
     if total is None:
         return craft
@@ -51,7 +51,7 @@ def holding(craft: Spacecraft, total: AnyArray | None, state: State) -> Spacecra
 
 
 def _carried(craft: Spacecraft, state: State) -> AnyArray:
-    """Momentum (3,) N m s, body axes, of all but the wheels."""
+    """Return the angular momentum (3,), N m s, body axes, of everything but the wheels."""
     motion = Kinematics(
         spin=[state.velocity],
         joints=[state.joints, state.rates],

@@ -1,4 +1,4 @@
-"""Tuning of numbers of scenarios, by the gradient of what follows from them or, without one, by trials.
+"""Tuning of numbers of scenarios, along the gradient of what follows from them or, without one, by trials.
 
 `parameters` keeps numbers within their bounds, `objectives` has the functions that may be lowered, `descent`
 follows the gradient, and `trials` does without one. `by_key` tells what each number does to a plan.

@@ -1,8 +1,9 @@
 """How much each number of a scenario's file matters to a plan: slopes by the file's keys, in its units.
 
-They are derivatives of the plan with its choices held (`jaxplan.gradients`), so they hold for small changes:
-the same goal among those that step 1 has, the same corners of the path, the same limits and zones that bind.
-Numbers that depend on each other, as those of a unit vector do, are left out.
+A *measure* is a number computed from a plan, such as its duration; a *slope* is its derivative by a number of
+the file. Slopes are derivatives of the plan with its choices held fixed (`jaxplan.gradients`), so they hold
+for small changes: the same goal among those of step 1, the same corners of the path, the same limits and
+zones that bind. Numbers that depend on each other, such as those of a unit vector, are left out.
 """
 
 import textwrap
@@ -32,9 +33,9 @@ from jaxplan.tuning.objectives import (
     unit_of_objective,
 )
 
-_LINE = 110  # characters of a line of names
-_SHARE = 0.01  # of a number, by which it is changed in the last column
-_ROUNDING = 1e-12  # of the largest slope, below which one is zero but for rounding
+_LINE = 110  # most characters in a line of names
+_SHARE = 0.01  # fraction of a number by which `effect` lets it grow
+_ROUNDING = 1e-12  # fraction of the largest slope; smaller ones count as zero
 
 
 @shown("name", "value", "unit", "slope", "slope_unit", "effect")
@@ -43,11 +44,11 @@ class Sensitivity:
     """What a number of a scenario's file does to a plan.
 
     Attributes:
-        name: dotted, in the file's keys, such as ``keep_out[0].half_angle_deg``.
-        value: in the file's unit.
-        unit: of the number, empty where it has none.
+        name: its dotted name, in the file's keys, such as ``keep_out[0].half_angle_deg``.
+        value: the number, in the file's unit.
+        unit: the number's unit; empty if it has none.
         slope: derivative of the measure by the number, in the measure's unit over the number's.
-        slope_unit: both units, such as "s per deg/s"; empty where neither has one.
+        slope_unit: both units, such as "s per deg/s"; empty if neither has one.
     """
 
     name: str
@@ -58,7 +59,7 @@ class Sensitivity:
 
     @property
     def effect(self) -> float:
-        """Change of the measure, in its unit, where the number grows by a hundredth, to first order."""
+        """Change of the measure, in its unit, if the number grows by 1 % of its size, to first order."""
         return self.slope * abs(self.value) * _SHARE + 0.0  # no minus zero
 
 
@@ -69,12 +70,11 @@ class Sensitivities:
 
     Attributes:
         measure: its name.
-        value: of the plan at the optimum whose slopes these are.
-        unit: of the value.
-        rows: of all numbers that matter, those first whose change by a hundredth does most; then those that
-            are zero, by their slopes.
-        without_effect: names of the others, whose slopes are zero.
-        note: why many are, as of a day that waits for something; empty for nothing.
+        value: the measure, at the optimum to which the slopes belong.
+        unit: the measure's unit.
+        rows: the numbers whose slope is not zero, by decreasing size of `effect`, then of the slope.
+        without_effect: names of the numbers whose slope is zero.
+        note: why many slopes are zero, such as that a day waits for something; empty for nothing to say.
     """
 
     measure: str
@@ -85,7 +85,7 @@ class Sensitivities:
     note: str = ""
 
     def __getitem__(self, name: str) -> float:
-        """The slope by a number, by its dotted name; raises a KeyError for one that there is not."""
+        """Return the slope by the number with a dotted name; raises KeyError if there is no such number."""
         for row in self.rows:
             if row.name == name:
                 return row.slope
@@ -145,23 +145,25 @@ class Sensitivities:
 
 
 def sensitivities(plan: Plan | TimelinePlan, measure: str | None = None) -> Sensitivities:
-    """Tell how a measure of a plan, or the total time of a day's, changes with each number of its file.
+    """Compute how a measure of a plan changes with each number of its scenario's or timeline's file.
 
     Args:
-        plan: an OK one that `differentiable` takes; or one of a timeline.
+        plan: a certified plan that `differentiable` accepts, or one of a timeline.
         measure: one of `jaxplan.tuning.OBJECTIVES`, such as "effort", "duration" or, where zones stand still,
-            "smallest_margin"; of a timeline's plan "total_time", until its last activity ends. None for
-            "effort" and "total_time".
+            "smallest_margin"; for a timeline's plan "total_time", until its last activity ends. None for
+            "effort", or for "total_time".
 
     Returns:
-        The slopes in the units of files. Where a choice of the plan is about to change a slope is that of the
-        side that is held. Where more wheels are full at an instant than the torque has dimensions, slopes by
-        single wheels are one split of several, and only what is changed of all of them together is certain.
+        The slopes in the units of files. If a choice of the plan is just about to change, a slope is that on
+        the side where the plan is. If more wheels are at their limits at an instant than the torque has
+        dimensions, slopes by single wheels are one of several possible splits; only the slope by all of them
+        together is certain.
 
     Raises:
-        TypeError: if it is no plan, or no name.
-        ValueError: if there is no such measure, the plan lacks what it measures, or as of `differentiable`;
-            of a timeline's plan also as of `jaxplan.tuning.days.hold_day`.
+        TypeError: if `plan` is not a plan, or `measure` not a name.
+        ValueError: if there is no such measure, if the plan lacks what it measures, or if the plan has no
+            derivatives, as for `differentiable`; for a timeline's plan also as for
+            `jaxplan.tuning.days.hold_day`.
 
     Example:
         >>> print(jp.sensitivities(plan, "smallest_margin"))
@@ -190,7 +192,7 @@ def sensitivities(plan: Plan | TimelinePlan, measure: str | None = None) -> Sens
 
 
 def _of_day(plan: TimelinePlan, measure: str) -> Sensitivities:
-    """The slopes of a day's total time by the numbers of its timeline's file."""
+    """Compute the slopes of a day's total time by the numbers of its timeline's file."""
     if measure != TOTAL_TIME:
         raise ValueError(f"unknown measure {measure!r} of a timeline's plan: must be {TOTAL_TIME!r}")
     with progress_bar("derivatives of the day"):
@@ -202,13 +204,13 @@ def _of_day(plan: TimelinePlan, measure: str) -> Sensitivities:
 def _table(
     told: tuple[str, float, str], places: Sequence[NumberPlace], owner: Any, slopes: Any, sign: float = 1.0
 ) -> Sensitivities:
-    """The table of slopes.
+    """Gather slopes into a `Sensitivities`.
 
     Args:
         told: name, value and unit of the measure.
-        places: of the numbers.
-        owner: the scenario or timeline that has them.
-        slopes: derivatives by these, of the measure times `sign`.
+        places: where the numbers stand.
+        owner: the scenario or timeline that has the numbers.
+        slopes: an object like `owner` with the derivatives of `sign` times the measure.
         sign: 1 or -1.
     """
     measure, value, unit = told
@@ -239,17 +241,17 @@ def _table(
 
 
 def _per(measure: str, number: str) -> str:
-    """The unit of a slope from those of a measure and a number, either of which may be empty."""
+    """Return the unit of a slope from those of a measure and a number; either may be empty."""
     return f"{measure or '1'} per {number}" if number else measure
 
 
 def _unit(place: NumberPlace) -> str:
-    """The unit that the last key of a number's name ends in."""
+    """Return the unit in which the last key of a number's name ends."""
     return unit_of(place.name.rpartition(".")[2].partition("[")[0])
 
 
 def _slope(slopes: Any, path: tuple[str | int | EllipsisType, ...]) -> float:
-    """The slope at a path as of `NumberPlace`; the sum of all where one number stands for an array."""
+    """Return the slope at a `NumberPlace.path`; the sum over an array for which a single number stands."""
     value = slopes
     for step in path:
         if step is ...:

@@ -1,14 +1,15 @@
-"""The states in which activities of a day begin, as functions of the time at which they do.
+"""The states in which activities of a day begin, as differentiable functions of the time when they do.
 
-A state is reached at some time from the state before, and both move with the numbers of the timeline:
+To *follow* a state is to compute it again for changed numbers of the timeline, with the plan's choices held
+fixed. A state depends on the state before, and on the time at which it is reached:
 
     an attitude      is a number of the timeline, held at rest
-    idle             the state before; one that moved has braked evenly since
-    targets          the optimum of step 1 at that instant, from the state before, with the least rates with
-                     which devices follow targets that move
-    a track          the motion of least energy near the state before
+    idle             is the state before or, if that was in motion, where even braking from it has ended
+    targets          is the optimum of step 1 at that instant, from the state before, with the least rates
+                     with which devices follow targets that move
+    a track          begins as the motion of least energy near the state before does
 
-Each is checked against the plan's before it is followed.
+The way each is computed is checked against the plan's own state before it is used.
 """
 
 from collections.abc import Sequence
@@ -41,16 +42,16 @@ TARGETS_MOVE = f"its targets, zones or wishes make it move: {_LEAST_ENERGY}"
 """Why a track that moves has no derivatives where its energy is not least."""
 GIVES_WAY = f"it gives way to a zone: {_LEAST_ENERGY}"
 """Why rest that moves has none then."""
-_OPTIMAL = 1e-6  # rad, rad/s, by which a state may be off the optimum whose derivative is taken
+_OPTIMAL = 1e-6  # rad and rad/s, most by which a plan's state may be off the optimum that is differentiated
 
 
 class When(NamedTuple):
-    """Times of an activity, s.
+    """Times of an activity, s; each may be traced by JAX.
 
     Attributes:
         since: when the state before was reached.
-        begin: when the slew ends, and the motion begins.
-        end: when that ends.
+        begin: when the slew ends, and the activity's motion begins.
+        end: when the motion ends.
     """
 
     since: Any
@@ -63,34 +64,38 @@ Ends: TypeAlias = tuple[State, State]
 
 
 class Reached(Protocol):
-    """The state in which an activity begins, and how it is followed."""
+    """A rule that computes the state in which an activity begins from numbers of the timeline."""
 
     @property
     def in_time(self) -> bool:
-        """Whether it depends on the time at which it is reached."""
+        """Whether the state depends on the time at which it is reached."""
         ...
 
     def at(self, scene: Scenario, activity: Activity, before: State, when: When, near: Motion) -> Ends:
-        """The states in which an activity begins and ends, near those of the plan.
+        """Return the states in which an activity begins and ends, near those of the plan.
 
         Args:
-            scene: of the timeline.
-            activity: with the numbers of the timeline.
+            scene: the timeline's scene, with numbers that may have changed.
+            activity: the activity, likewise.
             before: the state before.
-            when: it was reached, and the activity begins and ends.
-            near: the motion of the plan.
+            when: when that was reached, and when the activity begins and ends.
+            near: the motion of the plan, with unchanged numbers.
         """
         ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Held:
-    """An attitude that is held."""
+    """An attitude that is held.
+
+    Attributes:
+        in_time: False, since it does not depend on time.
+    """
 
     in_time: bool = False
 
     def at(self, scene: Scenario, activity: Activity, before: State, when: When, near: Motion) -> Ends:
-        """The state that the activity gives."""
+        """Return the state that the activity gives, for both ends."""
         assert activity.attitude is not None
         joints: Any = jnp.asarray(activity.attitude.joints)
         found = State.still(so3.exp(jnp.asarray(activity.attitude.rotation_vector)), joints)
@@ -99,33 +104,33 @@ class Held:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Known:
-    """A state on which nothing depends that is asked for.
+    """A state that is taken from the plan as a constant, since no result depends on it.
 
     Attributes:
-        goal: that of the plan.
-        in_time: whether it depends on the time at which it begins.
+        goal: the plan's state.
+        in_time: whether the state depends on the time at which it is reached.
     """
 
     goal: State
     in_time: bool = False
 
     def at(self, scene: Scenario, activity: Activity, before: State, when: When, near: Motion) -> Ends:
-        """The plan's state."""
+        """Return the plan's state, for both ends."""
         return self.goal, self.goal
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rested:
-    """Rest.
+    """Rest in the state before, or where even braking from it ends.
 
     Attributes:
-        in_time: whether the spacecraft moved before.
+        in_time: whether the spacecraft was in motion before.
     """
 
     in_time: bool
 
     def at(self, scene: Scenario, activity: Activity, before: State, when: When, near: Motion) -> Ends:
-        """The state before, or the one in which even braking ends."""
+        """Return, for both ends, the state before or the one in which even braking from it ends."""
         if not self.in_time:
             return before, before
         far = (when.begin - when.since) / 2
@@ -140,11 +145,11 @@ class Pointed:
     """The state in which devices point at targets.
 
     Attributes:
-        moves: how devices without a target make way there.
-        met: places of the wishes that it meets.
-        turns: whole turns of the yaw after which masks are met again.
-        roomy: whether it keeps the room that an instant keeps from zones and ends of ranges.
-        moving: whether devices follow targets at an instant, at their rates.
+        moves: how devices without a target have moved out of the way there (`MadeWay`).
+        met: places, in `Targets.prefer`, of the wishes that it meets.
+        turns: whole turns of the yaw after which each mask is met again.
+        roomy: whether it keeps extra room to zones and ends of ranges, see `with_room`.
+        moving: whether devices must turn at the rates of their targets.
         in_time: whether a target or a zone moves.
     """
 
@@ -156,7 +161,7 @@ class Pointed:
     in_time: bool
 
     def at(self, scene: Scenario, activity: Activity, before: State, when: When, near: Motion) -> Ends:
-        """The optimum of step 1 at the time at which the state is reached, with the least rates."""
+        """Return for both ends the optimum of step 1 when the activity begins, with the least rates."""
         assert activity.targets is not None
         begin = when.begin
         found = self.goal(scene, activity.targets, before, begin, near.state)
@@ -177,7 +182,7 @@ class Pointed:
         return found, found
 
     def goal(self, scene: Scenario, targets: Targets, before: State, begin: Any, near: State | Goal) -> Any:
-        """The optimum of step 1 at a time, s, after some state before, near the one of the plan."""
+        """Return the optimum of step 1 at `begin`, s, from the state before; `near` is that of the plan."""
         craft, wanted = scene.usable, replace(targets.at(begin), criterion=LEAST_ROTATION)
         if self.roomy:
             craft, wanted = with_room(craft, wanted)
@@ -195,13 +200,14 @@ class Pointed:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Following:
-    """The motion of least energy with which devices follow targets, or give way to zones at rest.
+    """The motion of least energy with which devices follow targets, or give way to zones while at rest.
 
     Attributes:
-        aim: the state to whose joints the motion is drawn: the optimum of step 1, rest, or the state before.
-        tracks: the motions of the plan, by their `id`.
-        turns: whole turns of the yaw after which masks are met again.
-        in_time: whether it depends on the time at which it begins, as it does.
+        aim: rule for the state to whose joints the motion is drawn: the optimum of step 1, rest, or the state
+            before.
+        tracks: what the plan's motions depend on, by their `id`.
+        turns: whole turns of the yaw after which each mask is met again.
+        in_time: whether the state depends on the time at which the motion begins: always True.
     """
 
     aim: Pointed | Rested
@@ -210,7 +216,7 @@ class Following:
     in_time: bool = True
 
     def at(self, scene: Scenario, activity: Activity, before: State, when: When, near: Motion) -> Ends:
-        """The states of the optimum at both ends."""
+        """Return the states of the motion of least energy at both of its ends."""
         targets, settings, track = activity.targets, scene.trajectory, self.tracks[id(near)]
         if isinstance(self.aim, Pointed):
             assert targets is not None
@@ -238,15 +244,15 @@ class Following:
 
 
 def following(choice: Choice, targets: Targets | None, motions: Sequence[Motion]) -> Following:
-    """How the motion is followed with which devices follow targets, or give way to zones without any.
+    """Return the rule for a motion with which devices follow targets, or give way to zones while at rest.
 
     Args:
-        choice: how it came to begin.
-        targets: that it follows; None for rest.
-        motions: all on which its begin depends.
+        choice: how the motion came to begin.
+        targets: the targets that it follows; None for rest.
+        motions: all motions on which its begin depends, itself included.
 
     Raises:
-        ValueError: if it is none that is known to be the optimum.
+        ValueError: if one of them is not known to be an optimum.
     """
     scene = choice.departure.scene
     if not scene.trajectory.optimal:
@@ -268,7 +274,7 @@ def following(choice: Choice, targets: Targets | None, motions: Sequence[Motion]
 
 
 def _joints_stay(choice: Choice, targets: Targets, aim: Goal) -> bool:
-    """Whether joints at a goal are those before, whatever its attitude: no device that has any is asked."""
+    """Whether joints at a goal are those before at any attitude, as no device with joints must point."""
     craft, joints = choice.departure.scene.usable, choice.before.joints
     wished = [craft.device_names.index(wish.device) for wish in targets.prefer]
     fixed = all(number >= craft.gimbals.count for number in (*targets.numbers(craft), *wished))
@@ -276,7 +282,7 @@ def _joints_stay(choice: Choice, targets: Targets, aim: Goal) -> bool:
 
 
 def pointed(choice: Choice, targets: Targets) -> Pointed:
-    """How the state is followed in which devices point at targets.
+    """Return the rule for the state in which devices point at targets.
 
     Raises:
         ValueError: for the doubts of `followed_by`, or if the state is not the optimum of step 1.
@@ -298,7 +304,9 @@ def pointed(choice: Choice, targets: Targets) -> Pointed:
 
 
 def optimum_at(choice: Choice, targets: Targets, state: Any, *, roomy: bool = False) -> Pointed:
-    """How an optimum of step 1 is followed, a state or goal in which an activity may begin.
+    """Return the rule for an optimum of step 1, near a state or goal in which an activity may begin.
+
+    `roomy` is as of `Pointed`.
 
     Raises:
         ValueError: for the doubts of `followed_by`.
@@ -329,7 +337,7 @@ def optimum_at(choice: Choice, targets: Targets, state: Any, *, roomy: bool = Fa
 
 
 def _at(scene: Scenario, time: float) -> Scenario:
-    """A scene whose zones stay where they are at a time, s."""
+    """Return a scene whose moving zones stand still where they are at `time`, s."""
 
     def still(zones: Any) -> Any:
         return tuple(
@@ -341,7 +349,10 @@ def _at(scene: Scenario, time: float) -> Scenario:
 
 
 def off_by(reached: Reached, choice: Choice) -> float:
-    """How far the state that is followed is off the plan's, rad and rad/s."""
+    """Return how far the state computed by a rule is off the plan's, the largest of rad and rad/s.
+
+    It is infinite where that cannot be computed.
+    """
     when = When(choice.since, choice.begin, choice.end)
     with jax.enable_x64(True):
         scene = own_arrays(choice.departure.scene)

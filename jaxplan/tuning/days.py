@@ -1,20 +1,21 @@
 """The total time of a day as a function of its timeline, with derivatives.
 
-What was chosen while a timeline was planned is held (`jaxplan.timeline.choices`): the order, which slews wait
-for a window, and how the duration of each slew came about. The rest is followed from activity to activity:
+The choices made while a timeline was planned are held fixed (`jaxplan.timeline.choices`): the order, which
+slews wait for a window, and how the duration of each slew came about. The rest is followed from activity to
+activity:
 
     begin = t + T(p, s, g)          t, s the time and state before; g the state in which the slew ends
     t     = begin or window + time that the activity takes
 
-so that what makes a slew longer moves all that comes after it, until a window is waited for. A duration
-``T`` is a multiple of the strict lower bound, a formula, or of the shortest motion's time. That motion is an
-optimum, followed as that of a single plan (`jaxplan.gradients`); its slopes by ends, limits, inertia and
-zones are found once, and stand for it here.
+with the timeline's numbers ``p``. So what makes a slew longer shifts all that comes after it, until a window
+is waited for. A duration ``T`` is a multiple of the strict lower bound, a formula, or of the shortest
+motion's time. That motion is an optimum, differentiated as that of a single plan (`jaxplan.gradients`). Its
+slopes by ends, limits, inertia and zones are computed once, and a first-order expansion stands for it here.
 
-A bound or a shortest motion is to the state in which the activity begins, of which targets that move make
-another one at every time. So it is the state at the end of an earlier duration, and those are followed, too.
-The states themselves are in `jaxplan.tuning.day_states`. What else a timeline may ask for has no derivatives
-yet, and is refused with all activities and reasons together.
+A bound or a shortest motion is to the state in which the activity begins, which depends on time if targets
+move. So it is the state at the end of a duration tried before, and those durations are followed, too. The
+states themselves are in `jaxplan.tuning.day_states`. What else a timeline may ask for has no derivatives yet,
+and is refused in one message with all activities and reasons.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -51,20 +52,20 @@ from jaxplan.tuning.day_states import (
     pointed,
 )
 
-_SAME = 1e-6  # s, by which times of a plan that was read, and of one made anew, may differ
-_STAYS = 1e-9  # rad, by which a state that is held may change
-_NEAR = 0.01  # of the time of a shortest motion, by which the optimum near it may differ
+_SAME = 1e-6  # s, most by which times of a plan that was read, and of the same plan made anew, may differ
+_STAYS = 1e-9  # rad, most by which a state that counts as held may change
+_NEAR = 0.01  # fraction of a shortest motion's time by which the optimum near it may differ
 TOTAL_TIME = "total_time"
 """What can be asked of a day: s, from its start to the end of the last activity, no rest after it."""
 
 
 class Numbers(NamedTuple):
-    """The numbers of a timeline, as JAX differentiates by them.
+    """The numbers of a timeline, as a pytree by which JAX differentiates.
 
     Attributes:
-        scene: of the timeline.
-        activities: in their order in the file.
-        until: s, the timeline's end; None without.
+        scene: the timeline's scene.
+        activities: in the file's order.
+        until: s, the timeline's end; None without one.
     """
 
     scene: Scenario
@@ -78,8 +79,8 @@ class _Slope:
 
     Attributes:
         seconds: s, at the optimum.
-        scenario: of the plan.
-        slopes: derivatives of the time by the scenario's numbers.
+        scenario: the scenario of the slew, in which that is the time.
+        slopes: derivatives of the time by the scenario's numbers, in an object like it.
     """
 
     seconds: float
@@ -87,7 +88,7 @@ class _Slope:
     slopes: Scenario
 
     def at(self, scenario: Scenario) -> Any:
-        """The time, s, of a scenario near that of the plan."""
+        """Return the time, s, for a scenario near that of the plan."""
         change: Any = 0.0
         each = (jax.tree.leaves(tree) for tree in (self.slopes, scenario, self.scenario))
         for slope, now, then in zip(*each, strict=True):
@@ -98,14 +99,14 @@ class _Slope:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeldDay:
-    """What is held of a timeline's plan, as a function of the timeline's numbers.
+    """What is held fixed of a timeline's plan, as a function of the timeline's numbers.
 
     Attributes:
         numbers: those of the plan's timeline.
-        rows: numbers of the activities in the file, in the order in which they are done.
+        rows: places of the activities in the file, in the order in which they are done.
         choices: how each of them came to begin.
-        states: how the state is followed in which each begins.
-        slopes: of the shortest motions that durations are multiples of, by `id` of these durations.
+        states: the rule for the state in which each of them begins.
+        slopes: expansions of the shortest motions on which durations depend, by `id` of these durations.
     """
 
     numbers: Numbers
@@ -115,7 +116,7 @@ class HeldDay:
     slopes: dict[int, _Slope]
 
     def total_time(self, numbers: Numbers) -> Any:
-        """The time, s, at which the last activity of a timeline near that of the plan ends."""
+        """Return the time, s, at which the last activity ends, for numbers near those of the plan."""
         scene = numbers.scene
         state, time = _start(scene), jnp.asarray(0.0)
         total = total_in(scene.spacecraft, state)
@@ -138,16 +139,16 @@ class HeldDay:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Leg:
-    """The way to an activity, in the numbers of a timeline near that of the plan.
+    """The slew to an activity and the activity itself, in numbers near those of the plan's timeline.
 
     Attributes:
         slopes: as of `HeldDay`.
-        choice: how the activity came to begin.
-        reached: how the state is followed in which it begins.
-        activity: with these numbers.
-        scene: of the timeline.
-        craft: the spacecraft with what its wheels hold at the start.
-        state: before.
+        choice: how the activity came to begin, in the plan.
+        reached: the rule for the state in which it begins.
+        activity: the activity, with the changed numbers.
+        scene: the timeline's scene, likewise.
+        craft: the spacecraft, with what its wheels hold before the slew.
+        state: the state before the slew.
         time: s, when that is reached.
         until: s, when the timeline ends; None without.
     """
@@ -174,12 +175,12 @@ class _Leg:
         return self.choice.begin if late else self.activity.earliest or 0.0
 
     def states(self, begin: Any, near: Motion) -> Ends:
-        """The states in which the activity begins, at a time, s, and ends, near a motion of the plan."""
+        """Return the states in which the activity begins, at `begin`, s, and ends, near a plan's motion."""
         when = When(self.time, begin, self.ends(begin))
         return self.reached.at(self.scene, self.activity, self.state, when, near)
 
     def ends(self, begin: Any) -> Any:
-        """When the activity ends, s, that begins at a time, s."""
+        """Return when the activity ends, s, if it begins at `begin`, s."""
         activity, opens = self.activity, self.activity.earliest
         if activity.duration is not None:
             waits = self.choice.begin < (self.choice.activity.earliest or 0.0)
@@ -189,7 +190,7 @@ class _Leg:
         return self.until if activity.latest is None else activity.latest
 
     def _seconds(self, own: SlewTime) -> Any:
-        """A duration of the slew, s."""
+        """Return a duration of the slew, s, for the changed numbers."""
         base: Any = 0.0
         if own.kind in (BOUND, NEEDED):
             after = own.after if self.reached.in_time else None
@@ -200,7 +201,7 @@ class _Leg:
         return own.factor * base + own.offset
 
     def _bound(self, own: SlewTime, goal: State) -> Any:
-        """The strict bound, s, of the slew to a goal that does not move, or does."""
+        """Return the strict lower bound, s, of the slew to a goal; either end may be in motion."""
         assert own.goal is not None
         then = self.choice.departure.state, own.goal
         turning = any(np.any(one.velocity) for one in then)
@@ -215,13 +216,13 @@ class _Leg:
         return moving_bound(self.craft, *pairs, turning=turning)
 
     def _needed(self, own: SlewTime, goal: State) -> Any:
-        """The time, s, of the shortest motion to a goal that does not move."""
+        """Return the time, s, of the shortest motion to a goal at rest."""
         here = replace(self.choice.departure, scene=self.scene, craft=self.craft, state=self.state)
         return self.slopes[id(own)].at(here.scenario(goal, MINIMUM))
 
 
 def _start(scene: Scenario) -> State:
-    """The state at a scene's start, with its rates."""
+    """Return the state at a scene's start, with its rates."""
     start = scene.start
     joints: Any = jnp.asarray(start.joints)
     velocity: Any = jnp.asarray(start.angular_velocity)
@@ -234,13 +235,13 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
     """Return what of a timeline's plan stays fixed while the timeline's numbers change.
 
     Args:
-        plan: an OK one. One that was read from a file is planned anew, since files do not say how its slews
-            came about.
+        plan: a certified plan. One read from a file is planned anew, since files do not store its choices.
 
     Raises:
-        ValueError: if it is not OK, one that is planned anew is another one, or some activities have no
-            derivatives; the message names these, each with its reason: all whose states cannot be followed,
-            before shortest motions are, which take long, or else all of which these cannot.
+        ValueError: if it is not OK, if the plan made anew differs from it, or if activities have no
+            derivatives. The message names these activities with their reasons: all whose states cannot be
+            followed or, if there are none, all whose shortest motions cannot be; these take long to
+            differentiate.
     """
     if not plan.ok or plan.trajectory is None:
         raise ValueError(
@@ -280,17 +281,18 @@ def hold_day(plan: TimelinePlan) -> HeldDay:
 
 
 def _refuse(timeline: Timeline, reasons: Mapping[str, str]) -> None:
-    """Raise a ValueError with the reasons why activities, by name, have no derivatives, if there are any."""
+    """Raise ValueError if there are reasons, by activity, why the total time has no derivatives."""
     told = "; ".join(f"activity {name}: {reason}" for name, reason in reasons.items())
     if told:
         raise ValueError(f"the total time of {timeline.name} has no derivatives that are known: {told}")
 
 
 def _matter(choices: Sequence[Choice]) -> list[bool]:
-    """Whether the state in which each activity begins matters to when the last one ends.
+    """Tell for each activity whether the state in which it begins influences when the last activity ends.
 
-    It does where the slew to it, or a later one, takes a time that follows from its ends, and that time moves
-    the end of the last activity: one that waits for its window, or ends when that does, cuts this.
+    It does if the slew to it, or a later one, takes a time that follows from its ends, and if that time
+    shifts the end of the last activity. An activity that waits for its window, or ends with it, cuts this
+    chain.
     """
     found: list[bool] = []
     end_matters, state_matters = True, False
@@ -305,7 +307,11 @@ def _matter(choices: Sequence[Choice]) -> list[bool]:
 
 
 def _with_choices(plan: TimelinePlan) -> TimelinePlan:
-    """The plan with how its activities came to begin; planned anew where it does not know."""
+    """Return the plan with its choices; it is planned anew if it has none.
+
+    Raises:
+        ValueError: if the plan made anew has activities that end at other times.
+    """
     if len(plan.choices) >= len(plan.activities):
         return plan
     again = plan_timeline(plan.timeline, throw=False, progress=False)
@@ -319,7 +325,7 @@ def _with_choices(plan: TimelinePlan) -> TimelinePlan:
 
 
 def _follows(choice: Choice) -> bool:
-    """Whether an activity is a motion with which devices follow targets and wishes, or give way to zones."""
+    """Whether an activity is a motion in which devices follow targets and wishes, or give way to zones."""
     targets, trajectory = choice.activity.track, choice.motion.trajectory
     if choice.motion.tracked is None or trajectory is None:
         return False
@@ -331,7 +337,7 @@ def _follows(choice: Choice) -> bool:
 
 
 def _motions(choice: Choice) -> Iterator[Motion]:
-    """Yield the motions at whose begins bounds on the way to an activity were taken."""
+    """Yield the motions that follow the goals of all durations tried for the slew to an activity."""
     time = choice.time
     while time is not None:
         if time.motion is not None:
@@ -340,10 +346,10 @@ def _motions(choice: Choice) -> Iterator[Motion]:
 
 
 def _reached(choice: Choice) -> Reached:
-    """How the state is followed in which an activity begins.
+    """Return the rule for the state in which an activity begins.
 
     Raises:
-        ValueError: as of `pointed`, where it is another one, or led to where the next slew leads.
+        ValueError: if there is none, or if the activity is led to where the next slew leads.
     """
     targets, before = choice.activity.targets, choice.before
     if choice.motion.led:
@@ -361,10 +367,14 @@ def _reached(choice: Choice) -> Reached:
 
 
 def _needed(choice: Choice, in_time: bool) -> Iterator[SlewTime]:
-    """Yield the durations that are multiples of a shortest motion's, on which the time of a slew depends.
+    """Yield the durations based on a shortest motion on which the time of a slew depends.
+
+    Args:
+        choice: how the slew's activity came to begin.
+        in_time: whether the state in which the activity begins depends on time.
 
     Raises:
-        ValueError: if one is not from rest to rest.
+        ValueError: if such a motion is not from rest to rest, or the first duration was cut by what is known.
     """
     time = choice.time
     while time is not None:
@@ -382,15 +392,15 @@ def _needed(choice: Choice, in_time: bool) -> Iterator[SlewTime]:
 
 
 def _slope(departure: Departure, time: SlewTime) -> _Slope:
-    """Expand the minimum time of a slew to first order in the numbers of its scenario.
+    """Expand the shortest time of a slew to first order in the numbers of its scenario.
 
     Args:
-        departure: the state that the slew starts from.
-        time: the slew's duration, a multiple of that minimum.
+        departure: the state from which the slew starts.
+        time: the slew's duration, a multiple of that shortest time.
 
     Raises:
-        ValueError: if the shortest plan cannot be differentiated, or its optimum takes another time, by more
-            than 1 %, than was found.
+        ValueError: if the shortest plan cannot be differentiated, or if its optimum takes a time that differs
+            by more than 1 % from the one that was found.
     """
     plan = departure.shortest_plan(time)
     function = differentiable(plan)
@@ -406,13 +416,14 @@ def _slope(departure: Departure, time: SlewTime) -> _Slope:
 
 
 def day_slopes(plan: TimelinePlan) -> tuple[float, Numbers, str]:
-    """The total time of a timeline's plan, s, and its derivatives by the timeline's numbers.
+    """Return the total time of a timeline's plan, s, and its derivatives by the timeline's numbers.
 
     Returns:
-        Both, and a sentence on what is waited for, so that nothing before it matters; empty for nothing.
+        Time, derivatives (in a `Numbers`), and a sentence on what is waited for, so that nothing before it
+        has an influence; empty if nothing is waited for.
 
     Raises:
-        ValueError: as of `hold_day`.
+        ValueError: as for `hold_day`.
     """
     held = hold_day(plan)
     with jax.enable_x64(True):
@@ -421,7 +432,7 @@ def day_slopes(plan: TimelinePlan) -> tuple[float, Numbers, str]:
 
 
 def _waited_for(choices: Sequence[Choice]) -> str:
-    """A sentence on the last activity that is not as soon as its slew ends; empty where there is none."""
+    """Return a sentence on the last activity whose times do not follow from its slew; empty if none."""
     for one in reversed(choices):
         activity, opens = one.activity, one.activity.earliest or 0.0
         if activity.duration is None and activity.kind != "point":

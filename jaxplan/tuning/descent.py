@@ -1,10 +1,10 @@
 """Gradient descent on numbers of scenarios through `derivatives.replan`.
 
-Between planning anew, trajectories are *followed*: as the numbers change, each stays the optimum under the
-limits and zones that bind, which are *held*. From time to time the plans are made anew on their paths, so
-that what is held of them fits the numbers reached. At the end the scenarios are planned from the beginning:
-at the last numbers and, where plans fail there or others on the way have a lower objective, at those. The
-best numbers whose plans are all certified are the answer; those to begin with are among them.
+As the numbers change, trajectories are *followed*: each stays the optimum under the limits and zones that
+bind, which are *held* fixed. From time to time the plans are *renewed*: made anew on their paths, so that
+what is held of them fits the numbers reached. At the end the scenarios are planned from the beginning for the
+last numbers and, if plans fail there or others on the way have a lower objective, for those. The result is
+the best numbers whose plans are all certified; those to begin with are among them.
 
 A descent works on *free* parameters, one for each number, which may take any value (`parameters`).
 """
@@ -51,12 +51,12 @@ from jaxplan.tuning.parameters import Parameter, as_dict, number_of, parameters
 @shown("step", "objective", "free")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stop:
-    """A point of a descent: free parameters, step and objective.
+    """A point of a descent.
 
     Attributes:
-        free: parameters.
+        free: the free parameters there.
         step: number of the step in the history.
-        objective: mean over the trajectories, which are followed.
+        objective: mean objective over the followed trajectories.
     """
 
     free: jax.Array
@@ -67,18 +67,18 @@ class Stop:
 @shown("history", "plans", "checkpoints", "free")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """State of a descent, which need not be at the numbers of its result.
+    """State of a descent, from which it can go on; its numbers need not be those of the result.
 
     Attributes:
-        asked: the call's arguments by name, in a form that can be compared; None for an objective that is a
-            function.
-        free: parameters.
-        memory: the optimiser's own state.
-        plans: those from which trajectories are followed; none to begin with.
+        asked: the call's arguments by name, in a form that can be compared; an objective that is a function
+            is None.
+        free: the free parameters.
+        memory: the optimizer's own state.
+        plans: the plans from which trajectories are followed; empty before the first.
         first: plans for the numbers to begin with, all certified.
         history: a row for each step that was made.
-        checkpoints: where plans were made anew, the beginning first.
-        lowest: the step with the lowest objective.
+        checkpoints: the points at which plans were made anew, the beginning first.
+        lowest: the point with the lowest objective; None before the first step.
     """
 
     asked: Mapping[str, Any]
@@ -91,7 +91,7 @@ class State:
     lowest: Stop | None = None
 
     def expect(self, asked: Mapping[str, Any]) -> None:
-        """Raise a ValueError if a call that resumes asks for something else."""
+        """Raise ValueError if a call that resumes this one has other arguments."""
         differing = [name for name, value in asked.items() if self.asked[name] != value]
         if differing:
             raise ValueError(
@@ -102,20 +102,21 @@ class State:
 @shown("objective", "numbers", "message", heading="{0.title}")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tuning(Printed):
-    """Result of tuning by the gradient.
+    """Result of tuning along the gradient.
 
     Attributes:
-        scenarios: tuned, in the order given; planned anew and certified.
-        plans: of them.
-        numbers: the tuned numbers by name, in the file's units: the last ones or, where those are worse or
-            have no certified plans, better ones on the way to them.
-        objective: of these plans; never above `before`.
-        before: objective of the plans to begin with, which are planned and certified like the tuned ones.
-        label: what was lowered, with its unit.
-        history: a row a step: its number, the objective, the length of its gradient in the free parameters,
-            and the numbers by name. Its trajectories are followed, not searched anew.
-        message: what was given up, empty if all is well.
-        state: of the descent, from which ``tune(resume=...)`` goes on.
+        scenarios: the tuned scenarios, in the order given, planned anew and certified.
+        plans: their plans.
+        numbers: the tuned numbers by name, in the file's units: the last ones or, if those are worse or have
+            no certified plans, better ones on the way to them.
+        objective: mean objective of these plans; never above `before`.
+        before: mean objective of the plans to begin with, which are planned and certified like the tuned
+            ones.
+        label: name of the objective, with its unit.
+        history: a row for each step: its number, the objective, the length of its gradient in the free
+            parameters, and the numbers by name. Its trajectories are followed, not searched anew.
+        message: what was given up; empty when there is nothing to say.
+        state: state of the descent, from which ``tune(resume=...)`` goes on.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -134,7 +135,7 @@ class Tuning(Printed):
         return self.scenarios[0]
 
     def cells(self) -> list[list[str]]:
-        """Objective and numbers before and after, as rows of texts with their head."""
+        """Return objective and numbers before and after as rows of text, the first one the head."""
         first = self.history[0]
         rows = {"objective": (self.before, self.objective)}
         rows |= {name: (first[name], value) for name, value in self.numbers.items()}
@@ -142,7 +143,7 @@ class Tuning(Printed):
 
     @property
     def answer(self) -> int | None:
-        """The step that had the tuned numbers; None where none of the history has them."""
+        """Number of the step that had the tuned numbers; None if no row of the history has them."""
         for row in self.history:
             if all(row.get(name) == value for name, value in self.numbers.items()):
                 return int(row["step"])
@@ -150,23 +151,23 @@ class Tuning(Printed):
 
     @property
     def title(self) -> str:
-        """Title with the number of scenarios and steps."""
+        """Title with the numbers of scenarios and steps."""
         of, steps = counted(len(self.scenarios), "scenario"), counted(len(self.history) - 1, "step")
         return f"Tuning of {of}, {steps}"
 
     def lines(self) -> list[tuple[str, str]]:
-        """The message, where there is one."""
+        """Return the message as a (label, value) row; empty without one."""
         return [("", self.message)] if self.message else []
 
 
-_ALIKE = 1e-4  # of an objective: by so much plans made anew may differ from those that were followed
+_ALIKE = 1e-4  # fraction of an objective by which plans made anew may differ from those that were followed
 
-# Slopes; for more of them an optimised kernel pays, which takes some 6 s more to compile and saves 8 ms each.
+# Number of slopes above which an optimised kernel pays: it takes 6 s more to compile, and saves 8 ms each.
 _OFTEN = 750
 
-_MANY = 8  # plans; to hold one of so many twice is little beside what is compiled sooner by it
+_MANY = 8  # plans from which on one is held twice, a little extra work that lets kernels compile sooner
 
-RENEWED = 40  # steps until plans are made anew; at first a quarter and a half of that
+RENEWED = 40  # steps between renewals of the plans; the first two are after a quarter and a half of that
 
 
 def tune(
@@ -179,34 +180,32 @@ def tune(
     progress: bool = True,
     resume: Tuning | None = None,
 ) -> Tuning:
-    """Lower an objective, in the mean over scenarios, by the gradient in some of their numbers.
+    """Lower an objective, as a mean over scenarios, along its gradient in some of their numbers.
 
     Args:
-        scenarios: one, or several that share the numbers tuned.
+        scenarios: one scenario, or several that share the tuned numbers.
         objective: a name such as "peak_acceleration", weights of several by name, or a function of a
             trajectory and its scenario, made of JAX operations.
         over: dotted names of numbers in the file's keys and units, such as ``trajectory.duration_s``,
-            ``keep_out[0].half_angle_deg`` or ``start.angular_velocity_rad_s[2]``, or their bounds by name,
-            which numbers that may be negative need. All begin with the first one's.
-        optimizer: a `GradientTransformation` of optax, on the free parameters; Adam with a rate of 0.1
-            unless told.
-        steps: of the optimiser.
+            ``keep_out[0].half_angle_deg`` or ``start.angular_velocity_rad_s[2]``, or a mapping from names to
+            bounds, which numbers that may be negative need. First values are those of the first scenario.
+        optimizer: an optax `GradientTransformation` of the free parameters; None for Adam with a rate of 0.1.
+        steps: number of steps of the optimizer.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
-        resume: an earlier result of the same call, which is gone on from; its steps count. Ctrl-C ends a
-            call with such a result.
+        resume: result of an earlier such call, from which to go on; its steps count. Ctrl-C ends a call with
+            such a result.
 
     Returns:
-        The tuned scenarios with certified plans, and the history. It is never worse than the beginning: where
-        the steps lead to nothing better that is the answer, and the message says so. The same call gives the
-        same result.
+        The tuned scenarios with certified plans, and the history. The result is never worse than the
+        beginning: if the steps lead to nothing better, it is the beginning, and the message says so. The same
+        call gives the same result.
 
     Raises:
-        TypeError: for what is no scenario, optimizer or result of tuning.
-        ScenarioError: for scenarios that no file could hold, all faults of which are named, and if a scenario
-            has no such number.
-        ValueError: if arguments make no sense, a scenario has no plan to begin with, or none that can be
-            differentiated, the objective is not finite there, or resume is of another call; the message says
-            which.
+        TypeError: if a scenario, the optimizer or `resume` is of another type.
+        ScenarioError: for scenarios that no file could hold, with all faults, or without such a number.
+        ValueError: if arguments make no sense, if a scenario has no plan to begin with or none that can be
+            differentiated, if the objective is not finite there, or if `resume` is of another call; the
+            message says which.
     """
     import optax  # slow to import, so not at the top, which figures read, too
 
@@ -251,7 +250,7 @@ def tune(
 
 
 class _Planned(NamedTuple):
-    """A point of a descent with plans made anew for it, all certified, and their mean objective."""
+    """A point of a descent with plans made for it from the beginning, all certified; their mean objective."""
 
     stop: Stop
     plans: Sequence[Plan]
@@ -259,10 +258,10 @@ class _Planned(NamedTuple):
 
 
 class _Descent:
-    """A descent under way, with its state, and the objective and gradient there.
+    """A descent under way: its state, and the objective and gradient there.
 
-    Making one plans the scenarios for the numbers to begin with, unless the state has plans; it raises a
-    ValueError where one has none, or the objective is not finite.
+    Making one plans the scenarios for the numbers to begin with, unless the state has plans. It raises
+    ValueError if a scenario has no plan, or the objective is not finite.
     """
 
     def __init__(
@@ -302,17 +301,17 @@ class _Descent:
             self._state = replace(self._state, checkpoints=(self._stop,))
 
     def _first_held(self) -> tuple[Held, Scenario]:
-        """What is held of the first plan, found for it alone, with its scenario."""
+        """Return what is held of the first plan, computed for it alone, and its scenario."""
         plan = self._state.plans[0]
         return next(hold_each([plan], nodes=self._nodes, known=self._fits[:1] or None)), plan.scenario
 
     def _first_valued(self) -> None:
-        """Compute the objective of the first plan, which compiles its kernel beside that of the slope."""
+        """Compute the objective of the first plan, only to compile its kernel beside that of the slope."""
         with jax.enable_x64(True):  # a thread has its own setting
             self._mean(self._state.plans[:1])
 
     def go(self, steps: int) -> None:
-        """Make so many steps, unless the objective ceases to be finite or Ctrl-C interrupts."""
+        """Make `steps` steps, unless the objective ceases to be finite or Ctrl-C interrupts."""
         try:
             with progress_bar("tuning", "steps", total=steps, shown=self._progress) as bar:
                 for _ in range(steps):
@@ -336,7 +335,7 @@ class _Descent:
             self._messages.append("interrupted")
 
     def result(self) -> Tuning:
-        """Plan for the most promising numbers; return the best with certified plans, and the messages."""
+        """Plan for the most promising numbers, and return the best with certified plans."""
         state, start = self._state, self._state.checkpoints[0]
         best, refused = self._best(start, self._stop)
         messages = list(self._messages)
@@ -363,18 +362,18 @@ class _Descent:
 
     @property
     def _stop(self) -> Stop:
-        """The point where the descent is."""
+        """The point that the descent has reached."""
         row = self._row
         return Stop(free=self._state.free, step=int(row["step"]), objective=row["objective"])
 
     def _at(self, free: jax.Array) -> tuple[Scenario, ...]:
-        """The scenarios with the numbers of free parameters put in."""
+        """Return the scenarios with the numbers of free parameters put in."""
         pairs = zip(self._tuned, np.asarray(free), strict=True)
         numbers = {one.place: float(one.value(z)) for one, z in pairs}
         return tuple(with_numbers(scenario, numbers) for scenario in self._given)
 
     def _look(self, state: State) -> tuple[dict[str, float], np.ndarray] | None:
-        """The history's row for a state, and the gradient in the free parameters; None if not finite."""
+        """Return the history's row for a state, and the gradient there; None if either is not finite."""
         value, slope = self._slope(state.free)
         if not (np.isfinite(value) and np.all(np.isfinite(slope))):
             return None
@@ -382,7 +381,7 @@ class _Descent:
         return row | as_dict(self._tuned, np.asarray(state.free)), slope
 
     def _step(self) -> bool:
-        """Make a step; False, and no step, where the objective beyond is not finite."""
+        """Make a step and return True; return False, making none, if the objective after it is not finite."""
         state, row = self._state, self._row
         self._moved |= self._gradient != 0
         value = jnp.asarray(row["objective"])
@@ -404,7 +403,7 @@ class _Descent:
         return ahead is not None
 
     def _renew(self) -> None:
-        """Make the plans anew; where one fails or cannot be held, the descent goes on with those it has."""
+        """Renew the plans for the current numbers; if one fails or cannot be held, keep those there are."""
         state, plans, pairs = self._state, [], []
         for plan, scenario in zip(state.plans, self._at(state.free), strict=True):
             now, held = follow_and_hold(plan, scenario, nodes=self._nodes)
@@ -417,7 +416,7 @@ class _Descent:
         self._state = replace(state, plans=tuple(plans), checkpoints=(*state.checkpoints, self._stop))
 
     def _plans_to_begin_with(self, free: jax.Array) -> tuple[tuple[Plan, ...], list[Fit | None]]:
-        """Plan the scenarios for free parameters, with fits; raise a ValueError where one has no plan."""
+        """Plan the scenarios for free parameters; return plans and fits. ValueError if one has no plan."""
         plans, fits = plan_with_fits(self._at(free), progress=self._progress)
         for plan in plans:
             if not plan.ok:
@@ -427,10 +426,10 @@ class _Descent:
         return tuple(plans), fits
 
     def _best(self, start: Stop, end: Stop) -> tuple[_Planned, bool]:
-        """Find the best point with certified plans, and whether planning failed at the end.
+        """Find the best point with certified plans, and whether planning failed at the end of the descent.
 
-        Points are planned for one after the other, that of the lowest objective first, and the end before
-        others that are hardly lower, until none of the rest is lower than the best found.
+        Points are planned one after the other, by rising objective, the end before others that are hardly
+        lower, until no remaining point is lower than the best one found.
         """
         state = self._state
         best, refused = _Planned(start, state.first, self._mean(state.first)), False
@@ -448,7 +447,7 @@ class _Descent:
         return best, refused
 
     def _mean(self, plans: Sequence[Plan]) -> float:
-        """The mean objective of plans, all OK."""
+        """Return the mean objective of plans, which must all be OK."""
         values = []
         for plan in plans:
             assert plan.trajectory is not None  # it is OK
@@ -460,5 +459,5 @@ class _Descent:
 
 @partial(quick_jit, level=1, static_argnums=2)
 def _valued(trajectory: Trajectory, scenario: Scenario, aim: Objective) -> jax.Array:
-    """The objective of a trajectory and its scenario."""
+    """Return the objective of a trajectory and its scenario, compiled."""
     return aim(trajectory, scenario)

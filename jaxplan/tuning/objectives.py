@@ -1,7 +1,7 @@
-"""Objectives of tuning: functions of a trajectory and its scenario, in the units of files.
+"""Objectives of tuning: functions of a trajectory and its scenario, with values in the units of files.
 
-A descent lowers their mean over several plans, by its gradient in the tuned numbers, with which trajectories
-change as `derivatives.replan` has it.
+A descent lowers their mean over several plans, along its gradient in the tuned numbers; how trajectories
+change with these is computed by `derivatives.replan`.
 """
 
 import os
@@ -34,13 +34,13 @@ _DEGREE = np.pi / 180
 
 
 def _margin(trajectory: Trajectory, scenario: Scenario) -> Array:
-    """Smallest margin to any zone, deg; raises a ValueError without zones, and where one moves."""
+    """Return the smallest margin to any zone, deg; raises ValueError without zones, and if one moves."""
     refuse_margin(scenario)
     return measures.least_margin(trajectory, scenario.spacecraft, scenario.constraints) / _DEGREE
 
 
 def _torque(trajectory: Trajectory, scenario: Scenario) -> Array:
-    """Largest component of the torque, N m; raises a ValueError without an inertia."""
+    """Return the largest component of the torque, N m; raises ValueError without an inertia."""
     if scenario.spacecraft.inertia is None:
         raise ValueError("objective peak_torque needs spacecraft.inertia_kg_m2, which is not set")
     return measures.peak_torque(trajectory, scenario.spacecraft)
@@ -66,7 +66,10 @@ OBJECTIVES: dict[str, Objective] = {name: function for name, (function, _) in _K
 
 
 def refuse_margin(scenario: Scenario) -> None:
-    """Raise a ValueError where plans of a scenario have no smallest margin, and say what they have."""
+    """Raise ValueError if plans of a scenario have no smallest margin with slopes.
+
+    If it is because a zone moves, the message lists the objectives that have slopes.
+    """
     if not scenario.zones:
         raise ValueError("objective smallest_margin needs zones, of which there are none")
     moving = [zone.name for zone in scenario.zones if zone.moves]
@@ -79,7 +82,7 @@ def refuse_margin(scenario: Scenario) -> None:
 
 
 def offered(scenario: Scenario) -> list[str]:
-    """Names of the objectives that plans of a scenario have."""
+    """Return the names of the objectives that can be computed for plans of a scenario."""
     still = bool(scenario.zones) and not any(zone.moves for zone in scenario.zones)
     without = set() if still else {MARGIN}
     without |= {"peak_torque"} if scenario.spacecraft.inertia is None else set()
@@ -87,10 +90,10 @@ def offered(scenario: Scenario) -> list[str]:
 
 
 def objective_label(given: str | Mapping[str, float] | Objective) -> str:
-    """Label of an objective for an axis: a single one with its unit, several with their weights.
+    """Return the label of an objective for an axis: a single one with its unit, several with their weights.
 
     Args:
-        given: see `make_objective`.
+        given: an objective as `make_objective` takes it.
     """
     if callable(given):
         name = getattr(given, "__name__", "objective")
@@ -103,26 +106,26 @@ def objective_label(given: str | Mapping[str, float] | Objective) -> str:
 
 
 def unit_of_objective(name: str) -> str:
-    """The unit of an objective, by its name."""
+    """Return the unit of an objective by its name."""
     return _KNOWN[name][1]
 
 
 def _spelled(name: str) -> str:
-    """The name of an objective in words, with a minus where its negative is lowered."""
+    """Return the name of an objective in words, with a minus sign if its negative is lowered."""
     sign = "\N{MINUS SIGN}" if name == MARGIN else ""
     return sign + name.replace("_", " ")
 
 
 def make_objective(given: str | Mapping[str, float] | Objective) -> Objective:
-    """Make a function of an objective's name, weights by name, or function.
+    """Return the function of an objective given by name, by weights or as a function.
 
     Args:
-        given: a name of `OBJECTIVES`, weights of several by name, or a function of a trajectory and its
-            scenario.
+        given: a name in `OBJECTIVES`, weights of several by name, or a function of a trajectory and its
+            scenario, which is returned as it is.
 
     Raises:
         TypeError: if it is none of these.
-        ValueError: if a name is not known, or a weight no finite number.
+        ValueError: if a name is unknown, or a weight is not a finite number.
     """
     if callable(given):
         return given
@@ -130,11 +133,11 @@ def make_objective(given: str | Mapping[str, float] | Objective) -> Objective:
 
 
 def as_weights(given: object) -> dict[str, float]:
-    """Weights by name of an objective that is given as a name or as weights.
+    """Return an objective, given as a name or as weights, as weights by name.
 
     Raises:
         TypeError: if it is neither.
-        ValueError: if a name is not known, or a weight no finite number.
+        ValueError: if there are no weights, a name is unknown, or a weight is not a finite number.
     """
     if not isinstance(given, str | Mapping):
         raise TypeError(
@@ -154,12 +157,12 @@ def as_weights(given: object) -> dict[str, float]:
 
 @cache
 def _weighted(weights: tuple[tuple[str, float], ...]) -> Objective:
-    """Weighted sum of objectives; the same function for the same weights, so that it is compiled once."""
+    """Return a weighted sum of objectives: the same function for the same weights, so it compiles once."""
     return partial(_sum_of, weights)
 
 
 def _sum_of(weights: tuple[tuple[str, float], ...], trajectory: Trajectory, scenario: Scenario) -> Array:
-    """Sum of the objectives named, times their weights."""
+    """Return the sum of the named objectives times their weights."""
     parts = [weight * OBJECTIVES[name](trajectory, scenario) for name, weight in weights]
     return jnp.sum(jnp.stack(parts))
 
@@ -175,17 +178,18 @@ def mean_slope(
 ) -> Slope:
     """Make the function from free parameters to the mean objective of plans and its gradient.
 
-    Its kernels are compiled now, and slopes at the beginning are computed while other plans are held.
+    Its kernels are compiled now, and slopes at the beginning are computed while other plans are still being
+    held.
 
     Args:
-        pairs: what is held of each plan, with its scenario.
+        pairs: what is held of each plan, with its scenario; an iterator that computes them one by one.
         aim: the objective.
         tuned: the numbers that the parameters stand for.
-        begin: free parameters for which the function is called first.
-        often: whether it is called so often that a kernel pays which takes twice as long to compile, and runs
-            in half of the time.
-        rehearsal: finds a pair like the first one, for which kernels are compiled while `pairs` are found;
-            what it finds has no other use.
+        begin: free parameters with which the function will be called first.
+        often: whether the function is called so often that a kernel pays that takes longer to compile and
+            less time to run.
+        rehearsal: computes a pair like the first one, for which kernels are compiled while `pairs` are
+            computed; it has no other use. None to compile for the first pair itself.
     """
     kernel = _slope if often else _slope_soon
     held: list[Any] = []
@@ -232,20 +236,20 @@ def mean_slope(
 
 
 def _plain(held: Held, scenario: Scenario) -> tuple[Held, Scenario]:
-    """What a kernel takes: arrays of numpy, and no name or epoch."""
+    """Return what a kernel takes: arrays of numpy, and a scenario without name and epoch."""
     plain: tuple[Held, Scenario] = jax.tree.map(np.asarray, (held, bare(scenario)))
     return plain
 
 
 def bare(scenario: Scenario) -> Scenario:
-    """The scenario without name and epoch, for which kernels would be compiled anew."""
+    """Return the scenario without name and epoch, for which kernels would be compiled anew."""
     return replace(scenario, name="", epoch=None)
 
 
 def _value_and_slope(
     free: jax.Array, held: Held, scenario: Scenario, aim: Objective, tuned: tuple[Parameter, ...]
 ) -> tuple[jax.Array, jax.Array]:
-    """The objective of a plan at free parameters, and its gradient in them; arguments as of `mean_slope`."""
+    """Return a plan's objective at free parameters, and its gradient; arguments as of `mean_slope`."""
     # That of weights and durations is known, and half of the kernel is what follows it.
     known = all(one.place.path[0] == "trajectory" for one in tuned)
     end = held_end(held, scenario) if known else None

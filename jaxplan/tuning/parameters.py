@@ -1,9 +1,9 @@
-"""Numbers that are tuned: their names, bounds and own values, in a file's keys and units.
+"""Numbers that are tuned: their names, bounds and first values, in a file's keys and units.
 
-Trials vary settings within a `Range`. A descent has a free parameter ``z`` for each number, which may take
-any value; the number is ``low + (high - low) / (1 + exp(-z))``, within its bounds. Where the bounds are
-positive and far apart its logarithm is put so. So a step in ``z`` means about the same for a weight and a
-duration.
+Trials vary settings within a `Range`. A descent has a *free* parameter ``z`` for each number, which may take
+any value; the number is ``low + (high - low) / (1 + exp(-z))``, always within its bounds. If the bounds are
+positive and far apart, the number's logarithm is transformed so instead. So a step in ``z`` means about the
+same for a weight and a duration.
 """
 
 import math
@@ -22,22 +22,22 @@ from jaxplan.schema.numbers import NumberPlace, find_number
 from jaxplan.schema.value_kinds import Integer
 from jaxplan.study.task import Task, make_task
 
-_DIGITS = 4  # significant digits of a number tried, so that settings found can be written down
+_DIGITS = 4  # significant digits of the numbers tried, so that settings are easy to write down
 _TABLES = {"search": SEARCH, "trajectory": TRAJECTORY, "robust": ROBUST}
-_FAR = 10.0  # ratio of bounds from which on the logarithm is taken
-_AROUND = 1e3  # where no bounds are given they are this factor above and below the first value
+_FAR = 10.0  # least ratio of the bounds for which the logarithm is transformed
+_AROUND = 1e3  # factor from the first value to either bound where none are given
 
 
 @dataclass(frozen=True, kw_only=True)
 class Range:
-    """A setting that is varied.
+    """A setting that trials vary.
 
     Attributes:
-        name: dotted, as in ``search.heuristic_weight``.
+        name: its dotted name, as in ``search.heuristic_weight``.
         low: the least value, in the file's unit.
         high: the largest value, likewise.
         integer: whether the setting is a whole number.
-        own: the scenes' own value; NaN where they differ, or have a word or nothing there.
+        own: the value that all scenes have; NaN if they differ, or have a word or nothing there.
     """
 
     name: str
@@ -47,22 +47,22 @@ class Range:
     own: float
 
     def number(self, value: float) -> float | int:
-        """A value rounded to what is written into a file, within the bounds."""
+        """Return a value rounded as it is written into a file: to an integer, or to `_DIGITS` digits."""
         if self.integer:
             return round(value)
         return min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high)
 
 
 def make_ranges(task: Task, over: object) -> tuple[Range, ...]:
-    """Check the names and bounds of the settings that are to be varied; return their ranges.
+    """Check the names and bounds of the settings that trials vary, and return their ranges.
 
     Args:
         task: the study that is made in each trial.
-        over: bounds by name.
+        over: a dict of bounds (low, high) by name.
 
     Raises:
-        TypeError: if it is no dict.
-        ScenarioError: if it is empty, or a file may not hold a name or bound; all such are named.
+        TypeError: if `over` is not a dict.
+        ScenarioError: if it is empty, or has names or bounds that a file may not hold; all are listed.
     """
     if not isinstance(over, Mapping):
         raise TypeError(
@@ -85,7 +85,7 @@ def make_ranges(task: Task, over: object) -> tuple[Range, ...]:
 
 
 def _pair(bounds: Any) -> tuple[float, float] | None:
-    """Bounds as two finite floats, the lower one first; None for anything else."""
+    """Return bounds as two finite floats, the lower one first; None if they are anything else."""
     if not isinstance(bounds, tuple | list) or len(bounds) != 2:
         return None
     numeric = all(isinstance(one, int | float | np.number) and type(one) is not bool for one in bounds)
@@ -94,7 +94,7 @@ def _pair(bounds: Any) -> tuple[float, float] | None:
 
 
 def _range(name: str, bounds: tuple[float, float], scenarios: Sequence[Scenario]) -> Range:
-    """The range of a setting by its dotted name, with the value that all scenarios have."""
+    """Return the range of a setting by its dotted name, with the value that all scenarios have."""
     table, _, key = name.partition(".")
     entry = next(entry for entry in _TABLES[table].fields if entry.key == key)
     held = [getattr(getattr(scenario, table), entry.attribute, None) for scenario in scenarios]
@@ -115,9 +115,9 @@ class Parameter:
 
     Attributes:
         place: where it stands in a scenario.
-        low: lower bound in the file's unit.
-        high: upper bound in the file's unit.
-        first: value to begin with, in the file's unit.
+        low: its lower bound, in the file's unit.
+        high: its upper bound, likewise.
+        first: its first value, likewise, between the bounds.
     """
 
     place: NumberPlace
@@ -131,14 +131,14 @@ class Parameter:
         return self.low > 0 and self.high / self.low >= _FAR
 
     def value(self, free: Array) -> Array:
-        """The number, in the file's unit, at a free parameter."""
+        """Return the number, in the file's unit, for a free parameter."""
         share = 1 / (1 + jnp.exp(-free))
         if self.logarithmic:
             return self.low * (self.high / self.low) ** share
         return self.low + (self.high - self.low) * share
 
     def free(self) -> float:
-        """The free parameter to begin with."""
+        """Return the free parameter of the first value."""
         if self.logarithmic:
             share = math.log(self.first / self.low) / math.log(self.high / self.low)
         else:
@@ -149,17 +149,18 @@ class Parameter:
 def parameters(
     scenario: Scenario, over: Sequence[str] | Mapping[str, tuple[float, float]]
 ) -> tuple[Parameter, ...]:
-    """Check the names and bounds of the numbers that are to be tuned; return their parameters.
+    """Check the names and bounds of the numbers that are to be tuned, and return their parameters.
 
     Args:
-        scenario: with the values to begin with.
-        over: dotted names, or their bounds by name, in the file's units. Without bounds a number may go to
-            where the file allows it, but not beyond a thousandth and a thousandfold of its first value; one
-            that may be negative, such as an angle, needs bounds.
+        scenario: a scenario with the first values.
+        over: dotted names, or a mapping from names to bounds (low, high), in the file's units. Without bounds
+            a number may vary as far as the file allows, but only from a thousandth to a thousand times its
+            first value; a number that may be negative, such as an angle, needs bounds.
 
     Raises:
         ScenarioError: if a scenario has no such number; the message says what there is.
-        ValueError: if bounds are not two numbers, or the first value does not lie between them.
+        ValueError: if `over` is empty or has a setting of the search, if bounds are not two numbers that a
+            file may hold, or if the first value does not lie between them.
     """
     if isinstance(over, str):
         raise ValueError(f'over = "{over}": must be a list of names, or their bounds by name')
@@ -194,7 +195,7 @@ def parameters(
 
 
 def number_of(scenario: Scenario, name: str) -> NumberPlace:
-    """Find where the number of a dotted name stands; raise a ScenarioError, as for any unknown key, else."""
+    """Return where the number with a dotted name stands in a scenario; ScenarioError if there is none."""
     try:
         return find_number(scenario, name)
     except KeyError as error:
@@ -202,7 +203,7 @@ def number_of(scenario: Scenario, name: str) -> NumberPlace:
 
 
 def _usual(place: NumberPlace, first: float) -> tuple[float, float]:
-    """Bounds of a number for which none are given; raises a ValueError if it may be negative."""
+    """Return bounds for a number for which none are given; raises ValueError if it may be negative."""
     interval = place.interval
     if interval is None or interval.low < 0:
         raise ValueError(
@@ -213,5 +214,5 @@ def _usual(place: NumberPlace, first: float) -> tuple[float, float]:
 
 
 def as_dict(tuned: Sequence[Parameter], free: np.ndarray) -> dict[str, float]:
-    """The numbers at free parameters (k,), by name, in the file's units."""
+    """Return the numbers for free parameters (k,) as a dict by name, in the file's units."""
     return {one.place.name: float(one.value(z)) for one, z in zip(tuned, free, strict=True)}

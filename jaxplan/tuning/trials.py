@@ -1,9 +1,9 @@
-"""Search settings tuned by trials: each is a study of the same scenes, by other settings.
+"""Search settings tuned by trials: each trial is a study of the same scenes with other settings.
 
 The result of a search jumps with its settings, so there is no gradient to follow (`descent` has one, of
 trajectories). A trial makes whole plans, as `run_study` does, not the search alone: a short path without a
 certified trajectory is a failure. Success comes before the objective: trials with more failed scenes are
-always worse. Times are those of the search step.
+always worse. Times are computation times of the search step.
 """
 
 import math
@@ -25,13 +25,13 @@ from jaxplan.tuning.parameters import Range, make_ranges
 Score = Callable[[Study], float]
 Row = Mapping[str, float]
 
-# Label, column, and whether every scene counts or only those that are planned, as in a study's summary.
+# For each objective its label, the study's column, and whether all scenes count, not only those planned.
 _OBJECTIVES = {
     "time": ("search time (s)", "search_s", True),
     "expansions": ("expansions", "expansions", True),
     "length": ("path length (steps)", "length_steps", False),
 }
-_POPULATION = 8  # the scenes' own settings and seven more; scipy wants at least five
+_POPULATION = 8  # size of the first population: the scenes' own settings and seven more; scipy wants five
 _OVER: Mapping[str, tuple[float, float]] = {
     "search.heuristic_weight": (1, 20),
     "search.anchor_weight": (1, 4),
@@ -40,27 +40,28 @@ _OVER: Mapping[str, tuple[float, float]] = {
 
 
 class Ended(Exception):
-    """Raised when all trials are spent, or by an error in one, which is the cause then."""
+    """Raised when all trials are spent, or when a trial fails with an error, which is then the cause."""
 
 
 class Trial(NamedTuple):
-    """One trial: its row of the history, and its study."""
+    """One trial: its row in the history, and its study."""
 
     row: Row
     study: Study
 
 
 class Trials:
-    """Runs trials, and keeps their rows, the best trial, and the one by the scenes' own settings.
+    """Runs trials, and keeps their rows, the best trial, and the one with the scenes' own settings.
 
-    Making one runs the first trial.
+    Making one runs the first trial, with the scenes' own settings.
 
     Args:
         task: the study that is made in each trial.
-        ranges: of the settings.
-        score: the objective, of a study.
-        most: number of trials after which a further one raises `Ended`.
-        noisy: whether the objective depends on times, so that a first study is made and thrown away.
+        ranges: the settings to vary, with their bounds.
+        score: computes the objective of a study.
+        most: number of trials; a further one raises `Ended`.
+        noisy: whether the objective depends on computation times, so that a first study is made and
+            discarded.
         bar: counts trials, and shows the best objective.
     """
 
@@ -76,7 +77,7 @@ class Trials:
         self.own = self.best = self._noted(numbers)
 
     def __call__(self, values: np.ndarray) -> float:
-        """Make a trial of settings (k,), unless it has been made; return its rank, of which lower is better.
+        """Make a trial with settings (k,), unless it was made before; return its rank, lower is better.
 
         Raises:
             Ended: if all trials are spent, or because of an error in this one.
@@ -95,7 +96,10 @@ class Trials:
         return self._known[key]
 
     def measure_again(self) -> str:
-        """Repeat the trials of the best and of the scenes' own settings, and keep the better; says how."""
+        """Repeat the trials of the best and of the scenes' own settings, and keep the better.
+
+        Returns a message on that.
+        """
         try:
             own, best = map(self._again, (self.own, self.best))
         except KeyboardInterrupt:
@@ -106,12 +110,12 @@ class Trials:
         return "measured again"
 
     def _again(self, trial: Trial) -> Trial:
-        """Repeat a trial, without entering it in the history."""
+        """Repeat a trial without entering it in the history."""
         numbers = {one.name: trial.row[one.name] for one in self.ranges}
         return self._trial(int(trial.row["trial"]), numbers)
 
     def _noted(self, numbers: Row) -> Trial:
-        """Make the next trial by settings, and enter it in the history."""
+        """Make the next trial with the given settings, and enter it in the history."""
         trial = self._trial(len(self.history), numbers)
         self.history.append(trial.row)
         self._known[tuple(numbers.values())] = self._rank(trial)
@@ -119,7 +123,7 @@ class Trials:
         return trial
 
     def _trial(self, number: int, numbers: Row) -> Trial:
-        """Make a trial of this number by settings; that of number 0 is by the scenes' own, whatever is given.
+        """Make trial `number` with the given settings; number 0 has the scenes' own settings instead.
 
         Raises:
             KeyboardInterrupt: if the study is interrupted.
@@ -144,11 +148,11 @@ class Trials:
         return Trial({"trial": number, "objective": value, "success_rate": rate, **numbers}, study)
 
     def _better(self, one: Trial, other: Trial) -> Trial:
-        """The trial of the lower rank, the first of two as good."""
+        """Return the trial with the lower rank; the first one if both are equally good."""
         return min(one, other, key=self._rank)
 
     def _rank(self, trial: Trial) -> float:
-        """Rank of a trial: its failed scenes, plus a share below one that grows with the objective."""
+        """Return the rank of a trial: failed scenes, plus less than one that grows with the objective."""
         value, scale = trial.row["objective"], abs(self.history[0]["objective"])
         scale = scale if 0 < scale < math.inf else 1.0
         share = value / (abs(value) + scale) if value < math.inf else 1.0
@@ -161,16 +165,16 @@ class SearchTuning(Printed):
     """Result of tuning by trials.
 
     Attributes:
-        settings: of the best trial, as `run_study` and a scenario file take them. Where the scenes' own are
-            the best these are they; one in which the scenes differ is left out then.
-        objective: what was lowered, with its unit.
-        own: the row of the scenes' own settings, as ``baseline`` has it.
-        best: the row of the best settings, as ``study`` has it.
-        history: a row a trial: its number, the objective, the success rate and the numbers by name. The first
-            are the scenes' own settings, with NaN for what is no number that all share.
-        study: by the best settings.
-        baseline: by the scenes' own.
-        message: how it was found, and what was given up.
+        settings: those of the best trial, as `run_study` and a scenario file take them. If the scenes' own
+            are the best, settings in which the scenes differ are left out.
+        objective: name of the objective that was lowered, with its unit.
+        own: the row of the scenes' own settings; it belongs to `baseline`.
+        best: the row of the best settings; it belongs to `study`.
+        history: a row for each trial: its number, the objective, the success rate and the numbers by name.
+            The first has the scenes' own settings, with NaN for what is not a number that all share.
+        study: the study with the best settings.
+        baseline: the study with the scenes' own settings.
+        message: how the result was found, and what was given up.
     """
 
     settings: Mapping[str, float]
@@ -189,16 +193,16 @@ class SearchTuning(Printed):
 
     @property
     def answer(self) -> int:
-        """The trial that had the best settings."""
+        """Number of the trial that had the best settings."""
         return int(self.best["trial"])
 
     @property
     def label(self) -> str:
-        """What is tuned, for the axis of a figure: the objective, whose name tells its unit."""
+        """Label of the objective for the axis of a figure, with its unit."""
         return self.objective
 
     def cells(self) -> list[list[str]]:
-        """Own and best settings with their results, as rows of texts with their head."""
+        """Return own and best settings and their results as rows of text, the first one the head."""
         labels = {"objective": self.objective, "success_rate": "success rate (%)"}
         rows = []
         for key in [key for key in self.own if key != "trial"]:
@@ -207,7 +211,7 @@ class SearchTuning(Printed):
         return [["", "own", "best"], *rows]
 
     def lines(self) -> list[tuple[str, str]]:
-        """The best trial, and how it was found."""
+        """Return the best trial, and how it was found, as (label, value) rows."""
         return [("best", f"trial {self.answer}"), ("", self.message)]
 
 
@@ -225,34 +229,35 @@ def tune_search(
     """Look for better search settings by trials, without a gradient.
 
     Success comes first: settings that leave more scenes without a certified plan are always worse, whatever
-    their objective. Among settings with as many failures, the lower objective is better. The scenes' own
+    their objective. Among settings with equally many failures, the lower objective is better. The scenes' own
     settings are the first trial, and the answer is never worse than they are.
 
-    Expansions and lengths are the same on every run. Times are noisy: the least of many is lower than it
-    would be again, so the best and the scenes' own settings are measured once more, one after the other, and
-    these measurements decide. So it is with a function, as it may look at times.
+    Expansions and lengths are the same on every run. Computation times are noisy: the least of many is lower
+    than it would be if measured again. So the best and the scenes' own settings are measured once more, one
+    after the other, and these measurements decide. The same is done if the objective is a function, since it
+    may depend on times.
 
     Args:
         scenarios_or_seeds: the scenes, or seeds of `random_scenario`.
-        kind: of the random scenes, "keep_out" unless told; only with seeds.
-        planner: one of those of `run_study`; settings that it does not have change nothing.
-        over: bounds of the settings to vary, by dotted names in the keys and units of a scenario file.
-            Whole numbers stay whole.
-        objective: "time" for the mean of the search step, "expansions" for that of the last search, both of
-            all scenes, "length" for the mean length of the paths of planned scenes, or a function of a
-            `Study`, whose value is finite or +inf.
-        trials: at most, the scenes' own settings among them.
-        seed: of the trials' random choices.
+        kind: kind of random scenes; None for "keep_out". Only with seeds.
+        planner: one of those of `run_study`; settings that it does not use have no effect.
+        over: bounds (low, high) of the settings to vary, by dotted names in the keys and units of a scenario
+            file. Whole numbers stay whole.
+        objective: "time" for the mean computation time of the search, "expansions" for the mean number in the
+            last search of each scene, both over all scenes; "length" for the mean length of the paths of
+            planned scenes; or a function of a `Study` whose value is finite or +inf.
+        trials: most trials, at least 2; the scenes' own settings are one of them.
+        seed: seed of the trials' random choices.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
 
     Returns:
         The best settings, and all trials. Ctrl-C ends the search early, with the best until then.
 
     Raises:
-        TypeError: for scenes that are none, or an objective that is neither a name nor a function.
+        TypeError: if scenes are not scenarios or seeds, or the objective is neither a name nor a function.
         ValueError: for bad seeds, an unknown kind, planner or objective, too few trials, or an objective
-            that is no number.
-        ScenarioError: for settings or bounds that a file could not hold; all are named.
+            whose value is NaN or -inf.
+        ScenarioError: for settings or bounds that a file could not hold; all are listed.
 
     Example:
         >>> found = jp.tune_search(range(20), "hard_keep_out", objective="expansions")
@@ -286,12 +291,15 @@ def tune_search(
 
 
 def _search(trial: Trials, seed: int) -> str:
-    """Try settings until all trials are spent; returns words on how it ended, empty if so.
+    """Try settings until all trials are spent, by differential evolution.
 
-    Differential evolution, of scipy's methods: it only compares trials, so that noise, jumps, plateaus and
-    failures do it little harm, it keeps whole numbers whole, and every trial after the first eight builds on
-    the better ones. Methods that fit a model (COBYQA) or move a simplex are quicker where the objective is
-    smooth, but lose most of that where it is noisy; neither knows whole numbers.
+    It only compares trials, so that noise, jumps, plateaus and failures do it little harm, it keeps whole
+    numbers whole, and every trial after the first eight builds on the better ones. Methods that fit a model
+    (COBYQA) or move a simplex are quicker where the objective is smooth, but lose most of that where it is
+    noisy; neither knows whole numbers.
+
+    Returns:
+        A message if the search was interrupted; else an empty text.
     """
     from scipy.optimize import differential_evolution
     from scipy.stats.qmc import LatinHypercube
@@ -320,7 +328,7 @@ def _search(trial: Trials, seed: int) -> str:
 
 
 def _make_score(objective: str | Score) -> tuple[str, Score]:
-    """Label and function of an objective; a TypeError or ValueError, see `tune_search`, for what is none."""
+    """Return label and function of an objective, a name or a function; raises as `tune_search` does."""
     if isinstance(objective, str):
         if objective not in _OBJECTIVES:
             known = ", ".join(_OBJECTIVES)
