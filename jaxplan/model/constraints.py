@@ -361,6 +361,11 @@ def counted(rows: Constraints, margin: np.ndarray) -> np.ndarray:
 
 
 def constraint_margins(rows: Constraints, margin: ArrayLike) -> AnyArray:
-    """Return the margin of every constraint, (..., Z) as `best_entries` does, from pairs' margins (..., Z, S)."""
+    """Return the margin of every constraint, (..., Z) as from `best_entries`.
+
+    Args:
+        rows: the constraints.
+        margin: (..., Z, S) rad, margins of every sight to every row.
+    """
     xp, given = arrays(margin)
     return best_entries(rows, xp.min(given, axis=-1, initial=xp.inf))

@@ -48,9 +48,9 @@ def wrap(angle: ArrayLike) -> AnyArray:
 
 
 def frame_about_z(angle: ArrayLike) -> AnyArray:
-    """Return the rotation (3, 3) from a terminal's axes to body axes, if it is mounted at `angle` about body z.
+    """Return the rotation (3, 3) from a terminal's axes to body axes, if its mounting is turned about body z.
 
-    The angle is in rad.
+    `angle` is the angle of that turn, rad.
     """
     xp, a = arrays(angle)
     cosine, sine, zero = xp.cos(a), xp.sin(a), xp.zeros_like(a)
@@ -188,7 +188,10 @@ class Gimbals:
         return yaw, pitch
 
     def angles(self, joints: ArrayLike) -> tuple[AnyArray, AnyArray]:
-        """Return azimuths and elevations (..., g) rad of boresights in gimbals' axes, at joints (..., 2n + d)."""
+        """Return azimuths and elevations (..., g) rad of boresights in gimbals' own axes.
+
+        `joints` (..., 2n + d) are in rad.
+        """
         xp, q, tilts = arrays(joints, self.tilts)
         azimuth, elevation = self.parts(q)
         if tilts.shape[0]:

@@ -68,7 +68,7 @@ class Kinematics(NamedTuple):
 
     @property
     def momentum(self) -> AnyArray:
-        """``L``, (3, ...) N m s, body axes: momentum of all but the wheels, ``J omega`` and that of stages."""
+        """``L``, (3, ...) N m s, body axes: momentum of all but the wheels, ``J omega`` plus the stages'."""
         own = _product(self.inertia, self.spin[0])
         return own if self.stages is None else own + self._carried[0]
 
@@ -99,7 +99,7 @@ class Kinematics(NamedTuple):
 
     @property
     def wheel_momenta(self) -> AnyArray:
-        """Products (r, ...) N m s of `array.rows` with the wheels' momentum ``R^T H - L``, plus `array.apart`."""
+        """Products (r, ...) N m s of the wheels' rows with their momentum ``R^T H - L``, plus `apart`."""
         return self.resting_momenta - _product(self._array.rows, self.momentum)
 
     @property

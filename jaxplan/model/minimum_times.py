@@ -1,6 +1,7 @@
-"""Distances that a motion has to cover, and the least time for that where speed and its growth have limits.
+"""Distances that a motion has to cover, and the least time for them if speed and acceleration have limits.
 
-Units are those of the distance: rad for angles.
+Units are those of the distance: rad for angles. *Ways*, *top* and *growth* are explained in
+`jaxplan.model.duration_bound`.
 """
 
 from dataclasses import dataclass
@@ -14,16 +15,16 @@ _ROOTS = 12  # steps of Newton's method, which has then converged to rounding
 class Way:
     """A distance that a motion has to cover, and the limits of the speed along it.
 
-    Its unit U is rad for angles, rad over that of the box for lengths in boxes, and rad (kg m^2)^1/2 for the
-    length by the energy.
+    Its unit U is rad for angles, rad over the unit of the box's sides for lengths in boxes (so s for a box of
+    rates), and rad (kg m^2)^1/2 for the length by the energy.
 
     Attributes:
-        name: of the limits.
-        distance: (...) U, with a sign where it has one.
+        name: name of the limits.
+        distance: (...) U, with a sign if `signed`.
         top: U/s, largest speed, or inf.
         growth: U/s^2, largest acceleration along the way.
-        more_growth: U/s^4, by which that grows with the square of the time since rest; None where it does
-            not, as for a motion with rates at an end.
+        more_growth: U/s^4, by which the largest acceleration rises with the square of the time since rest;
+            None where it does not, as for a motion that does not rest at both ends.
         speeds: (2,) U/s, at start and end; None from rest to rest.
         signed: whether the speed may be negative, as that of a joint.
     """
@@ -38,7 +39,7 @@ class Way:
 
     @property
     def rest_time(self) -> AnyArray:
-        """Least time (...) s from rest to rest, with numpy or JAX."""
+        """Least time (...) s from rest to rest, of numpy or JAX."""
         grows = self.more_growth is not None
         more_growth = self.more_growth if grows else 0.0
         xp, far, top, growth, more = arrays(self.distance, self.top, self.growth, more_growth)
@@ -55,7 +56,7 @@ class Way:
 
     @property
     def time(self) -> AnyArray:
-        """Least time between the speeds at both ends, (...) s, with numpy or JAX."""
+        """Least time (...) s between the speeds at both ends, of numpy or JAX."""
         if self.speeds is None:
             return self.rest_time
         xp, far, top, growth, speeds = arrays(self.distance, self.top, self.growth, self.speeds)
@@ -71,14 +72,14 @@ class Way:
 def shortest_time(
     distance: AnyArray, first: AnyArray, last: AnyArray, rate: AnyArray, acceleration: AnyArray
 ) -> AnyArray:
-    """Least time of a motion on a line with bounded rate and acceleration, with numpy or JAX.
+    """Return the least time of a motion on a line with bounded rate and acceleration, of numpy or JAX.
 
     Args:
         distance: (...) rad, with its sign.
         first: (...) rad/s, rate at the start, within the limit.
-        last: (...) rad/s, rate at the end, likewise.
-        rate: (...) rad/s, the limit.
-        acceleration: (...) rad/s^2, likewise.
+        last: (...) rad/s, rate at the end, within the limit.
+        rate: (...) rad/s, limit of the rate's magnitude; may be infinite.
+        acceleration: (...) rad/s^2, limit of the acceleration's magnitude.
 
     Returns:
         (...) s. Its derivatives are finite, and right almost everywhere.
