@@ -54,7 +54,7 @@ class Leads:
         return turned, joints[self.first] + self.share[:, None] * moves
 
     def _turn(self, attitudes: AnyArray) -> AnyArray:
-        """Return the rotation vectors (m + 1, 3) rad of the straight motions, turning the way that `turn` does."""
+        """Return the rotation vectors (m + 1, 3) rad of the straight motions, turning the way of `turn`."""
         xp = array_module(attitudes)
         turn = so3.log(xp.swapaxes(attitudes[self.first], -1, -2) @ attitudes[self.second])
         angle = length(turn)
