@@ -199,8 +199,7 @@ class KeepIn(_Cone):
         axis_device: name of the device whose boresight is the axis.
         devices: names of the devices that it binds; at least one unless there are `vectors`.
         vectors: further vectors that it binds.
-        lasts: s from the start, for how long the zone is valid; longer motions are refused. A zone about a
-            body that is taken to stand still is narrowed only by that body's motion in this time.
+        lasts: s from the start, for how long the zone is valid; longer motions are refused.
         any_of: name of its group; None for a zone that must hold by itself.
         entry: name of its entry in the group; zones of the same entry must hold together. None for a zone
             that is an entry by itself.

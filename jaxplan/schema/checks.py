@@ -1,7 +1,7 @@
-"""What must go together in a scenario, beyond what each value must be by itself.
+"""Checks of what must go together in a scenario, beyond what each value must be by itself.
 
-The checks look at the scenario as far as it could be read, in which `WRONG` stands for a value whose fault
-was noted before. What they find they note as a fault at a `Place`, by the keys of a file.
+The checks get the scenario as it was read, in which `WRONG` stands for a value whose fault was noted before.
+They note their faults at a `Place`, by the keys of a file.
 """
 
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ def check_count(zones: Sequence[Any], root: Place) -> bool:
         root: the place of the scenario.
 
     Returns:
-        True if there are no more.
+        True if the number is allowed.
     """
     count = sum(len(rows) for rows in zones if isinstance(rows, list | tuple))
     if count > MOST_ZONES:
@@ -50,16 +50,16 @@ def check_count(zones: Sequence[Any], root: Place) -> bool:
 
 
 def placed(rows: Any, place: Place) -> list[tuple[Place, Any]]:
-    """The entries of the tuple at a place that could be read, each after its place; none of a non-tuple."""
+    """Return the entries of a tuple that could be read, each after its place; none if it is no tuple."""
     entries = rows if isinstance(rows, tuple) else ()
     return [(place[i], row) for i, row in enumerate(entries) if row is not WRONG]
 
 
 def check_parts(scenario: Scenario, root: Place) -> None:
-    """Note where parts of a scenario do not go together.
+    """Note zones, goal limits and durations that do not go together with the rest of a scenario.
 
     Args:
-        scenario: as far as it could be read.
+        scenario: the scenario as it was read.
         root: its place.
     """
     zones = {key: placed(getattr(scenario, name), root[key]) for key, name in ZONES.items()}
@@ -72,7 +72,7 @@ def check_parts(scenario: Scenario, root: Place) -> None:
 
 
 def check_mount(mount: Any, place: Place) -> None:
-    """Note a fault unless the boresight of a mount is at right angles to its yaw axis."""
+    """Note a fault if the boresight of a mount is not at right angles to its yaw axis."""
     axis, boresight = mount.yaw_axis, mount.boresight
     if axis is WRONG or boresight is WRONG:
         return
@@ -85,9 +85,9 @@ def check_mount(mount: Any, place: Place) -> None:
 
 
 def check_terminal(terminal: Any, place: Place) -> None:
-    """Note faults of a terminal: missing limits of rate or acceleration, and a range of pitch near 90 deg.
+    """Note faults of a terminal: missing limits of rate or acceleration, and an empty range of pitch.
 
-    A limit may be a joint's own or that of both; pitch is kept `NEAREST_TO_POLE`, rad, away from 90 deg.
+    Limits may be given for each joint or for both; pitch is kept `NEAREST_TO_POLE`, rad, away from 90 deg.
     """
     for quantity, unit in (("rate", "deg_s"), ("acceleration", "deg_s2")):
         key = f"{quantity}_limit_{unit}"
@@ -106,12 +106,12 @@ def check_terminal(terminal: Any, place: Place) -> None:
 
 
 def shown(angle: Any, place: Place) -> Any:
-    """A value for a message: an angle in rad as degrees where a file is read; all else as it is."""
+    """Return a value for a message: an angle in rad as degrees if a file is read; else as it is."""
     return angle if place.reading.python or not isinstance(angle, float) else shortest_degrees(angle)
 
 
 def check_drive(drive: Any, place: Place) -> None:
-    """Note a fault unless the boresight of a drive is off its axis by `APART`."""
+    """Note a fault if the boresight of a drive is less than `APART` off its axis."""
     axis, boresight = drive.axis, drive.boresight
     if axis is WRONG or boresight is WRONG:
         return
@@ -124,14 +124,14 @@ def check_drive(drive: Any, place: Place) -> None:
 
 
 def check_wheel(wheel: Any, place: Place) -> None:
-    """Note a fault if a wheel holds more at the start than it can."""
+    """Note a fault if a wheel holds more momentum at the start than its limit."""
     stored, most = wheel.stored, wheel.momentum
     if WRONG not in (stored, most) and abs(stored) > most:
         place["stored_nms"].fault(f"must be at most {place['momentum_nms'].told(most)} either way", stored)
 
 
 def _check_wheels(craft: Any, place: Place) -> None:
-    """Note wheels that are too few, in one plane, of one name, or beside limits that are not theirs."""
+    """Note faults of wheels: too few, axes in a plane, equal names, or limits that do not go with wheels."""
     wheels, here = craft.wheels, place["wheel"]
     if wheels is WRONG:
         return
@@ -178,9 +178,9 @@ _STAGES = {
 
 
 def _check_stages(craft: Any, place: Place) -> None:
-    """Note inertias of stages without one of the whole, or that leave of it what no body has.
+    """Note inertias of moving parts if that of the whole is missing, or if no body could have the rest of it.
 
-    The rest counts stages as masses where their axes cross, too, and so it must be one of a body.
+    The rest counts moving parts as masses where their axes cross, too, and so must be the inertia of a body.
     """
     given = [
         (there[key], getattr(device, name))
@@ -222,7 +222,7 @@ def _check_stages(craft: Any, place: Place) -> None:
 
 
 def _check_sharing(wheels: Any, place: Place) -> None:
-    """Note wheels that hold momentum against each other, of which the envelope knows nothing."""
+    """Note wheels whose momenta at the start work against each other, which the envelope cannot describe."""
     numbers = [(wheel.momentum, wheel.stored) for wheel in wheels]
     if any(value is WRONG for pair in numbers for value in pair):
         return
@@ -242,9 +242,10 @@ def _check_sharing(wheels: Any, place: Place) -> None:
 
 
 def check_spacecraft(craft: Any, place: Place) -> None:
-    """Note devices of one name, what is wrong about wheels and inertias, and torque limits without these.
+    """Note equal names, faults of wheels and inertias, and torque limits without an inertia.
 
-    What start, goal and zones refer to is kept in ``place.reading``: names, numbers and ranges of devices.
+    Names, numbers and ranges of devices, to which start, goal and zones refer, are stored in
+    ``place.reading``.
     """
     reading = place.reading
     _check_wheels(craft, place)
@@ -273,7 +274,7 @@ def check_spacecraft(craft: Any, place: Place) -> None:
 
 
 def _joint_ranges(craft: Any) -> np.ndarray | None:
-    """Ranges of a spacecraft's joints, (J, 2) rad; None where devices have faults."""
+    """Return the ranges of a spacecraft's joints, (number of joints, 2) rad; None if devices have faults."""
     parts = ("yaw_limit", "yaw_range", "pitch_limit", "pitch_range")
     if any(getattr(one, part) is WRONG for one in craft.terminals for part in parts):
         return None
@@ -287,17 +288,17 @@ def _joint_ranges(craft: Any) -> np.ndarray | None:
 
 
 def _names(devices: Any) -> tuple[str, ...] | None:
-    """The names of devices; None where one of them has a fault."""
+    """Return the names of devices; None if one of them has a fault."""
     if devices is WRONG or any(one is WRONG or one.name is WRONG for one in devices):
         return None
     return tuple(one.name for one in devices)
 
 
 def check_unique(rows: Sequence[tuple[Place, Any]]) -> None:
-    """Note rows whose name an earlier one has.
+    """Note rows that have the name of an earlier one.
 
     Args:
-        rows: those that could be read, each after its place.
+        rows: the rows that could be read, each after its place.
     """
     first: dict[str, Place] = {}
     for place, row in rows:
@@ -308,7 +309,7 @@ def check_unique(rows: Sequence[tuple[Place, Any]]) -> None:
 
 
 def _check_zone(key: str, zone: Any, place: Place) -> None:
-    """Note a zone, under a key of `ZONES`, that binds nothing or its own axis, and an entry without group."""
+    """Note a zone that binds nothing or its own axis, and an entry without group; `key` is one of `ZONES`."""
     if key != "joint_bound":
         aside = zone.direction is None and not zone.is_inertial  # else it was told that one axis is enough
         if (key == "keep_in" or aside) and zone.devices == () and zone.vectors == ():
@@ -322,7 +323,7 @@ def _check_zone(key: str, zone: Any, place: Place) -> None:
 
 
 def check_targets(goal: Any, place: Place) -> None:
-    """Note faults of a goal: what is held or wished beside a target, a wish twice, rates beside paths."""
+    """Note faults of a goal: holds or wishes of devices with targets, equal wishes, rates if targets move."""
     names = place.reading.names
     aimed = () if goal.devices is WRONG else goal.devices or names.get("terminal") or ()
     for i, name in enumerate(goal.hold if goal.hold is not WRONG else ()):
@@ -390,9 +391,9 @@ def _check_duration(scenario: Scenario, root: Place) -> None:
 
 
 def check_paths(scenario: Scenario, root: Place) -> None:
-    """Note directions that move, and zones, that are not known for the whole duration.
+    """Note moving directions and zones that are not known for the whole duration.
 
-    And, if any direction moves, a duration that is no number, for the paper's method.
+    For the paper's method, also note a duration that is no number if any direction moves.
     """
     settings = scenario.trajectory
     zones = [one for key in ("keep_out", "keep_in") for one in placed(getattr(scenario, key), root[key])]
@@ -420,5 +421,5 @@ def check_paths(scenario: Scenario, root: Place) -> None:
 
 
 def _moves(axis: Any) -> bool:
-    """Whether a direction is a path that does not stand still."""
+    """Tell whether a direction is a path that does not stand still."""
     return isinstance(axis, DirectionPath) and axis.moves

@@ -1,4 +1,4 @@
-"""What must be left of zones and ranges when the errors that a plan must bear are taken off.
+"""Check that errors which a plan must tolerate (`jaxplan.model.robust`) leave something of zones and ranges.
 
 As in `checks`, faults are noted by the keys of a file.
 """
@@ -22,7 +22,7 @@ def check_robust(scenario: Scenario, root: Place) -> None:
     """Note zones and ranges of joints of which the tube about a plan leaves nothing.
 
     Args:
-        scenario: as far as it could be read; where there were faults nothing is looked at.
+        scenario: the scenario as it was read; if faults were noted before, it is not checked.
         root: its place.
     """
     robust = scenario.robust
@@ -46,7 +46,14 @@ def check_robust(scenario: Scenario, root: Place) -> None:
 
 
 def _check_zone(zone: Any, robust: Robust, sights: Bound, place: Place) -> None:
-    """Note a cone of which the tube leaves nothing for a device, at the place of its half angle."""
+    """Note a cone of which the tube leaves nothing for a device.
+
+    Args:
+        zone: the zone.
+        robust: the errors.
+        sights: the directions that zones bind.
+        place: place of the zone's half angle.
+    """
     other = None if zone.axis_device is None else sights.device(zone, "axis_device", zone.axis_device)
     axis = None if other is None else sights.carrier(other)
     for number in sights.fields(zone) if zone.of_field else sights.bound(zone):
