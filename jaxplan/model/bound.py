@@ -35,7 +35,7 @@ class Bound:
         self.craft = spacecraft
         self.body: list[tuple[Any, str]] = []
         self.carried: list[tuple[Any, str, int]] = []
-        places: dict[Any, tuple[bool, int]] = {}  # whether it is of the body, and its place there
+        places: dict[Any, tuple[bool, int]] = {}  # whether it is in `body`, and its index there
         for zone in cones:
             for vector in zone.vectors:
                 places[id(vector)] = self._add_vector(zone, vector)
@@ -46,17 +46,17 @@ class Bound:
 
     @property
     def names(self) -> list[str]:
-        """Names of all sights: of devices their own; of edges that of their field.
+        """Names of all sights: devices, then axes of the body, then vectors of moving parts.
 
-        Of others that of the vector.
+        An edge is called by its field of view, another vector by its components.
         """
         return [*self.devices, *(name for _, name in self.body), *(name for _, name, _ in self.carried)]
 
     @property
     def owners(self) -> list[int]:
-        """For each sight the number of the device of whose field it is an edge.
+        """For each sight the number of the device of whose field of view it is an edge.
 
-        If it is no edge, its own number.
+        A sight that is no edge has its own number there.
         """
         found = list(range(self.count))
         for number, first in self._first.items():
@@ -70,9 +70,9 @@ class Bound:
         return len(self.devices) + len(self.body) + len(self.carried)
 
     def carrier(self, sight: int) -> Any:
-        """Return the terminal or drive whose joints turn a sight, given by its number.
+        """Return the terminal or drive whose joints turn a sight, which is given by its number.
 
-        None if the body carries it.
+        The result is None if the body carries the sight.
         """
         first = len(self.devices) + len(self.body)
         number = self.carried[sight - first][2] if sight >= first else sight
@@ -203,6 +203,6 @@ def body_axis_name(axis: np.ndarray) -> str:
 
 def _numbers(vector: np.ndarray) -> str:
     """Return a vector's components as text with three digits, such as "(0, 0, 1)"."""
-    if is_traced(vector):  # nobody reads names then
+    if is_traced(vector):  # its numbers are not known, and nobody reads the name
         return "(traced)"
     return f"({', '.join(f'{part:.3g}' for part in vector)})"

@@ -119,7 +119,7 @@ class Constraints:
     def axis_rates(self, time: ArrayLike) -> AnyArray:
         """Return the derivatives (Z, 3) 1/s of the axes with respect to time, at a time, s.
 
-        Zero if they are still.
+        They are zero for axes that stand still.
         """
         return self._each_path(np.zeros(self.axis.shape), lambda path: path.rate(time))
 
@@ -261,7 +261,7 @@ def joint_values(rows: Constraints, gimbals: Gimbals, joints: ArrayLike) -> AnyA
         for other sights, and for rows that are not of joints.
     """
     xp, q, normal = arrays(joints, rows.axis)
-    # An axis that moves is NaN, and stays so in derivatives of what is not chosen.
+    # Other rows get zero: an axis that moves is NaN, which would spread through derivatives of `where`.
     normal = xp.where((rows.frame == JOINTS)[:, None], normal, 0)
     yaw, pitch = gimbals.parts(q)
     value = yaw[..., None] * normal[:, 0] + pitch[..., None] * normal[:, 1]

@@ -34,8 +34,8 @@ from jaxplan.runtime.arguments import floats
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
 
-# Largest distance of the spline's control points from the sample before them, so that it stays off zero;
-# and what turns farther between two samples is refused.
+# Largest distance of the spline's control points from the first sample of their interval. It keeps the spline
+# away from zero; a direction that turns farther between two samples is refused.
 FARTHEST = 0.6
 _PLACES = 65  # instants at which `reach` evaluates a path; with more its bound is sharper
 _ROUNDING = 4 * np.finfo(float).eps  # by which the length of a unit vector may differ from one
@@ -210,7 +210,7 @@ class DirectionPath:
         u = (t - times[i])[..., None] / h
         p0, p1, m0, m1 = p[i], p[i + 1], h * m[i], h * m[i + 1]
         square, cube = 3 * (p1 - p0) - 2 * m0 - m1, 2 * (p0 - p1) + m0 + m1
-        # from the nearer sample on, so that each is passed without rounding
+        # expanded about the nearer sample, so that the value at a sample has no rounding error
         late = u > 0.5
         v = u - 1
         value = xp.where(
@@ -277,7 +277,7 @@ class Sights:
     def carriers(self) -> AnyArray:
         """(S,) int, number of the gimbal to whose moving part each sight is fixed.
 
-        -1 if the body carries it.
+        It is -1 for a sight that the body carries.
         """
         xp = array_module(self.carrier)
         own, still = xp.arange(self.gimbals.count), xp.full(self.fixed.shape[0], -1)
@@ -330,8 +330,8 @@ class Sights:
         With ``y = |dyaw|`` and ``p = |dpitch|`` a vector of the moving part turns about the yaw axis and
         about one at right angles to it, so its rate is at most ``hypot(y, p)``, and its second derivative is
         at most the square of that plus ``y p``. By equation (13) the square of the boresight's second
-        derivative is linear in ``cos^2 pitch``, and at most ``(y^2 + p^2)^2`` (pitch 0) or ``p^2 (p^2 + 4
-        y^2)`` (pitch 90 deg).
+        derivative is linear in ``cos^2 pitch``, and at most ``(y^2 + p^2)^2`` (pitch 0) or
+        ``p^2 (p^2 + 4 y^2)`` (pitch 90 deg).
 
         Args:
             joint_change: (..., 2n + d) rad, change of the joints over the whole motion.

@@ -26,7 +26,8 @@ from jaxplan.model.platform_turns import Ends, ways_of_platform
 from jaxplan.model.quadratic import greatest_of
 from jaxplan.model.spacecraft import Spacecraft
 
-_TELLING = 0.01  # share of the duration below which a bound says nothing, as of a path that ends at its start
+# A bound below this fraction of the duration says nothing, such as that of a path that ends at its start.
+_TELLING = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,9 +159,9 @@ def _ways_between(
 
 
 def excess(duration: float, bound: float) -> float | None:
-    """Return by which fraction a duration exceeds a bound, both in s.
+    """Return the fraction by which a duration exceeds a bound, both in s.
 
-    None if the bound is too low to matter.
+    The result is None if the bound is too low to tell anything.
     """
     return duration / bound - 1 if bound > _TELLING * duration else None
 

@@ -11,8 +11,8 @@ from jaxplan.model.directions import DirectionPath
 from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.arguments import as_floats
 
-# Relative; to within it numbers are equal. Twice what an angle can lose on the way to degrees and back, since
-# some radians have no degrees that a file could hold.
+# Relative difference up to which numbers are equal. It is twice what an angle can lose on the way to degrees
+# and back, since for some radians there are no degrees that a file could hold.
 _ROUNDING = 4 * np.finfo(float).eps
 _INFINITE = ("off", "inf")  # words that scenarios may have for an infinite number
 
@@ -69,15 +69,15 @@ def _same_numbers(one: Any, other: Any) -> bool:
     first, second = _numbers(one), _numbers(other)
     if first is None or second is None or not (first.shape == second.shape or 0 in (first.ndim, second.ndim)):
         return False
-    with np.errstate(invalid="ignore"):  # of infinite ones, which are equal or not
+    with np.errstate(invalid="ignore"):  # differences of infinite numbers, which are compared below
         near = np.abs(first - second) <= _ROUNDING * np.abs(second)
     return bool(np.all((first == second) | (near & np.isfinite(second))))
 
 
 def _numbers(value: Any) -> np.ndarray | None:
-    """Return a value as an array of floats, with None as zero, "off" and "inf" as infinite.
+    """Return a value as an array of floats, or None if it is no number.
 
-    None if it is no number.
+    None counts as zero, and "off" and "inf" as infinite.
     """
     if value is None:
         return np.zeros(())

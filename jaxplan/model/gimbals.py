@@ -92,7 +92,7 @@ def in_range(angle: ArrayLike, ranges: ArrayLike, near: ArrayLike | None = None)
     if near is None:
         return found
     _, wanted = arrays(near)
-    # whole turns are taken as they are: the angle has its own slope
+    # the number of turns is constant, so the result has the derivative of the angle
     turns = xp.clip(
         xp.round((wanted - found) / TURN), xp.ceil((low - found) / TURN), xp.floor((high - found) / TURN)
     )

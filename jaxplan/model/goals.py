@@ -26,7 +26,7 @@ from jaxplan.runtime.once import made_once
 LEAST_TIME, LEAST_ROTATION = "least_time", "least_rotation"
 CRITERIA = (LEAST_TIME, LEAST_ROTATION)
 
-# Rates that are left out: zeros once a scenario is planned, when it is known how many.
+# Value of rates that are left out. Planning puts zeros there, since only then is the number of joints known.
 _AT_REST: Any = None
 _SPIN = key("angular_velocity_rad_s", "of the platform, body axes; zero if absent", kind="angular velocity")
 _JOINT_RATES = key("joint_rates_rad_s", "zero if absent", kind="joint rates")
@@ -52,7 +52,7 @@ class GivenState:
     angular_velocity: np.ndarray = field(default=_AT_REST, metadata=_SPIN)
     joint_rates: np.ndarray = field(default=_AT_REST, metadata=_JOINT_RATES)
 
-    paths: ClassVar[tuple[DirectionPath, ...]] = ()  # as of targets: nothing that it points at moves
+    paths: ClassVar[tuple[DirectionPath, ...]] = ()  # like `Targets.paths`: it has no targets that move
     moves: ClassVar[bool] = False
 
     @property
@@ -189,7 +189,7 @@ class Targets:
     def paths(self) -> tuple[DirectionPath, ...]:
         """The targets' directions over time, one path for each device.
 
-        A fixed direction as a path that stands still.
+        A fixed direction becomes a path that stands still.
         """
         return tuple(as_path(direction) for direction in self.directions)
 

@@ -6,11 +6,11 @@ moments, from ``a_k`` to ``b_k``, do not change. So with ``J_0`` the inertia of 
     J_0 + sum a_k  <=  J(q)  <=  J_0 + sum b_k,    |J(q) - J_c| <= sum (b_k - a_k) / 2,
 
 in the order of quadratic forms, about the middle ``J_c = J_0 + sum (a_k + b_k) / 2``; numbers stand for that
-multiple of the identity. The momentum in body axes is ``L = J w + p``, and its derivative ``J w' + J' w +
-p'``, with ``w`` the angular velocity of the body, ``p = sum I_k g_k``, and ``g_k`` the stages' angular
-velocities relative to the body. A ``g_k`` has components along two axes at right angles, the rates of the two
-joints; its derivative has them along three, the joints' accelerations and the product of their rates. Since
-``I_k' = g_k^ I_k - I_k g_k^`` is the same for ``I_k - c`` with any number ``c``,
+multiple of the identity. The momentum in body axes is ``L = J w + p``, and its derivative
+``J w' + J' w + p'``, with ``w`` the angular velocity of the body, ``p = sum I_k g_k``, and ``g_k`` the
+stages' angular velocities relative to the body. A ``g_k`` has components along two axes at right angles, the
+rates of the two joints; its derivative has them along three, the joints' accelerations and the product of
+their rates. Since ``I_k' = g_k^ I_k - I_k g_k^`` is the same for ``I_k - c`` with any number ``c``,
 
     |p| <= sum b_k |g_k|,    |J'| <= sum (b_k - a_k) |g_k|,
     |p'| <= sum (b_k - a_k) / 2 |g_k|^2 + b_k |g_k'|.

@@ -327,7 +327,7 @@ def limits(craft: Spacecraft) -> tuple[Limit, ...]:
 def _owners(quantity: Quantity, craft: Spacecraft) -> tuple[str, ...]:
     """Return the names (c,) of what each component belongs to, see `Limit`.
 
-    Empty if there is no such joint.
+    They are empty if the spacecraft has no joint of the kind.
     """
     if quantity.of_wheels:
         return row_names(craft.wheels, craft.allocation)
@@ -399,9 +399,9 @@ def components(names: Iterable[str], rows: int = 0) -> list[slice]:
 
 
 def lesser_components(names: Iterable[str], rows: int) -> list[slice | None]:
-    """Return for each quantity the slice of its lesser part in the result of `values`.
+    """Return for each quantity the slice of its lesser part in the result of `values`, or None.
 
-    None if it has none.
+    None stands for a quantity without a lesser part. Arguments are as for `components`.
     """
     given = list(names)
     first = sum(_size(name, rows) for name in given)

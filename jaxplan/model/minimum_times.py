@@ -44,10 +44,12 @@ class Way:
         more_growth = self.more_growth if grows else 0.0
         xp, far, top, growth, more = arrays(self.distance, self.top, self.growth, more_growth)
         far = xp.abs(far)
-        full = top / growth  # s, until the top is reached; from above, where Newton's method stays
+        full = top / growth  # s, until the top is reached; Newton's method comes from above
         for _ in range(_ROOTS if grows else 0):
             full = full - (full * (growth + more * full**2 / 3) - top) / (growth + more * full**2)
-        flanks = full**2 * (growth + more * full**2 / 6)  # covered by both of them
+        flanks = full**2 * (
+            growth + more * full**2 / 6
+        )  # distance covered while speeding up and slowing down
         moving = far > 0
         some = xp.where(moving, far, 1)
         square = 2 * some / (growth + xp.sqrt(growth**2 + 2 * more * some / 3))
@@ -64,7 +66,8 @@ class Way:
         found = shortest_time(far, first, last, top, growth)
         if self.signed:
             return found
-        # speeds along a length are at least zero: on too short a one they cannot change within the growth
+        # A speed along a length is never negative. If the length is too short for the change of speed, the
+        # time of that change alone is the bound.
         short = 2 * growth * xp.abs(far) < xp.abs(first**2 - last**2)
         return xp.where(short, xp.abs(first - last) / growth, found)
 
@@ -85,9 +88,11 @@ def shortest_time(
         (...) s. Its derivatives are finite, and right almost everywhere.
     """
     xp, distance, first, last, rate, acceleration = arrays(distance, first, last, rate, acceleration)
-    highest = xp.where(xp.isfinite(rate), rate, 1)  # where there is no limit none is coasted at
+    highest = xp.where(
+        xp.isfinite(rate), rate, 1
+    )  # without a limit there is no coasting, and any number will do
     found = []
-    for sign in (1, -1):  # which way it goes first
+    for sign in (1, -1):  # of the first acceleration
         d, v, w = sign * distance, sign * first, sign * last
         square = acceleration * d + (v**2 + w**2) / 2  # of the rate at the top of a triangle
         some = square > 0

@@ -73,7 +73,7 @@ def leads_of(attitudes: np.ndarray, joints: np.ndarray, nodes: int | None = None
     count = len(attitudes)
     turns = so3.log(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])[: (nodes or count) - 1]
     edges = np.concatenate([turns, np.diff(joints, axis=0)[: len(turns)]], axis=1)
-    own = np.minimum(np.arange(count), (nodes or count) - 1)  # padding is as the last node
+    own = np.minimum(np.arange(count), (nodes or count) - 1)  # padded nodes equal the last one
     first, second = own.copy(), own.copy()
     share, turn = np.zeros(count), np.zeros((count, 3))
     last = len(edges)

@@ -1,9 +1,9 @@
 """Geometry of fields of view and masks: edges of a rectangular field, half-planes of a convex polygon.
 
-A *rectangular field* is a pyramid about a boresight. Its directions are ``up`` and, across that, ``left = up
-x boresight``. Its two full angles lie between opposite edges, measured in the plane of ``left`` (across) and
-in that of ``up`` (along). The field is on the inner side of four planes through its apex, with outward
-normals:
+A *rectangular field* is a pyramid about a boresight. Its directions are ``up`` and, across that,
+``left = up x boresight``. Its two full angles lie between opposite edges, measured in the plane of ``left``
+(across) and in that of ``up`` (along). The field is on the inner side of four planes through its apex, with
+outward normals:
 
     +-cos(across / 2) left - sin(across / 2) boresight,    +-cos(along / 2) up - sin(along / 2) boresight
 
@@ -32,7 +32,7 @@ FORWARD = np.array([1.0, 0.0, 0.0])
 """The boresight of a terminal in the axes of its moving part: boresight, left, up."""
 MOST_TURNS = 2
 """Whole turns to either side after which a mask of traced numbers is repeated: enough for ranges of two."""
-_FLAT = 1e-9  # rad, a shorter edge of a mask is refused; rad, corners that bend by less count as straight
+_FLAT = 1e-9  # rad; shorter edges of a mask are refused, corners that bend by less are straight
 
 
 def field_edges(boresight: ArrayLike, up: ArrayLike | None, angles: ArrayLike | None) -> AnyArray:
@@ -121,9 +121,10 @@ def turns(corners: ArrayLike, low: ArrayLike, high: ArrayLike) -> tuple[int, ...
 
 
 def fault(corners: np.ndarray) -> str | None:
-    """Say what is wrong with corners (k, 2) rad of a mask, as text that follows "must".
+    """Say what is wrong with the corners (k, 2) rad of a mask.
 
-    None if nothing is.
+    Returns:
+        Text that follows "must" in a message; None if nothing is wrong.
     """
     if len(corners) < 3:
         return f"have 3 corners or more, not {len(corners)}"

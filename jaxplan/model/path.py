@@ -1,9 +1,10 @@
 """Goals and paths, and the motion between two nodes of a path.
 
 A path is a sequence of *nodes*, which are states, connected by *edges*. Along an edge the platform follows
-the geodesic and the joints change linearly, all at constant speed: ``R(s) = R0 exp(s phi^)``, ``q(s) = q0 + s
-dq`` with ``s`` in [0, 1], where ``phi`` is the rotation vector of the edge in body axes. Its margins are
-bounded from below over the whole edge from a few samples, by the bounds of `jaxplan.model.scores`.
+the geodesic and the joints change linearly, all at constant speed: ``R(s) = R0 exp(s phi^)``,
+``q(s) = q0 + s dq`` with ``s`` in [0, 1], where ``phi`` is the rotation vector of the edge in body axes. Its
+margins are bounded from below over the whole edge from a few samples, by the bounds of
+`jaxplan.model.scores`.
 
 The cost of an edge is counted in steps, ``max(rotation / attitude step, |dq_j| / joint step_j)``, which is
 the duration of the move if every step takes the same time. There are 2n + d joints: yaws, pitches, drives.

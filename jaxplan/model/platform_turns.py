@@ -11,9 +11,10 @@ change (*growth*), see `jaxplan.model.duration_bound`. These are the ways of the
 
 `w` is the angular velocity in body axes, `J` the inertia; a box has the half sides `c`, and lengths of turns
 are those of `jaxplan.model.turn_table`. By the energy the speed grows no faster than the largest
-``sqrt(torque . J^-1 torque)``, since gyroscopic torques do no work. In a box they count: from rest, ``w_i' <=
-a_i + g_i t^2``, with ``a = |J^-1| torque`` and ``g_i`` the largest of ``|J^-1 (w x J w)|_i`` for the energy,
-or the momentum, that there can be after one second. Limits of momentum are converted to limits of the rates.
+``sqrt(torque . J^-1 torque)``, since gyroscopic torques do no work. In a box they count: from rest,
+``w_i' <= a_i + g_i t^2``, with ``a = |J^-1| torque`` and ``g_i`` the largest of ``|J^-1 (w x J w)|_i`` for
+the energy, or the momentum, that there can be after one second. Limits of momentum are converted to limits of
+the rates.
 
 Wheels give ``J w' + w x (R^T H)`` and hold ``R^T H - J w``, both within what the array reaches by its
 allocation (`jaxplan.model.wheel_reach`); ``|H|``, the total momentum, is known from the start. So the rates
@@ -24,8 +25,8 @@ than the diagonals of boxes.
 
 If stages of gimbals have an inertia, ``J`` depends on the joints, and moving joints carry momentum and push
 back. `jaxplan.model.inertia_bounds` bounds these: with ``d = J - J_c`` the momentum is ``J_c w + (d w + p)``,
-so limits of momentum and torque let ``J_c w`` and ``J_c w'`` be larger by the most that ``d w + p`` and ``d
-w' + J' w + p'`` can be, and gyroscopic torque adds the former times ``|w|``. In the energy the speed is
+so limits of momentum and torque let ``J_c w`` and ``J_c w'`` be larger by the most that ``d w + p`` and
+``d w' + J' w + p'`` can be, and gyroscopic torque adds the former times ``|w|``. In the energy the speed is
 ``sqrt(w . J(q) w)``: it is at least that by the least inertia, which gives the distance; its top is that by
 the greatest inertia; and as
 

@@ -60,7 +60,7 @@ def largest_size(vectors: AnyArray, matrix: AnyArray) -> AnyArray:
 def sizes_by(vectors: AnyArray, matrix: AnyArray) -> AnyArray:
     """Return ``sqrt(x . matrix x)`` (k,) of vectors (k, 3).
 
-    Where it is zero its derivative is taken as zero.
+    Where it is zero, zero is taken for its derivative.
     """
     xp, x, matrix = arrays(vectors, matrix)
     return roots_of(xp.sum((x @ matrix) * x, axis=-1))

@@ -11,9 +11,9 @@ which direction and axis can move towards each other, its *loss*:
 - for ``f . (yaw, pitch) >= d``: the joint error times ``|f_1| + |f_2|``.
 
 The *swing* is the largest angle by which joint errors ``e`` turn a direction that a device carries. The two
-rotations of a terminal are about axes at right angles, so together they are one by ``2 arccos(cos(e /
-2)^2)``, sqrt(2) e for small ones, which is reached by the boresight where the pitch is about zero. The swing
-of a drive is ``e``; what is fixed to the body has none.
+rotations of a terminal are about axes at right angles, so together they are one by
+``2 arccos(cos(e / 2)^2)``, sqrt(2) e for small ones, which is reached by the boresight where the pitch is
+about zero. The swing of a drive is ``e``; what is fixed to the body has none.
 
 Half angles, ranges and limits of torque and momentum are tightened in one place, `Scenario.constraints` and
 `Scenario.usable`, so that planners need not know of errors. Functions compute with numpy or JAX, as their
@@ -91,7 +91,7 @@ class Robust:
     def swing(self, device: object) -> Any:
         """Return the largest angle, rad, by which joint errors turn what a device carries.
 
-        None is the body.
+        The device may be None for the body.
         """
         if isinstance(device, Terminal):
             return self.terminal_swing

@@ -11,7 +11,7 @@ from jax.typing import ArrayLike
 
 from jaxplan.geometry.vectors import AnyArray, arrays
 
-_FULL = 1 + 1e-12  # share of a limit up to which its lesser part counts as within
+_FULL = 1 + 1e-12  # fraction of a limit up to which a lesser part counts as within it
 
 
 def time_factor(share: ArrayLike, power: int | np.ndarray, lesser: ArrayLike | None = None) -> AnyArray:

@@ -258,7 +258,7 @@ class Scenario:
         if isinstance(self.goal, GivenState) or self.goal.criterion is not None:
             return self.goal
         duration = self.trajectory.duration
-        # Goals of least time are not followed in time, so with what moves it is only where it is asked for.
+        # Goals of least time do not follow what moves: if anything does, they are only taken when asked for.
         shortest = isinstance(duration, str) and duration == MINIMUM and not moves(self)
         return replace(self.goal, criterion=LEAST_TIME if shortest else LEAST_ROTATION)
 

@@ -121,8 +121,8 @@ def edge_bound(start: ArrayLike, end: ArrayLike, curvature: ArrayLike) -> AnyArr
     xp, a, b, c = arrays(start, end, curvature)
     rise = b - a
     inside = xp.abs(rise) < c
-    # the quotient by itself, since many intervals often share a curvature; of one too small to be seen beside
-    # anything a larger one is as good
+    # The quotient is separate, since many intervals often share a curvature. A curvature too small to matter
+    # is replaced by a larger one, against division by zero.
     vertex = a + (c + rise) ** 2 * (0.25 / xp.maximum(c, np.sqrt(np.finfo(c.dtype).tiny)))
     bound = xp.where(inside, vertex, xp.maximum(a, b))
     return xp.where(xp.isnan(rise + c), xp.inf, bound)

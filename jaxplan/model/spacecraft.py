@@ -1,9 +1,9 @@
 """The spacecraft: a platform that carries terminals, drives and body-fixed instruments.
 
-Devices are numbered terminals first, then drives, then instruments. The joint angles are one vector ``(2n +
-d,)`` in rad: the yaws of all ``n`` terminals, then their pitches, then the angles of the ``d`` drives. How
-the joints turn the devices is in `jaxplan.model.gimbals`. Attitudes are rotation matrices from body to
-inertial axes.
+Devices are numbered terminals first, then drives, then instruments. The joint angles are one vector
+``(2n + d,)`` in rad: the yaws of all ``n`` terminals, then their pitches, then the angles of the ``d``
+drives. How the joints turn the devices is in `jaxplan.model.gimbals`. Attitudes are rotation matrices from
+body to inertial axes.
 """
 
 from dataclasses import dataclass, field

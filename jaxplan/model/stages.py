@@ -59,7 +59,7 @@ class Stages:
     def turned(self) -> tuple[tuple[int, ...], tuple[int, ...], int]:
         """Which joints turn the stages, and the number of joints.
 
-        Stages for which it is equal may share a kernel.
+        Stages of two spacecraft for which this is equal may share a compiled kernel.
         """
         return self.yaws, self.pitches, self.joints
 
@@ -100,7 +100,7 @@ class Stages:
             moved = jnp.broadcast_to(way[3:].reshape(3, 2, *[1] * (own.ndim - 2)), own.shape)
             return jax.jvp(stacked, (velocity, own), (turned, moved))[1]
 
-        # What a stage carries depends on its own two joints alone, so one way serves all stages.
+        # What a stage carries depends on its own two joints alone, so one tangent serves all stages.
         slopes = jax.vmap(along)(jnp.eye(9, dtype=own.dtype))
         by_own = slopes[3:].reshape(3, 2, *slopes.shape[1:])
         which = np.array([self.yaws, self.pitches])[:, :, None] == np.arange(self.joints)  # (2, s, J)
@@ -137,7 +137,9 @@ class Stages:
         The value is zero for a stage that has no pitch.
         """
         xp, values = arrays(joints)
-        padded = xp.concatenate([values, xp.zeros_like(values[:1])])  # the last, by -1, for no pitch
+        padded = xp.concatenate(
+            [values, xp.zeros_like(values[:1])]
+        )  # index -1, of a stage without pitch, finds the zero
         return padded[np.array(self.yaws)], padded[np.array(self.pitches)]
 
 

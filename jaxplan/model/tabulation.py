@@ -58,7 +58,7 @@ class _Row:
     path: DirectionPath | None = None
 
 
-_Ways = list[list[_Row]]  # alternatives, of which one must hold, with all of its rows
+_Ways = list[list[_Row]]  # alternatives, of which one must hold; of that all rows
 
 
 def tabulate(
@@ -127,7 +127,7 @@ def _numbered(
         ValueError: if an entry of a group has more than `MOST_WAYS` alternatives.
     """
     asked = [list(_asked(number, zone, sights, robust)) for number, zone in enumerate(zones)]
-    found: list[tuple[_Row, Any, Any]] = []  # each with names of its constraint and its entry
+    found: list[tuple[_Row, Any, Any]] = []  # each with a key of its constraint and of its entry
     groups: dict[str, dict[Any, list[_Ways]]] = {}
     for number, (zone, each) in enumerate(zip(zones, asked, strict=True)):
         if zone.any_of is None:

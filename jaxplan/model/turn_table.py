@@ -16,12 +16,12 @@ For no box is the *eigenaxis* turn, about one fixed axis, always the quickest: w
 its own, turns about the diagonals are quicker, and a half turn about x takes 0.77 of what it takes about x
 alone.
 
-**Coordinates.** A turn is a rotation vector ``r`` (3,) rad in body axes, ``|r| <= pi``. Let ``q_i = |r_i| /
-c_i``, let ``f`` be the axis with the largest, and the other axes follow in the order x, y, z, x. The turn has
-the coordinates ``|r|``, ``q_(f+1) / q_f``, ``q_(f+2) / q_f``. The table has ``F / q_f``, linear between its
-places along each coordinate. F does not change with the signs of the components of ``r``: half of the changes
-of sign turn the body's axes by half a turn, the others run the motion backwards. So the condition must hold
-both for ``F`` and for F of the inverse turn.
+**Coordinates.** A turn is a rotation vector ``r`` (3,) rad in body axes, ``|r| <= pi``. Let
+``q_i = |r_i| / c_i``, let ``f`` be the axis with the largest, and the other axes follow in the order x, y, z,
+x. The turn has the coordinates ``|r|``, ``q_(f+1) / q_f``, ``q_(f+2) / q_f``. The table has ``F / q_f``,
+linear between its places along each coordinate. F does not change with the signs of the components of ``r``:
+half of the changes of sign turn the body's axes by half a turn, the others run the motion backwards. So the
+condition must hold both for ``F`` and for F of the inverse turn.
 
 Only the ratios of the rates matter, ``c_2 / c_1`` and ``c_3 / c_2`` of rates in falling order. Between the
 tabulated ratios F / q_f is linear as well; since lengths would grow a little too fast there, they are divided

@@ -2,18 +2,18 @@
 
 Together the wheels give a torque, or hold a momentum, ``x = sum a_k u_k`` with their axes ``a_k`` and with
 ``|u_k|`` at most ``limit_k``; momenta by which they work against each other (``apart``) are not in ``x``. By
-the pseudo-inverse wheel k has the part ``a_k . y`` of it, where ``x = S y`` and ``S`` is the sum of the ``a_k
-a_k^T``. So all torques, or all momenta, lie in
+the pseudo-inverse wheel k has the part ``a_k . y`` of it, where ``x = S y`` and ``S`` is the sum of the
+``a_k a_k^T``. So all torques, or all momenta, lie in
 
     {S y: lower_k <= a_k . y <= upper_k}         under the pseudo-inverse,
     {sum a_k u_k: |u_k| <= limit_k}              under the envelope, which contains the former.
 
 The bounds of torque are ``-limit_k`` and ``limit_k``, those of momentum these less ``apart_k``.
 
-Under the pseudo-inverse, for any three wheels whose axes span space a direction is ``c = sum l_k (S a'_k)``,
-which gives ``c . x = sum l_k (a_k . y)`` and so a bound; as this is a linear program, the least of these
-bounds is the largest ``c . x`` itself. A quadratic form, ``sqrt(x . M x)``, is largest at a corner of the
-set: a point where three wheels are at a bound.
+Under the pseudo-inverse, for a direction ``c`` and any three wheels whose axes span space,
+``S c = sum l_k a_k`` gives ``c . x = sum l_k (a_k . y)`` and so a bound; as this is a linear program, the
+least of these bounds is the largest ``c . x`` itself. A quadratic form, ``sqrt(x . M x)``, is largest at a
+corner of the set: a point where three wheels are at a bound.
 
 Body axes, N m, N m s.
 """
@@ -30,10 +30,10 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import PSEUDO_INVERSE
 from jaxplan.runtime.once import made_once
 
-_AT_ONCE = 8  # wheels whose corners are looked at together, half of two to the power of this
-_FLAT = 1e-12  # volume of three axes, below which they lie in a plane but for rounding
-_THIN = 1e-6  # likewise, from which on what three wheels say is precise
-_BEYOND = 1e-6  # of a limit, by which a corner may be beyond it, since it is rounded
+_AT_ONCE = 8  # largest number of wheels whose 2^(n - 1) corners are listed together
+_FLAT = 1e-12  # volume of three unit axes below which they lie in a plane but for rounding
+_THIN = 1e-6  # volume of three unit axes from which on what follows from them is precise
+_BEYOND = 1e-6  # fraction of a range by which a corner may lie beyond it, for rounding
 
 
 class Reach(NamedTuple):
@@ -55,16 +55,18 @@ class Reach(NamedTuple):
     corners: tuple[AnyArray, ...]
 
     def along(self, directions: AnyArray) -> AnyArray:
-        """Return the largest ``|c .
+        """Return the largest ``|c . x|`` (k,) of vectors x of the set, for directions c (k, 3).
 
-        X|`` (k,) of vectors x of the set, for directions c (k, 3) of any length.
+        The directions may have any length.
         """
         xp, directions, axes, each = arrays(directions, self.axes, self.each)
         found = xp.abs(directions @ axes.T) @ each
         if self.lower is None or self.upper is None:
             return found
         three, inverses, volume = _threes(axes)
-        shares = xp.einsum("ki,tij->tkj", directions @ (axes.T @ axes), inverses)  # of both, at each three
+        shares = xp.einsum(
+            "ki,tij->tkj", directions @ (axes.T @ axes), inverses
+        )  # ``l``, for each choice of three
         lower, upper = (bound[three][:, None] for bound in (self.lower, self.upper))
         both = [xp.maximum(own * lower, own * upper).sum(axis=2) for own in (shares, -shares)]
         each_way = [xp.min(xp.where(volume[:, None] < _THIN, xp.inf, own), axis=0) for own in both]
@@ -73,7 +75,7 @@ class Reach(NamedTuple):
     def largest(self, matrix: AnyArray) -> AnyArray:
         """Return an upper bound of ``sqrt(x . matrix x)`` for vectors x of the set.
 
-        Exact if there is one group.
+        It is reached if there is one group of corners.
         """
         return sum(largest_size(own, matrix) for own in self.corners)
 

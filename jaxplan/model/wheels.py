@@ -74,8 +74,8 @@ class Wheel:
 class WheelArray(NamedTuple):
     """An array of n wheels with the r rows that limit it (see the module's docstring).
 
-    With ``tau`` and ``h`` the torque and the momentum of all wheels together, rows ask for ``|rows tau| <=
-    torque`` and ``|rows h + apart| <= momentum``.
+    With ``tau`` and ``h`` the torque and the momentum of all wheels together, rows ask for
+    ``|rows tau| <= torque`` and ``|rows h + apart| <= momentum``.
 
     Attributes:
         axes: (n, 3) unit vectors in body axes, the wheels' axes.
@@ -173,10 +173,10 @@ def _facets(axes: AnyArray) -> tuple[AnyArray, AnyArray]:
     apart = square > _PARALLEL**2
     normals = across / xp.sqrt(xp.where(apart, square, 1))[:, None]
     between = xp.cross(normals[:, None], normals[None])
-    same = xp.sum(between * between, axis=2) <= _PARALLEL**2  # of this row and an earlier one
+    same = xp.sum(between * between, axis=2) <= _PARALLEL**2  # whether the planes of two pairs are the same
     earlier = np.tri(len(pairs), k=-1, dtype=bool)
     kept = apart & ~xp.any(same & apart & earlier, axis=1)
     of_pair = np.zeros((len(pairs), len(axes)), bool)
     of_pair[np.arange(len(pairs))[:, None], pairs] = True
-    sizes = xp.where(of_pair, 0, xp.abs(normals @ axes.T))  # across both, to the last digit
+    sizes = xp.where(of_pair, 0, xp.abs(normals @ axes.T))  # exactly zero for the axes of the pair
     return xp.where(kept[:, None], normals, 0), xp.where(kept[:, None], sizes, 0)

@@ -113,7 +113,7 @@ def _make_activity(parts: dict[str, Any], place: Place) -> Activity:
 def _check_activity(activity: Any, place: Place) -> None:
     """Note what does not go together in an activity.
 
-    If made in Python, also if it is not exactly one thing.
+    If it was made in Python, also note faults that only such an activity can have.
     """
     if place.reading.python:
         _check_made(activity, place)

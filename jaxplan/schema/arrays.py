@@ -71,7 +71,7 @@ class Array(Kind):
         if not self.zero:
             return None
         lengths = [_known(axis, reading) for axis in self.shape]
-        return WRONG if None in lengths else np.zeros(lengths)  # it was told why it is not known how many
+        return WRONG if None in lengths else np.zeros(lengths)  # why the length is not known was noted before
 
     def may_miss(self, reading: Reading) -> bool:
         axis = self.shape[0]
@@ -108,9 +108,9 @@ class Array(Kind):
         return np.reshape([self.of.write(number) for number in array.ravel().tolist()], array.shape).tolist()
 
     def _length(self, number: int, size: int, reading: Reading) -> int:
-        """Return the length that an axis, given by number, must have.
+        """Return the length that an axis, given by its number, must have.
 
-        A new name gets the array's length, `size`.
+        A name of an axis that is not known yet gets the array's length, `size`.
         """
         axis = self.shape[number]
         if isinstance(axis, str) and axis not in reading.sizes:
@@ -121,9 +121,9 @@ class Array(Kind):
         return size if known is None else known
 
     def _counted(self, reading: Reading, depth: int = 0) -> str:
-        """Return what the array, or one `depth` axes down, must be, for messages.
+        """Return what the array must be, for messages, with its length if that is known.
 
-        With its length if known.
+        With a `depth` it is that of the arrays so many axes down.
         """
         count = _known(self.shape[depth], reading)
         text = self.noun if not depth else ""
@@ -354,9 +354,9 @@ def rotation_vector(numbers: np.ndarray, value: Any, place: Place) -> Any:
 
 
 def within_a_turn(vector: np.ndarray, value: Any, place: Place) -> Any:
-    """Check that a rotation vector (3,) rad is at most a turn long, as it is not if it is in degrees.
+    """Check that a rotation vector (3,) rad is at most a turn long; a `Rule`.
 
-    A `Rule`.
+    It is longer if it was given in degrees by mistake.
     """
     size = float(np.linalg.norm(vector))
     if size <= 2 * np.pi * (1 + _SAME_TURN):
@@ -389,10 +389,7 @@ def not_falling(times: np.ndarray, value: Any, place: Place) -> Any:
 
 
 def rising(times: np.ndarray, value: Any, place: Place) -> Any:
-    """Check that times (k,) s rise strictly, and that the first is at most 0, the manoeuvre's start.
-
-    A `Rule`.
-    """
+    """Check that times (k,) s rise strictly, the first being at most 0, the manoeuvre's start; a `Rule`."""
     falls = np.flatnonzero(np.diff(times) <= 0)
     if len(falls):
         at = int(falls[0]) + 1

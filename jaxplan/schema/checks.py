@@ -25,7 +25,7 @@ ZONES = {"keep_out": "keep_out", "keep_in": "keep_in", "joint_bound": "joint_bou
 """Keys of a file under which pointing constraints stand, and their attributes."""
 # Keys of rates at start and goal, and their attributes.
 RATES = {"angular_velocity_rad_s": "angular_velocity", "joint_rates_rad_s": "joint_rates"}
-AGAINST = 0.01  # of its limit, by which the envelope's fullest wheel may hold more than has to be
+AGAINST = 0.01  # fraction of its limit by which the fullest wheel may hold more than it has to
 _DEVICES = {"terminal": "terminals", "drive": "drives", "instrument": "instruments"}
 SQUARE = 1e-3  # by which the cosine of a right angle may differ from zero; the model makes it exact
 APART = np.deg2rad(
@@ -170,7 +170,7 @@ def _check_wheels(craft: Any, place: Place) -> None:
             )
 
 
-_LEFT = 1e-9  # least share of the whole inertia that stages leave, with rounding
+_LEFT = 1e-9  # least fraction of the whole inertia that must be left without stages; less is rounding
 _STAGES = {
     "terminal": {"yaw_inertia_kg_m2": "yaw_inertia", "pitch_inertia_kg_m2": "pitch_inertia"},
     "drive": {"inertia_kg_m2": "inertia"},
@@ -199,11 +199,11 @@ def _check_stages(craft: Any, place: Place) -> None:
         return
     devices = (*craft.terminals, *craft.drives)
     if any(device is WRONG or any(own is WRONG for own in vars(device).values()) for device in devices):
-        return  # it is told what is wrong, and how they are mounted may not be known
+        return  # noted before; how devices are mounted may not be known
     with np.errstate(invalid="ignore", divide="ignore"):
         fixed = craft.fixed_inertia
     if not np.all(np.isfinite(fixed)):
-        return  # as of a drive that looks along its axis, which is told
+        return  # as for a drive that points along its axis, which is noted elsewhere
     left = np.linalg.eigvalsh(fixed)
     rounding = _LEFT * np.linalg.norm(craft.whole_inertia, 2)
     names = ", ".join(there.path for there, _ in given)
@@ -311,7 +311,7 @@ def check_unique(rows: Sequence[tuple[Place, Any]]) -> None:
 def _check_zone(key: str, zone: Any, place: Place) -> None:
     """Note a zone that binds nothing or its own axis, and an entry without group; `key` is one of `ZONES`."""
     if key != "joint_bound":
-        aside = zone.direction is None and not zone.is_inertial  # else it was told that one axis is enough
+        aside = zone.direction is None and not zone.is_inertial  # with two axes that was noted
         if (key == "keep_in" or aside) and zone.devices == () and zone.vectors == ():
             place["devices"].fault("missing (or vector), must be an array of names of devices")
         axis, bound = zone.axis_device, zone.devices

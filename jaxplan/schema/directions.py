@@ -15,7 +15,7 @@ from jaxplan.schema.sky import Followed
 from jaxplan.schema.tables import Field, Table
 from jaxplan.schema.value_kinds import Kind, Names
 
-_SLOPE_ROUNDING = 1e-3  # rad between two samples, by which slopes of fewer digits may be off
+_SLOPE_ROUNDING = 1e-3  # rad between two samples, by which slopes may be off, as they may have few digits
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,8 @@ class TargetList(Kind):
     def _by_name(self, value: dict[str, Any], place: Place) -> Any:
         """Read a table of a file from names of devices to directions.
 
-        Returns the names and the directions.
+        Returns:
+            The names, and the directions as `Targets` has them.
         """
         known = place.reading.names.get("device")
         if not value:

@@ -13,14 +13,11 @@ from jaxplan.schema.value_kinds import Kind, Number
 NO_BODY = "no principal moment above the sum of the other two, as no body has"
 """What inertias are refused for that no distribution of mass has."""
 
-_PAIRS = ((0, 1), (0, 2), (1, 2))  # products of inertia, each of which stands twice
+_PAIRS = ((0, 1), (0, 2), (1, 2))  # indices of products of inertia, each of which is in the matrix twice
 
 
 def _inertia(array: np.ndarray, value: Any, place: Place) -> Any:
-    """Check that a matrix (3, 3), or moments (3,) about the axes, are an inertia that a body can have.
-
-    A `Rule`.
-    """
+    """Check that a body can have an inertia, a matrix (3, 3) or moments (3,) about the axes; a `Rule`."""
     matrix = array if array.ndim == 2 else np.diag(array)
     scaled = matrix / (np.max(np.abs(matrix)) or 1)  # so that the thresholds below are relative
     small, middle, large = np.linalg.eigvalsh((scaled + scaled.T) / 2)

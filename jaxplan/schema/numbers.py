@@ -37,7 +37,7 @@ _OF_SLEWS = (
     "trajectory.duration_s",
     "trajectory.method",
     "trajectory.first_guesses",
-)  # timelines choose them
+)  # settings that timelines choose themselves
 _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
 
 
@@ -157,7 +157,7 @@ def numbers_of_timeline(timeline: Timeline) -> tuple[NumberPlace, ...]:
 def _names(held: Any, before: str) -> Iterator[str]:
     """Yield the dotted names of all that may be a number in what a file holds.
 
-    `before` is the name of the whole.
+    `before` is the name of the whole, with which they begin.
     """
     if isinstance(held, Mapping):
         for key, value in held.items():
@@ -274,9 +274,10 @@ def _replaced(value: Any, path: tuple[Any, ...], number: Any) -> Any:
 
 
 def _parsed(part: str, name: str) -> tuple[str, int | None]:
-    """Split a part of a dotted name into its key and its index, or None.
+    """Split a part of a dotted name into its key and its index, which is None if there is none.
 
-    Raises KeyError if it is no such part.
+    Raises:
+        KeyError: if it is no such part.
     """
     found = _PART.fullmatch(part)
     if found is None:

@@ -47,7 +47,7 @@ class TwoLines(Kind):
 class Message(Kind):
     """The path of a CCSDS Orbit Ephemeris Message, relative to the folder of the scenario.
 
-    It is read at once.
+    Reading it gives the ephemeris itself.
     """
 
     wanted = "the path of an Orbit Ephemeris Message (CCSDS OEM), relative to this file"
@@ -83,7 +83,7 @@ class Kernels(Kind):
 def _make_of_kernels(parts: dict[str, Any], place: Place) -> Any:
     """Make the body of SPICE kernels from what was read, by attribute.
 
-    `WRONG` after noting why there is none.
+    The result is `WRONG` if there is none, after noting why.
     """
     if WRONG in parts.values():
         return WRONG
@@ -121,7 +121,7 @@ def _warn_of_air(lowest: float, place: Place) -> None:
 def _make_keplerian(parts: dict[str, Any], place: Place) -> Any:
     """Make a Keplerian orbit from what was read, by attribute.
 
-    `WRONG` after noting a perigee inside the Earth.
+    The result is `WRONG` if a part of it is, or after noting a perigee inside the Earth.
     """
     if WRONG in parts.values():
         return WRONG

@@ -271,7 +271,7 @@ def checked_spacecraft(given: object) -> Spacecraft:
 def count_terminals(scenario: Scenario) -> int | None:
     """Return the number of terminals for which start and goal are made.
 
-    None if they differ or do not tell.
+    The result is None if they differ, or if it cannot be told.
     """
     start, goal, craft = scenario.start, scenario.goal, scenario.spacecraft
     if getattr(goal, "devices", ()) or getattr(craft, "drives", ()):
@@ -289,7 +289,7 @@ def count_terminals(scenario: Scenario) -> int | None:
 def _length(value: object, of: int = 1) -> int | None:
     """Return the length of an array divided by `of`.
 
-    None if it is no array of numbers, or a remainder is left.
+    The result is None if it is no array of numbers, or if a remainder is left.
     """
     array = as_floats(value)
     return len(array) // of if array is not None and array.ndim and len(array) % of == 0 else None

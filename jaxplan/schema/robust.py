@@ -41,7 +41,7 @@ def check_robust(scenario: Scenario, root: Place) -> None:
         for key in ("keep_out", "keep_in"):
             for number, zone in enumerate(getattr(scenario, ZONES[key])):
                 _check_zone(zone, robust, sights, root[key][number]["half_angle_deg"])
-    except ValueError:  # what a zone binds is wrong, which others tell
+    except ValueError:  # what a zone binds is wrong, which other checks note
         return
 
 
@@ -63,7 +63,7 @@ def _check_zone(zone: Any, robust: Robust, sights: Bound, place: Place) -> None:
             field: Any = sights.craft.devices[number].field_of_view
             widest = min(np.pi / 2, np.pi - corner_angle(field)) if zone.side > 0 else np.min(field) / 2
             least = -np.inf
-        if not least < zone.half_angle < widest:  # wrong by itself, which others tell
+        if not least < zone.half_angle < widest:  # wrong by itself, which other checks note
             return
         narrowed = zone.side < 0 and not zone.of_field
         least, most = (lost, np.inf) if narrowed else (-np.inf, float(widest - lost))

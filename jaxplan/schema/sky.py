@@ -238,7 +238,7 @@ def _names(aim: Aim) -> Iterator[tuple[Place, Followed]]:
     """Yield the targets and wishes of an aim that are names of ``[sky]``, each after its place."""
     if not isinstance(aim.targets, Targets):
         return
-    directions = aim.targets.directions  # else than in a tuple none is a name
+    directions = aim.targets.directions  # only a tuple may contain names
     each = directions if isinstance(directions, tuple) else ()
     names: Sequence[str | int] = aim.targets.devices or range(len(each))
     for name, target in zip(names, each, strict=False):

@@ -98,10 +98,7 @@ class Table(Kind):
         return read
 
     def _of_file(self, value: Any, place: Place) -> Any:
-        """Read the table from a file.
-
-        Returns the object, noting unknown and missing keys and those given twice.
-        """
+        """Read the table from a file; notes unknown and missing keys, and keys given twice."""
         if not isinstance(value, dict):
             return place.refuse(f"must be {self.wanted}", value)
         self._refuse_unknown(value, place)
@@ -159,10 +156,7 @@ class Table(Kind):
         return place[entry.key].fault(f"missing{instead}, must be {entry.kind.wanted}")
 
     def _of_python(self, value: Any, place: Place) -> Any:
-        """Read an object made in Python.
-
-        Returns it with the model's own types, the same object if it has them.
-        """
+        """Read an object made in Python; returns it with the model's own types, or itself if it has them."""
         if not isinstance(value, self.model):
             return place.refuse(f"must be {a_or_an(self.model.__name__)}", value)
         own = value.__dict__

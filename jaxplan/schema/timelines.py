@@ -64,7 +64,7 @@ class _Parts:
     activities: Any
 
 
-_PATH = "path"  # what files that are written call a path, with its number
+_PATH = "path"  # name of a path in files that are written; its number follows
 _NUMBERED = re.compile(rf"{_PATH}-\d+")
 
 
@@ -229,7 +229,8 @@ def timeline_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
 def _check_number(activities: Any, root: Place) -> bool:
     """Note a fault if there are too many activities, or none.
 
-    Returns whether they are few enough to be read.
+    Returns:
+        Whether they are few enough to be read.
     """
     count = len(activities) if isinstance(activities, list | tuple) else 1
     if count > MOST_ACTIVITIES:
@@ -301,9 +302,9 @@ def _seen(
 
 
 def _given(parts: _Parts, root: Place) -> dict[str, Any]:
-    """Return the paths that the file gives by name, `WRONG` if they have faults.
+    """Return the paths that the file gives by name; a path with faults is `WRONG`.
 
-    Notes names already taken.
+    Names that something else has already are noted.
     """
     rows = placed(parts.directions, root["direction"])
     check_unique(rows)
@@ -331,7 +332,7 @@ def _check_together(
     ordered = check_order([(place, one) for place, one, _ in read])
     check_windows(read, until, ends, ordered[-1] if ordered else None)
     if root.reading.faults:
-        return  # paths may be wrong, or belong to names that are
+        return  # paths may have faults, or belong to names that have
     zones = (*scene.keep_out, *scene.keep_in)
     moving: list[tuple[str, Any]] = [(f"zone {zone.name}", zone.direction) for zone in zones if zone.moves]
     for _, one, _ in read:

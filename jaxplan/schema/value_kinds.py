@@ -44,7 +44,7 @@ class Kind(ABC):
     def absent(self, reading: Reading) -> Any:
         """Return the value that stands for one that is left out.
 
-        None for the default of the model's class.
+        None leaves it to the default of the model's class.
         """
         return None
 
@@ -216,7 +216,7 @@ class Number(Kind):
             return place.refuse(f"must be {self.asked(place, noun)}", value)
         if not math.isfinite(number):
             if number in self.words.values() and (python or ("inf" in self.words and value == number)):
-                return number  # not of an integer that is only too large for a float
+                return number  # but not an integer that is too large for a float
             where = f" and {self.interval.wanted(place.spelled.factor)}" if self.range else ""
             return place.fault(f"must be finite{where}", number if python else value)
         in_radians = python and self.degrees
@@ -228,12 +228,12 @@ class Number(Kind):
         held = math.radians(filed) if self.degrees else filed
         if filed and not held:
             return place.fault("too small to tell from zero", value)
-        return number if python and held == number else held  # the very same, as that tells of no change
+        return number if python and held == number else held  # the same object tells that nothing changed
 
     def asked(self, place: Place, noun: str = "a number") -> str:
-        """Return what the value must be, for messages: with the range in a file.
+        """Return what the value must be, for messages.
 
-        In Python `noun` and the unit.
+        For a file that is told with the range, for Python by `noun` and the unit.
         """
         if not place.reading.python:
             return self.wanted
@@ -266,9 +266,9 @@ def _degrees(angle: float) -> float:
 
 
 def _real(value: Any, python: bool) -> float | None:
-    """Return a value as a float, None if it is no number.
+    """Return a value as a float, or None if it is no number.
 
-    If `python`, any type that numpy takes for one will do.
+    If `python`, any type that numpy takes for a number is one.
     """
     if python:
         array = as_floats(value)
