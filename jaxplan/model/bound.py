@@ -66,7 +66,7 @@ class Bound:
 
     @property
     def count(self) -> int:
-        """Number of sights."""
+        """Number of sights, the directions that zones bind."""
         return len(self.devices) + len(self.body) + len(self.carried)
 
     def carrier(self, sight: int) -> Any:
@@ -79,7 +79,11 @@ class Bound:
         return self.craft.devices[number] if number < self.gimbals else None
 
     def alike(self, sights: Sequence[int]) -> list[list[int]]:
-        """Group numbers of sights by what carries them: terminals, drives, or the body."""
+        """Group numbers of sights by what carries them: terminals, drives, or the body.
+
+        Returns:
+            A list of numbers for each kind of carrier that occurs, in the order of their first sights.
+        """
         found: dict[type, list[int]] = {}
         for sight in sights:
             found.setdefault(type(self.carrier(sight)), []).append(sight)
@@ -192,7 +196,10 @@ class Bound:
         return numbers
 
     def edges(self, number: int) -> range:
-        """Return the numbers of the sights that are the edge normals of a device's field of view."""
+        """Return the numbers of the four sights that are the edge normals of a device's field of view.
+
+        `number` is that of the device.
+        """
         return range(self._first[number], self._first[number] + len(outlines.EDGES))
 
 

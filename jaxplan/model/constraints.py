@@ -112,7 +112,10 @@ class Constraints:
         return replace(self, **{name: xp.asarray(getattr(self, name))[which] for name in names}, paths=())
 
     def axes(self, times: ArrayLike) -> AnyArray:
-        """Return the axes (..., Z, 3) at times (...), s, each in the frame of its row."""
+        """Return the axes (..., Z, 3) of all Z rows at times (...), s, each in the frame of its row.
+
+        The frame is inertial or that of the body. Axes of rows that do not move are repeated for every time.
+        """
         xp, t, still = arrays(times, self.axis)
         return self._each_path(xp.broadcast_to(still, (*t.shape, *still.shape)), lambda path: path.at(t))
 

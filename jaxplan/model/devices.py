@@ -179,12 +179,18 @@ class Terminal:
 
     @property
     def edges(self) -> AnyArray:
-        """(4, 3) outward normals of the edges of its field of view, in parts along boresight, left and up."""
+        """(4, 3) outward normals of the edges of its field of view: left, right, upper, lower.
+
+        They are unit vectors, as components along the boresight, to its left and upward.
+        """
         return field_edges(FORWARD, UP if self.up is None else self.up, self.field_of_view)
 
     @property
     def frame(self) -> AnyArray:
-        """Rotation (3, 3) to body axes from the terminal's own at zero angles: boresight, left, yaw axis."""
+        """Rotation (3, 3) to body axes from the terminal's own axes at zero angles.
+
+        Its columns are the boresight, the left of that, and the yaw axis, in body axes.
+        """
         if self.mounting is None:
             return frame_about_z(_given(self.mount))
         return frame_of(self.mounting.yaw_axis, self.mounting.boresight)
@@ -264,7 +270,11 @@ class Drive:
 
     @property
     def frame(self) -> AnyArray:
-        """Rotation (3, 3) to body axes from its own: boresight's component across the axis, left, axis."""
+        """Rotation (3, 3) to body axes from the drive's own axes at zero angle.
+
+        Its columns are the boresight's component across the axis, the left of that, and the axis, in body
+        axes.
+        """
         return frame_of(self.axis, self.boresight)
 
     @property
@@ -304,5 +314,8 @@ class Instrument:
 
     @property
     def edges(self) -> AnyArray:
-        """(4, 3) outward normals of the edges of its field of view, unit vectors in body axes."""
+        """(4, 3) outward normals of the edges of its field of view: left, right, upper, lower.
+
+        They are unit vectors in body axes.
+        """
         return field_edges(self.boresight, self.up, self.field_of_view)

@@ -269,7 +269,7 @@ class Sights:
 
     @property
     def count(self) -> int:
-        """Number of sights, S."""
+        """Number S of sights, the directions that constraints bind."""
         return self.gimbals.count + self.fixed.shape[0] + self.carried.shape[0]
 
     @property
@@ -286,7 +286,10 @@ class Sights:
     @property
     @made_once
     def turning(self) -> AnyArray:
-        """(2, S): 1 where a sight is turned by its gimbal's yaw (row 0) or pitch (row 1), else 0."""
+        """(2, S): 1 where the yaw (row 0) or the pitch (row 1) of its gimbal turns a sight, else 0.
+
+        A drive's angle counts as a yaw.
+        """
         xp = array_module(self.carrier)
         carriers: AnyArray = self.carriers
         return xp.stack([carriers >= 0, (carriers >= 0) & (carriers < self.gimbals.terminals)]).astype(float)

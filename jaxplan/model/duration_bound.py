@@ -10,7 +10,8 @@ them is used.
 inertia. The way of a joint has its rate as speed, and the joint's own limits.
 
 These bounds know neither zones, nor jerk, nor that accelerations must be continuous, all of which can only
-lengthen a motion. Radians, seconds, body axes; 2n + d joints.
+lengthen a motion. Radians, seconds, body axes; 2n + d joints of n terminals and d drives: yaws, pitches,
+drives.
 """
 
 from collections.abc import Iterator, Sequence
@@ -151,7 +152,10 @@ def _ways_between(
     *,
     turning: bool,
 ) -> list[Way]:
-    """Return all ways between two states; arguments are as for `moving_bound`."""
+    """Return all ways (see the module's docstring) between two states.
+
+    Arguments are as for `moving_bound`.
+    """
     _, attitudes, joints, spins, rates = arrays(attitudes, joints, angular_velocities, joint_rates)
     turn = so3.log(attitudes[0].T @ attitudes[1])
     ways = list(ways_of_platform(craft, turn, Ends(spins if turning else None, joints, rates)))

@@ -81,5 +81,5 @@ def key(
 
 
 def keyed(default: Any, name: str, meaning: str = "", range: str = "", **more: Any) -> Any:
-    """Make a dataclass field that has a default, with the metadata that `key` makes of the others."""
+    """Make a dataclass field with a default; its metadata is what `key` makes of the other arguments."""
     return field(default=default, metadata=key(name, meaning, range, **more))

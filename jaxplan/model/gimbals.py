@@ -147,34 +147,40 @@ class Gimbals:
 
     @property
     def count(self) -> int:
-        """Number of gimbals, g."""
+        """Number g of gimbals: terminals and drives."""
         return self.frames.shape[0]
 
     @property
     def terminals(self) -> int:
-        """Number of gimbals that are terminals, n."""
+        """Number n of the gimbals that are terminals; the others are drives."""
         return self.frames.shape[0] - self.tilts.shape[0]
 
     @property
     def joint_count(self) -> int:
-        """Number of joints, ``2n + d``."""
+        """Number of joints, ``2n + d``: two for each of n terminals, one for each of d drives."""
         return self.count + self.terminals
 
     @property
     @made_once
     def yaws(self) -> np.ndarray:
-        """(g,) int, the joint that turns the azimuth of each gimbal."""
+        """(g,) int, for each gimbal the number of the joint that turns its azimuth.
+
+        For a terminal that is its yaw, for a drive its angle.
+        """
         n = self.terminals
         return np.concatenate([np.arange(n), np.arange(2 * n, self.joint_count)])
 
     @property
     @made_once
     def pitches(self) -> np.ndarray:
-        """(n,) int, the joint that turns the elevation of each terminal."""
+        """(n,) int, for each terminal the number of the joint that turns its elevation, its pitch."""
         return np.arange(self.terminals, 2 * self.terminals)
 
     def joints_of(self, number: int) -> np.ndarray:
-        """Return the numbers of the joints of a gimbal of a given number: yaw and pitch, or the drive's."""
+        """Return the numbers of the joints of a gimbal: yaw and pitch of a terminal, or the angle of a drive.
+
+        `number` is that of the gimbal.
+        """
         return np.array([self.yaws[number], *self.pitches[number : number + 1]])
 
     def parts(self, joints: AnyArray) -> tuple[AnyArray, AnyArray]:

@@ -6,7 +6,8 @@ constant in inertial axes. *Stages*, moving parts of gimbals that have an inerti
 (`jaxplan.model.stages`).
 
 Letters: ``omega`` angular velocity, ``J`` inertia, ``L`` momentum of all but the wheels, ``H`` total momentum
-in inertial axes, ``R`` attitude (body to inertial), r rows of the array of wheels.
+in inertial axes, ``R`` attitude (body to inertial). There are 2n + d joints of n terminals and d drives, and
+r rows that limit the array of wheels.
 """
 
 from collections.abc import Sequence
@@ -46,7 +47,7 @@ class Kinematics(NamedTuple):
 
     @property
     def known(self) -> "Kinematics":
-        """The same motion with `carried` computed, so that several quantities can share it."""
+        """The same motion with `carried` computed if there are stages, for use by several quantities."""
         return self if self.stages is None else self._replace(carried=self._carried)
 
     @property
@@ -89,17 +90,28 @@ class Kinematics(NamedTuple):
 
     @property
     def wheel_torques(self) -> AnyArray:
-        """Products (r, ...) N m of the rows of `array` with the wheels' torque ``L' + omega x (R^T H)``."""
+        """Torques (r, ...) N m that the r rows of the array of wheels limit.
+
+        They are the products of the rows with the torque of all wheels in body axes,
+        ``L' + omega x (R^T H)``.
+        """
         return _product(self._array.rows, self.momentum_change) + self.turning_torques
 
     @property
     def turning_torques(self) -> AnyArray:
-        """The part (r, ...) N m of `wheel_torques` by ``omega x (R^T H)``, which turns the total momentum."""
+        """The part (r, ...) N m of `wheel_torques` by ``omega x (R^T H)``.
+
+        It is the torque that turns the total momentum with the body.
+        """
         return _product(self._array.rows, _stacked(cross(self.spin[0], self.total)))
 
     @property
     def wheel_momenta(self) -> AnyArray:
-        """Products (r, ...) N m s of the wheels' rows with their momentum ``R^T H - L``, plus `apart`."""
+        """Momenta (r, ...) N m s that the r rows of the array of wheels limit.
+
+        They are the products of the rows with the momentum of all wheels in body axes, ``R^T H - L``, plus
+        the momenta by which wheels work against each other (`WheelArray.apart`).
+        """
         return self.resting_momenta - _product(self._array.rows, self.momentum)
 
     @property

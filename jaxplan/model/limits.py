@@ -35,7 +35,7 @@ _RAISED = str.maketrans("23", "\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}", "^")
 
 
 def _length(vector: AnyArray) -> AnyArray:
-    """Return the Euclidean length (1, ...) of vectors (3, ...)."""
+    """Return the Euclidean lengths (1, ...) of vectors (3, ...), with an axis for the only component."""
     return norm(vector)[None]
 
 
@@ -248,7 +248,7 @@ _BY_NAME = {quantity.name: quantity for quantity in QUANTITIES}
 
 
 def _named(name: str) -> Quantity:
-    """Return the quantity of a name."""
+    """Return the entry of `QUANTITIES` that has a name."""
     return _BY_NAME[name]
 
 
@@ -293,7 +293,7 @@ class Limit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """(c,) names of the components, such as "platform rate x" or "terminal-1 yaw rate"."""
+        """(c,) names of the limited components, such as "platform rate x" or "terminal-1 yaw rate"."""
         word = self.quantity.word
         if self.quantity.of_joints or self.quantity.of_wheels:
             return tuple(f"{owner} {word}" for owner in self.owners)
@@ -340,7 +340,7 @@ def _owners(quantity: Quantity, craft: Spacecraft) -> tuple[str, ...]:
 
 
 def timed_limits(craft: Spacecraft) -> tuple[tuple[Limit, ...], tuple[Limit, ...]]:
-    """Return the limits of the platform and those of the joints that a slower motion can keep (power > 0)."""
+    """Return the limits that a slower motion can keep (power > 0): the platform's, and the joints'."""
     timed = [limit for limit in limits(craft) if limit.quantity.power]
     joints = tuple(limit for limit in timed if limit.quantity.of_joints)
     return tuple(limit for limit in timed if not limit.quantity.of_joints), joints

@@ -39,7 +39,7 @@ class Way:
 
     @property
     def rest_time(self) -> AnyArray:
-        """Least time (...) s from rest to rest, of numpy or JAX."""
+        """Least time (...) s in which the distance is covered from rest to rest, of numpy or JAX."""
         grows = self.more_growth is not None
         more_growth = self.more_growth if grows else 0.0
         xp, far, top, growth, more = arrays(self.distance, self.top, self.growth, more_growth)
@@ -58,7 +58,7 @@ class Way:
 
     @property
     def time(self) -> AnyArray:
-        """Least time (...) s between the speeds at both ends, of numpy or JAX."""
+        """Least time (...) s to cover the distance between the speeds at both ends, of numpy or JAX."""
         if self.speeds is None:
             return self.rest_time
         xp, far, top, growth, speeds = arrays(self.distance, self.top, self.growth, self.speeds)

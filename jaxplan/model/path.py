@@ -7,7 +7,8 @@ margins are bounded from below over the whole edge from a few samples, by the bo
 `jaxplan.model.scores`.
 
 The cost of an edge is counted in steps, ``max(rotation / attitude step, |dq_j| / joint step_j)``, which is
-the duration of the move if every step takes the same time. There are 2n + d joints: yaws, pitches, drives.
+the duration of the move if every step takes the same time. There are 2n + d joints of n terminals and d
+drives: all yaws, all pitches, all drives' angles.
 """
 
 from dataclasses import dataclass
@@ -62,7 +63,10 @@ class Goal:
 
     @property
     def state(self) -> GivenState:
-        """The goal as a state that can be the goal or the start of a scenario."""
+        """The goal as a `GivenState`, which can be the goal or the start of a scenario.
+
+        Rates that are None in the goal are left out.
+        """
         names = ("angular_velocity", "joint_rates")
         rates = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         return GivenState(rotation_vector=np.asarray(so3.log(self.attitude)), joints=self.joints, **rates)
@@ -86,7 +90,7 @@ class Path:
 
     @property
     def length(self) -> float:
-        """Cost of the whole path in steps."""
+        """Cost of the whole path in steps, the sum of those of its edges."""
         return float(np.sum(self.edge_costs))
 
     @property

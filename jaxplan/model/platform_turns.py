@@ -72,6 +72,8 @@ ENERGY = "torque and inertia of the platform"
 class Ends(NamedTuple):
     """The motion at start and end, where the spacecraft need not rest.
 
+    The joints are the yaws of n terminals, their pitches, and the angles of d drives.
+
     Attributes:
         spins: (2, 3) rad/s, angular velocities in body axes; None if the platform rests at both ends.
         joints: (2, 2n + d) rad, joint angles; None if the joints rest, too.

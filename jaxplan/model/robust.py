@@ -67,14 +67,14 @@ class Robust:
 
     @property
     def words(self) -> str:
-        """Text that names the tube in messages, with the errors under their keys in files."""
+        """Text that names the tube in messages, with the errors by their keys in files, in degrees."""
         errors = {"attitude": self.attitude_error, "joint": self.joint_error}
         told = ", ".join(f"{name}_error_deg = {np.rad2deg(error):.6g}" for name, error in errors.items())
         return f"the tube of [robust] ({told})"
 
     @property
     def told(self) -> str:
-        """Text that tells people the errors and the reserves."""
+        """Text for people with the errors in degrees and the reserves in percent."""
         attitude, joints = np.rad2deg([self.attitude_error, self.joint_error])
         reserves = {"torque": self.torque_reserve, "wheel momentum": self.momentum_reserve}
         kept = " and ".join(f"{share:.6g} % of {name}" for name, share in reserves.items() if share)

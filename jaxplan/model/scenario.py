@@ -264,7 +264,7 @@ class Scenario:
 
     @property
     def cones(self) -> tuple[KeepOut | KeepIn, ...]:
-        """The keep-out zones, then the keep-in zones."""
+        """The keep-out zones, then the keep-in zones; joint bounds and masks are not among them."""
         return (*self.keep_out, *self.keep_in)
 
     @property
@@ -290,7 +290,7 @@ class Scenario:
     @property
     @made_once
     def stated(self) -> Constraints:
-        """The rows of `constraints` as they are without `robust`."""
+        """The rows of `constraints` as users stated the zones, without the errors of `robust`."""
         return self.constraints if self.robust is None else replace(self, robust=Robust()).constraints
 
     def rows(self, turns: Turns | None = None) -> Constraints:

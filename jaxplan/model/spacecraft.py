@@ -133,7 +133,7 @@ class Spacecraft:
 
     @property
     def joint_count(self) -> int:
-        """Number of joints, ``2n + d``."""
+        """Number of joints, ``2n + d``: two for each of n terminals, one for each of d drives."""
         return 2 * len(self.terminals) + len(self.drives)
 
     @property
@@ -149,13 +149,13 @@ class Spacecraft:
     @property
     @made_once
     def joint_rate_limits(self) -> np.ndarray:
-        """(2n + d,) rad/s: the bound of each joint's rate."""
+        """(2n + d,) rad/s: bound of each joint's rate, in the order of the joint vector."""
         return self._each_joint([t.rate_limits for t in self.terminals], "rate_limit")
 
     @property
     @made_once
     def joint_acceleration_limits(self) -> np.ndarray:
-        """(2n + d,) rad/s^2: the bound of each joint's acceleration."""
+        """(2n + d,) rad/s^2: bound of each joint's acceleration, in the order of the joint vector."""
         return self._each_joint([t.acceleration_limits for t in self.terminals], "acceleration_limit")
 
     def _each_joint(self, of_terminals: list[tuple[Any, Any]], of_drives: str) -> np.ndarray:

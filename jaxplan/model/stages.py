@@ -18,7 +18,7 @@ where ``g_k`` and all that has the index ``k`` alone is in the stage's own axes,
 Torque from outside is ``L' + w x L``; wheels give ``L' + w x (R^T H)`` and hold ``R^T H - L``.
 
 The first axis of an array of vectors is that of their components, (3, ...); with s stages the axis of the
-stages follows it. Units: rad, s, kg m^2.
+stages follows it. There are 2n + d joints of n terminals and d drives. Units: rad, s, kg m^2.
 """
 
 from collections.abc import Sequence

@@ -82,7 +82,7 @@ class Reach(NamedTuple):
 
 @made_once
 def reaches(craft: Spacecraft) -> tuple[Reach, Reach]:
-    """Return the torques and the momenta that a spacecraft's wheels reach.
+    """Return the set of torques and the set of momenta that a spacecraft's wheels reach.
 
     Raises:
         ValueError: if it has no wheels.
@@ -137,7 +137,7 @@ class WheelSpeeds(NamedTuple):
 
     @property
     def rate(self) -> AnyArray:
-        """(3,) rad/s, bounds of the components of the angular velocity."""
+        """(3,) rad/s, upper bounds of the components of the angular velocity, by what the wheels can hold."""
         return self.momentum.along(self.inverse) + length(self.inverse) * (self.total + self.carried)
 
     def acceleration(self, top: AnyArray) -> AnyArray:

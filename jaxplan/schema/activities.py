@@ -340,7 +340,10 @@ def _check_until(
 
 
 def paths_of(activity: Activity, craft: Spacecraft) -> list[tuple[str, DirectionPath]]:
-    """Return the paths along which an activity's targets and wishes move, each after words for it."""
+    """Return the paths along which targets and wishes of an activity move.
+
+    Each comes after words for it, such as "the target of antenna in activity image".
+    """
     targets = activity.targets
     if not isinstance(targets, Targets) or not isinstance(targets.directions, tuple | np.ndarray):
         return []

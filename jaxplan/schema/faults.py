@@ -160,7 +160,7 @@ class Place:
 
     @property
     def spelled(self) -> Spelled:
-        """How messages name this place."""
+        """How messages name this place: its path, unit and factor."""
         steps: list[str | int] = []
         place = self
         while place._before is not None:

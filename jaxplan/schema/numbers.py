@@ -60,7 +60,7 @@ class NumberPlace:
     interval: Interval | None
 
     def get(self, scenario: Scenario | Timeline) -> Any:
-        """Return the number, in the file's units."""
+        """Return the number that stands there in a scenario or timeline, in the file's units."""
         value: Any = scenario
         for step in self.path:
             value = (
@@ -250,7 +250,12 @@ def _each(value: Any) -> Any:
 
 
 def with_numbers(scenario: Held, numbers: Mapping[NumberPlace, Any]) -> Held:
-    """Return the scenario, or timeline, with other numbers in some places, in the file's units."""
+    """Return the scenario, or timeline, with other numbers in some places.
+
+    Args:
+        scenario: the scenario or timeline; it is not changed.
+        numbers: for each place the new number in the file's units, which may be traced.
+    """
     for place, number in numbers.items():
         scenario = _replaced(scenario, place.path, number * place.factor)
     return scenario

@@ -66,7 +66,7 @@ class Ground:
 
     @property
     def thing(self) -> sky.GroundPoint:
-        """The point as `jaxplan.sky` has it."""
+        """The point of the ground as an object of `jaxplan.sky`."""
         return sky.GroundPoint(**{name: part for name, part in vars(self).items() if name in _POINT})
 
 
@@ -390,7 +390,7 @@ def known(view: View, lasting: Lasting, place: Place) -> Known | None:
 
 
 def _rows(view: View) -> dict[str, tuple[Any, ...]]:
-    """Return the rows of a view's tables, by their keys."""
+    """Return the satellites, points of the ground and spheres of a view, by their keys in the file."""
     return {"satellite": view.satellites, "ground": view.ground, "occulter": view.spheres}
 
 

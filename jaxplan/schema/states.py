@@ -301,7 +301,7 @@ _UNDECIDED = replace(
 
 
 class Goal(Either):
-    """A goal: a table with targets, or one with a state."""
+    """The kind of a goal in a file: a table with targets, or one with a state."""
 
     wanted = "a table with targets, or with attitude, yaw_rad and pitch_rad"
 
@@ -325,7 +325,7 @@ class Goal(Either):
 
 
 class Start(Either):
-    """A start: a table with a state, or one with targets."""
+    """The kind of a start in a file: a table with a state, or one with targets."""
 
     wanted = "a table with attitude and joints, or with targets"
 

@@ -51,7 +51,7 @@ class Field:
 
     @property
     def says(self) -> str:
-        """The attribute that it sets, which is the same for keys that are alternatives to each other."""
+        """The attribute that the key sets; it is the same for keys that are alternatives to each other."""
         return self.instead_of or self.attribute
 
     @property
@@ -61,7 +61,7 @@ class Field:
 
     @property
     def unit(self) -> str:
-        """The unit in which the key ends; empty if there is none."""
+        """The unit in which the key's name ends; empty if there is none."""
         return unit_of(self.key)
 
 
@@ -139,7 +139,7 @@ class Table(Kind):
         return None
 
     def _refuse_unknown(self, value: Mapping[str, object], place: Place) -> None:
-        """Note keys that the table does not have."""
+        """Note keys of a file that the table does not have, and those that it refuses."""
         known = [entry.key for entry in self.fields]
         for key in value:
             if key in self.refused:
@@ -184,7 +184,10 @@ class Table(Kind):
 
     @cached_property
     def _all(self) -> list[tuple[str, str, Kind, Callable[[Any, Place], Any], bool]]:
-        """The attributes: for each its name, key, kind, how it is read, and whether it may be None."""
+        """The attributes by which an object of Python is read.
+
+        For each of them its name, key, kind, the kind's `read`, and whether it may be None.
+        """
         usual = {part.name: part.default for part in fields(self.model)}
         return [
             (e.attribute, e.key, e.kind, e.kind.read, usual[e.attribute] is None) for e in self.attributes
@@ -192,14 +195,14 @@ class Table(Kind):
 
     @cached_property
     def _sure(self) -> set[str]:
-        """Attributes whose values are immutable and checked by themselves, so that one check is enough."""
+        """Names of attributes with immutable values that are checked by themselves, so that once is enough."""
         return {
             entry.attribute for entry in self.attributes if isinstance(entry.kind, Number | Integer | Text)
         }
 
     @cached_property
     def _unsure(self) -> list[tuple[str, str, Kind, Callable[[Any, Place], Any], bool]]:
-        """The attributes of `_all` that are read each time."""
+        """Those attributes of `_all` that are read again each time an object is checked."""
         return [entry for entry in self._all if entry[0] not in self._sure]
 
     @cached_property
@@ -222,7 +225,10 @@ class Table(Kind):
 
     @cached_property
     def _usual(self) -> dict[str, str]:
-        """The default of each key, as `repr` of what is written; a value that equals it is left out."""
+        """The default of each key that has one, as `repr` of what is written.
+
+        Such values are left out of files.
+        """
         usual = self.defaults()
         return {
             entry.key: repr(entry.kind.write(usual[entry.attribute]))

@@ -54,7 +54,10 @@ _SOURCE = "the timeline"
 
 @dataclass(frozen=True, kw_only=True)
 class _Parts:
-    """A timeline as a file has it, before names are replaced by directions and UTC by seconds."""
+    """The parts of a timeline as its file has them.
+
+    Names are not yet replaced by directions, and UTC not yet by seconds; what has faults is `WRONG`.
+    """
 
     name: Any
     scene: Any
@@ -88,7 +91,10 @@ def _make_given(parts: dict[str, Any], place: Place) -> Given:
 
 
 def _make_parts(parts: dict[str, Any], place: Place) -> _Parts:
-    """Sort what was read of a file, by attribute."""
+    """Make the parts of a timeline from what was read of its file, by attribute.
+
+    Parts that the file does not have get their usual values.
+    """
     del parts["schema_version"], parts["kind"]
     own = {name: parts.pop(name, usual) for name, usual in _USUAL.items()}
     return _Parts(name=parts["name"], scene=Scenario(goal=WRONG, **parts), **own)
@@ -119,7 +125,7 @@ _OWN = {
 
 
 def _fields() -> list[Field]:
-    """Return the keys of a timeline's file: those of a scenario without its goal, and its own."""
+    """Return the keys of a timeline's file: those of a scenario without the goal, and its own."""
     found: list[Field] = []
     for entry in SCENARIO.fields:
         found += _OWN.get(entry.key, ())

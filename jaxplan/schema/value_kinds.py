@@ -70,22 +70,22 @@ class Interval:
 
     @cached_property
     def low(self) -> float:
-        """Its lower end."""
+        """Lower end of the interval."""
         return float(self.text[1:-1].split(",")[0])
 
     @cached_property
     def high(self) -> float:
-        """Its upper end."""
+        """Upper end of the interval."""
         return float(self.text[1:-1].split(",")[1])
 
     @property
     def open_low(self) -> bool:
-        """Whether the lower end does not belong to it."""
+        """Whether the lower end does not belong to the interval."""
         return self.text[0] == "("
 
     @property
     def open_high(self) -> bool:
-        """Whether the upper end does not belong to it."""
+        """Whether the upper end does not belong to the interval."""
         return self.text[-1] == ")"
 
     def wanted(self, factor: float = 1.0) -> str:
@@ -168,7 +168,7 @@ class Choice(Kind):
 
 @dataclass(frozen=True)
 class YesNo(Kind):
-    """True or false."""
+    """The kind of a value that is true or false."""
 
     wanted = "true or false"
 
@@ -283,7 +283,7 @@ def _real(value: Any, python: bool) -> float | None:
 
 @dataclass(frozen=True)
 class Integer(Kind):
-    """A whole number in an interval."""
+    """The kind of a whole number in an interval."""
 
     interval: Interval
 
