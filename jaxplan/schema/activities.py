@@ -149,7 +149,7 @@ def _check_made(activity: Any, place: Place) -> None:
 
 
 def _expect_none(owner: Any, place: Place, complaint: str) -> None:
-    """Note rates of a state or of targets that are not zero."""
+    """Note a fault for each rate of a state or of targets that is not zero."""
     for key, name in RATES.items():
         rates = getattr(owner, name)
         if rates is not None and rates is not WRONG and np.any(rates):
@@ -256,7 +256,7 @@ def seconds_after(epoch: Any, stamp: np.datetime64, place: Place) -> Any:
 
 
 def check_order(rows: Sequence[tuple[Place, Any]]) -> list[Any]:
-    """Note names that are not unique, and an `after` that names no activity or leads back to itself.
+    """Note faults: names that are not unique, and an `after` that names no activity or leads to itself.
 
     Args:
         rows: the activities that could be read, each after its place.
@@ -285,7 +285,7 @@ def check_order(rows: Sequence[tuple[Place, Any]]) -> list[Any]:
 
 
 def check_windows(rows: Sequence[tuple[Place, Any, Any]], until: Any, ends: Place, last: Any) -> None:
-    """Note windows that are too short or too late, and activities whose duration is not determined.
+    """Note faults: windows that are too short or too late, and activities whose duration is not determined.
 
     Args:
         rows: place, activity, and the activity as it was read, before its window was converted to seconds.
@@ -312,7 +312,14 @@ def check_windows(rows: Sequence[tuple[Place, Any, Any]], until: Any, ends: Plac
 
 
 def _check_window(one: Activity, lasts: Place, opens: Place, closes: Place) -> None:
-    """Note a window that ends before it begins, or is shorter than what is done in it."""
+    """Note a fault if a window ends before it begins, or is shorter than what is done in it.
+
+    Args:
+        one: the activity.
+        lasts: place of its duration.
+        opens: place of the start of its window.
+        closes: place of the end of its window.
+    """
     if one.latest is None:
         return
     begin, asked = one.earliest or 0.0, one.duration or 0.0
@@ -327,7 +334,15 @@ def _check_window(one: Activity, lasts: Place, opens: Place, closes: Place) -> N
 def _check_until(
     one: Activity, lasts: Place, keys: dict[str, Place], until: float | None, ends: Place
 ) -> None:
-    """Note an activity that cannot end before the timeline does."""
+    """Note a fault if an activity cannot end before the timeline does.
+
+    Args:
+        one: the activity.
+        lasts: place of its duration.
+        keys: places of the ends of its window, by attribute.
+        until: s, when the timeline ends; None if that is not given.
+        ends: place of `until`.
+    """
     if until is None:
         return
     end = f"{ends.path}, at {until:.10g} s"

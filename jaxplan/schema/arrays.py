@@ -1,8 +1,9 @@
 """Kinds of arrays in a file: numbers in any shape, and conditions on all of them together.
 
-Directions and quaternions whose length is within `UNIT_TOLERANCE` of one, as published ones with four digits
-are, are scaled to unit length without a message. Others are refused, since an error in the file is more
-likely.
+A *rule* (`Rule`) is a function of an array, what it was read from and its place. It checks the array, notes
+faults, and returns it as the model has it, or `WRONG`. Directions and quaternions whose length is within
+`UNIT_TOLERANCE` of one, as published ones with four digits are, are scaled to unit length without a message.
+Others are refused, since an error in the file is more likely.
 """
 
 import math

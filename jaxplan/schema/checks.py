@@ -56,7 +56,7 @@ def placed(rows: Any, place: Place) -> list[tuple[Place, Any]]:
 
 
 def check_parts(scenario: Scenario, root: Place) -> None:
-    """Note zones, goal limits and durations that do not go together with the rest of a scenario.
+    """Note faults where zones, goal limits and durations do not go together with the rest of a scenario.
 
     Args:
         scenario: the scenario as it was read.
@@ -178,9 +178,10 @@ _STAGES = {
 
 
 def _check_stages(craft: Any, place: Place) -> None:
-    """Note inertias of moving parts if that of the whole is missing, or if no body could have the rest of it.
+    """Note a fault if moving parts have inertias but the whole has none, or no body could have the rest.
 
-    The rest counts moving parts as masses where their axes cross, too, and so must be the inertia of a body.
+    The rest, without moving parts, counts them as masses where their axes cross, and so must be the inertia
+    of a body.
     """
     given = [
         (there[key], getattr(device, name))
@@ -222,7 +223,7 @@ def _check_stages(craft: Any, place: Place) -> None:
 
 
 def _check_sharing(wheels: Any, place: Place) -> None:
-    """Note wheels whose momenta at the start work against each other, which the envelope cannot describe."""
+    """Note a fault if wheels' momenta at the start work against each other, which the envelope ignores."""
     numbers = [(wheel.momentum, wheel.stored) for wheel in wheels]
     if any(value is WRONG for pair in numbers for value in pair):
         return
@@ -242,7 +243,7 @@ def _check_sharing(wheels: Any, place: Place) -> None:
 
 
 def check_spacecraft(craft: Any, place: Place) -> None:
-    """Note equal names, faults of wheels and inertias, and torque limits without an inertia.
+    """Note faults: equal names, those of wheels and inertias, and torque limits without an inertia.
 
     Names, numbers and ranges of devices, to which start, goal and zones refer, are stored in
     ``place.reading``.
@@ -295,7 +296,7 @@ def _names(devices: Any) -> tuple[str, ...] | None:
 
 
 def check_unique(rows: Sequence[tuple[Place, Any]]) -> None:
-    """Note rows that have the name of an earlier one.
+    """Note a fault for each row that has the name of an earlier one.
 
     Args:
         rows: the rows that could be read, each after its place.
@@ -309,7 +310,13 @@ def check_unique(rows: Sequence[tuple[Place, Any]]) -> None:
 
 
 def _check_zone(key: str, zone: Any, place: Place) -> None:
-    """Note a zone that binds nothing or its own axis, and an entry without group; `key` is one of `ZONES`."""
+    """Note a fault if a zone binds nothing or its own axis, or if it has an entry but no group.
+
+    Args:
+        key: key of `ZONES` under which it stands.
+        zone: the zone.
+        place: its place.
+    """
     if key != "joint_bound":
         aside = zone.direction is None and not zone.is_inertial  # with two axes that was noted
         if (key == "keep_in" or aside) and zone.devices == () and zone.vectors == ():
@@ -354,7 +361,7 @@ def check_targets(goal: Any, place: Place) -> None:
 
 
 def _check_goal_limits(scenario: Scenario, root: Place) -> None:
-    """Note limits of yaw and pitch at the goal that are wider than a terminal's own."""
+    """Note a fault if a limit of yaw or pitch at the goal is wider than a terminal's own."""
     for name in ("yaw_limit", "pitch_limit"):
         limit, key = getattr(scenario.goal, name, None), f"{name}_deg"
         if not isinstance(limit, float):
@@ -391,7 +398,7 @@ def _check_duration(scenario: Scenario, root: Place) -> None:
 
 
 def check_paths(scenario: Scenario, root: Place) -> None:
-    """Note moving directions and zones that are not known for the whole duration.
+    """Note a fault for each moving direction and each zone that is not known for the whole duration.
 
     For the paper's method, also note a duration that is no number if any direction moves.
     """

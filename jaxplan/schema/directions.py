@@ -183,7 +183,7 @@ def _path_anew(path: DirectionPath, place: Place) -> Any:
 
 
 def _check_span(span: Hidden, place: Place) -> None:
-    """Note a span that does not end after its start."""
+    """Note a fault if a span does not end after its start."""
     if WRONG not in (span.start, span.end) and not span.start < span.end:
         place["to_s"].fault(f"must be later than {place['from_s'].told(span.start)}", span.end)
 

@@ -22,7 +22,7 @@ _CONES = ("keep_out", "keep_in")
 
 
 def check_field(device: Any, place: Place, boresight: np.ndarray | None = None) -> None:
-    """Note a field of view without `up`, or an `up` without field or not at right angles to the boresight.
+    """Note a fault if field of view and `up` are not given together, or `up` is not across the boresight.
 
     Args:
         device: an instrument or a terminal.
@@ -46,7 +46,7 @@ def check_field(device: Any, place: Place, boresight: np.ndarray | None = None) 
 
 
 def check_zones(scenario: Scenario, root: Place) -> None:
-    """Note zones with impossible demands on fields of view, and half angles of zero in other zones.
+    """Note faults of zones: impossible demands on fields of view, and half angles of zero in other zones.
 
     Args:
         scenario: the scenario as it was read, after names were replaced by directions.
@@ -73,14 +73,17 @@ def _cones(scenario: Scenario, root: Place) -> Iterator[tuple[Place, Any]]:
 
 
 def _check_open(zone: Any, place: Place) -> None:
-    """Note a half angle of zero in a zone without field of view, unless that of a body is not known yet."""
+    """Note a fault if the half angle of a zone without field of view is zero.
+
+    That of a zone about a body may not be known yet, and is not looked at.
+    """
     if zone.half_angle == 0 and not isinstance(zone.direction, Followed):
         python = place.reading.python
         place["half_angle_deg"].fault(f"must lie in (0, {np.pi if python else 180:g})", 0.0 if python else 0)
 
 
 def _check_distance(zone: Any, fields: dict[str, Any], place: Place) -> None:
-    """Note a zone whose distance from a field's edges is 90 deg or more, or which leaves nothing of a field.
+    """Note a fault if a zone's distance from a field's edges is 90 deg or more, or leaves nothing of a field.
 
     Args:
         zone: a zone that is measured from fields of view.
@@ -102,7 +105,7 @@ def _check_distance(zone: Any, fields: dict[str, Any], place: Place) -> None:
 
 
 def _check_devices(zone: Any, fields: dict[str, Any], place: Place) -> None:
-    """Note devices and vectors without a field that such a zone binds.
+    """Note a fault for each device or vector without field of view that a zone of fields binds.
 
     Arguments are as for `_check_distance`.
     """
@@ -119,7 +122,7 @@ def _check_devices(zone: Any, fields: dict[str, Any], place: Place) -> None:
 
 
 def _check_groups(scenario: Scenario, fields: int, root: Place) -> None:
-    """Note groups with an entry that keeps too many fields of view clear.
+    """Note a fault for each group with an entry that keeps too many fields of view clear.
 
     With n fields such an entry has 5 ** n alternatives, of which `MOST_WAYS` are allowed.
 

@@ -46,7 +46,7 @@ def _make_heading(parts: dict[str, Any], place: Place) -> Heading:
 
 
 def _check_heading(heading: Heading, place: Place) -> None:
-    """Note names that exported files cannot have."""
+    """Note a fault for each name that exported files cannot have."""
     given = {name: value for name, value in heading.given.items() if value is not WRONG}
     for name, complaint in name_faults(given).items():
         place[name].fault(complaint, given[name])

@@ -19,7 +19,7 @@ _LEAST = 1e-9  # rad, that must be left
 
 
 def check_robust(scenario: Scenario, root: Place) -> None:
-    """Note zones and ranges of joints of which the tube about a plan leaves nothing.
+    """Note a fault where the tube about a plan leaves nothing of a zone or of a range of a joint.
 
     Args:
         scenario: the scenario as it was read; if faults were noted before, it is not checked.
@@ -46,7 +46,7 @@ def check_robust(scenario: Scenario, root: Place) -> None:
 
 
 def _check_zone(zone: Any, robust: Robust, sights: Bound, place: Place) -> None:
-    """Note a cone of which the tube leaves nothing for a device.
+    """Note a fault if the tube leaves nothing of a cone for a device that it binds.
 
     Args:
         zone: the zone.

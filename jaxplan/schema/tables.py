@@ -139,7 +139,7 @@ class Table(Kind):
         return None
 
     def _refuse_unknown(self, value: Mapping[str, object], place: Place) -> None:
-        """Note keys of a file that the table does not have, and those that it refuses."""
+        """Note a fault for each key of a file that the table does not have, or that it refuses."""
         known = [entry.key for entry in self.fields]
         for key in value:
             if key in self.refused:
@@ -195,7 +195,7 @@ class Table(Kind):
 
     @cached_property
     def _sure(self) -> set[str]:
-        """Names of attributes with immutable values that are checked by themselves, so that once is enough."""
+        """Names of attributes whose values are immutable and checked by themselves, so once is enough."""
         return {
             entry.attribute for entry in self.attributes if isinstance(entry.kind, Number | Integer | Text)
         }
