@@ -1,1 +1,1 @@
-"""What is planned for, as data and geometry: no files, no solvers."""
+"""The planning problem as data, with its geometry and kinematics; neither files nor solvers are in here."""

@@ -1,4 +1,7 @@
-"""Messages on the pointing constraints that a state breaks, or targets at any, with angles in degrees."""
+"""Messages on pointing constraints that a state breaks, or that targets break at any attitude.
+
+Angles in messages are in degrees.
+"""
 
 from collections.abc import Iterator, Sequence
 
@@ -32,18 +35,19 @@ def constraint_breaches(
     zones: Sequence[Zone],
     called: Sequence[str],
 ) -> Iterator[str]:
-    """Yield a phrase for every pointing constraint that a state breaks.
+    """Yield a phrase for every pointing constraint that a state breaks by more than `ROUNDING`.
 
     Args:
         rows: the constraints, at an instant.
-        spacecraft: whose devices they bind.
+        spacecraft: the spacecraft whose devices they bind.
         attitude: (3, 3) body to inertial.
         joints: (2n + d,) rad.
-        zones: (r,) the zone of each of the r rows before the padding.
+        zones: the zone of each row, padding left out.
         called: names of the sights.
 
     Yields:
-        The worst row of the constraint's best entry, the worst sight of that row, and the overlap in degrees.
+        Such as "antenna is 2.5 deg inside keep-out zone sun": for the best entry of the constraint the sight
+        of its worst row that is worst, and by how much that breaks it.
     """
     sights = rows.sights(spacecraft.gimbals, spacecraft.fixed_boresights)
     table = state_margins(rows, sights, np.asarray(attitude), np.asarray(joints))
@@ -64,14 +68,14 @@ def constraint_breaches(
 
 
 def _where(rows: Constraints, row: int, zone: Zone, name: str, axes: Sequence[str]) -> str:
-    """The end of a sentence on a sight that breaks a row, such as "inside keep-out zone sun".
+    """Return the end of a sentence on a sight that breaks a row, such as "inside keep-out zone sun".
 
     Args:
         rows: the constraints.
         row: number of the row.
-        zone: that the row is of.
-        name: the zone's, as the sentence has it.
-        axes: (S,) the sights' names as axes of cones.
+        zone: the zone to which the row belongs.
+        name: the name by which the sentence calls the zone.
+        axes: names of the sights as axes of cones, one for each sight.
     """
     if rows.frame[row] == JOINTS:
         return f"{'inside' if isinstance(zone, Mask) else 'beyond joint bound'} {name}"
@@ -89,19 +93,20 @@ def _where(rows: Constraints, row: int, zone: Zone, name: str, axes: Sequence[st
 def in_own_zone(
     craft: Spacecraft, cones: Sequence[KeepOut | KeepIn], asked: Targets, time: float
 ) -> str | None:
-    """Text on devices whose targets lie where a zone that binds the same device lets them not point.
+    """Say which devices cannot point at their targets at any attitude, as zones that bind them forbid it.
 
-    That holds at every attitude. A zone that counts from a field of view is broken for certain by an axis
-    that is as near to the boresight, which is in the field, or so far away that no corner reaches it.
+    Only inertial zones outside of groups are looked at. A zone that is measured from a field of view counts
+    only where it is broken for certain: if it is a keep-out, where its axis is so near to the boresight,
+    which is in the field; if it is a keep-in, where the axis is farther away than the corners of the field.
 
     Args:
-        craft: whose devices have the targets.
-        cones: zones; those of groups do not count.
-        asked: targets, wherever they are.
+        craft: the spacecraft whose devices have the targets.
+        cones: zones.
+        asked: targets, which may move.
         time: s, at which targets and zones are looked at.
 
     Returns:
-        A phrase for each device and zone; None where there is none.
+        A phrase for each such device and zone, joined by "; "; None if there is none.
     """
     zones = [zone for zone in cones if zone.is_inertial and zone.any_of is None]
     found = []
@@ -122,9 +127,16 @@ def in_own_zone(
 
 
 def _depth(craft: Spacecraft, name: str, zone: KeepOut | KeepIn, away: float) -> float:
-    """How deep, rad, the boresight of a device is at least where a zone lets it not be; negative if clear.
+    """Return by how much, rad, a boresight that points at its target breaks a zone at least.
 
-    `away` is the angle, rad, from its target to the axis of the zone.
+    Args:
+        craft: the spacecraft.
+        name: name of the device.
+        zone: an inertial zone that binds it.
+        away: rad, angle from the target to the axis of the zone.
+
+    Returns:
+        rad; negative where the zone may be kept.
     """
     if isinstance(zone, KeepOut):
         return float(zone.half_angle) - away

@@ -1,21 +1,24 @@
 """Pointing constraints as arrays: directions in body axes, cones about axes, and how they combine.
 
-Everything that points is a direction. A *sight* is one that a constraint binds: the boresight of a device, an
-axis of the body, or another vector of a device's moving part. A *row* is a cone about an axis, which a set of
-sights must stay out of (side +1) or in (side -1). Its axis is inertial, still or moving, an axis of the body,
-or itself a sight, such as the beam of another terminal. The margin of a sight to a row is
+Everything that points is a direction. A *sight* is a direction that a constraint binds: the boresight of a
+device, an axis of the body, or another vector of a device's moving part. A *row* is a cone about an axis,
+with a set of sights that must stay out of it (side +1) or in it (side -1). The axis is inertial, still or
+moving, or an axis of the body, or itself a sight, such as the beam of another terminal. The margin of a sight
+to a row is
 
     side * (angle(sight, axis) - half angle),                                   equations (11) and (12)
 
-in rad; zero or more is clear. A row of joints asks instead for ``f . (yaw, pitch) >= d`` of a terminal, ``f``
-of length one; its margin is what ``f . (yaw, pitch)`` has beyond ``d``. A row's margin is that of its worst
-sight, an *entry*'s that of its worst row, a *constraint*'s that of its best entry: it holds while one of its
-entries does, and that may change hands. What is not a number counts as broken, since ``jnp.min`` and
+in rad; the row is kept where it is zero or more. A row of joints asks instead for ``f . (yaw, pitch) >= d``
+of a terminal, with ``f`` of length one; its margin is ``f . (yaw, pitch) - d``. Rows form *entries*, and
+entries form *constraints*. The margin of a row is that of its worst sight, the margin of an entry that of its
+worst row, the margin of a constraint that of its best entry: it holds while at least one of its entries does,
+and which one that is may change. A margin that is not a number counts as broken, since ``jnp.min`` and
 ``jnp.max`` may drop a NaN on the CPU.
 
-Rows are padded to a few fixed sizes with such that bind nothing (margin +inf), so that scenes of different
-size share compiled kernels. All of it computes with numpy or JAX, as its arguments do. Shapes: S sights,
-devices first (terminals, drives, instruments), then axes of the body, then vectors of moving parts; Z rows.
+Rows are padded to a few fixed numbers by rows that bind nothing (margin +inf), so that scenes of different
+size share compiled kernels. Everything computes with numpy or JAX, as its arguments do. Array shapes: S
+sights, in the order devices (terminals, drives, instruments), axes of the body, vectors of moving parts; Z
+rows, padding included; 2n + d joints of n terminals and d drives.
 """
 
 from collections.abc import Callable
@@ -41,24 +44,25 @@ INERTIAL, BODY, SIGHT, JOINTS = range(4)
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Constraints:
-    """All pointing constraints of a scene, row by row, padded to `padded_count`.
+    """All pointing constraints of a scene, row by row, with Z rows, padding included (see `padded_count`).
 
     Attributes:
-        axis: (Z, 3) unit vectors, inertial or in body axes; NaN where it moves; of a row of joints ``f`` and
-            a zero; where a sight is the axis, z.
+        axis: (Z, 3) unit vectors, in inertial axes or in body axes according to `frame`; NaN where the axis
+            moves; for a row of joints the two components of ``f`` and a zero; (0, 0, 1) where a sight is the
+            axis.
         frame: (Z,) int, `INERTIAL`, `BODY`, `SIGHT` or `JOINTS`.
         partner: (Z,) int, number of the sight that is the axis; zero where none is.
-        half_angle: (Z,) rad; of a row of joints ``d``.
+        half_angle: (Z,) rad; for a row of joints ``d``.
         side: (Z,) +1 to stay out, -1 to stay in.
-        bound: (Z, S) bool, the sights each row binds; none for padding.
-        entry: (Z,) int, the first row of the row's entry.
-        group: (Z,) int, the first row of the row's constraint.
-        zone: (Z,) int, number of the stated zone that each row is of; -1 of padding.
+        bound: (Z, S) bool, which sights each row binds; none for padding.
+        entry: (Z,) int, number of the first row of the entry to which each row belongs.
+        group: (Z,) int, number of the first row of the constraint to which each row belongs.
+        zone: (Z,) int, number of the zone from which each row was made; -1 for padding.
         body: (b, 3) unit vectors, axes of the body that are bound beside the devices.
-        carrier: (v,) int, terminals whose moving parts have further vectors that are bound.
-        carried: (v, 3) these vectors, as `Sights` has them.
-        paths: of the axes that move, by row: None for one that does not; empty where none does.
-        inner: whether there is any row that is not inertial.
+        carrier: (v,) int, numbers of the gimbals whose moving parts carry the v further vectors.
+        carried: (v, 3) these vectors along their gimbal's boresight, left and up, as in `Sights`.
+        paths: for each row the path of its axis, None if it does not move; empty if none does.
+        inner: whether any row is not inertial.
         nested: whether any entry has several rows.
     """
 
@@ -79,50 +83,70 @@ class Constraints:
     nested: bool = field(default=False, metadata={"static": True})
 
     def sights(self, gimbals: Gimbals, instruments: ArrayLike) -> Sights:
-        """The sights that the rows bind, for given gimbals and instrument boresights (i, 3) in body axes."""
+        """Return the sights that the rows bind.
+
+        Args:
+            gimbals: the spacecraft's devices with joints.
+            instruments: (i, 3) boresights of its instruments, body axes.
+        """
         xp, fixed, body = arrays(instruments, self.body)
         still = xp.concatenate([fixed, body]) if body.shape[0] else fixed
         return Sights(gimbals=gimbals, fixed=still, carrier=self.carrier, carried=self.carried)
 
     def spread(self, trailing: int) -> Self:
-        """The constraints with frame, side and half_angle of shape (Z, 1, ...), `trailing` ones.
+        """Return the constraints with `frame`, `side` and `half_angle` of shape (Z, 1, ...), `trailing` ones.
 
-        So they broadcast against arrays whose first axis is the rows'.
+        So they broadcast against arrays whose first axis is that of the rows.
         """
         shape = (-1, *(1,) * trailing)
         parts = {name: getattr(self, name).reshape(shape) for name in ("frame", "side", "half_angle")}
         return replace(self, **parts)
 
     def some(self, which: ArrayLike) -> Self:
-        """The rows of numbers `which` (r,) int, for use one by one: `entry` and `group` no longer hold."""
+        """Return the rows with the numbers `which` (r,) int, to be used one by one.
+
+        `entry` and `group` of the result mean nothing, and `paths` is empty.
+        """
         names = ("axis", "frame", "partner", "half_angle", "side", "bound", "entry", "group", "zone")
         xp = array_module(which)
         return replace(self, **{name: xp.asarray(getattr(self, name))[which] for name in names}, paths=())
 
     def axes(self, times: ArrayLike) -> AnyArray:
-        """Axes (..., Z, 3) at times (...), s, each in the frame of its row."""
+        """Return the axes (..., Z, 3) of all Z rows at times (...), s, each in the frame of its row.
+
+        The frame is inertial or that of the body. Axes of rows that do not move are repeated for every time.
+        """
         xp, t, still = arrays(times, self.axis)
         return self._each_path(xp.broadcast_to(still, (*t.shape, *still.shape)), lambda path: path.at(t))
 
     def axis_rates(self, time: ArrayLike) -> AnyArray:
-        """Derivatives (Z, 3) 1/s of the axes by time at an instant, s; zero for those that stand still."""
+        """Return the derivatives (Z, 3) 1/s of the axes with respect to time, at a time, s.
+
+        They are zero for axes that stand still.
+        """
         return self._each_path(np.zeros(self.axis.shape), lambda path: path.rate(time))
 
     def _each_path(self, still: AnyArray, of_path: Callable[[DirectionPath], AnyArray]) -> AnyArray:
-        """Vectors (..., Z, 3): those of `still`, but `of_path` of the row's path where its axis moves."""
+        """Replace those of vectors (..., Z, 3) whose rows have a moving axis.
+
+        Args:
+            still: the vectors.
+            of_path: gives the vector (..., 3) for a path.
+        """
         if not self.paths:
             return still
         columns = [still[..., i, :] if path is None else of_path(path) for i, path in enumerate(self.paths)]
         return array_module(*columns).stack(columns, axis=-2)
 
     def at(self, time: ArrayLike) -> Self:
-        """The constraints at an instant, s, in which no axis moves any more."""
+        """Return the constraints as they are at a time, s; no axis of the result moves."""
         return replace(self, axis=self.axes(time), paths=()) if self.paths else self
 
     def part(self, which: np.ndarray) -> Self:
-        """The rows that `which` (Z,) bool says, padded anew; of each constraint all or none must be said.
+        """Return those rows that `which` (Z,) bool selects, with padding of their own.
 
-        Those of an entry lie side by side, and so do those of a constraint, as `worst_constraint` asks for.
+        All rows of a constraint or none must be selected. In the result the rows of an entry lie side by
+        side, and so do those of a constraint, as `worst_constraint` requires.
         """
         rows = np.flatnonzero(which)
         rows = rows[np.lexsort((self.entry[rows], self.group[rows]))]
@@ -156,22 +180,23 @@ class Constraints:
     @property
     @made_once
     def single(self) -> np.ndarray:
-        """(Z,) bool, whether each row must hold by itself at every instant: its constraint has one entry."""
+        """(Z,) bool, whether each row's constraint has one entry only, so that the row must always hold."""
         entries = np.bincount(self.group[np.unique(self.entry)], minlength=len(self.group))
         single: np.ndarray = entries[self.group] == 1
         return single
 
 
 def axes_in_body(rows: Constraints, inertial: ArrayLike, sights: ArrayLike) -> AnyArray:
-    """Axes of all rows in body axes.
+    """Return the axes of all rows in body axes.
 
     Args:
         rows: the constraints.
-        inertial: (..., Z, 3) of `Constraints.axes`, all turned from inertial into body axes.
-        sights: (..., S, 3) in body axes, of `Sights.in_body`.
+        inertial: (..., Z, 3) axes from `Constraints.axes`, all of them multiplied by the rotation from
+            inertial to body axes, whatever their frame.
+        sights: (..., S, 3) in body axes, from `Sights.in_body`.
 
     Returns:
-        (..., Z, 3); meaningless for rows of joints.
+        (..., Z, 3) unit vectors in body axes; meaningless for rows of joints.
     """
     if not rows.inner:
         return inertial
@@ -184,16 +209,17 @@ def axes_in_body(rows: Constraints, inertial: ArrayLike, sights: ArrayLike) -> A
 def pair_margins(
     rows: Constraints, sights: ArrayLike, axes: ArrayLike, values: ArrayLike | None = None
 ) -> AnyArray:
-    """Margin of every sight to every row.
+    """Return the margin of every sight to every row.
 
     Args:
         rows: the constraints.
         sights: (..., S, 3) unit vectors.
         axes: (..., Z, 3) unit vectors in the same frame.
-        values: (..., S, Z) of `joint_values`; without them the margins of rows of joints mean nothing.
+        values: (..., S, Z) rad, from `joint_values`; without them the margins of rows of joints mean nothing.
 
     Returns:
-        (..., Z, S) rad; +inf where a row does not bind a sight, -inf where a margin is not a number.
+        (..., Z, S) rad, positive where the row is kept; +inf where a row does not bind the sight, -inf where
+        a margin is not a number.
     """
     xp, seen, along, side, half_angle = arrays(sights, axes, rows.side, rows.half_angle)
     apart = separation(seen[..., None, :, :], along[..., :, None, :])
@@ -207,14 +233,14 @@ def pair_margins(
 def state_margins(
     rows: Constraints, sights: Sights, attitude: ArrayLike, joints: ArrayLike, times: np.ndarray | None = None
 ) -> AnyArray:
-    """Margin of every sight to every row in a state.
+    """Return the margin of every sight to every row in given states.
 
     Args:
         rows: the constraints.
-        sights: what they bind.
+        sights: the sights that they bind.
         attitude: (..., 3, 3) body to inertial.
         joints: (..., 2n + d) rad.
-        times: (...) s, at which axes that move are taken; None where none does.
+        times: (...) s, at which moving axes are taken; None if no axis moves.
 
     Returns:
         (..., Z, S) rad, see `pair_margins`.
@@ -226,18 +252,19 @@ def state_margins(
 
 
 def joint_values(rows: Constraints, gimbals: Gimbals, joints: ArrayLike) -> AnyArray:
-    """Left sides ``f . (yaw, pitch)`` of the rows of joints, for every terminal.
+    """Return the left sides ``f . (yaw, pitch)`` of the rows of joints, for every sight.
 
     Args:
-        rows: the constraints; of rows that are not of joints the result is zero.
-        gimbals: of the spacecraft.
+        rows: the constraints.
+        gimbals: the devices with joints.
         joints: (..., 2n + d) rad.
 
     Returns:
-        (..., S, Z) rad; zero of sights that are no terminal's boresight.
+        (..., S, Z) rad, for sights that are boresights of gimbals; the pitch of a drive counts as zero. Zero
+        for other sights, and for rows that are not of joints.
     """
     xp, q, normal = arrays(joints, rows.axis)
-    # An axis that moves is NaN, and stays so in derivatives of what is not chosen.
+    # Other rows get zero: an axis that moves is NaN, which would spread through derivatives of `where`.
     normal = xp.where((rows.frame == JOINTS)[:, None], normal, 0)
     yaw, pitch = gimbals.parts(q)
     value = yaw[..., None] * normal[:, 0] + pitch[..., None] * normal[:, 1]
@@ -246,14 +273,14 @@ def joint_values(rows: Constraints, gimbals: Gimbals, joints: ArrayLike) -> AnyA
 
 
 def best_entries(rows: Constraints, margin: ArrayLike) -> AnyArray:
-    """Margin of every constraint from those of its rows: its best entry, of that the worst row.
+    """Return the margin of every constraint: that of its best entry, whose margin is that of its worst row.
 
     Args:
         rows: the constraints.
-        margin: (..., Z) rad, or anything that is larger the better a row holds.
+        margin: (..., Z) rad for every row, or anything else that is larger the better a row holds.
 
     Returns:
-        (..., Z); of rows that do not lead their constraint, and of padding, +inf.
+        (..., Z): each constraint's margin stands at its first row; +inf at all other rows, and at padding.
     """
     xp, given = arrays(margin)
     _, best = _entries_and_constraints(rows, given)
@@ -261,7 +288,7 @@ def best_entries(rows: Constraints, margin: ArrayLike) -> AnyArray:
 
 
 def chosen_entries(rows: Constraints, margin: ArrayLike) -> AnyArray:
-    """The entry by which each row's constraint holds best, the first of several as good.
+    """Return for every row the entry by which its constraint holds best; of equally good ones the first.
 
     Args:
         rows: the constraints.
@@ -278,9 +305,10 @@ def chosen_entries(rows: Constraints, margin: ArrayLike) -> AnyArray:
 
 
 def _entries_and_constraints(rows: Constraints, margin: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Margins of each row's entry and of its constraint, (..., Z) each, from those of rows (..., Z).
+    """Return for every row the margin of its entry and that of its constraint, (..., Z) each.
 
-    All that says which entry or constraint holds follows from this one function.
+    Everything that tells which entry or constraint holds uses this function. `margin` (..., Z) are those of
+    the rows.
     """
     xp = array_module(margin)
     of_entry = margin
@@ -291,16 +319,18 @@ def _entries_and_constraints(rows: Constraints, margin: AnyArray) -> tuple[AnyAr
 
 
 def _same(number: AnyArray) -> AnyArray:
-    """(Z, Z) bool, which pairs of rows have equal numbers (Z,)."""
+    """(Z, Z) bool, which pairs of rows have equal numbers, for numbers (Z,)."""
     return number[:, None] == number[None, :]
 
 
 def worst_constraint(rows: Constraints, margin: ArrayLike) -> AnyArray:
-    """Margin of the worst constraint, in one pass over the rows, which XLA fuses with what makes the margins.
+    """Return the margin of the worst constraint, in one pass over the rows.
+
+    XLA fuses it with the operations that make the margins.
 
     Args:
-        rows: of which those of an entry, and those of a constraint, lie side by side.
-        margin: (..., Z) rad, or anything that is larger the better a row holds.
+        rows: the constraints; rows of an entry lie side by side, and so do those of a constraint.
+        margin: (..., Z) rad, or anything else that is larger the better a row holds.
 
     Returns:
         (...); +inf where there are no rows.
@@ -322,11 +352,11 @@ def worst_constraint(rows: Constraints, margin: ArrayLike) -> AnyArray:
 
 
 def counted(rows: Constraints, margin: np.ndarray) -> np.ndarray:
-    """Whether each row is one of the entry by which its constraint holds best, (..., Z) bool.
+    """Tell for every row whether it belongs to the entry by which its constraint holds best, (..., Z) bool.
 
     Args:
         rows: the constraints.
-        margin: (..., Z) rad, as of `chosen_entries`.
+        margin: (..., Z) rad of every row.
     """
     if np.all(rows.single):
         return np.ones(margin.shape, dtype=bool)
@@ -334,6 +364,11 @@ def counted(rows: Constraints, margin: np.ndarray) -> np.ndarray:
 
 
 def constraint_margins(rows: Constraints, margin: ArrayLike) -> AnyArray:
-    """Margin of every constraint, (..., Z) as `best_entries` has it, from those of its pairs (..., Z, S)."""
+    """Return the margin of every constraint, (..., Z) as from `best_entries`.
+
+    Args:
+        rows: the constraints.
+        margin: (..., Z, S) rad, margins of every sight to every row.
+    """
     xp, given = arrays(margin)
     return best_entries(rows, xp.min(given, axis=-1, initial=xp.inf))

@@ -1,4 +1,10 @@
-"""Devices that point, as users state them: terminals, drives and instruments, and how they are mounted."""
+"""Devices that point, as users state them: terminals, drives and instruments, and how they are mounted.
+
+A *terminal* has two joints: a yaw about its yaw axis, and a pitch that lifts its boresight towards that axis.
+A *drive* has one joint, and an *instrument* has none. The *boresight* of a device is the direction in which
+it points. A terminal's own axes are its boresight at zero angles, the direction to the left of that (yaw axis
+x boresight), and its yaw axis.
+"""
 
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -23,11 +29,13 @@ _MOST_ANGLE = np.array([np.inf, np.inf, np.pi / 2 - NEAREST_TO_POLE, np.pi / 2 -
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mount:
-    """How a terminal is mounted, in body axes.
+    """The mounting of a terminal whose yaw axis is any axis of the body.
 
     Attributes:
-        yaw_axis: (3,) unit vector that the yaw turns about, and to which a rising pitch lifts the boresight.
-        boresight: (3,) unit vector along which it points at zero angles, at right angles to the yaw axis.
+        yaw_axis: (3,) unit vector in body axes about which the yaw turns (counter-clockwise seen from its
+            tip); a rising pitch lifts the boresight towards it.
+        boresight: (3,) unit vector in body axes along which the terminal points when both angles are zero. It
+            is at right angles to the yaw axis.
     """
 
     yaw_axis: np.ndarray = field(
@@ -62,32 +70,34 @@ class Mount:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Terminal:
-    """A pointing device with a yaw and a pitch joint.
+    """A pointing device with a yaw joint and a pitch joint.
 
     Attributes:
-        name: unique among the devices.
-        mount: angle of the mounting about the body's z axis, rad (0, +120, -120 deg in the paper), of a
-            terminal whose yaw turns about that axis. One of this and `mounting` is given.
-        mounting: any other way that it is mounted.
-        yaw_limit: the yaw stays in [-yaw_limit, yaw_limit], rad. One of this and `yaw_range` is given.
+        name: name, unique among the devices.
+        mount: for a terminal whose yaw axis is the body's z axis, the angle about that axis by which it is
+            turned, rad (0, +120, -120 deg in the paper). Either this or `mounting` is given.
+        mounting: the mounting about any other yaw axis.
+        yaw_limit: the yaw stays in [-yaw_limit, yaw_limit], rad. Either this or `yaw_range` is given.
         yaw_range: (2,) rad, least and largest yaw; it may span more than a turn.
-        pitch_limit: the pitch stays in [-pitch_limit, pitch_limit], rad. One of this and `pitch_range`.
-        pitch_range: (2,) rad, least and largest pitch; `NEAREST_TO_POLE` is kept whatever it says.
-        rate_limit: bound of either joint's rate, rad/s, but for a joint that has its own.
+        pitch_limit: the pitch stays in [-pitch_limit, pitch_limit], rad. Either this or `pitch_range` is
+            given.
+        pitch_range: (2,) rad, least and largest pitch. A pitch stays `NEAREST_TO_POLE` away from +-90 deg in
+            any case.
+        rate_limit: bound of the rate of each joint that has no bound of its own, rad/s.
         yaw_rate_limit: bound of the yaw's rate, rad/s; None for `rate_limit`.
-        pitch_rate_limit: likewise of the pitch's.
-        acceleration_limit: bound of either joint's acceleration, rad/s^2, but for a joint that has its own.
+        pitch_rate_limit: bound of the pitch's rate, rad/s; None for `rate_limit`.
+        acceleration_limit: bound of the acceleration of each joint that has no bound of its own, rad/s^2.
         yaw_acceleration_limit: bound of the yaw's acceleration, rad/s^2; None for `acceleration_limit`.
-        pitch_acceleration_limit: likewise of the pitch's.
-        yaw_inertia: (3, 3) kg m^2, or the moments (3,), of what yaws and does not pitch, about its own centre
-            of mass, which lies on the yaw axis; in the terminal's axes (boresight, left, yaw axis) at zero
-            angles. None where it does not matter.
-        pitch_inertia: likewise of what yaws and pitches, whose centre of mass lies on both axes.
-        field_of_view: (2,) rad, full angles of a rectangular field across up and along it, below pi; None
-            where it has none.
-        up: (3,) unit vector along the boresight, to its left and upward, at right angles to the boresight;
-            None for upward.
-        mask: (k, 2) rad each, corners (yaw, pitch) of a convex polygon that the joints must not enter.
+        pitch_acceleration_limit: bound of the pitch's acceleration, rad/s^2; None for `acceleration_limit`.
+        yaw_inertia: inertia of the part that yaws but does not pitch: (3, 3) kg m^2, or its moments (3,),
+            about the part's own centre of mass, which lies on the yaw axis; in the terminal's own axes
+            (boresight, left, yaw axis) at zero angles. None where it does not matter.
+        pitch_inertia: the same for the part that yaws and pitches; its centre of mass lies on both axes.
+        field_of_view: (2,) rad, full angles of a rectangular field of view, first across `up` and then along
+            it, below pi; None without a field of view.
+        up: (3,) unit vector that says how the field is turned about the boresight, as components along the
+            boresight, to its left and upward; at right angles to the boresight. None for upward.
+        mask: convex polygons that the joint angles must not enter, each (k, 2) rad: corners (yaw, pitch).
     """
 
     name: str = field(metadata=key("name", "unique among the devices", static=True))
@@ -169,19 +179,25 @@ class Terminal:
 
     @property
     def edges(self) -> AnyArray:
-        """(4, 3) outward normals of its field's edges: along the boresight, to its left and upward."""
+        """(4, 3) outward normals of the edges of its field of view: left, right, upper, lower.
+
+        They are unit vectors, as components along the boresight, to its left and upward.
+        """
         return field_edges(FORWARD, UP if self.up is None else self.up, self.field_of_view)
 
     @property
     def frame(self) -> AnyArray:
-        """Rotation (3, 3) to body axes from the terminal's at zero angles: boresight, left, yaw axis."""
+        """Rotation (3, 3) to body axes from the terminal's own axes at zero angles.
+
+        Its columns are the boresight, the left of that, and the yaw axis, in body axes.
+        """
         if self.mounting is None:
             return frame_about_z(_given(self.mount))
         return frame_of(self.mounting.yaw_axis, self.mounting.boresight)
 
     @property
     def ranges(self) -> AnyArray:
-        """(2, 2) rad, least and largest yaw, then pitch."""
+        """(2, 2) rad: least and largest yaw in the first row, least and largest pitch in the second."""
         yaw: Any = self.yaw_range
         pitch: Any = self.pitch_range
         if yaw is None:
@@ -192,19 +208,19 @@ class Terminal:
 
     @property
     def rate_limits(self) -> tuple[Any, Any]:
-        """Bounds of the rates of yaw and pitch, rad/s."""
+        """Bounds of the rates of yaw and pitch, rad/s; each is the joint's own or else `rate_limit`."""
         own = self.yaw_rate_limit, self.pitch_rate_limit
         return tuple(self.rate_limit if each is None else each for each in own)  # type: ignore[return-value]
 
     @property
     def acceleration_limits(self) -> tuple[Any, Any]:
-        """Bounds of the accelerations of yaw and pitch, rad/s^2."""
+        """Bounds of the accelerations of yaw and pitch, rad/s^2; each is its own or `acceleration_limit`."""
         own = self.yaw_acceleration_limit, self.pitch_acceleration_limit
         return tuple(self.acceleration_limit if each is None else each for each in own)  # type: ignore[return-value]
 
 
 def _given(number: float | None) -> float:
-    """The number, or NaN for None, which no checked spacecraft has where this is called."""
+    """The number, or NaN for None, which no spacecraft that passed its checks has where this is called."""
     return np.nan if number is None else number
 
 
@@ -215,16 +231,17 @@ class Drive:
     """A device that turns about one axis, such as a solar array or a one-axis antenna.
 
     Attributes:
-        name: unique among the devices.
-        axis: (3,) unit vector in body axes that it turns about, counter-clockwise seen from its tip.
-        boresight: (3,) unit vector in body axes along which it points at zero angle; at any angle to the
-            axis, but not along it.
+        name: name, unique among the devices.
+        axis: (3,) unit vector in body axes about which it turns, counter-clockwise seen from the vector's
+            tip.
+        boresight: (3,) unit vector in body axes along which it points at zero angle; it may have any angle to
+            the axis, but not lie along it.
         range: (2,) rad, least and largest angle; it may span more than a turn.
-        rate_limit: rad/s.
-        acceleration_limit: rad/s^2.
-        inertia: (3, 3) kg m^2, or the moments (3,), of what turns, about its own centre of mass, which lies
-            on the axis; in the drive's axes at zero angle: the boresight's part across the axis, left, axis.
-            None where it does not matter.
+        rate_limit: bound of the angle's rate, rad/s.
+        acceleration_limit: bound of the angle's acceleration, rad/s^2.
+        inertia: inertia of the part that turns: (3, 3) kg m^2, or its moments (3,), about the part's own
+            centre of mass, which lies on the axis; in the drive's own axes at zero angle: the component of
+            the boresight across the axis, left, axis. None where it does not matter.
     """
 
     field_of_view: ClassVar[None] = None
@@ -253,12 +270,16 @@ class Drive:
 
     @property
     def frame(self) -> AnyArray:
-        """(3, 3) rotation to body axes from its own: the boresight's part across the axis, left, and axis."""
+        """Rotation (3, 3) to body axes from the drive's own axes at zero angle.
+
+        Its columns are the boresight's component across the axis, the left of that, and the axis, in body
+        axes.
+        """
         return frame_of(self.axis, self.boresight)
 
     @property
     def tilt(self) -> AnyArray:
-        """Elevation, rad, of the boresight above the plane across the axis; the same at all angles."""
+        """Angle, rad, of the boresight above the plane across the axis, the same at all joint angles."""
         xp, axis, boresight = arrays(self.axis, self.boresight)
         return xp.arcsin(xp.sum(axis * boresight) / xp.sqrt(xp.sum(axis * axis) * xp.sum(boresight**2)))
 
@@ -267,14 +288,15 @@ class Drive:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Instrument:
-    """A device fixed to the body, such as a star tracker.
+    """A device that is fixed to the body, such as a star tracker.
 
     Attributes:
-        name: unique among the devices.
-        boresight: (3,) unit vector in body axes.
-        field_of_view: (2,) rad, full angles of a rectangular field across up and along it, below pi; None
-            where it has none.
-        up: (3,) unit vector in body axes, at right angles to the boresight; needed for a field.
+        name: name, unique among the devices.
+        boresight: (3,) unit vector in body axes along which it looks.
+        field_of_view: (2,) rad, full angles of a rectangular field of view, first across `up` and then along
+            it, below pi; None without a field of view.
+        up: (3,) unit vector in body axes at right angles to the boresight, which says how the field is turned
+            about the boresight; required where there is a field of view.
     """
 
     name: str = field(metadata=key("name", "unique among the devices", static=True))
@@ -292,5 +314,8 @@ class Instrument:
 
     @property
     def edges(self) -> AnyArray:
-        """(4, 3) outward normals of its field's edges in body axes."""
+        """(4, 3) outward normals of the edges of its field of view: left, right, upper, lower.
+
+        They are unit vectors in body axes.
+        """
         return field_edges(self.boresight, self.up, self.field_of_view)

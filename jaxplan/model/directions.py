@@ -1,18 +1,20 @@
 """Directions: inertial ones that stand still or move, and sights, which are fixed to a device or the body.
 
-**Directions over time** are inertial, of a target or a zone; a fixed one stands still. Between its samples a
-direction follows the cubic spline through them, brought to unit length:
+**Directions over time** are inertial, such as that of a target or of a zone's axis; some do not move. Between
+its samples a direction follows the cubic spline ``s`` through them, scaled to unit length:
 
-    e(t) = s(t) / norm(s(t)),        e'(t) = (s' - (s' . e) e) / norm(s),
+    e(t) = s(t) / norm(s(t)),        e'(t) = (s' - (s' . e) e) / norm(s).
 
-``s`` with two continuous derivatives, and a third one over the first and the last two intervals (not-a-knot).
-It passes every sample, and is off by the fourth power of the time between them: of a neighbour in low orbit
-that is sampled every 10 s by about 1e-9 rad. Times are seconds from the start of the manoeuvre on.
+``s`` has two continuous derivatives, and also a third one across the second and the last but one sample
+(not-a-knot). It passes through every sample. Its error is of the fourth order in the time between samples:
+for a neighbour in low orbit that is sampled every 10 s it is about 1e-9 rad. Times are seconds from the start
+of the manoeuvre.
 
-**Sights** are what pointing constraints bind, fixed to what carries them. A sight is the boresight of a
-device, an axis of the body, or another vector of a device's moving part. Shapes: S sights, devices first
-(terminals, drives, instruments), then axes of the body, then vectors of moving parts; g gimbals, which are
-the first sights. All of it computes with numpy or JAX, as its arguments do.
+**Sights** are the directions that pointing constraints bind. A sight is the boresight of a device, an axis of
+the body, or another vector that is fixed to the moving part of a device. Array shapes: S is the number of
+sights, in the order devices (terminals, drives, instruments), axes of the body, vectors of moving parts. The
+first g sights are the boresights of the g gimbals, which are n terminals and d drives with 2n + d joints.
+Everything computes with numpy or with JAX, depending on its arguments.
 """
 
 from dataclasses import dataclass, field
@@ -32,8 +34,8 @@ from jaxplan.runtime.arguments import floats
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.once import made_once
 
-# Largest distance of the spline's control points from the sample before them, so that it stays off zero;
-# and what turns farther between two samples is refused.
+# Largest distance of the spline's control points from the first sample of their interval. It keeps the spline
+# away from zero; a direction that turns farther between two samples is refused.
 FARTHEST = 0.6
 _PLACES = 65  # instants at which `reach` evaluates a path; with more its bound is sharper
 _ROUNDING = 4 * np.finfo(float).eps  # by which the length of a unit vector may differ from one
@@ -43,14 +45,14 @@ _ROUNDING = 4 * np.finfo(float).eps  # by which the length of a unit vector may 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DirectionPath:
-    """A direction over time; `through` makes it from samples, `still` of one that does not move.
+    """An inertial unit vector over time; `through` makes one from samples, `still` one that does not move.
 
     Attributes:
         samples: (n, 3) unit vectors.
-        times: (n,) s, rising; a single one of a direction that stands still.
+        times: (n,) s from the start of the manoeuvre, rising; a single one if the direction stands still.
         slopes: (n, 3) 1/s, derivatives of the spline at the samples.
-        hidden: when what is there cannot be seen, and so is no target.
-        called: name of what is there, for figures, events and the viewer; empty where it is not known.
+        hidden: spans of time in which what lies in this direction cannot be seen and so is no valid target.
+        called: name of what lies there, for figures, events and the viewer; empty where it is not known.
     """
 
     samples: np.ndarray = field(
@@ -72,11 +74,11 @@ class DirectionPath:
 
     @classmethod
     def through(cls, times: ArrayLike, samples: ArrayLike) -> Self:
-        """The path through samples.
+        """Make the path that passes through samples.
 
         Args:
-            times: (n,) s, rising, at least two.
-            samples: (n, 3) unit vectors to 1e-6, brought to unit length.
+            times: (n,) s, strictly rising, at least two.
+            samples: (n, 3) vectors whose length is 1 to within 1e-6; they are scaled to unit length.
 
         Raises:
             ValueError: if shapes or numbers are wrong, or the direction turns too far between two samples.
@@ -109,7 +111,7 @@ class DirectionPath:
 
     @classmethod
     def still(cls, direction: ArrayLike) -> Self:
-        """The path of a direction (3,) that stands still; it is known at all times."""
+        """Make the path of a unit vector (3,) that stands still; it is known at all times."""
         _, unit = arrays(direction)
         return cls(times=np.zeros(1), samples=unit[None], slopes=np.zeros((1, 3)))
 
@@ -120,20 +122,21 @@ class DirectionPath:
 
     @property
     def target(self) -> str:
-        """Name of what is there: its own, or else that which spans carry when it is hidden; perhaps empty."""
+        """Name of what lies there: `called`, else the name in the spans of `hidden`, else empty."""
         return self.called or min({span.target for span in self.hidden} - {UNNAMED}, default="")
 
     def at(self, time: ArrayLike) -> Any:
-        """The direction at some times.
+        """Return the direction at given times.
 
         Args:
-            time: (...) s within the samples'.
+            time: (...) s, within the times of the samples; any time for a direction that stands still.
 
         Returns:
-            (..., 3) unit vectors; arrays of JAX where one is given or traced, NaN at a time outside.
+            (..., 3) unit vectors, as an array of JAX if an argument is one or is traced. With JAX the result
+            is NaN at times outside the samples.
 
         Raises:
-            ValueError: if a time, of numpy, is outside: nothing is extrapolated.
+            ValueError: if a time given to numpy lies outside the samples, since nothing is extrapolated.
         """
         if not self.moves:
             return self._everywhere(self.samples[0], time)
@@ -141,10 +144,10 @@ class DirectionPath:
         return value / xp.linalg.norm(value, axis=-1, keepdims=True)
 
     def rate(self, time: ArrayLike) -> Any:
-        """Derivative of `at` by time at some times (...), s.
+        """Return the derivative of `at` with respect to time at times (...), s.
 
         Returns:
-            (..., 3) 1/s, across the direction; its length is the rate of turn in rad/s.
+            (..., 3) 1/s, at right angles to the direction; its length is the rate of turn in rad/s.
         """
         if not self.moves:
             return self._everywhere(self.slopes[0], time)
@@ -154,7 +157,7 @@ class DirectionPath:
         return (slope - xp.sum(slope * unit, axis=-1, keepdims=True) * unit) / length
 
     def largest_rate(self, first: float, last: float) -> float:
-        """Upper bound, rad/s, of the rate of turn at all times from `first` to `last`, s."""
+        """Return an upper bound, rad/s, of the rate of turn at all times from `first` to `last`, s."""
         if not self.moves:
             return 0.0
         far, speed = self._spread()
@@ -162,12 +165,12 @@ class DirectionPath:
         return float(np.max((speed / (1 - far))[within]))
 
     def reach(self, axis: np.ndarray, first: float, last: float) -> float:
-        """Upper bound, rad, of the angle between an axis and the path at all times between two.
+        """Return an upper bound, rad, of the angle between an axis and the path over a span of time.
 
         Args:
-            axis: (3,) unit vector.
-            first: s.
-            last: s, not before.
+            axis: (3,) unit vector, inertial.
+            first: s, start of the span.
+            last: s, end of the span, not before `first`.
         """
         seen = self.at(np.linspace(first, last, _PLACES))
         apart = separation(axis, seen)
@@ -180,15 +183,18 @@ class DirectionPath:
 
     @staticmethod
     def _everywhere(vector: ArrayLike, time: ArrayLike) -> Any:
-        """A vector (3,), repeated for each of times (...): (..., 3)."""
+        """Repeat a vector (3,) for each of the times (...), as (..., 3)."""
         xp, same = arrays(vector)
         return xp.broadcast_to(same, (*np.shape(time), 3))
 
     def _spline(self, time: ArrayLike) -> tuple[Any, Any, Any]:
-        """The module (numpy or JAX), and value (..., 3) and derivative (..., 3) 1/s of the spline ``s``.
+        """Evaluate the spline ``s``, which is not scaled to unit length, at times (...), s.
+
+        Returns:
+            The module (numpy or JAX), the value (..., 3) and the derivative (..., 3) 1/s.
 
         Raises:
-            ValueError: if a time, of numpy, is outside the samples'.
+            ValueError: if a time given to numpy lies outside the samples.
         """
         if not isinstance(time, jax.Array):
             time = floats("time", time, "a number of seconds, or an array of them")
@@ -204,7 +210,7 @@ class DirectionPath:
         u = (t - times[i])[..., None] / h
         p0, p1, m0, m1 = p[i], p[i + 1], h * m[i], h * m[i + 1]
         square, cube = 3 * (p1 - p0) - 2 * m0 - m1, 2 * (p0 - p1) + m0 + m1
-        # from the nearer sample on, so that each is passed without rounding
+        # expanded about the nearer sample, so that the value at a sample has no rounding error
         late = u > 0.5
         v = u - 1
         value = xp.where(
@@ -216,10 +222,13 @@ class DirectionPath:
         return xp, value, slope
 
     def _spread(self) -> tuple[np.ndarray, np.ndarray]:
-        """Largest distance of control points from the first sample of each interval, and the largest |s'|.
+        """Bound the spline on each of its n - 1 intervals, by its Bezier control points.
 
-        Both are (n - 1,), the latter in 1/s. The spline lies within the hull of its control points, and its
-        derivative within that of theirs.
+        The spline lies in the convex hull of its control points, and its derivative in that of theirs.
+
+        Returns:
+            (n - 1,) largest distance of a control point from the first sample of the interval, and (n - 1,)
+            1/s largest ``|s'|``.
         """
         h = np.diff(self.times)[:, None]
         p, m = self.samples, self.slopes
@@ -230,12 +239,12 @@ class DirectionPath:
 
 
 def as_path(direction: ArrayLike | DirectionPath) -> DirectionPath:
-    """The path of a direction, which may be given as (3,) or as a path already."""
+    """Return a direction as a path: a unit vector (3,) as one that stands still, a path as it is."""
     return direction if isinstance(direction, DirectionPath) else DirectionPath.still(direction)
 
 
 def too_far(interval: int) -> str:
-    """The message that a direction turns too far in an interval, given by its number."""
+    """Text of the message that a direction turns too far between sample `interval` and the next one."""
     return f"the direction turns too far between the samples {interval} and {interval + 1}: give more samples"
 
 
@@ -243,13 +252,14 @@ def too_far(interval: int) -> str:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sights:
-    """The directions that constraints bind, fixed to what carries them.
+    """The directions that constraints bind, with what carries them; shapes are as in the module's docstring.
 
     Attributes:
-        gimbals: of the devices with joints, whose boresights come first.
+        gimbals: the devices with joints, whose boresights are the first sights.
         fixed: (f, 3) unit vectors in body axes: boresights of the instruments, then axes of the body.
-        carrier: (v,) int, the gimbal to whose moving part each further vector is fixed.
-        carried: (v, 3) unit vectors along that device's boresight, to its left and upward, at any angles.
+        carrier: (v,) int, number of the gimbal to whose moving part each of v further vectors is fixed.
+        carried: (v, 3) these vectors, as components along their gimbal's boresight, to its left and upward,
+            which do not change as the joints move.
     """
 
     gimbals: Gimbals
@@ -259,13 +269,16 @@ class Sights:
 
     @property
     def count(self) -> int:
-        """Number of sights, S."""
+        """Number S of sights, the directions that constraints bind."""
         return self.gimbals.count + self.fixed.shape[0] + self.carried.shape[0]
 
     @property
     @made_once
     def carriers(self) -> AnyArray:
-        """(S,) int, the gimbal to whose moving part each sight is fixed; -1 of those fixed to the body."""
+        """(S,) int, number of the gimbal to whose moving part each sight is fixed.
+
+        It is -1 for a sight that the body carries.
+        """
         xp = array_module(self.carrier)
         own, still = xp.arange(self.gimbals.count), xp.full(self.fixed.shape[0], -1)
         return xp.concatenate([own, still, xp.asarray(self.carrier, int)])
@@ -273,13 +286,19 @@ class Sights:
     @property
     @made_once
     def turning(self) -> AnyArray:
-        """(2, S) one where the yaw of its gimbal (row 0) or the pitch (row 1) turns a sight, else zero."""
+        """(2, S): 1 where the yaw (row 0) or the pitch (row 1) of its gimbal turns a sight, else 0.
+
+        A drive's angle counts as a yaw.
+        """
         xp = array_module(self.carrier)
         carriers: AnyArray = self.carriers
         return xp.stack([carriers >= 0, (carriers >= 0) & (carriers < self.gimbals.terminals)]).astype(float)
 
     def in_body(self, joints: ArrayLike) -> AnyArray:
-        """All sights (..., S, 3), unit vectors in body axes, at joints (..., 2n + d) rad, equation (13)."""
+        """Return all sights (..., S, 3), unit vectors in body axes, at joints (..., 2n + d) rad.
+
+        That is equation (13), for sights that joints turn.
+        """
         xp, moving, fixed = arrays(self.gimbals.boresights(joints), self.fixed)
         still = xp.broadcast_to(fixed.astype(moving.dtype), (*moving.shape[:-2], *fixed.shape))
         seen = [moving, still]
@@ -293,31 +312,36 @@ class Sights:
     def carried_at(
         self, ca: AnyArray, sa: AnyArray, ce: AnyArray, se: AnyArray, *, behind: int = 0
     ) -> vectors.Vector:
-        """Components of the further vectors of moving parts, in the axes of their gimbals at zero angles.
+        """Turn the v further vectors of moving parts by the angles of their gimbals.
 
         Args:
             ca: (..., v, ...) cosine of the azimuth of each vector's gimbal.
-            sa: (..., v, ...) its sine.
+            sa: (..., v, ...) sine of the azimuth.
             ce: (..., v, ...) cosine of the elevation.
-            se: (..., v, ...) its sine.
-            behind: number of axes behind that of the vectors.
+            se: (..., v, ...) sine of the elevation.
+            behind: number of array axes that follow the axis of the vectors.
+
+        Returns:
+            The three components (..., v, ...) in the axes that the gimbals have at zero angles.
         """
         _, own = arrays(self.carried)
         return vectors.carried([part.reshape(-1, *(1,) * behind) for part in own.T], ca, sa, ce, se)
 
     def bounds(self, joint_change: ArrayLike) -> tuple[AnyArray, AnyArray]:
-        """Bounds of the derivatives of sights in body axes while joints change at constant rates.
+        """Bound the derivatives of sights in body axes over a motion whose joints change at constant rates.
 
-        With ``y = |dyaw|`` and ``p = |dpitch|`` a vector of the moving part turns about the yaw axis and one
-        at right angles to it, so at ``hypot(y, p)`` at most, and its second derivative is at most the square
-        of that plus ``y p``. That of the boresight, by equation (13), has a square that is linear in
-        ``cos^2 pitch``: at most ``(y^2 + p^2)^2`` (pitch 0) or ``p^2 (p^2 + 4 y^2)`` (pitch 90 deg).
+        With ``y = |dyaw|`` and ``p = |dpitch|`` a vector of the moving part turns about the yaw axis and
+        about one at right angles to it, so its rate is at most ``hypot(y, p)``, and its second derivative is
+        at most the square of that plus ``y p``. By equation (13) the square of the boresight's second
+        derivative is linear in ``cos^2 pitch``, and at most ``(y^2 + p^2)^2`` (pitch 0) or
+        ``p^2 (p^2 + 4 y^2)`` (pitch 90 deg).
 
         Args:
-            joint_change: (..., 2n + d) rad over the motion.
+            joint_change: (..., 2n + d) rad, change of the joints over the whole motion.
 
         Returns:
-            (..., S) each: bounds of the first and second derivative in the share of the motion.
+            (..., S) upper bounds of the length of the first derivative, and (..., S) of the second, with
+            respect to the fraction of the motion, which goes from 0 to 1.
         """
         xp, given = arrays(joint_change)
         yaw, pitch = self.gimbals.parts(xp.abs(given))

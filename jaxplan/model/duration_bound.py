@@ -1,15 +1,17 @@
-"""Strict lower bounds of the time that any motion takes within the limits of a spacecraft.
+"""Strict lower bounds of the duration of any motion within the limits of a spacecraft.
 
 A *way* is a distance that a motion has to cover: a length of the platform's turn, or the change of a joint's
-angle. Along each the motion has a speed, whose magnitude limits keep below a *top*, and whose rate of change
-they keep below a *growth*, its largest acceleration. So a way takes at least the time of a trapezoid of the
-speed, or of a triangle. Every way gives a lower bound of the duration, and the largest of them is used.
+angle. The motion has a speed along each way. Limits keep the magnitude of the speed below a *top*, and the
+magnitude of its rate of change below a *growth*. So the motion takes at least as long as a trapezoid or a
+triangle of the speed that covers the way. Every way gives a lower bound of the duration, and the largest of
+them is used.
 
-`jaxplan.model.platform_turns` has those of the platform, by rates, accelerations, torque, wheels and inertia;
-that of a joint's angle has its rate for speed, and the joint's own limits.
+`jaxplan.model.platform_turns` has the ways of the platform, by rates, accelerations, torque, wheels and
+inertia. The way of a joint has its rate as speed, and the joint's own limits.
 
-No zone is in these bounds, nor jerk, nor that accelerations be continuous: they only add to the time.
-Radians, seconds, body axes.
+These bounds know neither zones, nor jerk, nor that accelerations must be continuous, all of which can only
+lengthen a motion. Radians, seconds, body axes; 2n + d joints of n terminals and d drives: yaws, pitches,
+drives.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,7 +27,8 @@ from jaxplan.model.platform_turns import Ends, ways_of_platform
 from jaxplan.model.quadratic import greatest_of
 from jaxplan.model.spacecraft import Spacecraft
 
-_TELLING = 0.01  # share of the duration below which a bound says nothing, as of a path that ends at its start
+# A bound below this fraction of the duration says nothing, such as that of a path that ends at its start.
+_TELLING = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,8 +36,8 @@ class DurationBound:
     """A strict lower bound of the duration.
 
     Attributes:
-        seconds: s, no motion takes less.
-        name: of the limits from which the bound follows.
+        seconds: s; no motion takes less.
+        name: name of the limits from which the bound follows.
     """
 
     seconds: float
@@ -42,16 +45,16 @@ class DurationBound:
 
 
 def rest_bounds(spacecraft: Spacecraft, turns: ArrayLike, moves: ArrayLike) -> AnyArray:
-    """Strict lower bounds of the time of motions from rest to rest.
+    """Return strict lower bounds of the durations of motions from rest to rest.
 
     Args:
-        spacecraft: its limits.
-        turns: (N, 3) rad, rotation vectors of the platform in the axes that the body has at first.
-        moves: (N, 2n + d) rad, of the joints.
+        spacecraft: the spacecraft, with its limits.
+        turns: (N, 3) rad, rotation vectors of the platform in the body axes at the start.
+        moves: (N, 2n + d) rad, changes of the joints.
 
     Returns:
-        (N,) s. Derivatives are finite, and right almost everywhere; by the inertia the principal axes are
-        taken to stay.
+        (N,) s. Derivatives are finite, and right almost everywhere; those with respect to the inertia take
+        its principal axes as constant.
     """
     _, turned, moved = arrays(turns, moves)
     times = [way.rest_time for way in ways_of_platform(spacecraft, turned, Ends())]
@@ -60,16 +63,17 @@ def rest_bounds(spacecraft: Spacecraft, turns: ArrayLike, moves: ArrayLike) -> A
 
 
 def times_along(spacecraft: Spacecraft, paths: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """About how long motions along paths take, to compare these: the slowest on each edge at top speed.
+    """Estimate how long motions along paths take, in order to compare the paths.
 
-    A top speed that cannot be reached by accelerating along half of a path is lowered to what can.
+    On each edge the slowest of platform and joints counts, at its top speed. A top speed that cannot be
+    reached by accelerating along half of the path is lowered to what can.
 
     Args:
-        spacecraft: its limits.
+        spacecraft: the spacecraft, with its limits.
         paths: P of them, each as attitudes (m + 1, 3, 3), body to inertial, and joints (m + 1, 2n + d) rad.
 
     Returns:
-        (P,) s, no bounds.
+        (P,) s, which are no bounds.
     """
     before = np.concatenate([attitudes[:-1] for attitudes, _ in paths])
     after = np.concatenate([attitudes[1:] for attitudes, _ in paths])
@@ -93,17 +97,17 @@ def duration_bound(
     angular_velocities: np.ndarray,
     joint_rates: np.ndarray,
 ) -> DurationBound:
-    """Strict lower bound of the time of a motion between two states, with rates at either.
+    """Return a strict lower bound of the duration of a motion between two states, with rates at both.
 
     Args:
-        spacecraft: its limits.
-        attitudes: (2, 3, 3) first and last, body to inertial.
-        joints: (2, 2n + d) rad.
-        angular_velocities: (2, 3) rad/s, body axes.
-        joint_rates: (2, 2n + d) rad/s.
+        spacecraft: the spacecraft, with its limits.
+        attitudes: (2, 3, 3) at start and end, body to inertial.
+        joints: (2, 2n + d) rad, likewise.
+        angular_velocities: (2, 3) rad/s, likewise, body axes.
+        joint_rates: (2, 2n + d) rad/s, likewise.
 
     Returns:
-        The largest bound, with its name; of equal ones the first.
+        The largest bound of all ways, with the name of its limits; of equal ones the first.
     """
     turning = bool(np.any(angular_velocities))
     ways = _ways_between(spacecraft, attitudes, joints, angular_velocities, joint_rates, turning=turning)
@@ -121,19 +125,19 @@ def moving_bound(
     *,
     turning: bool,
 ) -> AnyArray:
-    """The seconds of `duration_bound` as a number of numpy or JAX, with derivatives.
+    """Return the seconds of `duration_bound`, as a number of numpy or JAX with derivatives.
 
     Args:
-        spacecraft: its limits.
-        attitudes: (2, 3, 3) first and last, body to inertial.
-        joints: (2, 2n + d) rad.
-        angular_velocities: (2, 3) rad/s, body axes.
-        joint_rates: (2, 2n + d) rad/s.
-        turning: whether the platform turns at either end. If it turns at neither more limits are known.
+        spacecraft: the spacecraft, with its limits.
+        attitudes: (2, 3, 3) at start and end, body to inertial.
+        joints: (2, 2n + d) rad, likewise.
+        angular_velocities: (2, 3) rad/s, likewise, body axes.
+        joint_rates: (2, 2n + d) rad/s, likewise.
+        turning: whether the platform turns at start or end. If it rests at both, the bound uses more limits.
 
     Returns:
-        s. Derivatives are finite, and right almost everywhere: where an end comes to rest they are those of
-        one that stays at rest.
+        s. Derivatives are finite, and right almost everywhere. Where a platform or joint rests at an end,
+        they are those of one that stays at rest there.
     """
     ways = _ways_between(spacecraft, attitudes, joints, angular_velocities, joint_rates, turning=turning)
     return greatest_of([way.time for way in ways])
@@ -148,7 +152,10 @@ def _ways_between(
     *,
     turning: bool,
 ) -> list[Way]:
-    """All ways between two states; arguments as of `moving_bound`."""
+    """Return all ways (see the module's docstring) between two states.
+
+    Arguments are as for `moving_bound`.
+    """
     _, attitudes, joints, spins, rates = arrays(attitudes, joints, angular_velocities, joint_rates)
     turn = so3.log(attitudes[0].T @ attitudes[1])
     ways = list(ways_of_platform(craft, turn, Ends(spins if turning else None, joints, rates)))
@@ -156,14 +163,20 @@ def _ways_between(
 
 
 def excess(duration: float, bound: float) -> float | None:
-    """Share by which a duration exceeds a bound, both in s; None where the bound is too low to matter."""
+    """Return the fraction by which a duration exceeds a bound, both in s.
+
+    The result is None if the bound is too low to tell anything.
+    """
     return duration / bound - 1 if bound > _TELLING * duration else None
 
 
 def _ways_of_joints(craft: Spacecraft, moves: AnyArray, rates: AnyArray | None = None) -> Iterator[Way]:
-    """Yield the way of each joint, of changes (..., 2n + d) rad and rates (2, 2n + d) rad/s at both ends.
+    """Yield the way of each joint.
 
-    Rates of None are zero.
+    Args:
+        craft: the spacecraft, with its limits.
+        moves: (..., 2n + d) rad, changes of the joints.
+        rates: (2, 2n + d) rad/s, at start and end; None for rest.
     """
     tops, growths = craft.joint_rate_limits, craft.joint_acceleration_limits
     for number, name in enumerate(craft.joint_names):

@@ -1,8 +1,9 @@
-"""Conversions of times: UTC in files, seconds from the start inside, and SPICE's ephemeris time.
+"""Conversions of times: UTC in files, seconds from the start in the program, and SPICE's ephemeris time.
 
-A start is a ``datetime64[ns]`` in UTC, from 1972 on, when UTC got its leap seconds. Elapsed seconds are SI
-seconds, so a leap second within a manoeuvre is counted, and written as second 60. Which leap seconds there
-are is asked of pyerfa, and only where it matters: none has ever come but at the end of June or December.
+The start of a manoeuvre is a ``datetime64[ns]`` in UTC, in 1972 or later, when UTC began to have leap
+seconds. Elapsed seconds are SI seconds: a leap second within a manoeuvre is counted, and written as second
+60. pyerfa knows which leap seconds there are; it is asked only where a leap second is possible, which has
+only ever been at the end of June or December.
 """
 
 import re
@@ -24,7 +25,11 @@ def parse_epoch(text: object) -> np.datetime64:
     """Read a time in UTC from its ISO 8601 text.
 
     Args:
-        text: such as ``2026-01-01T00:00:00``, with fractions down to 1e-6 s; UTC unless it names its offset.
+        text: such as ``2026-01-01T00:00:00``, with at most 6 digits of a second; in UTC unless it has an
+            offset.
+
+    Returns:
+        The time in UTC as datetime64[ns].
 
     Raises:
         ValueError: if it is no such time, or lies outside 1972 to 2099.
@@ -45,14 +50,17 @@ def parse_epoch(text: object) -> np.datetime64:
 
 
 def utc_texts(start: np.datetime64, times: np.ndarray) -> list[str]:
-    """Calendar times, to the nanosecond and without a zone, as in ``2026-01-01T00:00:00.100000000``.
+    """Return calendar times in UTC to the nanosecond, without a zone: ``2026-01-01T00:00:00.100000000``.
 
     Args:
-        start: of the manoeuvre.
-        times: (k,) s after it, in order; they may be a part of a manoeuvre, long after its start.
+        start: UTC of the start of the manoeuvre.
+        times: (k,) s after it, rising; at least one. They may lie long after the start.
 
     Returns:
         k texts; second 60 is a leap second.
+
+    Raises:
+        ValueError: if leap seconds may lie between, and pyerfa is not installed.
     """
     stamps = start + np.round(times * 1e9).astype("timedelta64[ns]")
     half_year = stamps[-1].astype("datetime64[6M]")
@@ -67,11 +75,14 @@ def utc_texts(start: np.datetime64, times: np.ndarray) -> list[str]:
 
 
 def utc_stamps(epoch: np.datetime64, times: Sequence[float]) -> list[str]:
-    """UTC of times, s after an epoch and in any order, to the millisecond, as in ``2026-06-20T09:30:00.000``.
+    """Return calendar times in UTC to the millisecond: ``2026-06-20T09:30:00.000``.
 
     Args:
-        epoch: of the start.
-        times: k of them.
+        epoch: UTC of the start.
+        times: k times, s after it, in any order.
+
+    Returns:
+        k texts in the same order.
     """
     given = np.round(np.asarray(times, float), 3)
     order = np.argsort(given, kind="stable")
@@ -83,7 +94,7 @@ def utc_stamps(epoch: np.datetime64, times: Sequence[float]) -> list[str]:
 
 
 def seconds_between(start: np.datetime64, stamp: np.datetime64) -> float:
-    """Seconds from one UTC time to another, leap seconds included; negative where it is before.
+    """Return the seconds from `start` to `stamp`, both UTC, with leap seconds; negative if it is earlier.
 
     Raises:
         ValueError: if leap seconds may lie between, and pyerfa is not installed.
@@ -95,18 +106,21 @@ def seconds_between(start: np.datetime64, stamp: np.datetime64) -> float:
 
 
 def ephemeris_time(start: np.datetime64, elapsed: ArrayLike = 0.0) -> np.ndarray:
-    """SPICE's ephemeris time, seconds of TDB from J2000 on, as its own ``str2et`` finds it.
+    """Return SPICE's ephemeris time, seconds of TDB since J2000, as SPICE's own ``str2et`` computes it.
 
-    TDB - TT is the one-term formula of SPICE's leap second kernels (constants K, EB, M), since whoever reads
-    a C-kernel asks at times that come from it; it is right to 3e-5 s. Over a day it changes by as much, so it
-    is taken at each instant.
+    TDB - TT is the one-term formula of SPICE's leap second kernels (constants K, EB, M), since those who read
+    a C-kernel ask for times that come from it; it is right to 3e-5 s. In a day it changes by as much, so it
+    is evaluated at each instant.
 
     Args:
-        start: UTC of a manoeuvre's start.
+        start: UTC of the start of a manoeuvre.
         elapsed: (...) s after it.
 
     Returns:
         (...) s.
+
+    Raises:
+        ValueError: if pyerfa is not installed.
     """
     utc = float((start - _J2000) / np.timedelta64(1, "ns")) * 1e-9
     dynamical = utc + leaps(start) + TT_MINUS_TAI + np.asarray(elapsed, float)
@@ -115,7 +129,7 @@ def ephemeris_time(start: np.datetime64, elapsed: ArrayLike = 0.0) -> np.ndarray
 
 
 def leaps(stamp: np.datetime64) -> float:
-    """Seconds that TAI is ahead of UTC at a UTC time; in years to come, as far as is known.
+    """Return by how many seconds TAI is ahead of UTC at a time in UTC; for future years as far as is known.
 
     Raises:
         ValueError: if pyerfa is not installed.

@@ -1,4 +1,4 @@
-"""Equality of two scenarios, or of parts of them, in what they state."""
+"""Equality of scenarios, or of parts of them, by what they state."""
 
 import math
 from collections.abc import Mapping
@@ -11,18 +11,18 @@ from jaxplan.model.directions import DirectionPath
 from jaxplan.model.epochs import parse_epoch
 from jaxplan.runtime.arguments import as_floats
 
-# Relative; to within it numbers are equal. Twice what an angle can lose on the way to degrees and back, since
-# some radians have no degrees that a file could hold.
+# Relative difference up to which numbers are equal. It is twice what an angle can lose on the way to degrees
+# and back, since for some radians there are no degrees that a file could hold.
 _ROUNDING = 4 * np.finfo(float).eps
 _INFINITE = ("off", "inf")  # words that scenarios may have for an infinite number
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two values of a scenario are equal, as trees of values.
+    """Tell whether two values of a scenario are equal; they are compared as trees of values.
 
-    Lists, tuples and arrays are compared entry by entry, numbers of any type as floats, and what may be given
-    in a short way is the same as in full: one number for one each, a name for a tuple of it, nothing for
-    zeros. NaN is equal to nothing, and what JAX traces is the same as itself alone.
+    Lists, tuples and arrays are compared entry by entry, and numbers of any type as floats, up to rounding. A
+    short form equals the full one: one number equals an array of it, a name equals a tuple of that name, and
+    None equals zeros. NaN is equal to nothing, and a value that JAX traces is equal to itself alone.
     """
     if one is other:
         return True
@@ -43,7 +43,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 def _same_paths(one: Any, other: Any) -> bool:
-    """Whether two paths, or a path and a direction, are the same over time."""
+    """Tell whether two paths, or a path and a fixed direction, are the same at all times."""
     if not (isinstance(one, DirectionPath) and isinstance(other, DirectionPath)):
         path, direction = (one, other) if isinstance(one, DirectionPath) else (other, one)
         return not path.moves and same(path.samples[0], direction)
@@ -53,7 +53,7 @@ def _same_paths(one: Any, other: Any) -> bool:
 
 
 def _instant(value: Any) -> Any:
-    """The time in UTC that a value gives, as datetime64; None where it gives none."""
+    """Return the time in UTC that a value gives, as datetime64; None if it gives none."""
     try:
         return parse_epoch(value)
     except ValueError:
@@ -61,28 +61,31 @@ def _instant(value: Any) -> Any:
 
 
 def _same_numbers(one: Any, other: Any) -> bool:
-    """Whether two numbers, or arrays of them, are equal up to rounding; False for what is no number.
+    """Tell whether two numbers, or arrays of them, are equal up to rounding; False if either is no number.
 
-    None counts as zero, and the words "off" and "inf" as infinite. A single number is equal to an array if it
-    is equal to each of its entries.
+    None counts as zero, and the words "off" and "inf" as infinite. A single number equals an array if it
+    equals each of its entries.
     """
     first, second = _numbers(one), _numbers(other)
     if first is None or second is None or not (first.shape == second.shape or 0 in (first.ndim, second.ndim)):
         return False
-    with np.errstate(invalid="ignore"):  # of infinite ones, which are equal or not
+    with np.errstate(invalid="ignore"):  # differences of infinite numbers, which are compared below
         near = np.abs(first - second) <= _ROUNDING * np.abs(second)
     return bool(np.all((first == second) | (near & np.isfinite(second))))
 
 
 def _numbers(value: Any) -> np.ndarray | None:
-    """A value as an array of floats, None as zero, "off" and "inf" as infinite; None if it is no number."""
+    """Return a value as an array of floats, or None if it is no number.
+
+    None counts as zero, and "off" and "inf" as infinite.
+    """
     if value is None:
         return np.zeros(())
     return np.array(math.inf) if isinstance(value, str) and value in _INFINITE else as_floats(value)
 
 
 def _same_entries(one: Any, other: Any) -> bool:
-    """Whether two lists, tuples or arrays have equal entries; a single name counts as a list of one."""
+    """Tell whether two lists, tuples or arrays have equal entries; a single name counts as a tuple of one."""
     first, second = ((each,) if isinstance(each, str) else each for each in (one, other))
     if not (isinstance(first, list | tuple | np.ndarray) and isinstance(second, list | tuple | np.ndarray)):
         return False

@@ -1,8 +1,8 @@
-"""Names and numbers that exported files give to a spacecraft and to its frames, and what they may be.
+"""Names and numbers that exported files give to a spacecraft and its frames, and the rules for them.
 
-They are data of a mission, as it is registered with those who read the files, and change nothing of a motion.
-What they may be is what all formats take: messages of CCSDS have lines of ASCII, SPICE has names of frames of
-at most 26 characters, since variables of at most 32 are called after them, and numbers of 32 bits.
+They are data of a mission, agreed with those who read the files, and do not change the motion. The rules are
+those that all formats accept: messages of CCSDS have lines of ASCII, SPICE has frame names of at most 26
+characters, since it calls variables of at most 32 after them, and numbers of 32 bits.
 """
 
 import re
@@ -35,19 +35,20 @@ class ExportNames:
         >>> jp.export(plan, "slew.aem", format="aem", epoch="2026-01-01T00:00:00", names=names)
 
     Attributes:
-        object_name: OBJECT_NAME of messages, and SPICE's name of the body; the scenario's name if None.
+        object_name: OBJECT_NAME of messages, and SPICE's name of the body; None for the scenario's name.
         object_id: OBJECT_ID of messages, the international designator where there is one, ``"2000-075A"``.
         originator: ORIGINATOR of messages, who wrote them.
-        frame_name: of the body's frame: letters, digits and underscores, at most 26, a letter first. If None
-            it is ``SC_BODY_1`` in messages and ``JAXPLAN_BUS`` in kernels. Frames of devices are called after
-            it in kernels, ``EO1_ANTENNA`` where it is ``EO1_BUS``, ``EO1_ANTENNA`` also where it is ``EO1``.
-        reference_frame: of the inertial frame in messages and STK's files, ``"EME2000"`` (STK's ``J2000``),
-            ``"ICRF"`` or ``"GCRF"``; SPICE calls it J2000 in any case.
-        naif_id: SPICE's number of the spacecraft and of its clock, from -2147482 to -1. The body's frame has
-            1000 times that, devices with joints 1, 2, ... less, instruments 501, 502, ... less.
+        frame_name: name of the body frame: at most 26 letters, digits and underscores, a letter first. None
+            for ``SC_BODY_1`` in messages and ``JAXPLAN_BUS`` in kernels. In kernels the frames of devices are
+            called after it: ``EO1_ANTENNA`` where it is ``EO1_BUS``, and also where it is ``EO1``.
+        reference_frame: name of the inertial frame in messages and STK's files: ``"EME2000"`` (STK's
+            ``J2000``), ``"ICRF"`` or ``"GCRF"``; SPICE calls it J2000 in any case.
+        naif_id: SPICE's number of the spacecraft and of its clock, from -2147482 to -1. The body frame has
+            1000 times this number; frames of devices with joints have that less 1, 2, ..., frames of
+            instruments that less 501, 502, ...
 
     Raises:
-        ValueError: for what no file could hold, all faults at once.
+        ValueError: for values that a file could not hold; the message lists all of them.
     """
 
     object_name: str | None = None
@@ -66,11 +67,14 @@ class ExportNames:
 
 
 def name_faults(values: Mapping[str, Any]) -> dict[str, str]:
-    """What is wrong with some of the values of `ExportNames`: by key, what the value must be.
+    """Check values of `ExportNames`.
 
     Args:
-        values: by the names of the attributes, of any type; absent ones are not looked at, and an attribute
-            whose default is None may be None.
+        values: values of any type by the names of the attributes. Those that are absent are not checked, and
+            an attribute whose default is None may be None.
+
+    Returns:
+        For each wrong value, under its name, what it must be; empty if all are right.
     """
     checks = {
         "object_name": lambda value: None if value is None else _text_fault(value),
@@ -85,7 +89,7 @@ def name_faults(values: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _text_fault(value: object) -> str | None:
-    """What a text of a message must be, None if `value` is that."""
+    """Return what a text of a message must be; None if `value` is such a text."""
     printable = isinstance(value, str) and all(" " <= c <= "~" and c != "\\" for c in value)
     if printable and isinstance(value, str) and 0 < len(value) <= LONGEST_TEXT and value == value.strip():
         return None
@@ -96,7 +100,7 @@ def _text_fault(value: object) -> str | None:
 
 
 def _frame_fault(value: object) -> str | None:
-    """What the name of a frame must be, None if `value` is that."""
+    """Return what the name of a frame must be; None if `value` is such a name."""
     if not isinstance(value, str) or not re.fullmatch(
         rf"[A-Za-z][A-Za-z0-9_]{{0,{LONGEST_FRAME - 1}}}", value
     ):
@@ -108,13 +112,13 @@ def _frame_fault(value: object) -> str | None:
 
 
 def _reference_fault(value: object) -> str | None:
-    """What the name of the inertial frame must be, None if `value` is that."""
+    """Return what the name of the inertial frame must be; None if `value` is such a name."""
     known = isinstance(value, str) and value in REFERENCE_FRAMES
     return None if known else f"must be one of {', '.join(REFERENCE_FRAMES)}"
 
 
 def _number_fault(value: object) -> str | None:
-    """What the number of a spacecraft must be, None if `value` is that."""
+    """Return what the number of a spacecraft must be; None if `value` is such a number."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if whole and NAIF_IDS[0] <= value <= NAIF_IDS[1]:  # type: ignore[operator]
         return None
@@ -124,16 +128,16 @@ def _number_fault(value: object) -> str | None:
 
 
 def labels(names: Iterable[str], taken: Iterable[str], longest: int) -> list[str]:
-    """Short names of letters, digits, ``-`` and ``_`` that differ also where case does not count.
+    """Make short unique names of letters, digits, ``-`` and ``_``; case does not make names different.
 
     Args:
-        names: any text, such as names of devices.
-        taken: names that they must not have.
-        longest: characters of one at most, 10 or more.
+        names: any texts, such as names of devices.
+        taken: names that must not result.
+        longest: largest number of characters of a result, 10 or more.
 
     Returns:
-        For each name itself with other characters made ``_``, or ``device_3`` where that is too long, empty
-        or taken.
+        One label for each name: the name with all other characters replaced by ``_``, or such as ``device_3``
+        where that is too long, blank or taken.
     """
     used = {name.lower() for name in taken}
     result = []

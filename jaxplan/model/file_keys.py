@@ -1,7 +1,8 @@
 """How attributes of a scenario are written in files: key, range and meaning, stated where each is declared.
 
-The dataclasses of the model give each field ``metadata=key(...)``, one with a default is `keyed`. Readers,
-writers, messages and the manual (`jaxplan.schema`) follow from that and from the field's type and default.
+Each field of the model's dataclasses has ``metadata=key(...)``; one with a default is declared by `keyed`.
+Readers, writers, messages and the manual (`jaxplan.schema`) are derived from that, and from the type and the
+default of the field.
 """
 
 from collections.abc import Collection, Mapping
@@ -27,18 +28,20 @@ _UNITS = {
 
 @dataclass(frozen=True)
 class Key:
-    """How a dataclass field is written in files, and what the manual says of it.
+    """How a field of a dataclass is written in files, and what the manual says about it.
 
     Attributes:
-        name: key in files, with the unit; empty for an attribute that files hold in other ways only.
+        name: key in files, with its unit; empty if files do not hold the attribute under one key.
         meaning: one line for the manual.
-        range: of its numbers, in the file's unit, as mathematics writes it, such as "(0, 180]".
-        kind: what its value is, where the field's type does not tell; a name that the schema knows.
-        words: words that files may have instead of a number, and what the model holds for them.
-        options: the texts that are allowed; empty where any is.
-        required: whether it, or what may be given instead, must be given though the field has a default.
-        instead_of: the attribute in whose place it may be given.
-        always: whether files have it at its default too, because a later version may have another.
+        range: range of its numbers in the unit of the file, in mathematical notation such as "(0, 180]".
+        kind: kind of its value, where the type of the field does not tell; a name that the schema knows.
+        words: words that files may have instead of a number, each with the value it stands for.
+        options: texts that are allowed; empty if any text is.
+        required: whether it, or what may be given instead of it, must be given although the field has a
+            default.
+        instead_of: name of the attribute instead of which it may be given.
+        always: whether it is written to files at its default, too, because a later version may have another
+            default.
     """
 
     name: str
@@ -53,30 +56,30 @@ class Key:
 
     @property
     def unit(self) -> str:
-        """The unit that the key's name ends in; empty if there is none."""
+        """The unit in which the key's name ends; empty if there is none."""
         return unit_of(self.name)
 
 
 def unit_of(name: str) -> str:
-    """The unit that a key's name ends in, such as "deg/s²" of "x_deg_s2"; empty if there is none."""
+    """Return the unit in which a key's name ends, such as "deg/s²" for "x_deg_s2"; empty if there is none."""
     return next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
 
 
 def key(
     name: str, meaning: str = "", range: str = "", *, static: bool = False, **more: Any
 ) -> dict[str, Any]:
-    """The metadata of a dataclass field.
+    """Make the metadata of a dataclass field.
 
     Args:
         name: key in files.
         meaning: one line for the manual.
-        range: of its numbers, as of `Key`.
-        static: whether it is no leaf to JAX but part of the tree's structure.
+        range: range of its numbers, as in `Key`.
+        static: whether JAX takes it for structure of the tree instead of a leaf.
         more: other attributes of `Key`.
     """
     return {"static": static, "key": Key(name, meaning, range, **more)}
 
 
 def keyed(default: Any, name: str, meaning: str = "", range: str = "", **more: Any) -> Any:
-    """A dataclass field with a default and the metadata of `key`, whose other arguments follow."""
+    """Make a dataclass field with a default; its metadata is what `key` makes of the other arguments."""
     return field(default=default, metadata=key(name, meaning, range, **more))

@@ -1,6 +1,9 @@
-"""What a manoeuvre begins or ends with: a state that is given, or targets and wishes of devices.
+"""What a manoeuvre begins or ends with: a given state, or targets and wishes of devices.
 
-Frozen dataclasses, in radians and seconds, as all of a scenario (`jaxplan.model.scenario`).
+A *target* is an inertial direction along which a device must point at the goal. A *wish* is one that a device
+without a target shall come near to. Frozen dataclasses, in radians and seconds, as all of a scenario
+(`jaxplan.model.scenario`). Joint vectors ``(2n + d,)`` hold the yaws of the n terminals, their pitches, and
+the angles of the d drives.
 """
 
 import math
@@ -23,7 +26,7 @@ from jaxplan.runtime.once import made_once
 LEAST_TIME, LEAST_ROTATION = "least_time", "least_rotation"
 CRITERIA = (LEAST_TIME, LEAST_ROTATION)
 
-# Rates that are left out: zeros once a scenario is planned, when it is known how many.
+# Value of rates that are left out. Planning puts zeros there, since only then is the number of joints known.
 _AT_REST: Any = None
 _SPIN = key("angular_velocity_rad_s", "of the platform, body axes; zero if absent", kind="angular velocity")
 _JOINT_RATES = key("joint_rates_rad_s", "zero if absent", kind="joint rates")
@@ -33,12 +36,12 @@ _JOINT_RATES = key("joint_rates_rad_s", "zero if absent", kind="joint rates")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GivenState:
-    """An attitude with joint angles: the start, or a goal that is given.
+    """An attitude with joint angles and rates: the start, or a goal that is given as a state.
 
     Attributes:
-        rotation_vector: (3,) rad; the attitude, body to inertial, is its exponential.
-        joints: (2n + d,) rad, all yaws, all pitches, all drives.
-        angular_velocity: (3,) rad/s, body axes; zero if left out.
+        rotation_vector: (3,) rad, rotation from body to inertial axes; its exponential is the attitude.
+        joints: (2n + d,) rad: all yaws, all pitches, all drives' angles.
+        angular_velocity: (3,) rad/s of the platform, body axes; zero if left out.
         joint_rates: (2n + d,) rad/s; zero if left out.
     """
 
@@ -49,13 +52,13 @@ class GivenState:
     angular_velocity: np.ndarray = field(default=_AT_REST, metadata=_SPIN)
     joint_rates: np.ndarray = field(default=_AT_REST, metadata=_JOINT_RATES)
 
-    paths: ClassVar[tuple[DirectionPath, ...]] = ()  # as of targets: nothing that it points at moves
+    paths: ClassVar[tuple[DirectionPath, ...]] = ()  # like `Targets.paths`: it has no targets that move
     moves: ClassVar[bool] = False
 
     @property
     @made_once
     def attitude(self) -> np.ndarray:
-        """(3, 3), body to inertial."""
+        """Rotation matrix (3, 3) from body to inertial axes."""
         attitude: np.ndarray = so3.exp(self.rotation_vector)
         return attitude
 
@@ -67,8 +70,9 @@ class Wish:
     """A direction that a device without a target shall come near to at the goal.
 
     Attributes:
-        device: its name.
-        direction: (3,) inertial unit vector, or its path, of one that moves; where it is at the goal counts.
+        device: name of the device.
+        direction: (3,) inertial unit vector, or the path of one that moves, which is taken at the time of the
+            goal.
     """
 
     device: str = field(metadata=key("device", "without a target", kind="device", static=True))
@@ -93,26 +97,30 @@ class Wish:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Targets:
-    """A goal given as directions: step 1 finds attitude and joints.
+    """A goal that is given as directions to point at; planning step 1 finds an attitude and joints for it.
 
     Attributes:
-        directions: (k, 3) inertial unit vectors, one a device; where some move a tuple of what each is, a
-            vector (3,) or its path. These are met where they are at the end, and at their rates.
-        devices: names of the devices that point along them; empty for the terminals, all of them in order.
-        prefer: what devices without a target shall come near to, the first before the second: of the goals
-            that meet all targets the one is taken that comes nearest.
-        hold: names of devices that keep their joints; others without a target move where a zone asks for it.
-        criterion: of all attitudes that meet targets and wishes, which is taken: with `LEAST_ROTATION` (equal
-            to "least_rotation") the one nearest to the start, with `LEAST_TIME` (equal to "least_time") the
-            one for which the slowest of platform and joints takes the least time from rest to rest. None for
-            the least time where the duration is `MINIMUM` and nothing moves, else the least rotation.
-        yaw_limit: rad, tighter than the joints' own at the goal; None for those.
-        pitch_limit: likewise.
-        tolerance: rad, to which an instrument or a drive meets its target, which a terminal does exactly.
-        clearance: rad by which the goal keeps clear of zones where its attitude can; a zone gives up to half
-            of the room that it leaves, and no more than what the targets themselves have.
-        angular_velocity: (3,) rad/s at the goal, body axes; zero if left out, as it must be where some move.
-        joint_rates: (2n + d,) rad/s at the goal; likewise.
+        directions: (k, 3) inertial unit vectors, one for each device. If some of them move, a tuple that
+            holds a vector (3,) or a path for each device; they are met where they are at the end of the
+            manoeuvre, and followed at their rates then.
+        devices: names of the k devices that point along them; empty for all terminals in their order.
+        prefer: wishes of devices without a target, the most important first. Of all goals that meet the
+            targets the one is taken that comes nearest to the wishes.
+        hold: names of devices without a target that keep their joint angles. Others without a target move
+            only where a zone asks for it.
+        criterion: which of the attitudes is taken that meet targets and wishes: for `LEAST_ROTATION`
+            ("least_rotation") the one nearest to the start; for `LEAST_TIME` ("least_time") the one for which
+            the slowest of platform and joints takes the least time from rest to rest. None for the least time
+            where the duration is `MINIMUM` and nothing moves, else for the least rotation.
+        yaw_limit: the yaws at the goal stay in [-yaw_limit, yaw_limit], rad; None for the joints' own ranges.
+        pitch_limit: the same for the pitches.
+        tolerance: rad, to which instruments and drives meet their targets; terminals meet theirs exactly.
+        clearance: rad, margin that the goal keeps to zones where the choice of the attitude allows it. From a
+            zone at most half of the room that it leaves is asked, and no more than the margin of those
+            directions that the targets themselves fix.
+        angular_velocity: (3,) rad/s of the platform at the goal, body axes; zero if left out. It must be left
+            out if some targets move.
+        joint_rates: (2n + d,) rad/s at the goal; zero if left out, as it must be if some targets move.
     """
 
     devices: tuple[str, ...] = field(default=(), metadata=key("", kind="target devices", static=True))
@@ -152,10 +160,10 @@ class Targets:
 
     @classmethod
     def of(cls, targets: Mapping[str, Any], **more: Any) -> Self:
-        """The targets of a mapping from names of devices.
+        """Make the targets from a mapping of device names to directions.
 
         Args:
-            targets: of each device by name an inertial unit vector (3,), or its path.
+            targets: for each device name an inertial unit vector (3,), or its path.
             more: other attributes of `Targets`, by name.
 
         Example:
@@ -170,27 +178,33 @@ class Targets:
         )
 
     def names(self, craft: Spacecraft) -> tuple[str, ...]:
-        """Names of the devices that have the targets, in their order."""
+        """Return the names of the devices that have the targets, in the order of `directions`."""
         return self.devices or tuple(terminal.name for terminal in craft.terminals)
 
     def numbers(self, craft: Spacecraft) -> tuple[int, ...]:
-        """Numbers of the devices that have the targets, as of `Spacecraft.device_names`."""
+        """Return the numbers of the devices that have the targets, as places in `Spacecraft.device_names`."""
         return tuple(craft.device_names.index(name) for name in self.names(craft))
 
     @property
     def paths(self) -> tuple[DirectionPath, ...]:
-        """The targets' directions over time, one a device."""
+        """The targets' directions over time, one path for each device.
+
+        A fixed direction becomes a path that stands still.
+        """
         return tuple(as_path(direction) for direction in self.directions)
 
     @property
     def moves(self) -> bool:
-        """Whether a target or a wish moves."""
+        """Whether the direction of a target or a wish changes with time."""
         each = list(self.directions) if isinstance(self.directions, list | tuple) else []
         each += [wish.direction for wish in self.prefer]
         return any(isinstance(direction, DirectionPath) and direction.moves for direction in each)
 
     def at(self, time: ArrayLike) -> Self:
-        """The targets where they are at an instant, s, as targets that stand still."""
+        """Return the targets as they are at a time, s, all of them as directions that stand still.
+
+        Targets that do not move are returned as they are.
+        """
         if not self.moves:
             return self
         each = [path.at(time) for path in self.paths]
@@ -200,6 +214,6 @@ class Targets:
         )
 
     def rates(self, time: ArrayLike) -> AnyArray:
-        """Derivatives (k, 3) 1/s of the targets' directions by time at an instant, s."""
+        """Return the derivatives (k, 3) 1/s of the targets' directions with respect to time, at a time, s."""
         each = [path.rate(time) for path in self.paths]
         return array_module(*each).stack(each) if each else np.zeros((0, 3))

@@ -1,7 +1,7 @@
 """Spans of time during which targets are hidden: behind the Earth, below their horizon, or otherwise.
 
-A target that is hidden when the manoeuvre ends cannot be pointed at, nor one of a start when it begins. Times
-are seconds from the start of the manoeuvre on. `jaxplan.sky` computes the spans.
+A device cannot point at a target that is hidden when the manoeuvre ends, nor start from one that is hidden
+when it begins. Times are seconds from the start of the manoeuvre. `jaxplan.sky` computes the spans.
 """
 
 from collections.abc import Iterable
@@ -22,10 +22,11 @@ class Hidden:
     """A span of time during which a target is hidden.
 
     Attributes:
-        target: name of what is hidden.
-        by: what hides it.
-        start: s, from when on.
-        end: s, until when; then it is seen, unless something else hides it or nothing is known any more.
+        target: name of the target.
+        by: name of what hides it.
+        start: s, from when it is hidden.
+        end: s, until when. From then on it is visible, unless another span hides it or its path is known no
+            longer.
     """
 
     target: str = field(metadata=key("target", "name of what is hidden"))
@@ -34,12 +35,15 @@ class Hidden:
     end: float = field(metadata=key("to_s", "until when; then it is seen", "[-1e7, 1e7]"))
 
     def at(self, time: float) -> bool:
-        """Whether the target is hidden at a time, s."""
+        """Tell whether this span hides the target at a time, s.
+
+        The start is part of the span, the end is not.
+        """
         return self.start <= time < self.end
 
 
 def after_hidden(spans: Iterable[Hidden], time: float) -> float:
-    """The first time, s, at or after `time` that is in none of the spans."""
+    """Return the first time, s, at or after `time` that lies in none of the spans."""
     every = sorted(spans, key=lambda span: span.start)
     for span in every:
         if span.at(time):
@@ -48,17 +52,17 @@ def after_hidden(spans: Iterable[Hidden], time: float) -> float:
 
 
 def hidden_words(spans: Iterable[Hidden], device: str, time: float, known: float, when: str) -> str | None:
-    """A phrase on a device's target that is hidden at a time: by what, and from when on it is seen.
+    """Say that the target of a device is hidden at a time, by what, and from when it can be seen again.
 
     Args:
-        spans: in which the target is hidden.
+        spans: the spans in which the target is hidden.
         device: name of the device.
         time: s.
         known: s, until when the spans are known.
-        when: words for the time.
+        when: words for the time in the phrase.
 
     Returns:
-        The phrase; None where the target is seen.
+        The phrase; None where the target is visible.
     """
     spans = tuple(spans)
     there = [span for span in spans if span.at(time)]
@@ -73,5 +77,5 @@ def hidden_words(spans: Iterable[Hidden], device: str, time: float, known: float
 
 
 def rounded_up(time: float) -> str:
-    """Text of a time, s, rounded up to hundredths, so that it is no earlier."""
+    """Return a time, s, as text, rounded up to hundredths so that it is never too early."""
     return f"{np.ceil(time * 100) / 100:.12g}"

@@ -1,20 +1,21 @@
-"""Bounds of the inertia of a spacecraft whose gimbals have one of their own, at all joint angles.
+"""Bounds of the inertia of a spacecraft whose gimbals have an inertia, valid at all joint angles.
 
-In body axes the inertia of stage k turns with its joints (`jaxplan.model.stages`), but its principal moments,
-from ``a_k`` to ``b_k``, do not change. So with ``J_0`` of what joints do not turn
+In body axes the inertia ``I_k`` of stage k turns with its joints (`jaxplan.model.stages`), but its principal
+moments, from ``a_k`` to ``b_k``, do not change. So with ``J_0`` the inertia of all that joints do not turn
 
     J_0 + sum a_k  <=  J(q)  <=  J_0 + sum b_k,    |J(q) - J_c| <= sum (b_k - a_k) / 2,
 
-in the order of quadratic forms, about ``J_c = J_0 + sum (a_k + b_k) / 2``. The momentum in body axes is
-``L = J w + p``, and its derivative ``J w' + J' w + p'``, with ``p = sum I_k g_k`` of the stages' angular
-velocities ``g_k`` relative to the body. These are along two axes at right angles, with the rates of the two
-joints, and their derivatives along three, with the joints' accelerations and the product of their rates. As
-``I_k' = g_k^ I_k - I_k g_k^`` is the same of ``I_k - c``, whatever ``c`` is,
+in the order of quadratic forms, about the middle ``J_c = J_0 + sum (a_k + b_k) / 2``; numbers stand for that
+multiple of the identity. The momentum in body axes is ``L = J w + p``, and its derivative
+``J w' + J' w + p'``, with ``w`` the angular velocity of the body, ``p = sum I_k g_k``, and ``g_k`` the
+stages' angular velocities relative to the body. A ``g_k`` has components along two axes at right angles, the
+rates of the two joints; its derivative has them along three, the joints' accelerations and the product of
+their rates. Since ``I_k' = g_k^ I_k - I_k g_k^`` is the same for ``I_k - c`` with any number ``c``,
 
     |p| <= sum b_k |g_k|,    |J'| <= sum (b_k - a_k) |g_k|,
     |p'| <= sum (b_k - a_k) / 2 |g_k|^2 + b_k |g_k'|.
 
-Without stages all three inertias are ``J``, and the others zero. SI units.
+Without stages all three inertias are ``J``, and the other bounds are zero. SI units.
 """
 
 from typing import NamedTuple
@@ -26,16 +27,16 @@ from jaxplan.model.spacecraft import Spacecraft
 
 
 class InertiaBounds(NamedTuple):
-    """Between what the inertia lies, and what stages add at most.
+    """Bounds of the inertia, and of what moving stages add; letters are as in the module's docstring.
 
     Attributes:
-        least: (3, 3) kg m^2, no more than any that there is.
-        middle: (3, 3) kg m^2.
-        greatest: (3, 3) kg m^2, no less than any.
-        off: kg m^2, by which it differs from the middle at most.
-        swept: kg m^2/s, its derivative at most.
-        carried: N m s, that stages carry at most by their own rates, ``p``.
-        pushed: N m, the derivative of that in body axes at most.
+        least: (3, 3) kg m^2, a lower bound of the inertia as a quadratic form.
+        middle: (3, 3) kg m^2, ``J_c``.
+        greatest: (3, 3) kg m^2, an upper bound of the inertia as a quadratic form.
+        off: kg m^2, bound of the norm of the inertia's difference from the middle.
+        swept: kg m^2/s, bound of the norm of the inertia's derivative.
+        carried: N m s, bound of the length of ``p``, the momentum that stages carry by their own rates.
+        pushed: N m, bound of the length of ``p'``, its derivative in body axes.
     """
 
     least: AnyArray
@@ -48,7 +49,10 @@ class InertiaBounds(NamedTuple):
 
 
 def inertia_bounds(craft: Spacecraft) -> InertiaBounds:
-    """The bounds of a spacecraft with an inertia, within the limits of its joints."""
+    """Return the bounds for a spacecraft that has an inertia.
+
+    Joints may have any angle, and any rate and acceleration within their limits.
+    """
     stages = craft.stages
     if stages is None:
         return InertiaBounds(craft.whole_inertia, craft.whole_inertia, craft.whole_inertia)
@@ -76,9 +80,17 @@ def inertia_bounds(craft: Spacecraft) -> InertiaBounds:
 
 
 def most_by(top: AnyArray, bounds: InertiaBounds, push: AnyArray) -> AnyArray:
-    """The largest length of ``x``, at most `top`, for which ``J x`` may have the length `push`.
+    """Return the largest length that a vector ``x`` may have if ``J x`` has at most the length `push`.
 
-    It is ``|J_c^-1| (push + off |x|)`` at most, and less than any number where that tells nothing.
+    That is at most ``|J_c^-1| (push + off |x|)``.
+
+    Args:
+        top: the largest length that ``x`` may have in any case.
+        bounds: bounds of the inertia ``J``.
+        push: largest length of ``J x``.
+
+    Returns:
+        The length, at most `top`; `top` itself where the inequality tells nothing.
     """
     xp, top, off, push, middle = arrays(top, bounds.off, push, bounds.middle)
     light = 1 / xp.linalg.eigvalsh(middle)[0]

@@ -1,8 +1,13 @@
-"""A motion of platform, joints and wheels, as limited quantities are computed from it.
+"""The motion of platform, joints and wheels, from which all limited quantities are computed.
 
-Vectors of the platform are in body axes, with their components first. What wheels give and hold follows from
-the total momentum of platform and wheels (`jaxplan.model.wheels`), which turns with the body. Stages of
-gimbals that have an inertia carry momentum of their own (`jaxplan.model.stages`).
+Vectors of the platform are in body axes, and the first axis of an array is that of their components. What
+wheels give and hold follows from the total momentum of platform and wheels (`jaxplan.model.wheels`), which is
+constant in inertial axes. *Stages*, moving parts of gimbals that have an inertia, carry momentum of their own
+(`jaxplan.model.stages`).
+
+Letters: ``omega`` angular velocity, ``J`` inertia, ``L`` momentum of all but the wheels, ``H`` total momentum
+in inertial axes, ``R`` attitude (body to inertial). There are 2n + d joints of n terminals and d drives, and
+r rows that limit the array of wheels.
 """
 
 from collections.abc import Sequence
@@ -14,17 +19,21 @@ from jaxplan.model.wheels import WheelArray
 
 
 class Kinematics(NamedTuple):
-    """A motion as quantities are computed from it, components first; what none of them needs may be left out.
+    """A motion, as limited quantities are computed from it; what none of them needs may be left out.
+
+    Array shapes end in the same "...", such as the number of times.
 
     Attributes:
-        spin: angular velocity and its derivatives by time, each (3, ...), rad/s, rad/s^2, rad/s^3.
-        joints: angles and their derivatives by time, each (2n + d, ...), rad, rad/s, rad/s^2.
-        drives: number of the joints, d, that are drives' angles.
+        spin: angular velocity and its derivatives with respect to time, body axes, each (3, ...), in rad/s,
+            rad/s^2, rad/s^3.
+        joints: joint angles and their derivatives with respect to time, each (2n + d, ...), in rad, rad/s,
+            rad/s^2.
+        drives: the number d of joints that are drives' angles.
         inertia: (3, 3) or (3, 3, ...) kg m^2, without that of the stages.
-        total: (3, ...) N m s, the total momentum of platform and wheels in body axes, ``R^T H``.
-        array: of the wheels; None without.
-        stages: of gimbals that have an inertia; None without.
-        carried: what these carry, as of `Stages.carried`, where it is known; else it is found when needed.
+        total: (3, ...) N m s, total momentum of platform and wheels in body axes, ``R^T H``.
+        array: the array of wheels; None without wheels.
+        stages: stages of gimbals that have an inertia; None without any.
+        carried: result of `Stages.carried`, if it is known; else it is computed when it is needed.
     """
 
     spin: Sequence[AnyArray] = ()
@@ -38,77 +47,95 @@ class Kinematics(NamedTuple):
 
     @property
     def known(self) -> "Kinematics":
-        """The same, knowing what its stages carry, which several quantities are computed from."""
+        """The same motion with `carried` computed if there are stages, for use by several quantities."""
         return self if self.stages is None else self._replace(carried=self._carried)
 
     @property
     def _carried(self) -> Sequence[AnyArray]:
-        """What stages carry; nothing without any."""
+        """Momentum of the stages and its derivative, from `Stages.carried`; empty without stages."""
         if self.carried is not None:
             return self.carried
         return () if self.stages is None else self.stages.carried(self.spin, self.joints)
 
     def angles(self, which: int) -> AnyArray:
-        """Angles (c, ...) rad of the terminals' yaws (`which` = 0) or pitches (1), or of the drives (2)."""
+        """Return the angles (c, ...) rad of one kind of joint.
+
+        Args:
+            which: 0 for the terminals' yaws, 1 for their pitches, 2 for the drives' angles.
+        """
         joints = self.joints[0]
         terminals = (len(joints) - self.drives) // 2
         return joints[which * terminals : (which + 1) * terminals if which < 2 else None]
 
     @property
     def momentum(self) -> AnyArray:
-        """``L``, (3, ...) N m s: that of all but the wheels, ``J omega``, to which stages add."""
+        """``L``, (3, ...) N m s, body axes: momentum of all but the wheels, ``J omega`` plus the stages'."""
         own = _product(self.inertia, self.spin[0])
         return own if self.stages is None else own + self._carried[0]
 
     @property
     def momentum_change(self) -> AnyArray:
-        """``L'``, (3, ...) N m: the derivative of `momentum` in body axes."""
+        """``L'``, (3, ...) N m: derivative of the components of `momentum` in body axes."""
         own = _product(self.inertia, self.spin[1])
         return own if self.stages is None else own + self._carried[1]
 
     @property
     def torque(self) -> AnyArray:
-        """Torque of actuators (3, ...) N m: ``L' + omega x L``; wheels have ``R^T H`` there."""
+        """Torque of the actuators (3, ...) N m, body axes: ``L' + omega x L``.
+
+        Where `total` is given, as it is with wheels, it is ``L' + omega x (R^T H)``.
+        """
         turned = self.momentum if self.total is None else self.total
         return self.momentum_change + _stacked(cross(self.spin[0], turned))
 
     @property
     def wheel_torques(self) -> AnyArray:
-        """Products (r, ...) N m of the wheels' rows with their torque ``L' + omega x (R^T H)``."""
+        """Torques (r, ...) N m that the r rows of the array of wheels limit.
+
+        They are the products of the rows with the torque of all wheels in body axes,
+        ``L' + omega x (R^T H)``.
+        """
         return _product(self._array.rows, self.momentum_change) + self.turning_torques
 
     @property
     def turning_torques(self) -> AnyArray:
-        """The part (r, ...) N m of `wheel_torques` that turns the total momentum, ``omega x (R^T H)``."""
+        """The part (r, ...) N m of `wheel_torques` by ``omega x (R^T H)``.
+
+        It is the torque that turns the total momentum with the body.
+        """
         return _product(self._array.rows, _stacked(cross(self.spin[0], self.total)))
 
     @property
     def wheel_momenta(self) -> AnyArray:
-        """Momenta (r, ...) N m s that the wheels' rows limit: of ``R^T H - L``, and what lies apart."""
+        """Momenta (r, ...) N m s that the r rows of the array of wheels limit.
+
+        They are the products of the rows with the momentum of all wheels in body axes, ``R^T H - L``, plus
+        the momenta by which wheels work against each other (`WheelArray.apart`).
+        """
         return self.resting_momenta - _product(self._array.rows, self.momentum)
 
     @property
     def resting_momenta(self) -> AnyArray:
-        """The `wheel_momenta` (r, ...) N m s that there would be if the body rested at these attitudes."""
+        """What `wheel_momenta` (r, ...) N m s would be if the body rested at the same attitudes."""
         held = _product(self._array.rows, self.total)
         apart = self._array.apart
         return held + apart.reshape(*apart.shape, *[1] * (held.ndim - apart.ndim))
 
     @property
     def _array(self) -> WheelArray:
-        """The wheels."""
+        """The array of wheels; ValueError if there is none."""
         if self.array is None:
             raise ValueError("without wheels they give and hold nothing")
         return self.array
 
 
 def _product(matrix: Any, vector: AnyArray) -> AnyArray:
-    """A matrix (k, 3), or one for each of many vectors (3, ...), times the vectors."""
+    """Multiply a matrix (k, 3), or matrices (k, 3, ...), by vectors (3, ...), to (k, ...)."""
     _, m, v = arrays(matrix, vector)
     m = m.reshape(*m.shape, *[1] * (v.ndim + 1 - m.ndim))
     return m[:, 0] * v[0] + m[:, 1] * v[1] + m[:, 2] * v[2]
 
 
 def _stacked(components: Sequence[AnyArray]) -> AnyArray:
-    """Components as one array, of numpy or JAX."""
+    """Stack components to one array, of numpy or JAX."""
     return array_module(*components).stack(components)

@@ -1,16 +1,17 @@
 """The limits of a spacecraft: what is limited, by which name and unit, and how it scales with time.
 
-This is the one list of them. Fit, time scaling, peaks, certificate, figures and report go through `limits` of
-a spacecraft; a further limit is a further row of `QUANTITIES`.
+This is the only list of them. Fit, time scaling, peaks, certificate, figures and report go through `limits`
+of a spacecraft; a new kind of limit is a new entry of `QUANTITIES`.
 
-Vectors of the platform are in body axes. A motion that takes ``s`` times as long passes the same attitudes
-and joint angles, and each quantity falls by a power of ``s``. So the shortest time in which a motion keeps a
-limit follows from the largest share of it that is taken, exactly (`jaxplan.model.scaling`).
+Vectors of the platform are in body axes. A motion that is slowed down to ``s`` times its duration passes the
+same attitudes and joint angles, and each quantity falls by a power of ``s``. So the shortest duration at
+which it keeps a limit follows exactly from the largest fraction of the limit that it uses
+(`jaxplan.model.scaling`).
 
 What wheels give and hold has a *lesser* part, which falls by one power less: the torque that turns the total
 momentum with the body falls like the rates, and what a slow motion leaves them to hold does not fall at all
-(`jaxplan.model.wheels`). There a root stands in place of the power, and where the lesser part alone is beyond
-its limit slowing down does not help.
+(`jaxplan.model.wheels`). The duration is then a root of a polynomial, and where the lesser part alone exceeds
+the limit slowing down does not help.
 """
 
 from collections.abc import Callable, Iterable
@@ -34,33 +35,33 @@ _RAISED = str.maketrans("23", "\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}", "^")
 
 
 def _length(vector: AnyArray) -> AnyArray:
-    """The Euclidean length (1, ...) of vectors (3, ...)."""
+    """Return the Euclidean lengths (1, ...) of vectors (3, ...), with an axis for the only component."""
     return norm(vector)[None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
-    """Something that a spacecraft may limit.
+    """A quantity that a spacecraft may limit, with c components.
 
     Attributes:
-        name: in reports, such as "angular_velocity".
-        word: where it is said of which joint or body axis it is, such as "rate".
-        label: at the head of a row of a table.
-        caption: beside a panel of a figure, where it is of the platform.
-        unit: for people: with angles in degrees, and "^" before exponents.
-        power: how it scales: in ``s`` times the time it is ``s ** power`` times smaller. That is the number
-            of derivatives by time that it is made of; zero of what does not depend on the duration.
-        of_joints: whether its components are those of joints; else they are along the platform's three axes,
-            or of wheels.
-        of_wheels: whether they are those of the rows of an array of wheels.
-        of_length: whether it is the length of such a vector, its only component. Where that is zero it has no
-            derivative, its square is smooth everywhere.
+        name: name in reports, such as "angular_velocity".
+        word: word that follows the name of a joint or precedes that of a body axis, such as "rate".
+        label: text at the head of a row of a table.
+        caption: text beside a panel of a figure, for quantities of the platform.
+        unit: unit for people: angles in degrees, and "^" before exponents.
+        power: how it scales: at ``s`` times the duration it is divided by ``s ** power``. It is the number of
+            time derivatives in it; zero if it does not depend on the duration.
+        of_joints: whether its components belong to joints; otherwise they belong to the platform's axes, or
+            to wheels.
+        of_wheels: whether its components belong to the rows of an array of wheels.
+        of_length: whether it is the length of a vector, its only component. A length has no derivative where
+            it is zero; its square is smooth everywhere.
         by_inertia: whether it depends on the inertia, without which it cannot be limited.
-        values: its components (c, ...) in SI units, of a motion.
-        lesser: the part of them that falls by one power less; None where there is none.
-        given: its limit in SI units, of a spacecraft: a number, or one a component; None for no limit. Of
-            what has a range it is half of that.
-        centre: the middle of its range, one a component, of a spacecraft; None for zero.
+        values: computes its components (c, ...) in SI units from a motion.
+        lesser: computes the part of them that falls by one power less; None where there is none.
+        given: gets its limit in SI units from a spacecraft: a number, or one for each component; None for no
+            limit. For angles with a range it is half the width of the range.
+        centre: gets the middle of its range for each component from a spacecraft; None where that is zero.
     """
 
     name: str
@@ -79,32 +80,32 @@ class Quantity:
     centre: Callable[[Spacecraft], Any] | None = None
 
     def __reduce__(self) -> tuple[Callable[[str], "Quantity"], tuple[str]]:
-        """Pickle the name alone, since every process has the same list."""
+        """Pickle the name only, since every process has the same list of quantities."""
         return _named, (self.name,)
 
     @property
     def angular(self) -> bool:
-        """Whether it is measured in radians, and in degrees for people."""
+        """Whether it is measured in radians here and in degrees for people."""
         return self.unit.startswith("deg")
 
     @property
     def printed_unit(self) -> str:
-        """The unit with raised exponents."""
+        """The unit with exponents as superscripts."""
         return self.unit.translate(_RAISED)
 
     def in_unit(self, values: ArrayLike) -> np.ndarray:
-        """Values in `unit`, from values in SI units."""
+        """Convert values from SI units to `unit`."""
         return np.rad2deg(values) if self.angular else np.asarray(values, float)
 
 
 def _ranges(craft: Spacecraft, which: int) -> AnyArray:
-    """Ranges (c, 2) rad of the terminals' yaws (`which` = 0) or pitches (1), or of the drives (2)."""
+    """Return the ranges (c, 2) rad of the yaws (`which` = 0), the pitches (1), or the drives' angles (2)."""
     terminals = len(craft.terminals)
     return craft.joint_ranges[which * terminals : (which + 1) * terminals if which < 2 else None]
 
 
 def _angle(name: str, word: str, label: str, which: int) -> "Quantity":
-    """The quantity of a kind of joint angle, `which` as of `_ranges`, the others as of `Quantity`."""
+    """Make the quantity of one kind of joint angle: `which` as in `_ranges`, the others as in `Quantity`."""
     return Quantity(
         name=name,
         word=word,
@@ -247,19 +248,19 @@ _BY_NAME = {quantity.name: quantity for quantity in QUANTITIES}
 
 
 def _named(name: str) -> Quantity:
-    """The quantity of a name."""
+    """Return the entry of `QUANTITIES` that has a name."""
     return _BY_NAME[name]
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limit:
-    """``|f - centre| <= bound`` at every instant, for each component ``f`` of a quantity.
+    """The condition ``|f - centre| <= bound`` for each of c components ``f`` of a quantity, at every instant.
 
     Attributes:
-        quantity: what is limited.
-        owners: (c,) of each component the body axis, the joint, the wheel or pair of wheels, or for angles
-            the terminal, by name; of a length "length".
+        quantity: the quantity that is limited.
+        owners: (c,) for each component the name of what it belongs to: the body axis, the joint, the wheel or
+            pair of wheels; for joint angles the device; for a length "length".
         bound: (c,) positive, in SI units.
         centre: (c,) in SI units; None for zero.
     """
@@ -270,7 +271,7 @@ class Limit:
     centre: AnyArray | None = None
 
     def shares(self, motion: Kinematics) -> AnyArray:
-        """Shares ``|f - centre| / bound`` (c, ...) of the limit that a motion takes."""
+        """Return the fractions ``|f - centre| / bound`` (c, ...) of the limit that a motion uses."""
         xp, values, bound = arrays(self.quantity.values(motion), self.bound)
         shape = (-1, *[1] * (values.ndim - 1))
         if self.centre is not None:
@@ -278,7 +279,11 @@ class Limit:
         return xp.abs(values) / bound.reshape(shape)
 
     def time_factors(self, motion: Kinematics) -> AnyArray:
-        """Factors (c, ...) on the time of a motion from which on each component keeps the limit."""
+        """Return by how much a motion's duration must be multiplied to keep the limit, as (c, ...).
+
+        At this factor and at every larger one the component keeps the limit; infinite where slowing down
+        cannot help.
+        """
         lesser, power = self.quantity.lesser, self.quantity.power
         if lesser is None:
             return time_factor(self.shares(motion), power)
@@ -288,7 +293,7 @@ class Limit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """(c,) of the components, such as "platform rate x" or "terminal-1 yaw rate"."""
+        """(c,) names of the limited components, such as "platform rate x" or "terminal-1 yaw rate"."""
         word = self.quantity.word
         if self.quantity.of_joints or self.quantity.of_wheels:
             return tuple(f"{owner} {word}" for owner in self.owners)
@@ -297,14 +302,14 @@ class Limit:
 
 @made_once
 def limits(craft: Spacecraft) -> tuple[Limit, ...]:
-    """All limits that a spacecraft has, in the order of `QUANTITIES`.
+    """Return all limits that a spacecraft has, in the order of `QUANTITIES`.
 
     Args:
-        craft: its numbers may be traced; then so are the bounds.
+        craft: the spacecraft. Its numbers may be traced; then the bounds are traced, too.
 
     Returns:
-        Without those of joints where there are none, and without those that need the inertia where there is
-        no inertia.
+        Limits of joints that it does not have, and limits that need the inertia where none is given, are left
+        out.
     """
     found = []
     for quantity in QUANTITIES:
@@ -320,7 +325,10 @@ def limits(craft: Spacecraft) -> tuple[Limit, ...]:
 
 
 def _owners(quantity: Quantity, craft: Spacecraft) -> tuple[str, ...]:
-    """Names (c,) of what each component is of, see `Limit`; empty where the spacecraft has no such joint."""
+    """Return the names (c,) of what each component belongs to, see `Limit`.
+
+    They are empty if the spacecraft has no joint of the kind.
+    """
     if quantity.of_wheels:
         return row_names(craft.wheels, craft.allocation)
     if not quantity.of_joints:
@@ -332,22 +340,22 @@ def _owners(quantity: Quantity, craft: Spacecraft) -> tuple[str, ...]:
 
 
 def timed_limits(craft: Spacecraft) -> tuple[tuple[Limit, ...], tuple[Limit, ...]]:
-    """The limits that a slower motion can keep (power above zero): of the platform, and of the joints."""
+    """Return the limits that a slower motion can keep (power > 0): the platform's, and the joints'."""
     timed = [limit for limit in limits(craft) if limit.quantity.power]
     joints = tuple(limit for limit in timed if limit.quantity.of_joints)
     return tuple(limit for limit in timed if not limit.quantity.of_joints), joints
 
 
 def longest(craft: Spacecraft, power: int) -> AnyArray:
-    """The largest length of the platform's angular velocity, or of a derivative of it, that limits allow.
+    """Return the largest length of the platform's angular velocity or acceleration that its limits allow.
 
     Args:
-        craft: its limits of that derivative count, and not those of torque or momentum.
-        power: 1 of the angular velocity, 2 of the acceleration.
+        craft: the spacecraft; its limits of torque and momentum are not looked at.
+        power: 1 for the angular velocity, 2 for the angular acceleration.
 
     Returns:
-        In rad/s, rad/s^2: the diagonal of the box within the limits, sqrt(3) times one that all axes share;
-            or the limit of the length where that is less.
+        rad/s or rad/s^2: half the diagonal of the box that the limits of the components make (sqrt(3) times
+        the limit if all axes share it), or the limit of the length where that is less.
     """
     bounds = [
         limit.bound
@@ -360,15 +368,14 @@ def longest(craft: Spacecraft, power: int) -> AnyArray:
 
 
 def values(names: Iterable[str], motion: Kinematics) -> AnyArray:
-    """Components of quantities by name, one after the other, and then their lesser parts.
+    """Return the components of some quantities of the platform, one after the other, then their lesser parts.
 
     Args:
-        names: of the platform's.
-        motion: with all that they need.
+        names: names of the quantities.
+        motion: the motion, with all that they need.
 
     Returns:
-        (C + E, ...) in SI units: C components, and the lesser parts of the E among them that have one, which
-        are the last.
+        (C + E, ...) in SI units: all C components, then the lesser parts of those E among them that have one.
     """
     own = [_BY_NAME[name] for name in names]
     found = [quantity.values(motion) for quantity in own]
@@ -377,10 +384,10 @@ def values(names: Iterable[str], motion: Kinematics) -> AnyArray:
 
 
 def components(names: Iterable[str], rows: int = 0) -> list[slice]:
-    """List the slices that quantities of the platform have of the vector that `values` returns.
+    """Return for each quantity of the platform the slice that it takes in the result of `values`.
 
     Args:
-        names: of the quantities, in the order of that vector.
+        names: names of the quantities, in the order given to `values`.
         rows: number of rows of the array of wheels.
     """
     found, first = [], 0
@@ -392,7 +399,10 @@ def components(names: Iterable[str], rows: int = 0) -> list[slice]:
 
 
 def lesser_components(names: Iterable[str], rows: int) -> list[slice | None]:
-    """For each of the platform's quantities the slice of its lesser part in `values`; None without one."""
+    """Return for each quantity the slice of its lesser part in the result of `values`, or None.
+
+    None stands for a quantity without a lesser part. Arguments are as for `components`.
+    """
     given = list(names)
     first = sum(_size(name, rows) for name in given)
     found: list[slice | None] = []
@@ -404,12 +414,12 @@ def lesser_components(names: Iterable[str], rows: int) -> list[slice | None]:
 
 
 def are_lengths(names: Iterable[str], rows: int = 0) -> np.ndarray:
-    """(C,) which components of the platform's quantities, as `values` has them, are lengths of vectors."""
+    """(C,) bool, which components of platform quantities, as `values` has them, are lengths of vectors."""
     return np.concatenate([[_BY_NAME[name].of_length] * _size(name, rows) for name in names])
 
 
 def _size(name: str, rows: int) -> int:
-    """Number of components of one of the platform's quantities, with so many rows of wheels."""
+    """Return the number of components of a quantity of the platform, given the number of rows of wheels."""
     quantity = _BY_NAME[name]
     if quantity.of_wheels:
         return rows
@@ -417,5 +427,5 @@ def _size(name: str, rows: int) -> int:
 
 
 def highest_derivative(names: Iterable[str]) -> int:
-    """The highest derivative by time that quantities of these names need."""
+    """Return the highest time derivative that quantities of these names need."""
     return max(_BY_NAME[name].power for name in names)

@@ -1,6 +1,7 @@
-"""Distances that a motion has to cover, and the least time for that where speed and its growth have limits.
+"""Distances that a motion has to cover, and the least time for them if speed and acceleration have limits.
 
-Units are those of the distance: rad for angles.
+Units are those of the distance: rad for angles. *Ways*, *top* and *growth* are explained in
+`jaxplan.model.duration_bound`.
 """
 
 from dataclasses import dataclass
@@ -14,16 +15,16 @@ _ROOTS = 12  # steps of Newton's method, which has then converged to rounding
 class Way:
     """A distance that a motion has to cover, and the limits of the speed along it.
 
-    Its unit U is rad for angles, rad over that of the box for lengths in boxes, and rad (kg m^2)^1/2 for the
-    length by the energy.
+    Its unit U is rad for angles, rad over the unit of the box's sides for lengths in boxes (so s for a box of
+    rates), and rad (kg m^2)^1/2 for the length by the energy.
 
     Attributes:
-        name: of the limits.
-        distance: (...) U, with a sign where it has one.
+        name: name of the limits.
+        distance: (...) U, with a sign if `signed`.
         top: U/s, largest speed, or inf.
         growth: U/s^2, largest acceleration along the way.
-        more_growth: U/s^4, by which that grows with the square of the time since rest; None where it does
-            not, as for a motion with rates at an end.
+        more_growth: U/s^4, by which the largest acceleration rises with the square of the time since rest;
+            None where it does not, as for a motion that does not rest at both ends.
         speeds: (2,) U/s, at start and end; None from rest to rest.
         signed: whether the speed may be negative, as that of a joint.
     """
@@ -38,15 +39,17 @@ class Way:
 
     @property
     def rest_time(self) -> AnyArray:
-        """Least time (...) s from rest to rest, with numpy or JAX."""
+        """Least time (...) s in which the distance is covered from rest to rest, of numpy or JAX."""
         grows = self.more_growth is not None
         more_growth = self.more_growth if grows else 0.0
         xp, far, top, growth, more = arrays(self.distance, self.top, self.growth, more_growth)
         far = xp.abs(far)
-        full = top / growth  # s, until the top is reached; from above, where Newton's method stays
+        full = top / growth  # s, until the top is reached; Newton's method comes from above
         for _ in range(_ROOTS if grows else 0):
             full = full - (full * (growth + more * full**2 / 3) - top) / (growth + more * full**2)
-        flanks = full**2 * (growth + more * full**2 / 6)  # covered by both of them
+        flanks = full**2 * (
+            growth + more * full**2 / 6
+        )  # distance covered while speeding up and slowing down
         moving = far > 0
         some = xp.where(moving, far, 1)
         square = 2 * some / (growth + xp.sqrt(growth**2 + 2 * more * some / 3))
@@ -55,7 +58,7 @@ class Way:
 
     @property
     def time(self) -> AnyArray:
-        """Least time between the speeds at both ends, (...) s, with numpy or JAX."""
+        """Least time (...) s to cover the distance between the speeds at both ends, of numpy or JAX."""
         if self.speeds is None:
             return self.rest_time
         xp, far, top, growth, speeds = arrays(self.distance, self.top, self.growth, self.speeds)
@@ -63,7 +66,8 @@ class Way:
         found = shortest_time(far, first, last, top, growth)
         if self.signed:
             return found
-        # speeds along a length are at least zero: on too short a one they cannot change within the growth
+        # A speed along a length is never negative. If the length is too short for the change of speed, the
+        # time of that change alone is the bound.
         short = 2 * growth * xp.abs(far) < xp.abs(first**2 - last**2)
         return xp.where(short, xp.abs(first - last) / growth, found)
 
@@ -71,22 +75,24 @@ class Way:
 def shortest_time(
     distance: AnyArray, first: AnyArray, last: AnyArray, rate: AnyArray, acceleration: AnyArray
 ) -> AnyArray:
-    """Least time of a motion on a line with bounded rate and acceleration, with numpy or JAX.
+    """Return the least time of a motion on a line with bounded rate and acceleration, of numpy or JAX.
 
     Args:
         distance: (...) rad, with its sign.
         first: (...) rad/s, rate at the start, within the limit.
-        last: (...) rad/s, rate at the end, likewise.
-        rate: (...) rad/s, the limit.
-        acceleration: (...) rad/s^2, likewise.
+        last: (...) rad/s, rate at the end, within the limit.
+        rate: (...) rad/s, limit of the rate's magnitude; may be infinite.
+        acceleration: (...) rad/s^2, limit of the acceleration's magnitude.
 
     Returns:
         (...) s. Its derivatives are finite, and right almost everywhere.
     """
     xp, distance, first, last, rate, acceleration = arrays(distance, first, last, rate, acceleration)
-    highest = xp.where(xp.isfinite(rate), rate, 1)  # where there is no limit none is coasted at
+    highest = xp.where(
+        xp.isfinite(rate), rate, 1
+    )  # without a limit there is no coasting, and any number will do
     found = []
-    for sign in (1, -1):  # which way it goes first
+    for sign in (1, -1):  # of the first acceleration
         d, v, w = sign * distance, sign * first, sign * last
         square = acceleration * d + (v**2 + w**2) / 2  # of the rate at the top of a triangle
         some = square > 0

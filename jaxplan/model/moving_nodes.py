@@ -1,9 +1,9 @@
 """Nodes of a path that move with its ends: those on straight motions from the start and to the goal.
 
-A motion is straight where platform and joints turn at constant rates. A search cuts such motions into edges
-of a step. So a node on the straight motion that leaves the start, or on the one that reaches the goal (a
-*lead*), was not chosen by itself: as the end moves, it stays at its share of that motion. Of a path that is
-straight as a whole that holds of every node. It computes with numpy or JAX.
+A motion is *straight* if platform and joints turn at constant rates. A search cuts such motions into edges of
+one step. So a node on the straight motion that leaves the start, or on the one that reaches the goal (a
+*lead*), was not chosen by itself: when that end moves, the node keeps its fraction of the motion. If the
+whole path is straight, this holds for every node. The functions compute with numpy or JAX.
 """
 
 from dataclasses import dataclass
@@ -22,14 +22,15 @@ _STRAIGHT = 1e-9  # rad; an edge that is off a line by no more than this lies on
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Leads:
-    """Where the m + 1 nodes of a path are on the straight motions next to its ends.
+    """Where the m + 1 nodes of a path lie on the straight motions next to its ends.
 
     Attributes:
-        first: (m + 1,) int, the node where the straight motion begins that each node is on; of a node that is
-            on none, itself.
-        second: (m + 1,) int, likewise where it ends.
-        share: (m + 1,) share of that motion at which the node lies; zero of a node that is on none.
-        turn: (m + 1, 3) rad, rotation vector of the platform on all of it, which may exceed half a turn.
+        first: (m + 1,) int, number of the node at which the straight motion begins on which each node lies;
+            for a node that lies on none its own number.
+        second: (m + 1,) int, number of the node at which that motion ends; likewise.
+        share: (m + 1,) fraction of that motion at which the node lies; zero for a node that lies on none.
+        turn: (m + 1, 3) rad, rotation vector of the platform over the whole motion, body axes at its
+            beginning; it may exceed half a turn.
     """
 
     first: np.ndarray
@@ -38,11 +39,11 @@ class Leads:
     turn: np.ndarray
 
     def nodes(self, attitudes: AnyArray, joints: AnyArray) -> tuple[AnyArray, AnyArray]:
-        """The nodes, of which those on straight motions are put back on these after their ends have moved.
+        """Return all nodes, with those on straight motions put back onto these after the ends have moved.
 
         Args:
-            attitudes: (m + 1, 3, 3) body to inertial, of the ends as they are now.
-            joints: (m + 1, J) rad, likewise.
+            attitudes: (m + 1, 3, 3) body to inertial, with the ends where they are now.
+            joints: (m + 1, J) rad, likewise, of J joints.
 
         Returns:
             Attitudes (m + 1, 3, 3) and joints (m + 1, J).
@@ -53,7 +54,7 @@ class Leads:
         return turned, joints[self.first] + self.share[:, None] * moves
 
     def _turn(self, attitudes: AnyArray) -> AnyArray:
-        """Rotation vectors (m + 1, 3) rad of the straight motions, the same way round as `turn`."""
+        """Return the rotation vectors (m + 1, 3) rad of the straight motions, turning the way of `turn`."""
         xp = array_module(attitudes)
         turn = so3.log(xp.swapaxes(attitudes[self.first], -1, -2) @ attitudes[self.second])
         angle = length(turn)
@@ -62,17 +63,17 @@ class Leads:
 
 
 def leads_of(attitudes: np.ndarray, joints: np.ndarray, nodes: int | None = None) -> Leads:
-    """The leads of a path.
+    """Find the leads of a path.
 
     Args:
         attitudes: (m + 1, 3, 3) of its nodes, body to inertial.
-        joints: (m + 1, J) rad, of its nodes.
-        nodes: number of nodes before the padding; None for all.
+        joints: (m + 1, J) rad, of its nodes, for J joints.
+        nodes: number of nodes before the padding; None if there is no padding.
     """
     count = len(attitudes)
     turns = so3.log(np.swapaxes(attitudes[:-1], -1, -2) @ attitudes[1:])[: (nodes or count) - 1]
     edges = np.concatenate([turns, np.diff(joints, axis=0)[: len(turns)]], axis=1)
-    own = np.minimum(np.arange(count), (nodes or count) - 1)  # padding is as the last node
+    own = np.minimum(np.arange(count), (nodes or count) - 1)  # padded nodes equal the last one
     first, second = own.copy(), own.copy()
     share, turn = np.zeros(count), np.zeros((count, 3))
     last = len(edges)
@@ -90,9 +91,10 @@ def leads_of(attitudes: np.ndarray, joints: np.ndarray, nodes: int | None = None
 
 
 def _straight(edges: np.ndarray) -> int:
-    """Number of the first edges that lie along one line, short of a whole turn of the platform.
+    """Return how many of the first edges lie along one line, within less than a whole turn of the platform.
 
-    Edges (m, 3 + J) rad are changes: rotation vectors of the platform, then joints.
+    Args:
+        edges: (m, 3 + J) rad, changes along each edge: rotation vector of the platform, then joints.
     """
     steps = np.linalg.norm(edges, axis=1)
     moving = np.flatnonzero(steps)

@@ -1,18 +1,19 @@
 """Geometry of fields of view and masks: edges of a rectangular field, half-planes of a convex polygon.
 
-A *rectangular field* is a pyramid about a boresight. Across it lies ``left = up x boresight``, along it
-``up``; its full angles are those between opposite edges, measured in these two planes. It is on the inner
-side of four planes through its apex, whose normals point outward:
+A *rectangular field* is a pyramid about a boresight. Its directions are ``up`` and, across that,
+``left = up x boresight``. Its two full angles lie between opposite edges, measured in the plane of ``left``
+(across) and in that of ``up`` (along). The field is on the inner side of four planes through its apex, with
+outward normals:
 
     +-cos(across / 2) left - sin(across / 2) boresight,    +-cos(along / 2) up - sin(along / 2) boresight
 
 The angle from the boresight to a corner has the tangent ``hypot(tan(across / 2), tan(along / 2))``.
 
-A *mask* is a convex polygon of yaw and pitch, its corners in either order. It is outside of it that
-``normal . (yaw, pitch) >= least`` for one of its edges, ``normal`` of length one. Where a yaw may turn far,
-the mask is met again after each whole turn.
+A *mask* is a convex polygon of yaw and pitch, with its corners in either order. A point is outside of it if
+``normal . (yaw, pitch) >= least`` for at least one of its edges, with ``normal`` of length one. If the range
+of the yaw allows it, the mask is met again after each whole turn.
 
-All of it but `turns` and `fault` computes with numpy or JAX, as its arguments do. Angles in rad.
+Everything but `turns` and `fault` computes with numpy or JAX, as its arguments do. Angles in rad.
 """
 
 import math
@@ -31,16 +32,16 @@ FORWARD = np.array([1.0, 0.0, 0.0])
 """The boresight of a terminal in the axes of its moving part: boresight, left, up."""
 MOST_TURNS = 2
 """Whole turns to either side after which a mask of traced numbers is repeated: enough for ranges of two."""
-_FLAT = 1e-9  # rad, a shorter edge of a mask is refused; rad, corners that bend by less count as straight
+_FLAT = 1e-9  # rad; shorter edges of a mask are refused, corners that bend by less are straight
 
 
 def field_edges(boresight: ArrayLike, up: ArrayLike | None, angles: ArrayLike | None) -> AnyArray:
-    """Outward normals of the edges of a rectangular field.
+    """Return the outward normals of the four edges of a rectangular field.
 
     Args:
         boresight: (3,) unit vector.
-        up: (3,) about at right angles to it; only its part across the boresight counts.
-        angles: (2,) full angles across and along up, below pi.
+        up: (3,) about at right angles to the boresight; only its component across that counts.
+        angles: (2,) rad, full angles across `up` and along it, below pi.
 
     Returns:
         (4, 3) unit vectors in the frame of the boresight, in the order of `EDGES`.
@@ -55,16 +56,16 @@ def field_edges(boresight: ArrayLike, up: ArrayLike | None, angles: ArrayLike | 
 
 
 def corner_angle(angles: ArrayLike | None) -> AnyArray:
-    """Angle, rad, from the boresight to the corners of a rectangular field of full angles (2,) rad."""
+    """Return the angle, rad, from boresight to corners of a rectangular field with full angles (2,) rad."""
     xp, full = arrays(angles)
     tangents = xp.tan(full / 2)
     return xp.arctan(xp.sqrt(xp.sum(tangents * tangents)))
 
 
 def field_corners(boresight: np.ndarray, up: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Unit vectors (4, 3) to the corners of a rectangular field, in order around it; numpy alone.
+    """Return unit vectors (4, 3) to the corners of a rectangular field, in order around it, by numpy only.
 
-    Arguments are as of `field_edges`, and so is the frame.
+    Arguments and frame are as for `field_edges`.
     """
     left, right, upper, lower = field_edges(boresight, up, angles)
     corners = np.stack(
@@ -75,17 +76,16 @@ def field_corners(boresight: np.ndarray, up: np.ndarray, angles: np.ndarray) -> 
 
 
 def half_planes(corners: ArrayLike, *, box: bool = False) -> tuple[AnyArray, AnyArray]:
-    """Half-planes outside of the edges of a convex polygon.
+    """Return the half-planes outside of the edges of a convex polygon, as ``normal . point >= least``.
 
     Args:
-        corners: (k, 2) in order around it, either way.
-        box: whether the sides of the least upright rectangle about it follow. They lie outside already, but
-            where all half-planes are moved outward by a step of either coordinate, the polygon grows by
-            exactly that step only with them.
+        corners: (k, 2) in order around it, in either sense.
+        box: whether to add the half-planes outside of its bounding box. They contain no more points; but if
+            all half-planes are moved outward by the effect of a step of either coordinate, only with them
+            does the polygon grow by exactly that step.
 
     Returns:
-        Normals (k, 2) of length one that point outward, and the least ``normal . point`` (k,) outside; four
-        more of the box.
+        Outward normals (k, 2) of length one, and (k,) least values outside; with `box` four more of each.
     """
     xp, points = arrays(corners)
     following = xp.roll(points, -1, axis=0)
@@ -102,16 +102,16 @@ def half_planes(corners: ArrayLike, *, box: bool = False) -> tuple[AnyArray, Any
 
 
 def turns(corners: ArrayLike, low: ArrayLike, high: ArrayLike) -> tuple[int, ...]:
-    """Whole turns of yaw after which a mask is met within a range.
+    """Return the whole turns of yaw by which a mask can be moved so that it reaches into a range.
 
     Args:
         corners: (k, 2) rad, yaw and pitch.
         low: rad, least yaw of the range.
-        high: rad, largest yaw.
+        high: rad, largest yaw of the range.
 
     Returns:
-        Numbers of turns, as few as there can be; for JAX arrays, which may be traced, up to `MOST_TURNS` to
-        either side.
+        Numbers of turns, no more than needed. For JAX arrays, whose values may be unknown, all from
+        -`MOST_TURNS` to `MOST_TURNS`.
     """
     if array_module(corners, low, high) is jnp:
         return tuple(range(-MOST_TURNS, MOST_TURNS + 1))
@@ -121,7 +121,11 @@ def turns(corners: ArrayLike, low: ArrayLike, high: ArrayLike) -> tuple[int, ...
 
 
 def fault(corners: np.ndarray) -> str | None:
-    """Text why corners (k, 2) rad make no mask, to follow "must" in a message; None where they make one."""
+    """Say what is wrong with the corners (k, 2) rad of a mask.
+
+    Returns:
+        Text that follows "must" in a message; None if nothing is wrong.
+    """
     if len(corners) < 3:
         return f"have 3 corners or more, not {len(corners)}"
     edge = np.roll(corners, -1, axis=0) - corners

@@ -1,11 +1,14 @@
-"""States, goals and paths, and the motion between two nodes.
+"""Goals and paths, and the motion between two nodes of a path.
 
-The motion along an edge is the geodesic of the platform and linear joints, both at constant speed:
-``R(s) = R0 exp(s phi^)``, ``q(s) = q0 + s dq`` with ``s`` in [0, 1]. Its margins are bounded from below over
-the whole edge, by the bounds of `jaxplan.model.constraints`, from a few samples.
+A path is a sequence of *nodes*, which are states, connected by *edges*. Along an edge the platform follows
+the geodesic and the joints change linearly, all at constant speed: ``R(s) = R0 exp(s phi^)``,
+``q(s) = q0 + s dq`` with ``s`` in [0, 1], where ``phi`` is the rotation vector of the edge in body axes. Its
+margins are bounded from below over the whole edge from a few samples, by the bounds of
+`jaxplan.model.scores`.
 
 The cost of an edge is counted in steps, ``max(rotation / attitude step, |dq_j| / joint step_j)``, which is
-also the time the move takes when every step takes the same.
+the duration of the move if every step takes the same time. There are 2n + d joints of n terminals and d
+drives: all yaws, all pitches, all drives' angles.
 """
 
 from dataclasses import dataclass
@@ -41,11 +44,14 @@ class Goal:
 
     Attributes:
         attitude: (3, 3) body to inertial.
-        joints: (2n + d,) rad, yaws, pitches, drives.
-        slew_angle: rotation of the platform from the start, rad.
-        time: s, at which the manoeuvre must end, for which moving targets were taken; 0 where nothing moves.
-        angular_velocity: (3,) rad/s of the platform then, body axes; None for what the scenario asks for.
-        joint_rates: (2n + d,) rad/s, likewise; with the platform's they let devices follow their targets.
+        joints: (2n + d,) rad: yaws, pitches, drives.
+        slew_angle: rad, rotation of the platform from the start.
+        time: s, at which the manoeuvre must end, since moving targets were taken where they are then; 0 where
+            nothing moves.
+        angular_velocity: (3,) rad/s of the platform at the goal, body axes; None for the one that the
+            scenario states.
+        joint_rates: (2n + d,) rad/s at the goal; None likewise. With both rates the devices follow their
+            targets.
     """
 
     attitude: np.ndarray
@@ -57,7 +63,10 @@ class Goal:
 
     @property
     def state(self) -> GivenState:
-        """The goal as a state that a scenario may be given as its goal, or as its start."""
+        """The goal as a `GivenState`, which can be the goal or the start of a scenario.
+
+        Rates that are None in the goal are left out.
+        """
         names = ("angular_velocity", "joint_rates")
         rates = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         return GivenState(rotation_vector=np.asarray(so3.log(self.attitude)), joints=self.joints, **rates)
@@ -67,12 +76,12 @@ class Goal:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Path:
-    """A sequence of nodes from start to goal.
+    """A sequence of m + 1 nodes from start to goal.
 
     Attributes:
         attitudes: (m + 1, 3, 3) body to inertial.
         joints: (m + 1, 2n + d) rad.
-        edge_costs: (m,) cost of each edge in steps; a trajectory shares its time out by them.
+        edge_costs: (m,) cost of each edge in steps; a trajectory divides its duration in proportion to them.
     """
 
     attitudes: np.ndarray
@@ -81,7 +90,7 @@ class Path:
 
     @property
     def length(self) -> float:
-        """Cost of the path in steps."""
+        """Cost of the whole path in steps, the sum of those of its edges."""
         return float(np.sum(self.edge_costs))
 
     @property
@@ -91,13 +100,13 @@ class Path:
 
 
 def halve(path: Path) -> Path:
-    """The same path with a node in the middle of every edge.
+    """Return the same path with another node in the middle of every edge.
 
     Args:
-        path: with m edges.
+        path: a path with m edges.
 
     Returns:
-        A path with 2m edges of half the cost each.
+        A path with 2m edges, each of half the cost.
     """
     nodes = 2 * path.edges + 1
     attitudes, joints = np.empty((nodes, 3, 3)), np.empty((nodes, path.joints.shape[1]))
@@ -110,16 +119,16 @@ def halve(path: Path) -> Path:
 def step_cost(
     rotation: ArrayLike, joint_change: ArrayLike, attitude_step: ArrayLike, joint_steps: ArrayLike
 ) -> AnyArray:
-    """Cost of a motion in steps: the largest of those of the platform and of all joints.
+    """Return the cost of a motion in steps: the largest of those of the platform and of all joints.
 
     Args:
-        rotation: (...) angle of the platform's rotation, rad.
+        rotation: (...) rad, angle of the platform's rotation.
         joint_change: (..., 2n + d) rad.
-        attitude_step: rad a step.
-        joint_steps: (2n + d,) rad a step.
+        attitude_step: rad of rotation in one step.
+        joint_steps: (2n + d,) rad of each joint in one step.
 
     Returns:
-        (...) steps.
+        (...) steps, not rounded.
     """
     xp, turn, change, step, steps = arrays(rotation, joint_change, attitude_step, joint_steps)
     return xp.maximum(turn / step, xp.max(xp.abs(change) / steps, axis=-1, initial=0.0))
@@ -128,17 +137,17 @@ def step_cost(
 def motion(
     attitude: ArrayLike, joints: ArrayLike, turn: ArrayLike, joint_change: ArrayLike, fraction: ArrayLike
 ) -> tuple[AnyArray, AnyArray]:
-    """States along an edge.
+    """Return states along an edge.
 
     Args:
         attitude: (3, 3) where the edge starts, body to inertial.
         joints: (2n + d,) rad, where the edge starts.
         turn: (3,) rad, rotation vector ``phi`` of the edge, body axes.
         joint_change: (2n + d,) rad, ``dq``.
-        fraction: (k,) in [0, 1].
+        fraction: (k,) fractions of the edge, in [0, 1].
 
     Returns:
-        (k, 3, 3) attitudes and (k, 2n + d) joints.
+        (k, 3, 3) attitudes, body to inertial, and (k, 2n + d) joints, rad.
     """
     xp, start, angles, phi, change, s = arrays(attitude, joints, turn, joint_change, fraction)
     steps = so3.exp(s[:, None] * phi)
@@ -156,19 +165,21 @@ def interval_scores(
     joint_change: ArrayLike,
     intervals: int,
 ) -> Array:
-    """Upper bound of every row's score on each interval of one edge, see `jaxplan.model.constraints`.
+    """Return an upper bound of every row's score on each interval of one edge.
+
+    A score is a margin without its arc cosine, larger where the margin is smaller (`jaxplan.model.scores`).
 
     Args:
-        rows: the constraints, of which no axis moves.
-        sights: what they bind.
-        attitude: (3, 3) at the edge's start.
-        joints: (2n + d,) at the edge's start.
-        turn: (3,) rotation vector ``phi`` of the edge, body axes.
-        joint_change: (2n + d,) ``dq``.
-        intervals: number of equal intervals, static; more make the bound sharper.
+        rows: the constraints, Z rows of which no axis moves.
+        sights: the directions that they bind.
+        attitude: (3, 3) where the edge starts, body to inertial.
+        joints: (2n + d,) rad, where the edge starts.
+        turn: (3,) rad, rotation vector ``phi`` of the edge, body axes.
+        joint_change: (2n + d,) rad, ``dq``.
+        intervals: number of equal intervals, static; with more of them the bound is sharper.
 
     Returns:
-        (intervals, Z), of the worst sight that each row binds; -inf where it binds none.
+        (intervals, Z), for the worst sight that each row binds; -inf where it binds none.
     """
     turn_vector = jnp.asarray(turn)
     fraction = jnp.arange(intervals + 1) / intervals
@@ -193,11 +204,13 @@ def edge_margins(
     joint_change: ArrayLike,
     intervals: int,
 ) -> Array:
-    """Lower bound of every constraint's margin over one whole edge; arguments as for `interval_scores`.
+    """Return a lower bound of every constraint's margin over one whole edge.
+
+    Arguments are as for `interval_scores`.
 
     Returns:
-        (Z,) rad, +inf for padding and for rows that follow another of their constraint; exact to about
-        1e-8 rad at a cone's very axis, else to rounding.
+        (Z,) rad, at the first row of each constraint; +inf for its other rows and for padding. It is good to
+        about 1e-8 rad where a sight lies on a cone's axis, else to rounding.
     """
     worst = interval_scores(rows, sights, attitude, joints, turn, joint_change, intervals)
     margin = jnp.where(worst == -jnp.inf, jnp.inf, margins_of_scores(rows, worst))

@@ -1,7 +1,7 @@
 """The ways along which a platform turns, with the limits that keep the speed along each low.
 
-A *way* is a distance that a motion has to cover, see `jaxplan.model.duration_bound`; these are those of the
-platform:
+A *way* is a distance that a motion has to cover, with limits of the speed along it (*top*) and of its rate of
+change (*growth*), see `jaxplan.model.duration_bound`. These are the ways of the platform:
 
     way                        speed                             top, growth
     length in a box            max of |w_i| / c_i                max of limit_i / c_i, also of accelerations
@@ -9,32 +9,34 @@ platform:
     angle of a body axis       |w across it|                     diagonals of the two other axes' limits
     length by the energy       sqrt(w . J w)                     the largest over boxes; growth by torque too
 
-`w` is the angular velocity in body axes; lengths of turns are those of `jaxplan.model.turn_table`. By J the
-speed grows no faster than the largest ``sqrt(torque . J^-1 torque)``, since gyroscopic torques do no work.
-In a box they count: from rest, ``w_i' <= a_i + g_i t^2``, with ``a = |J^-1| torque`` and ``g_i`` the largest
-of ``|J^-1 (w x J w)|_i`` for the energy, or the momentum, that there can be after a second. Limits of
-momentum are taken for limits of the rates.
+`w` is the angular velocity in body axes, `J` the inertia; a box has the half sides `c`, and lengths of turns
+are those of `jaxplan.model.turn_table`. By the energy the speed grows no faster than the largest
+``sqrt(torque . J^-1 torque)``, since gyroscopic torques do no work. In a box they count: from rest,
+``w_i' <= a_i + g_i t^2``, with ``a = |J^-1| torque`` and ``g_i`` the largest of ``|J^-1 (w x J w)|_i`` for
+the energy, or the momentum, that there can be after one second. Limits of momentum are converted to limits of
+the rates.
 
 Wheels give ``J w' + w x (R^T H)`` and hold ``R^T H - J w``, both within what the array reaches by its
-allocation (`jaxplan.model.wheel_reach`); ``|H|`` is known from the start. So the rates are within ``J^-1``
-times the reach of the momenta and ``|H|`` about it, accelerations within that of the torques and ``|w| |H|``,
-and in the energy the torque that turns ``H`` does no work. Lengths of both, and of what lies across a body
-axis, are at most those of the corners, which is less than the diagonals of boxes.
+allocation (`jaxplan.model.wheel_reach`); ``|H|``, the total momentum, is known from the start. So the rates
+are at most ``J^-1`` times the reach of the momenta plus ``|H|``, the accelerations at most ``J^-1`` times the
+reach of the torques plus ``|w| |H|``; in the energy the torque that turns ``H`` does no work. The lengths of
+both, and of their parts across a body axis, are at most those at the corners of the reach, which are smaller
+than the diagonals of boxes.
 
-Where stages of gimbals have an inertia, ``J`` depends on the joints, and joints that move carry momentum and
-push back. What these are at most has `jaxplan.model.inertia_bounds`: with ``d = J - J_c`` the momentum is
-``J_c w + (d w + p)``, so limits of momentum and torque let ``J_c w`` and ``J_c w'`` be larger by the most
-that ``d w + p`` and ``d w' + J' w + p'`` can be, and gyroscopic torque adds the former times ``|w|``. In the
-energy the speed is ``sqrt(w . J(q) w)``: it is no less than that by the least inertia, whose length of the
-turn it has to cover, its top is by the greatest, and as
+If stages of gimbals have an inertia, ``J`` depends on the joints, and moving joints carry momentum and push
+back. `jaxplan.model.inertia_bounds` bounds these: with ``d = J - J_c`` the momentum is ``J_c w + (d w + p)``,
+so limits of momentum and torque let ``J_c w`` and ``J_c w'`` be larger by the most that ``d w + p`` and
+``d w' + J' w + p'`` can be, and gyroscopic torque adds the former times ``|w|``. In the energy the speed is
+``sqrt(w . J(q) w)``: it is at least that by the least inertia, which gives the distance; its top is that by
+the greatest inertia; and as
 
     d/dt (w . J w) / 2 = w . (torque - J' w / 2 - p')
 
-it grows by no more than the torque lets it by the least inertia, and ``(|p'| + |J'| |w| / 2) / sqrt(a)``,
-with ``a`` the least moment of that.
+its growth is at most what the torque gives by the least inertia plus ``(|p'| + |J'| |w| / 2) / sqrt(a)``,
+with ``a`` the least principal moment of that.
 
-Any ``c`` is allowed; the limits of rates, those of accelerations and what lies between are tried. Radians,
-seconds, body axes.
+Any ``c`` is allowed; tried are the limits of the rates, those of the accelerations, and the geometric mean of
+both. Radians, seconds, body axes.
 """
 
 from collections.abc import Iterator
@@ -68,12 +70,14 @@ ENERGY = "torque and inertia of the platform"
 
 
 class Ends(NamedTuple):
-    """The motion at start and end, where it need not rest.
+    """The motion at start and end, where the spacecraft need not rest.
+
+    The joints are the yaws of n terminals, their pitches, and the angles of d drives.
 
     Attributes:
-        spins: (2, 3) rad/s, angular velocities in body axes; None from rest to rest.
-        joints: (2, 2n + d) rad; None where these rest, too.
-        rates: (2, 2n + d) rad/s, likewise.
+        spins: (2, 3) rad/s, angular velocities in body axes; None if the platform rests at both ends.
+        joints: (2, 2n + d) rad, joint angles; None if the joints rest, too.
+        rates: (2, 2n + d) rad/s, joint rates; None if the joints rest, too.
     """
 
     spins: AnyArray | None = None
@@ -81,7 +85,15 @@ class Ends(NamedTuple):
     rates: AnyArray | None = None
 
     def momenta(self, craft: Spacecraft, *, still: bool = False) -> AnyArray:
-        """Momenta (2, 3) N m s of all but the wheels, body axes; with `still` as if joints did not move."""
+        """Return the momenta (2, 3) N m s of all but the wheels at start and end, body axes.
+
+        Args:
+            craft: the spacecraft.
+            still: whether to take joint rates as zero.
+
+        Raises:
+            ValueError: if the joints are not given.
+        """
         spins = np.zeros((2, 3)) if self.spins is None else self.spins
         if self.joints is None or self.rates is None:
             raise ValueError("joints are not known")
@@ -97,11 +109,11 @@ class Ends(NamedTuple):
 
 
 def ways_of_platform(craft: Spacecraft, turns: AnyArray, ends: Ends) -> Iterator[Way]:
-    """Yield the ways of the platform: those of the module's table but the first, each with its limits.
+    """Yield the ways of the platform, which are those in the table of the module's docstring.
 
     Args:
-        craft: its limits and inertia.
-        turns: (..., 3) rad, rotation vectors from start to end, in the body axes of the start.
+        craft: the spacecraft, with its limits and inertia.
+        turns: (..., 3) rad, rotation vectors from start to end, in body axes at the start.
         ends: the motion at both ends.
     """
     given = {limit.quantity.name: limit.bound for limit in limits(craft)}
@@ -179,15 +191,15 @@ def _box_ways(
     acceleration: AnyArray,
     more: AnyArray | None = None,
 ) -> Iterator[Way]:
-    """Yield the lengths of turns in the boxes of the rates, of the accelerations, and of what lies between.
+    """Yield the lengths of turns in up to three boxes, as ways: of rates, of accelerations, and between them.
 
     Args:
-        name: of the limits.
+        name: name of the limits.
         turns: (..., 3) rad, rotation vectors.
-        spins: (2, 3) rad/s, at both ends; None at rest.
-        rate: (3,) rad/s, limits of the components.
-        acceleration: (3,) rad/s^2, likewise.
-        more: (3,) rad/s^4, by which these grow with the square of the time since rest; None for nothing.
+        spins: (2, 3) rad/s, angular velocities at both ends; None at rest.
+        rate: (3,) rad/s, limits of the angular velocity's components.
+        acceleration: (3,) rad/s^2, limits of the acceleration's components, at rest if `more` is given.
+        more: (3,) rad/s^4, by which these rise with the square of the time since rest; None for zero.
     """
     xp, rate, acceleration = arrays(rate, acceleration)
     boxes = [rate]
@@ -214,11 +226,19 @@ def _axis_ways(
     norms: tuple[AnyArray, AnyArray],
     of_wheels: tuple[list[AnyArray], list[AnyArray]] | None,
 ) -> Iterator[Way]:
-    """Yield for each body axis the angle between its directions at start and end, which is a way.
+    """Yield for each body axis the angle between its directions at start and end, as a way.
 
-    Turns about the axis itself do not change it. The name of the limits, turns (..., 3) rad, spins (2, 3)
-    rad/s at both ends or None, rate (3,) rad/s, acceleration (3,) rad/s^2, and `norms`, limits of the lengths
-    of both; `of_wheels` likewise of what lies across each axis, None without.
+    Turns about the axis itself do not change that angle.
+
+    Args:
+        name: name of the limits.
+        turns: (..., 3) rad, rotation vectors.
+        spins: (2, 3) rad/s, angular velocities at both ends; None at rest.
+        rate: (3,) rad/s, limits of the angular velocity's components.
+        acceleration: (3,) rad/s^2, limits of the acceleration's components.
+        norms: rad/s and rad/s^2, limits of the lengths of both.
+        of_wheels: for each axis the limits by wheels of the lengths of what lies across it, first of the
+            angular velocity and then of the acceleration; None without wheels.
     """
     turned = _axis_angles(turns)
     xp, rate, acceleration = arrays(rate, acceleration)
@@ -238,7 +258,7 @@ def _axis_ways(
 
 
 def _axis_angles(turns: AnyArray) -> AnyArray:
-    """Angles (..., 3) rad between the directions of the three axes before and after turns (..., 3) rad."""
+    """Return the angles (..., 3) rad by which turns (..., 3) rad move the directions of the three axes."""
     _, turned = arrays(so3.exp(turns))
     return separation(np.eye(3, dtype=turned.dtype), array_module(turned).swapaxes(turned, -1, -2))
 
@@ -251,13 +271,13 @@ def _energy_way(
     turns: AnyArray,
     ends: Ends,
 ) -> Way:
-    """The way along which the speed is ``sqrt(w . J w)``, with the largest of its lower bounds as distance.
+    """Return the way with the speed ``sqrt(w . J w)``; its distance is the largest of several lower bounds.
 
     Args:
-        craft: its wheels' limits stand in the place of those of torque and momentum.
-        body: between what ``J`` lies.
-        given: bounds (3,) of the limits, by the names of their quantities.
-        norms: limits of the lengths of angular velocity and acceleration, rad/s and rad/s^2.
+        craft: the spacecraft; if it has wheels, their limits are used instead of those of torque.
+        body: bounds of the inertia ``J``.
+        given: (3,) bounds of the limits, by the names of their quantities.
+        norms: rad/s and rad/s^2, limits of the lengths of angular velocity and acceleration.
         turns: (..., 3) rad, rotation vectors.
         ends: the motion at both ends.
     """
@@ -302,7 +322,11 @@ def _energy_way(
 
 
 def _total(craft: Spacecraft, ends: Ends) -> AnyArray:
-    """Length, N m s, of the total momentum of platform and wheels, from the motion at the start."""
+    """Return the length, N m s, of the total momentum of platform and wheels, from the start's motion.
+
+    Raises:
+        ValueError: if there are no wheels.
+    """
     if craft.wheel_array is None:
         raise ValueError("there are no wheels")
     if craft.stages is not None:
@@ -315,11 +339,16 @@ def _total(craft: Spacecraft, ends: Ends) -> AnyArray:
 
 
 def _accelerations_by_torque(inertia: AnyArray, torque: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Bounds of the angular acceleration's components, by inertia (3, 3) kg m^2 and torque limits (3,) N m.
+    """Return bounds of the angular acceleration's components.
+
+    Args:
+        inertia: (3, 3) kg m^2.
+        torque: (3,) N m, limits of the torque's components.
 
     Returns:
-        (3,) rad/s^2 at rest, by the torque; (3,) of what a turning body adds, by the square of its angular
-        velocity; and (3,) rad/s^4, of what it adds by the square of the time since it was at rest.
+        (3,) rad/s^2, by the torque, for a body at rest; (3,) factors of the square of the angular velocity's
+        length, for what a turning body adds; and (3,) rad/s^4, factors of the square of the time since rest,
+        for the same.
     """
     xp, inertia, torque = arrays(inertia, torque)
     inverse = inverse_of(inertia)

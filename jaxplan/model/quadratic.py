@@ -1,6 +1,6 @@
-"""Quadratic forms of three variables, such as inertias: the lengths that they give, and the largest of these.
+"""Quadratic forms of three variables, such as inertias, and the lengths ``sqrt(x . M x)`` that they give.
 
-All of it computes with numpy or JAX, as its arguments do.
+Everything computes with numpy or JAX, as its arguments do.
 """
 
 from itertools import product
@@ -15,9 +15,10 @@ _CORNERS = np.array([(1.0, *signs) for signs in product((1.0, -1.0), repeat=2)])
 
 
 def greatest_of(values: list[AnyArray]) -> AnyArray:
-    """The elementwise maximum of arrays, taken by index, so that it has the derivative of one of them.
+    """Return the elementwise maximum of arrays, chosen by index, with the derivative of the array chosen.
 
-    Compiled, a maximum may be equal to none of the values, and then its derivative is zero.
+    Compiled, a plain maximum may differ from all of its arguments in rounding, and then its derivative is
+    zero.
     """
     xp = array_module(*values)
     rows = xp.stack(values)
@@ -25,12 +26,15 @@ def greatest_of(values: list[AnyArray]) -> AnyArray:
 
 
 def inverse_of(matrix: AnyArray) -> AnyArray:
-    """The inverse of a matrix, by numpy or JAX."""
+    """Return the inverse of a matrix, by numpy or JAX."""
     return array_module(matrix).linalg.inv(matrix)
 
 
 def principal(inertia: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Principal moments (3,) of an inertia, and principal axes (3, 3) as columns, without derivatives."""
+    """Return the principal moments (3,) of an inertia and its principal axes (3, 3) as columns.
+
+    With JAX the axes have no derivatives; the moments have.
+    """
     if array_module(inertia) is np:
         _, axes = np.linalg.eigh(inertia)
     else:
@@ -39,28 +43,31 @@ def principal(inertia: AnyArray) -> tuple[AnyArray, AnyArray]:
 
 
 def largest_in_box(bound: AnyArray, matrix: AnyArray) -> AnyArray:
-    """The largest ``sqrt(x . matrix x)`` over the box ``|x_i| <= bound_i``."""
+    """Return the largest ``sqrt(x . matrix x)`` of vectors x in the box ``|x_i| <= bound_i``."""
     _, bound, matrix = arrays(bound, matrix)
     return largest_size(_CORNERS * bound, matrix)
 
 
 def largest_size(vectors: AnyArray, matrix: AnyArray) -> AnyArray:
-    """The largest ``sqrt(x . matrix x)`` of vectors (k, 3), some of which may be zero.
+    """Return the largest ``sqrt(x . matrix x)`` of vectors (k, 3), of which some may be zero.
 
-    The root is taken of the largest alone: that of a zero has no derivative.
+    The root is taken of the largest only, as the root of zero has no derivative.
     """
     xp, x, matrix = arrays(vectors, matrix)
     return xp.sqrt(xp.max(xp.sum((x @ matrix) * x, axis=-1)))
 
 
 def sizes_by(vectors: AnyArray, matrix: AnyArray) -> AnyArray:
-    """``sqrt(x . matrix x)`` (k,) of vectors (k, 3); the derivative is taken as zero where it is zero."""
+    """Return ``sqrt(x . matrix x)`` (k,) of vectors (k, 3).
+
+    Where it is zero, zero is taken for its derivative.
+    """
     xp, x, matrix = arrays(vectors, matrix)
     return roots_of(xp.sum((x @ matrix) * x, axis=-1))
 
 
 def roots_of(squares: AnyArray) -> AnyArray:
-    """Square roots of numbers >= 0; at zero, where they have no derivative, it is taken as zero."""
+    """Return square roots of numbers >= 0; at zero, where they have no derivative, zero is taken for it."""
     xp = array_module(squares)
     some = squares > 0
     return xp.where(some, xp.sqrt(xp.where(some, squares, 1)), 0)

@@ -1,22 +1,22 @@
-"""The tube about a plan: errors of attitude and joints for which all holds, and what is kept back of limits.
+"""The tube about a plan: errors of attitude and joints that a plan must tolerate, and reserves of its limits.
 
-What flies is what a controller makes of a plan. A `Robust` says how far the platform may be turned off the
-plan, about any axis, and how far each joint; every zone, mask and range holds for all attitudes and joint
-angles within. Angles add, so that a margin falls by what the direction and the axis can move towards each
-other, its *loss*:
+A spacecraft flies what its controller makes of a plan. A `Robust` says by how much the platform may be turned
+away from the plan, about any axis, and by how much each joint; every zone, mask and range then holds for all
+attitudes and joint angles within these errors, the *tube*. Angles add, so a margin falls by the angle by
+which direction and axis can move towards each other, its *loss*:
 
-- of a direction against an inertial axis the error of the attitude and the swing of the device it is on,
-- of a direction against an axis of the body, or another device, the swings of both alone, and of two that the
-  same joints turn none,
-- of ``f . (yaw, pitch) >= d`` the error of joints times ``|f_1| + |f_2|``.
+- for a direction against an inertial axis: the attitude error plus the swing of the device that carries it;
+- for a direction against an axis of the body, or the boresight of another device: the sum of the swings of
+  both, or nothing if the same joints carry both;
+- for ``f . (yaw, pitch) >= d``: the joint error times ``|f_1| + |f_2|``.
 
-The *swing* is how far errors ``e`` of a device's joints move a direction that it carries. The two rotations
-of a terminal are about axes at right angles, so together they are one by ``2 arccos(cos(e / 2)^2)``,
-sqrt(2) e for small ones, which is what moves its boresight where the pitch is about zero. Of a drive the
-swing is ``e``, and what is fixed to the body has none.
+The *swing* is the largest angle by which joint errors ``e`` turn a direction that a device carries. The two
+rotations of a terminal are about axes at right angles, so together they are one by
+``2 arccos(cos(e / 2)^2)``, sqrt(2) e for small ones, which is reached by the boresight where the pitch is
+about zero. The swing of a drive is ``e``; what is fixed to the body has none.
 
-Half angles, ranges and limits of torque and momentum are made of this in one place, `Scenario.constraints`
-and `Scenario.usable`, so that what plans knows nothing of it. Functions compute with numpy or JAX, as their
+Half angles, ranges and limits of torque and momentum are tightened in one place, `Scenario.constraints` and
+`Scenario.usable`, so that planners need not know of errors. Functions compute with numpy or JAX, as their
 arguments do. Angles in rad.
 """
 
@@ -38,14 +38,14 @@ from jaxplan.runtime.display import shown
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Robust:
-    """Errors that a plan must bear.
+    """Errors that a plan must tolerate, and shares of limits that it must not use.
 
     Attributes:
-        attitude_error: rad, by which the platform may be turned off the plan, about any axis.
+        attitude_error: rad, by which the platform may be turned away from the plan, about any axis.
         joint_error: rad, by which each joint may be off the plan.
         torque_reserve: percent of every limit of torque that is kept back for the controller.
         momentum_reserve: percent of every limit of wheel momentum that is kept back, since a body whose
-            inertia is another than is thought needs another momentum to turn as planned.
+            inertia differs from the stated one needs another momentum to turn as planned.
     """
 
     attitude_error: float = keyed(
@@ -67,14 +67,14 @@ class Robust:
 
     @property
     def words(self) -> str:
-        """Text that names the tube in messages, with the errors by their keys."""
+        """Text that names the tube in messages, with the errors by their keys in files, in degrees."""
         errors = {"attitude": self.attitude_error, "joint": self.joint_error}
         told = ", ".join(f"{name}_error_deg = {np.rad2deg(error):.6g}" for name, error in errors.items())
         return f"the tube of [robust] ({told})"
 
     @property
     def told(self) -> str:
-        """Text of the errors and the reserve for people."""
+        """Text for people with the errors in degrees and the reserves in percent."""
         attitude, joints = np.rad2deg([self.attitude_error, self.joint_error])
         reserves = {"torque": self.torque_reserve, "wheel momentum": self.momentum_reserve}
         kept = " and ".join(f"{share:.6g} % of {name}" for name, share in reserves.items() if share)
@@ -83,38 +83,41 @@ class Robust:
 
     @property
     def terminal_swing(self) -> AnyArray:
-        """The largest angle, rad, by which errors of yaw and pitch move what a terminal carries."""
+        """The largest angle, rad, by which errors of yaw and pitch turn what a terminal carries."""
         xp, error = arrays(self.joint_error)
         # from sin(a / 2)^2 = 1 - cos(e / 2)^4, so that no digit is lost where e is small
         return 2 * xp.arcsin(xp.sin(error / 2) * xp.sqrt(1 + xp.cos(error / 2) ** 2))
 
     def swing(self, device: object) -> Any:
-        """The largest angle, rad, by which joint errors move what a device carries; None is the body."""
+        """Return the largest angle, rad, by which joint errors turn what a device carries.
+
+        The device may be None for the body.
+        """
         if isinstance(device, Terminal):
             return self.terminal_swing
         return self.joint_error if isinstance(device, Drive) else 0.0
 
     def loss(self, device: object, other: object, *, inertial: bool) -> Any:
-        """What a margin loses, rad, between directions of two devices, or of one and an axis.
+        """Return by how much, rad, errors may reduce the margin between a direction and an axis.
 
         Args:
-            device: that carries the direction which is bound, None for the body.
-            other: that carries the axis, None for the body or the inertial frame.
-            inertial: whether the axis is an inertial one.
+            device: the device that carries the direction; None for the body.
+            other: the device that carries the axis; None for the body or the inertial frame.
+            inertial: whether the axis is inertial.
         """
         if inertial:
             return self.attitude_error + self.swing(device)
         return 0.0 if device is other else self.swing(device) + self.swing(other)
 
     def loss_of_joints(self, normal: Any) -> Any:
-        """What ``normal . (yaw, pitch)`` loses, rad, for a normal (2,)."""
+        """Return by how much, rad, joint errors may reduce ``normal . (yaw, pitch)``, for a normal (2,)."""
         return self.joint_error * (abs(normal[0]) + abs(normal[1]))
 
 
 def usable(craft: Spacecraft, robust: Robust) -> Spacecraft:
-    """The spacecraft with the part of its ranges, torque and wheel momentum that a plan may use.
+    """Return the spacecraft with ranges, torque and wheel momentum reduced to what a plan may use.
 
-    Its tree has the same structure.
+    The result is a new spacecraft whose JAX tree has the same structure.
     """
     kept, held = 1 - robust.torque_reserve / 100, 1 - robust.momentum_reserve / 100
     wheels = tuple(
@@ -132,7 +135,7 @@ def usable(craft: Spacecraft, robust: Robust) -> Spacecraft:
 
 
 def _within(terminal: Terminal, error: Any) -> Terminal:
-    """A terminal whose ranges are narrower by an error, rad, at either end."""
+    """Return the terminal with its ranges narrowed by an error, rad, at either end."""
     yaw, pitch = (_narrowed(ends, error) for ends in terminal.ranges)
     return replace(
         terminal,
@@ -144,10 +147,10 @@ def _within(terminal: Terminal, error: Any) -> Terminal:
 
 
 def _narrowed(ends: Any, error: Any) -> AnyArray:
-    """Ends (2,) rad of a range that is narrower by an error, rad, at either end."""
+    """Return the ends (2,) rad of a range after narrowing it by an error, rad, at either end."""
     return stacked([ends[0] + error, ends[1] - error])
 
 
 def _number(value: Any) -> Any:
-    """A number of numpy as one of Python's, as others of its kind are; one of JAX as it is."""
+    """Turn a scalar of numpy into a float of Python; leave anything else, such as one of JAX, as it is."""
     return float(value) if isinstance(value, np.floating) else value

@@ -1,8 +1,9 @@
-"""How a motion keeps limits by taking longer.
+"""How a motion is slowed down so that it keeps limits.
 
-A motion that takes ``s`` times as long passes the same attitudes and joint angles, and what is limited falls
-by a power of ``s``; a *lesser* part of it falls by one power less (`jaxplan.model.limits`). So the shortest
-time in which a motion keeps a limit follows exactly from the largest share of the limit that is taken.
+A motion that is slowed down to ``s`` times its duration passes the same attitudes and joint angles, and what
+is limited falls by a power of ``s``; a *lesser* part of it falls by one power less (`jaxplan.model.limits`).
+So the shortest duration at which it keeps a limit follows exactly from the largest fraction of the limit that
+it uses.
 """
 
 import numpy as np
@@ -10,22 +11,22 @@ from jax.typing import ArrayLike
 
 from jaxplan.geometry.vectors import AnyArray, arrays
 
-_FULL = 1 + 1e-12  # share of a limit up to which its lesser part counts as within
+_FULL = 1 + 1e-12  # fraction of a limit up to which a lesser part counts as within it
 
 
 def time_factor(share: ArrayLike, power: int | np.ndarray, lesser: ArrayLike | None = None) -> AnyArray:
-    """How many times as long a motion has to take for a share of a limit to become one.
+    """Return by how much the duration of a motion must be multiplied to use exactly the whole of a limit.
 
     Args:
-        share: (...) magnitude over limit, of a quantity whose power is above zero; beside a lesser part with
-            its sign.
-        power: its power, 1 or more; 1 or 2 beside a lesser part.
-        lesser: (...) likewise, what is to be added and falls by one power less; None for nothing.
+        share: (...) magnitude of a quantity over its limit, the quantity having a power above zero. If there
+            is a lesser part, the rest of the quantity over its limit, with its sign.
+        power: the power of the quantity: 1 or more; with a lesser part 1 or 2.
+        lesser: (...) lesser part of the quantity over its limit, with its sign; None for none.
 
     Returns:
-        ``share ** (1 / power)``; at zero, where a root has no derivative, the derivative is taken as zero.
-        With a lesser part the least factor from which on the sum stays within the limit, whatever it is in
-        less time; infinite where there is none.
+        ``share ** (1 / power)``; at zero, where the root has no derivative, zero is taken for it. With a
+        lesser part the least factor such that the limit is kept at this and at all larger factors; infinite
+        if there is none.
     """
     if lesser is not None:
         return _time_root(share, power, lesser)
@@ -35,7 +36,7 @@ def time_factor(share: ArrayLike, power: int | np.ndarray, lesser: ArrayLike | N
 
 
 def _time_root(share: ArrayLike, power: int | np.ndarray, lesser: ArrayLike) -> AnyArray:
-    """The least ``s`` from which on ``|share / s^p + lesser / s^(p - 1)| <= 1``, with ``p`` the power."""
+    """Return the least ``s`` from which on ``|share / s^p + lesser / s^(p - 1)| <= 1``, with p the power."""
     xp, a, b = arrays(share, lesser)
     if power == 1:
         room = 1 - xp.where(a < 0, -b, b)

@@ -1,9 +1,11 @@
-"""The planning problem as data: spacecraft, start, goal, zones and settings; and what of it moves.
+"""The planning problem as data: spacecraft, start, goal, zones and settings; and which parts of it move.
 
-Frozen dataclasses, in radians and seconds. Lists may stand for arrays and tuples, and any real number for a
-float: planning takes them for what the attributes below say, as does all that reads or writes a scenario.
-Checks live there: JAX rebuilds the dataclasses with tracers inside, so nothing here may look at a value.
-Numbers that may be tuned are leaves; counts, names and choices are static.
+Planning has three steps: step 1 finds goal states, step 2 searches a path to one of them, step 3 runs a
+trajectory along the path. The classes are frozen dataclasses, in radians and seconds. Lists may stand for
+arrays and tuples, and any real number for a float: whatever plans, reads or writes a scenario first converts
+them to the types that are given below, and checks them. Nothing in this module may look at a value, since JAX
+rebuilds the dataclasses with tracers inside. Numbers that may be tuned are leaves of the JAX tree; counts,
+names and choices are static.
 """
 
 import math
@@ -35,7 +37,10 @@ _STEP = "[1e-3, 3.14]"  # rad, range of a search step; a longer turn has a short
 
 @jax.tree_util.register_static
 class Word(str):
-    """A word that is given instead of a number; to JAX it is no leaf, so mapping over leaves skips it."""
+    """A word that is given instead of a number.
+
+    JAX takes it for structure, so mapping over leaves skips it.
+    """
 
     __slots__ = ()
 
@@ -48,24 +53,24 @@ MINIMUM = Word("minimum")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SearchSettings:
-    """Settings of step 2.
+    """Settings of planning step 2, the search for a path. A search expands nodes and moves by steps.
 
     Attributes:
         method: name of the planner.
-        attitude_step: rad, ``delta_SO(3)``.
-        joint_step: rad, ``delta_h``.
-        terminal_step_scale: factor on the joint step of named terminals.
+        attitude_step: rad, turn of the platform in one step, ``delta_SO(3)`` of the paper.
+        joint_step: rad, change of a joint in one step, ``delta_h``.
+        terminal_step_scale: factors on the joint step, by names of terminals.
         heuristic_weight: ``w1``, at least 1.
         anchor_weight: ``w2``, at least 1.
-        attitude_moves: random unit vectors drawn for an expansion.
-        clearance: rad, wanted beyond the zones; it tapers to zero at start and goal.
-        max_expansions: a search gives up after as many; of `mha` half of those beyond 48 are for trees. A
-            plan may need several searches.
-        time_limit: s, infinite for none ("off" in files); what is spent on compiling does not count.
-        max_goals: how many distinct goals of step 1 may be tried.
-        improvements: how many further searches may look for a shorter path once one is found, while
+        attitude_moves: number of random directions of rotation that are tried when a node is expanded.
+        clearance: rad, margin wanted beyond the zones; it tapers to zero at start and goal.
+        max_expansions: number of expansions after which a search gives up; `mha` leaves half of those beyond
+            48 to random trees. A plan may need several searches.
+        time_limit: s, infinite for none ("off" in files); compile time does not count.
+        max_goals: largest number of goals of step 1 that are tried.
+        improvements: largest number of further searches for a shorter path once one is found, while
             expansions and time are left; only `mha` makes them.
-        seed: of every random choice.
+        seed: seed of all random choices.
     """
 
     method: str = keyed("mha", "method", "the planner", options=SEARCH_METHODS, always=True, static=True)
@@ -105,28 +110,28 @@ class SearchSettings:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrajectorySettings:
-    """Settings of step 3.
+    """Settings of planning step 3, the trajectory.
 
     Attributes:
-        method: name of the method. What is said below to be of the other one has no effect, so that one may
+        method: "global" or "paper". Settings that belong to the other method have no effect, so that one may
             change the method alone.
-        duration: s; `STRETCHED` (equal to "stretched") for the shortest uniform time scaling within all
-            limits; `MINIMUM` (equal to "minimum"), of "global" only, for the shortest motion within limits
-            and zones.
-        segments: of "paper", at least as many quadratic programs along the path; None for as few as its
+        duration: s; or `STRETCHED` ("stretched") for the shortest uniform time scaling within all limits; or
+            `MINIMUM` ("minimum"), for "global" only, for the shortest motion within limits and zones.
+        segments: for "paper": the least number of quadratic programs along the path; None for as few as its
             length allows.
-        order: of "paper", of the Legendre basis, ``l``.
-        rate_weight: ``lambda_1``, on rates; of "paper" the platform's alone.
-        acceleration_weight: ``lambda_2``, on accelerations.
-        jerk_weight: of "global", on jerks.
-        node_tube: of "global", rad, how far nodes may be passed; 0 for exactly, infinite to take them as a
-            first guess. None for 1 deg, and in the shortest motion for infinite.
-        end_acceleration: of "global", whether accelerations at start and goal are "zero" or "free".
-        first_guesses: of the shortest motion, how many curves that are bent away from the path, and half as
-            many paths of other searches (the quickest looking of six times as many), it is looked for from
-            where the bound leaves something to gain; 0 for none.
-        optimal: of "global", whether a fit goes on to the optimum, whose derivatives `jp.differentiable` has;
-            else it may end some thousandths of its energy above.
+        order: for "paper": degree of the Legendre basis, ``l``.
+        rate_weight: ``lambda_1``, weight of rates in the cost; for "paper" of the platform's alone.
+        acceleration_weight: ``lambda_2``, weight of accelerations.
+        jerk_weight: for "global": weight of jerks.
+        node_tube: for "global": distance, rad, at which the motion may pass the nodes of the path. 0 for
+            exactly through them; infinite to use them as a first guess only. None for 1 deg, and for infinite
+            in the shortest motion.
+        end_acceleration: for "global": whether accelerations at start and goal are "zero" or "free".
+        first_guesses: for the shortest motion: number of curves bent away from the path from which it is also
+            optimized, and half as many paths of other searches (those that look quickest of six times as
+            many), where the lower bound of the duration leaves something to gain; 0 for none.
+        optimal: for "global": whether the fit continues to the optimum, whose derivatives `jp.differentiable`
+            gives; otherwise it may end with a cost some thousandths above.
     """
 
     method: str = keyed(
@@ -178,7 +183,7 @@ class TrajectorySettings:
 
     @property
     def timed(self) -> bool:
-        """Whether the duration is given, rather than what the motion takes."""
+        """Whether the duration is given in seconds, rather than found."""
         return not isinstance(self.duration, str)
 
 
@@ -202,21 +207,21 @@ class TrajectorySettings:
 class Scenario:
     """A planning problem with its settings.
 
-    Two of them are equal if they say the same, in lists or arrays, in full or in short, with numbers to
-    within the rounding of an angle that goes to degrees and back (`same`).
+    Two scenarios are equal if they state the same problem: as lists or arrays, in full or in short form, with
+    numbers equal to within the rounding of an angle that goes to degrees and back (`same`).
 
     Attributes:
-        name: for titles and tables.
-        epoch: UTC of the manoeuvre's start, for which directions of bodies and satellites were computed; None
-            where it does not matter.
-        spacecraft: platform, terminals and instruments.
-        start: the state the manoeuvre starts from.
-        goal: directions to point at, of which some may move, or a given state.
+        name: name for titles and tables.
+        epoch: UTC of the start, for which directions of bodies and satellites were computed; None where it
+            does not matter.
+        spacecraft: platform, terminals, drives and instruments.
+        start: the state from which the manoeuvre starts.
+        goal: directions to point at, some of which may move, or a given state.
         keep_out: cones to stay out of.
         keep_in: cones to stay in.
         joint_bounds: half-planes of joint angles to stay in.
-        robust: errors of attitude and joints for which zones, masks and ranges must hold, and the torque that
-            is kept back; None for none.
+        robust: errors of attitude and joints for which zones, masks and ranges must hold, and the reserves of
+            torque and momentum; None for none.
         search: settings of step 2.
         trajectory: settings of step 3.
     """
@@ -249,46 +254,51 @@ class Scenario:
 
     @property
     def asked(self) -> Targets | GivenState:
-        """The goal; targets that name no criterion get the one that follows from the duration."""
+        """The goal, with the criterion filled in that follows from the duration if its targets name none."""
         if isinstance(self.goal, GivenState) or self.goal.criterion is not None:
             return self.goal
         duration = self.trajectory.duration
-        # Goals of least time are not followed in time, so with what moves it is only where it is asked for.
+        # Goals of least time do not follow what moves: if anything does, they are only taken when asked for.
         shortest = isinstance(duration, str) and duration == MINIMUM and not moves(self)
         return replace(self.goal, criterion=LEAST_TIME if shortest else LEAST_ROTATION)
 
     @property
     def cones(self) -> tuple[KeepOut | KeepIn, ...]:
-        """The zones to keep out of, then those to stay in."""
+        """The keep-out zones, then the keep-in zones; joint bounds and masks are not among them."""
         return (*self.keep_out, *self.keep_in)
 
     @property
     def zones(self) -> tuple[Zone, ...]:
-        """All pointing constraints with the masks of terminals, in the order of `constraints`."""
+        """All pointing constraints: keep-out and keep-in zones, joint bounds and masks of terminals.
+
+        `Constraints.zone` numbers them in this order.
+        """
         return (*self.keep_out, *self.keep_in, *self.joint_bounds, *masks(self.spacecraft))
 
     @property
     @made_once
     def usable(self) -> Spacecraft:
-        """The spacecraft with the part of its ranges and limits of torque that a plan may use."""
+        """The spacecraft with its ranges and limits of torque and momentum reduced to what a plan may use."""
         return self.spacecraft if self.robust is None else usable(self.spacecraft, self.robust)
 
     @property
     @made_once
     def constraints(self) -> Constraints:
-        """All pointing constraints as rows, see `jaxplan.model.constraints`, with the tube taken off."""
+        """All pointing constraints as rows (`jaxplan.model.constraints`), tightened by errors of `robust`."""
         return self.rows()
 
     @property
     @made_once
     def stated(self) -> Constraints:
-        """The rows of `constraints` with nothing taken off."""
+        """The rows of `constraints` as users stated the zones, without the errors of `robust`."""
         return self.constraints if self.robust is None else replace(self, robust=Robust()).constraints
 
     def rows(self, turns: Turns | None = None) -> Constraints:
-        """The constraints as rows, with masks repeated after given whole turns of the yaw.
+        """Return the constraints as rows, with masks repeated after given whole turns of the yaw.
 
-        `turns` is as of `jaxplan.model.zones.masks`; None for those that reach into the yaw's range.
+        Args:
+            turns: for each mask the whole turns (see `jaxplan.model.zones.masks`); None for those at which a
+                mask reaches into the range of the yaw.
         """
         return tabulate(
             self.keep_out,
@@ -302,7 +312,7 @@ class Scenario:
     @property
     @made_once
     def sight_names(self) -> tuple[str, ...]:
-        """Names of all that constraints bind: devices, edges of fields of view, and other vectors."""
+        """Names of all that constraints bind: devices, then edges of fields of view and other vectors."""
         return tuple(bound_by(self.zones, self.spacecraft).names)
 
     def __eq__(self, other: object) -> bool:
@@ -313,7 +323,7 @@ class Scenario:
 
 
 def paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
-    """Yield all paths along which zones, targets or wishes move, each with its name in messages."""
+    """Yield all paths along which zones, targets or wishes move, each with the name it has in messages."""
     for zone in scenario.zones:
         if zone.moves and zone.path is not None:
             yield f"zone {zone.name}", zone.path
@@ -326,7 +336,7 @@ def paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
 
 
 def target_paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
-    """Yield the paths of targets that move, each with the name of the device that points there."""
+    """Yield the path of each target that moves, with the name of the device that points there."""
     goal = scenario.goal
     if isinstance(goal, Targets) and goal.moves:
         for name, path in zip(goal.names(scenario.spacecraft), goal.paths, strict=True):
@@ -335,19 +345,21 @@ def target_paths(scenario: Scenario) -> Iterator[tuple[str, DirectionPath]]:
 
 
 def moves(scenario: Scenario) -> bool:
-    """Whether a zone, a target or a wish moves."""
+    """Tell whether a zone, a target or a wish moves."""
     return next(paths(scenario), None) is not None
 
 
 def seen_from(scenario: Scenario, time: float) -> float:
-    """The first time, s, at or after `time` at which no moving target is hidden, as far as that is known."""
+    """Return the first time, s, at or after `time` at which no moving target is known to be hidden."""
     return after_hidden([span for _, path in target_paths(scenario) for span in path.hidden], time)
 
 
 def known_until(scenario: Scenario) -> tuple[float, str]:
-    """Time, s, until which zones and all that moves are known, and the name of what ends then.
+    """Find until when zones and moving directions are known.
 
-    Infinite where nothing moves and zones last for good.
+    Returns:
+        The time, s, and the name of what ends first; infinite and empty where nothing moves and all zones
+        last for ever.
     """
     ends = [(float(path.times[-1]), name) for name, path in paths(scenario)]
     ends += [(zone.lasts, f"zone {zone.name}") for zone in scenario.zones if zone.lasts < np.inf]

@@ -1,15 +1,16 @@
-"""Scores: margins without an arc cosine, as kernels compare them, and what bounds them between two states.
+"""Scores: margins without an arc cosine, as kernels compare them, and their bounds between two states.
 
-The score of a pair is ``side * cos(angle)``, that of a row of joints ``-f . (yaw, pitch)``: the larger it is,
-the smaller is the margin. Over a motion of platform and joints at constant rates, as a function of the share
-of the motion in [0, 1], the cosine ``u . a`` of a sight and an axis has
+The *score* of a sight and a row is ``side * cos(angle)``, or ``-f . (yaw, pitch)`` for a row of joints: the
+larger it is, the smaller is the margin. Over a motion in which platform and joints turn at constant rates,
+the cosine ``u . a`` of a sight and an axis is a function of the fraction of the motion, in [0, 1], with
 
     abs((u . a)'') <= kappa_u + 2 rho_u rho_a + kappa_a
 
-with bounds ``rho`` and ``kappa`` of the first and second derivative of either in body axes: of an
-inertial axis ``|w|`` and ``|w|^2`` for the platform's turn ``w``, of an axis of the body zero, of sights what
-`Sights.bounds` says. So the values at both ends of an interval bound those between (`edge_bound`). Rows of
-joints are linear. Rows and margins are those of `jaxplan.model.constraints`.
+where ``rho`` and ``kappa`` bound the first and second derivative of either in body axes: for an inertial axis
+they are ``|w|`` and ``|w|^2`` with the platform's rotation vector ``w``, for an axis of the body zero, for
+sights those of `Sights.bounds`. So the values at both ends of an interval bound those between (`edge_bound`).
+Rows of joints are linear. Rows, sights and margins are those of `jaxplan.model.constraints`, with Z rows and
+S sights.
 """
 
 import numpy as np
@@ -20,12 +21,14 @@ from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 
 
 def scores(rows: Constraints, cosines: ArrayLike, values: ArrayLike | None = None) -> AnyArray:
-    """Score (..., Z) of each row, to be compared with `thresholds`: the larger it is, the smaller the margin.
+    """Return the score (..., Z) of each row, to be compared with `thresholds`.
+
+    The larger it is, the smaller is the margin.
 
     Args:
         rows: the constraints.
-        cosines: (..., Z) of angles between sights and axes.
-        values: (..., Z) of `joint_values`, where there are rows of joints.
+        cosines: (..., Z) of the angles between sights and axes.
+        values: (..., Z) rad, from `joint_values`; needed if there are rows of joints.
     """
     xp, cosine, side = arrays(cosines, rows.side)
     if not rows.inner:
@@ -34,11 +37,11 @@ def scores(rows: Constraints, cosines: ArrayLike, values: ArrayLike | None = Non
 
 
 def thresholds(rows: Constraints, clearance: ArrayLike) -> AnyArray:
-    """The score that a row has where its margin is just the clearance wanted; a larger score is too near.
+    """Return the score at which the margin of a row is just the wanted clearance; a larger score is too near.
 
     Args:
         rows: the constraints.
-        clearance: (...) rad wanted; where a row has no such room, the most that it has (`room`).
+        clearance: (...) rad, wanted; for a row with less room, its `room`.
 
     Returns:
         (..., Z).
@@ -50,22 +53,22 @@ def thresholds(rows: Constraints, clearance: ArrayLike) -> AnyArray:
 
 
 def room(rows: Constraints) -> AnyArray:
-    """(Z,) rad, the most clearance that is asked of each row: half of the room that its cone leaves."""
+    """(Z,) rad, the largest clearance that is asked of each row: half of the room that its cone leaves."""
     xp, side, half_angle = arrays(rows.side, rows.half_angle)
     cone = xp.where(side > 0, np.pi - half_angle, half_angle) / 2
     return xp.where(rows.frame == JOINTS, np.pi / 2, cone) if rows.inner else cone
 
 
 def margins_of_scores(rows: Constraints, score: ArrayLike) -> AnyArray:
-    """Margins from scores.
+    """Return margins, given scores.
 
     Args:
         rows: the constraints.
-        score: (..., Z), of a cone beyond [-1, 1] taken as the end of that range.
+        score: (..., Z); a score of a cone outside of [-1, 1] is taken as the nearer end of that range.
 
     Returns:
-        (..., Z) rad; good to 1e-8 near a cone's very axis, else to rounding. At the axis and beyond the
-        derivative is taken as zero.
+        (..., Z) rad; good to 1e-8 where a sight lies on a cone's axis, else to rounding. There and outside of
+        the range the derivative is taken as zero.
     """
     xp, given, side, half_angle = arrays(score, rows.side, rows.half_angle)
     cosine = side * given
@@ -79,16 +82,16 @@ def margins_of_scores(rows: Constraints, score: ArrayLike) -> AnyArray:
 
 
 def score_curvature(rows: Constraints, turn: ArrayLike, rate: ArrayLike, bend: ArrayLike) -> AnyArray:
-    """Bound of the second derivative of scores with respect to the share of a motion in [0, 1].
+    """Bound the second derivative of scores with respect to the fraction of a motion, in [0, 1].
 
     Args:
         rows: the constraints.
-        turn: (...) rad, angle of the platform's turn over the motion.
-        rate: (..., S) bounds of the sights' first derivatives, of `Sights.bounds`.
-        bend: (..., S) of their second derivatives, likewise.
+        turn: (...) rad, angle by which the platform turns over the motion.
+        rate: (..., S) bounds of the sights' first derivatives, from `Sights.bounds`.
+        bend: (..., S) bounds of their second derivatives, likewise.
 
     Returns:
-        (..., S, Z), or (..., S, 1) where all rows have the same.
+        (..., S, Z), or (..., S, 1) if all rows have the same bounds.
     """
     xp, w, rho, kappa = arrays(turn, rate, bend)
     w = w[..., None]
@@ -102,25 +105,24 @@ def score_curvature(rows: Constraints, turn: ArrayLike, rate: ArrayLike, bend: A
 
 
 def edge_bound(start: ArrayLike, end: ArrayLike, curvature: ArrayLike) -> AnyArray:
-    """Largest value on an interval of a function known at both ends, of bounded second derivative.
+    """Bound a function on an interval from its values at both ends and a bound of its second derivative.
 
-    With ``|f''| <= C`` on an interval of length ``h``, ``f`` lies below the parabola through its end values
-    with second derivative ``-C``. Where that is monotone the larger end value is the bound, with
-    nothing lost.
+    If ``|f''| <= C`` on an interval of length ``h``, ``f`` lies below the parabola through its end values
+    whose second derivative is ``-C``. If that parabola is monotone, the bound is simply the larger end value.
 
     Args:
-        start: (...) f at the interval's start.
+        start: (...) f at the start of the interval.
         end: (...) f at its end.
         curvature: (...) ``C h^2 / 2``.
 
     Returns:
-        (...) upper bound of f on the interval; +inf where one of the three is not a number.
+        (...) upper bound of f on the interval; +inf where an argument is not a number.
     """
     xp, a, b, c = arrays(start, end, curvature)
     rise = b - a
     inside = xp.abs(rise) < c
-    # the quotient by itself, since many intervals often share a curvature; of one too small to be seen beside
-    # anything a larger one is as good
+    # The quotient is separate, since many intervals often share a curvature. A curvature too small to matter
+    # is replaced by a larger one, against division by zero.
     vertex = a + (c + rise) ** 2 * (0.25 / xp.maximum(c, np.sqrt(np.finfo(c.dtype).tiny)))
     bound = xp.where(inside, vertex, xp.maximum(a, b))
     return xp.where(xp.isnan(rise + c), xp.inf, bound)

@@ -1,8 +1,9 @@
 """The spacecraft: a platform that carries terminals, drives and body-fixed instruments.
 
-Devices are numbered terminals first, then drives, then instruments. Joints are one vector ``(2n + d,)``: the
-yaws of all ``n`` terminals, their pitches, and the angles of the ``d`` drives (rad). How the joints turn the
-devices is in `jaxplan.model.gimbals`. Attitudes map body to inertial.
+Devices are numbered terminals first, then drives, then instruments. The joint angles are one vector
+``(2n + d,)`` in rad: the yaws of all ``n`` terminals, then their pitches, then the angles of the ``d``
+drives. How the joints turn the devices is in `jaxplan.model.gimbals`. Attitudes are rotation matrices from
+body to inertial axes.
 """
 
 from dataclasses import dataclass, field
@@ -44,28 +45,30 @@ EachAxis: TypeAlias = float | np.ndarray
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spacecraft:
-    """A platform with any number of terminals, drives and instruments, zero of each included.
+    """A platform with any number of terminals, drives and instruments; there may be none of each.
+
+    A limit "per body axis" is a number for all three axes, or (3,).
 
     Attributes:
-        rate_limit: bound of each component of the platform's angular velocity (body axes), rad/s; a number
-            for all three, or (3,). So are the other limits of the platform, but for those of a length.
-        rate_norm_limit: bound of the length of the angular velocity, rad/s, beside that of the components;
-            None for no bound.
-        acceleration_limit: of its angular acceleration, rad/s^2.
-        acceleration_norm_limit: of the length of that, rad/s^2; None for no bound.
-        jerk_limit: of its second derivative, rad/s^3; None for no bound.
-        inertia: (3, 3) kg m^2 in body axes, or its three moments about them (3,), of the whole with wheels
-            locked and joints at zero, as it is given (`whole_inertia` is always the matrix); None where
-            torque does not matter.
-        torque_limit: of the torque ``J omega' + omega x J omega``, which thrusters give, N m; None for no
-            bound. Stages of terminals and drives that have an inertia add to it.
-        wheel_momentum_limit: of the angular momentum ``J omega``, to which they add, too, N m s; None for no
-            bound.
-        wheels: three or more reaction wheels, which then give all torque; none where that is not modelled.
-        allocation: how the wheels share out torque and momentum, one of `jaxplan.model.wheels.ALLOCATIONS`.
+        rate_limit: bound of the components of the platform's angular velocity, rad/s, per body axis.
+        rate_norm_limit: bound of the length of the angular velocity, rad/s, in addition; None for no bound.
+        acceleration_limit: bound of the components of its angular acceleration, rad/s^2, per body axis.
+        acceleration_norm_limit: bound of the length of the angular acceleration, rad/s^2; None for no bound.
+        jerk_limit: bound of the second derivative of its angular velocity, rad/s^3, per body axis; None for
+            no bound.
+        inertia: (3, 3) kg m^2 in body axes, or its three moments about them (3,), of the whole spacecraft
+            with wheels locked and joints at zero, as it was given (`whole_inertia` is always the matrix);
+            None where torque does not matter.
+        torque_limit: bound of the torque ``J omega' + omega x J omega`` that thrusters give, N m, per body
+            axis; None for no bound. Moving parts of terminals and drives that have an inertia add to the
+            torque.
+        wheel_momentum_limit: bound of the angular momentum ``J omega``, N m s, per body axis; None for no
+            bound. Moving parts that have an inertia add to the momentum.
+        wheels: three or more reaction wheels, which then give all torque; empty where they are not modelled.
+        allocation: how wheels share torque and momentum, one of `jaxplan.model.wheels.ALLOCATIONS`.
         terminals: devices with two joints.
-        drives: devices with one.
-        instruments: devices without.
+        drives: devices with one joint.
+        instruments: devices without joints.
     """
 
     rate_limit: EachAxis = field(
@@ -112,13 +115,13 @@ class Spacecraft:
     @property
     @made_once
     def device_names(self) -> tuple[str, ...]:
-        """Names of terminals, drives and instruments: the order of every device axis."""
+        """Names of terminals, drives and instruments, in the order of every array axis over devices."""
         names = [one.name for one in self.terminals] + [one.name for one in self.drives]
         return (*names, *(one.name for one in self.instruments))
 
     @property
     def devices(self) -> tuple[Terminal | Drive | Instrument, ...]:
-        """Terminals, drives and instruments."""
+        """All devices: terminals, then drives, then instruments."""
         return (*self.terminals, *self.drives, *self.instruments)
 
     @property
@@ -130,13 +133,13 @@ class Spacecraft:
 
     @property
     def joint_count(self) -> int:
-        """Number of joints, ``2n + d``."""
+        """Number of joints, ``2n + d``: two for each of n terminals, one for each of d drives."""
         return 2 * len(self.terminals) + len(self.drives)
 
     @property
     @made_once
     def joint_ranges(self) -> np.ndarray:
-        """(2n + d, 2) rad: least and largest angle of each joint."""
+        """(2n + d, 2) rad: least and largest angle of each joint, in the order of the joint vector."""
         ranges = [t.ranges for t in self.terminals]
         rows = (
             [own[0] for own in ranges] + [own[1] for own in ranges] + [drive.range for drive in self.drives]
@@ -146,21 +149,21 @@ class Spacecraft:
     @property
     @made_once
     def joint_rate_limits(self) -> np.ndarray:
-        """(2n + d,) rad/s: the bound of each joint's rate."""
+        """(2n + d,) rad/s: bound of each joint's rate, in the order of the joint vector."""
         return self._each_joint([t.rate_limits for t in self.terminals], "rate_limit")
 
     @property
     @made_once
     def joint_acceleration_limits(self) -> np.ndarray:
-        """(2n + d,) rad/s^2: the bound of each joint's acceleration."""
+        """(2n + d,) rad/s^2: bound of each joint's acceleration, in the order of the joint vector."""
         return self._each_joint([t.acceleration_limits for t in self.terminals], "acceleration_limit")
 
     def _each_joint(self, of_terminals: list[tuple[Any, Any]], of_drives: str) -> np.ndarray:
-        """Numbers (2n + d,), one a joint.
+        """Put numbers of terminals and drives into the order of the joint vector, as (2n + d,).
 
         Args:
-            of_terminals: yaw's and pitch's number of each terminal.
-            of_drives: name of the drives' attribute.
+            of_terminals: for each terminal the number of its yaw and that of its pitch.
+            of_drives: name of the attribute that holds a drive's number.
         """
         rows = [own[axis] for axis in range(2) for own in of_terminals]
         return stacked(rows + [getattr(drive, of_drives) for drive in self.drives])
@@ -168,25 +171,25 @@ class Spacecraft:
     @property
     @made_once
     def wheel_array(self) -> WheelArray | None:
-        """The rows that limit the wheels; None without wheels."""
+        """The wheels as an array with the rows that limit it; None without wheels."""
         return wheel_array(self.wheels, self.allocation) if self.wheels else None
 
     @property
     @made_once
     def stages(self) -> Stages | None:
-        """What joints turn, as far as it has an inertia; None without any."""
+        """The parts that joints turn and that have an inertia; None if no part has one."""
         return stages_of((*self.terminals, *self.drives), len(self.terminals), self.joint_count)
 
     @property
     @made_once
     def whole_inertia(self) -> np.ndarray | None:
-        """(3, 3) kg m^2 in body axes, `inertia` as a matrix; None where none is given."""
+        """(3, 3) kg m^2 in body axes: `inertia` as a matrix; None where none is given."""
         return None if self.inertia is None else matrix_of(self.inertia)
 
     @property
     @made_once
     def fixed_inertia(self) -> np.ndarray | None:
-        """(3, 3) kg m^2 in body axes, of what joints do not turn; None where no inertia is given."""
+        """(3, 3) kg m^2 in body axes, `inertia` less that of parts that joints turn; None if not given."""
         if self.stages is None or self.inertia is None:
             return self.whole_inertia
         _, whole, moving = arrays(self.whole_inertia, self.stages.at_zero)
@@ -195,7 +198,7 @@ class Spacecraft:
     @property
     @made_once
     def gimbals(self) -> Gimbals:
-        """The mounting of terminals and drives, from which joints give directions."""
+        """The mountings of terminals and drives, which turn joint angles into directions."""
         frames = [one.frame for one in self.terminals] + [one.frame for one in self.drives]
         return Gimbals(
             frames=stacked(frames).reshape(-1, 3, 3), tilts=stacked([drive.tilt for drive in self.drives])
@@ -208,14 +211,14 @@ class Spacecraft:
         return stacked([i.boresight for i in self.instruments]).reshape(-1, 3)
 
     def boresights(self, attitude: ArrayLike, joints: ArrayLike) -> AnyArray:
-        """Directions of all devices in the inertial frame, as in equations (11) and (12).
+        """Return the directions of all devices in the inertial frame, as in equations (11) and (12).
 
         Args:
             attitude: (..., 3, 3) body to inertial.
             joints: (..., 2n + d) rad.
 
         Returns:
-            (..., devices, 3) unit vectors.
+            (..., number of devices, 3) unit vectors.
 
         Raises:
             ValueError: if an argument has another shape, or is not made of real numbers.
@@ -227,16 +230,17 @@ class Spacecraft:
         return xp.concatenate([moving, still], axis=-2) @ xp.swapaxes(rotation, -1, -2)
 
     def joints_toward(self, attitude: ArrayLike, directions: ArrayLike) -> AnyArray:
-        """Joint angles at which each terminal points along its direction, limits aside.
+        """Return the joint angles at which each terminal points along its direction, whatever its ranges are.
 
-        Corrects equations (3) and (4), see `Gimbals.joints_along`.
+        It corrects equations (3) and (4), see `jaxplan.model.gimbals.angles_toward`.
 
         Args:
             attitude: (..., 3, 3) body to inertial.
-            directions: (n, 3) inertial unit vectors, one a terminal.
+            directions: (n, 3) inertial unit vectors, one for each terminal.
 
         Returns:
-            (..., 2n) rad. The yaw of a terminal that must point along its yaw axis is arbitrary.
+            (..., 2n) rad, all yaws and then all pitches. The yaw of a terminal that must point along its yaw
+            axis is arbitrary.
 
         Raises:
             ValueError: if an argument has another shape, or is not made of real numbers.

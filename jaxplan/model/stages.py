@@ -1,23 +1,24 @@
-"""The moving stages of gimbals: their momentum, and how they push back on the platform.
+"""The moving stages of gimbals: their momentum, and the torque by which they act on the platform.
 
-A *stage* is what one joint turns: of a terminal the part that yaws without pitching, and the part that does
-both; of a drive its one part. Its inertia ``I`` is that about its own centre of mass, in the device's axes
-(boresight, left, yaw axis) at zero angles, and its centre of mass lies on the axis that turns it, that of
-what pitches on both axes. So nothing shifts, and the inertia of the whole in body axes is
+A *stage* is a part that joints turn. A terminal has two: the part that yaws without pitching, and the part
+that does both; a drive has one. The inertia ``I`` of a stage is about its own centre of mass, in the device's
+axes (boresight, left, yaw axis) at zero angles. The centre of mass lies on the axis that turns the stage, and
+for the part that pitches on both axes. So no mass is displaced, and the inertia of the whole in body axes is
 
     J(q) = J_0 + sum C_k I_k C_k^T,    J_0 = J - sum F_k I_k F_k^T,
 
-with ``C_k = F_k Z(yaw) Y(pitch)`` from a stage's axes to body axes, ``F_k = C_k`` at zero angles, and ``J``
-that of the whole with all joints at zero. With the angular velocity ``w`` of the body, and ``g_k`` of the
-stage relative to it, the momentum of the whole and its derivative in body axes are
+with ``C_k = F_k Z(yaw) Y(pitch)`` from the axes of stage k to body axes, ``F_k = C_k`` at zero angles, and
+``J`` the inertia of the whole with all joints at zero. With the angular velocity ``w`` of the body, and
+``g_k`` that of the stage relative to it, the momentum ``L`` of the whole and its derivative in body axes are
 
     L  = J_0 w  + sum C_k m_k,                      m_k = I_k (C_k^T w + g_k),
     L' = J_0 w' + sum C_k (m_k' + g_k x m_k),       m_k' = I_k (C_k^T w' - g_k x C_k^T w + g_k'),
 
-where ``g_k`` and what depends on ``k`` alone are in the stage's own axes, in which ``I_k`` does not change.
+where ``g_k`` and all that has the index ``k`` alone is in the stage's own axes, in which ``I_k`` is constant.
 Torque from outside is ``L' + w x L``; wheels give ``L' + w x (R^T H)`` and hold ``R^T H - L``.
 
-Vectors are components first, (3, ...); the axis of s stages stands behind the components. Radians, kg m^2.
+The first axis of an array of vectors is that of their components, (3, ...); with s stages the axis of the
+stages follows it. There are 2n + d joints of n terminals and d drives. Units: rad, s, kg m^2.
 """
 
 from collections.abc import Sequence
@@ -38,14 +39,14 @@ _MOMENTS = (3,)  # shape of an inertia that is given by the moments about the de
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stages:
-    """The stages of a spacecraft that have an inertia, s of them.
+    """The s stages of a spacecraft that have an inertia.
 
     Attributes:
-        frames: (s, 3, 3) body from each device's axes at zero angles, ``F``.
-        inertias: (s, 3, 3) kg m^2, ``I``, in these axes.
-        yaws: (s,) the joint that turns each about its yaw axis.
-        pitches: (s,) the joint that lifts it; -1 for none.
-        joints: number of joints of the spacecraft.
+        frames: (s, 3, 3) rotations to body axes from each device's own at zero angles, ``F``.
+        inertias: (s, 3, 3) kg m^2, ``I``, in the device's own axes.
+        yaws: (s,) number of the joint that turns each stage about its yaw axis.
+        pitches: (s,) number of the joint that lifts it; -1 for none.
+        joints: number of joints of the spacecraft, 2n + d.
     """
 
     frames: AnyArray
@@ -56,27 +57,37 @@ class Stages:
 
     @property
     def turned(self) -> tuple[tuple[int, ...], tuple[int, ...], int]:
-        """Which joints turn the stages, and of how many; alike for stages that may share a kernel."""
+        """Which joints turn the stages, and the number of joints.
+
+        Stages of two spacecraft for which this is equal may share a compiled kernel.
+        """
         return self.yaws, self.pitches, self.joints
 
     @property
     def at_zero(self) -> AnyArray:
-        """(3, 3) kg m^2, the sum of the inertias in body axes with all joints at zero."""
+        """(3, 3) kg m^2, sum of the stages' inertias in body axes with all joints at zero."""
         xp, frames, inertias = arrays(self.frames, self.inertias)
         return xp.einsum("sij,sjk,slk->il", frames, inertias, frames)
 
     def carried(self, spin: Sequence[AnyArray], joints: Sequence[AnyArray]) -> tuple[AnyArray, ...]:
-        """``sum C_k m_k`` (3, ...) N m s in body axes and, with accelerations, its derivative (3, ...) N m.
+        """Return the momentum that the stages carry, ``sum C_k m_k``, and where possible its derivative.
 
         Args:
-            spin: angular velocity (3, ...) rad/s, body axes, and perhaps its derivative.
-            joints: angles and rates (2n + d, ...), rad and rad/s, and perhaps accelerations.
+            spin: angular velocity (3, ...) rad/s of the body, body axes, and perhaps its derivative.
+            joints: angles and rates (2n + d, ...), rad and rad/s, and perhaps accelerations, rad/s^2.
+
+        Returns:
+            (3, ...) N m s, body axes; with both optional arguments also its derivative (3, ...) N m in body
+            axes.
         """
         of_each = self._of_each(spin, [self._split(own) for own in joints])
         return tuple(_summed(own) for own in of_each)
 
     def slopes(self, spin: Sequence[AnyArray], joints: Sequence[AnyArray]) -> "StageSlopes":
-        """`carried` and its derivatives, with JAX; arguments as of `carried`, with accelerations."""
+        """Return the results of `carried` with their derivatives, by JAX.
+
+        Arguments are as for `carried`; angular acceleration and joint accelerations must be given.
+        """
         velocity, acceleration = spin[:2]
         own = jnp.stack([jnp.stack(self._split(each)) for each in joints])  # (3, 2, s, ...)
 
@@ -89,7 +100,7 @@ class Stages:
             moved = jnp.broadcast_to(way[3:].reshape(3, 2, *[1] * (own.ndim - 2)), own.shape)
             return jax.jvp(stacked, (velocity, own), (turned, moved))[1]
 
-        # What a stage carries depends on its own two joints alone, so one way serves all stages.
+        # What a stage carries depends on its own two joints alone, so one tangent serves all stages.
         slopes = jax.vmap(along)(jnp.eye(9, dtype=own.dtype))
         by_own = slopes[3:].reshape(3, 2, *slopes.shape[1:])
         which = np.array([self.yaws, self.pitches])[:, :, None] == np.arange(self.joints)  # (2, s, J)
@@ -102,7 +113,12 @@ class Stages:
     def _of_each(
         self, spin: Sequence[AnyArray], joints: Sequence[tuple[AnyArray, AnyArray]]
     ) -> list[tuple[AnyArray, ...]]:
-        """`carried` by each stage, components (3, s, ...); of joints' values (s, ...) of yaws and pitches."""
+        """Return the results of `carried` for each stage, as components (3, s, ...).
+
+        Args:
+            spin: as for `carried`.
+            joints: from `_split`, for each of angles, rates and perhaps accelerations.
+        """
         at = _At.of(self, joints)
         velocity = at.inward(spin[0])
         momentum = _product(self.inertias, _sum(velocity, at.rate))
@@ -116,20 +132,30 @@ class Stages:
         return found
 
     def _split(self, joints: AnyArray) -> tuple[AnyArray, AnyArray]:
-        """Values (s, ...) of yaws and of pitches from those (2n + d, ...) of joints; zero of no pitch."""
+        """Return values (s, ...) of the stages' yaws and pitches, from those (2n + d, ...) of the joints.
+
+        The value is zero for a stage that has no pitch.
+        """
         xp, values = arrays(joints)
-        padded = xp.concatenate([values, xp.zeros_like(values[:1])])  # the last, by -1, for no pitch
+        padded = xp.concatenate(
+            [values, xp.zeros_like(values[:1])]
+        )  # index -1, of a stage without pitch, finds the zero
         return padded[np.array(self.yaws)], padded[np.array(self.pitches)]
 
 
 class StageSlopes(NamedTuple):
     """What stages carry, with its derivatives.
 
+    The first axis, of 2, is that of the momentum (N m s) and its derivative with respect to time (N m). All
+    are in body axes, with components on the second axis.
+
     Attributes:
-        carried: (2, 3, ...) N m s and N m, see `Stages.carried`.
-        by_spin: (2, 3, 3, ...) of these in the angular velocity, whose axis is the third. The first is the
-            derivative of the second in the angular acceleration, too.
-        by_joints: (2, 3, 3, 2n + d, ...) of these in angles, rates and accelerations of the joints.
+        carried: (2, 3, ...) results of `Stages.carried`.
+        by_spin: (2, 3, 3, ...) their derivatives with respect to the angular velocity, on the third axis. The
+            derivative of the second result with respect to the angular acceleration equals that of the first
+            with respect to the angular velocity.
+        by_joints: (2, 3, 3, 2n + d, ...) their derivatives with respect to angles, rates and accelerations
+            (third axis) of the joints (fourth axis).
     """
 
     carried: AnyArray
@@ -138,12 +164,15 @@ class StageSlopes(NamedTuple):
 
 
 def stages_of(devices: Sequence[Any], terminals: int, joints: int) -> Stages | None:
-    """The stages with an inertia; None where there are none.
+    """Collect the stages that have an inertia.
 
     Args:
         devices: terminals, then drives.
         terminals: number of terminals.
         joints: number of joints.
+
+    Returns:
+        The stages; None if no device gives an inertia.
     """
     found = []
     for number, device in enumerate(devices):
@@ -169,21 +198,22 @@ def stages_of(devices: Sequence[Any], terminals: int, joints: int) -> Stages | N
 
 
 def matrix_of(inertia: AnyArray) -> AnyArray:
-    """The matrix (3, 3) of an inertia that is given as one or by its moments (3,)."""
+    """Return an inertia as a matrix (3, 3), given as a matrix or as its moments (3,) about the axes."""
     _, given = arrays(inertia)
     return given[:, None] * np.eye(3) if given.shape == _MOMENTS else given
 
 
 @dataclass(frozen=True, eq=False)
 class _At:
-    """Stages at joint angles, and the angular velocities ``g`` of these relative to the body.
+    """Stages at given joint angles and rates.
 
     Attributes:
-        stages: of the spacecraft.
+        stages: the stages of the spacecraft.
         yaw: cosine and sine (s, ...) of the yaws.
-        pitch: likewise.
+        pitch: cosine and sine (s, ...) of the pitches.
         rates: (s, ...) rad/s, of yaws and of pitches.
-        rate: (3, s, ...) components of ``g`` in stages' axes, rad/s.
+        rate: (3, s, ...) rad/s, components in stages' axes of ``g``, their angular velocity relative to the
+            body.
     """
 
     stages: Stages
@@ -194,7 +224,7 @@ class _At:
 
     @classmethod
     def of(cls, stages: Stages, joints: Sequence[tuple[AnyArray, AnyArray]]) -> "_At":
-        """Stages where yaws and pitches (s, ...), with their rates, are."""
+        """Make it from the angles and the rates of yaws and pitches, each (s, ...)."""
         (yaw, pitch), (yaw_rate, pitch_rate) = joints[0], joints[1]
         xp = array_module(yaw)
         lifted = xp.cos(pitch), xp.sin(pitch)
@@ -207,9 +237,10 @@ class _At:
         )
 
     def acceleration(self, own: tuple[AnyArray, AnyArray]) -> tuple[AnyArray, AnyArray, AnyArray]:
-        """The derivatives (3, s, ...) of the components of ``g`` in stages' axes, rad/s^2.
+        """Return the derivatives (3, s, ...) rad/s^2 of the components of ``g`` in stages' axes.
 
-        `own` are the accelerations (s, ...) of yaws and pitches.
+        Args:
+            own: accelerations (s, ...) rad/s^2 of yaws and of pitches.
         """
         (yaw_rate, pitch_rate), (cosine, sine) = self.rates, self.pitch
         x, y, z = _about(self.pitch, *own)
@@ -217,7 +248,7 @@ class _At:
         return x + both * cosine, y, z - both * sine
 
     def inward(self, vector: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
-        """Vectors (3, ...) in body axes as components (3, s, ...) in stages' axes."""
+        """Turn vectors (3, ...) in body axes into components (3, s, ...) in the axes of each stage."""
         x, y, z = _product(
             array_module(self.stages.frames).swapaxes(self.stages.frames, 1, 2), vector, shared=True
         )
@@ -226,7 +257,7 @@ class _At:
         return level * x + lift * z, y, level * z - lift * x
 
     def outward(self, vector: tuple[AnyArray, ...]) -> tuple[AnyArray, ...]:
-        """Vectors (3, s, ...) in stages' axes as components (3, s, ...) in body axes."""
+        """Turn vectors (3, s, ...) in stages' axes into components (3, s, ...) in body axes."""
         x, y, z = vector
         (cosine, sine), (level, lift) = self.yaw, self.pitch
         x, z = level * x - lift * z, level * z + lift * x
@@ -237,27 +268,30 @@ class _At:
 def _about(
     lifted: tuple[AnyArray, AnyArray], yaw: AnyArray, pitch: AnyArray
 ) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """``yaw`` times the yaw axis and ``pitch`` times the pitch axis, in stages' axes at these pitches.
+    """Return ``yaw`` times the yaw axis plus ``pitch`` times the pitch axis, in stages' axes.
 
-    The pitch axis is opposite to the left.
+    Args:
+        lifted: cosine and sine of the pitches.
+        yaw: factor of the yaw axis, such as a rate.
+        pitch: factor of the pitch axis, which points to the right of the boresight.
     """
     cosine, sine = lifted
     return yaw * sine, -pitch, yaw * cosine
 
 
 def _summed(of_each: tuple[AnyArray, ...]) -> AnyArray:
-    """The sums (3, ...) of the components (3, s, ...) of vectors."""
+    """Sum vectors, given as components (3, s, ...), over all stages, to (3, ...)."""
     xp = array_module(*of_each)
     return xp.stack([xp.sum(own, axis=0) for own in of_each])
 
 
 def _sum(first: Sequence[AnyArray], second: Sequence[AnyArray]) -> tuple[AnyArray, ...]:
-    """Sum of vectors by components."""
+    """Add two vectors that are given as components."""
     return tuple(a + b for a, b in zip(first, second, strict=True))
 
 
 def _product(matrices: AnyArray, vector: Any, *, shared: bool = False) -> tuple[AnyArray, ...]:
-    """Matrices (s, 3, 3) times vectors (3, s, ...), or one each (3, ...) that all share."""
+    """Multiply matrices (s, 3, 3) by vectors (3, s, ...), or if `shared` all by the same ones (3, ...)."""
     own = vector[0].ndim - (not shared)
     m = matrices.reshape(*matrices.shape, *[1] * own)
     x, y, z = vector

@@ -1,4 +1,4 @@
-"""Outcomes of planning: a name each, its meaning, and what the user may change."""
+"""Outcomes of planning: for each a name, its meaning, and what the user may change."""
 
 from enum import Enum
 
@@ -21,7 +21,10 @@ class Status(Enum):
 
     @property
     def step(self) -> str:
-        """Where planning ended, one of `STEPS`; a certified plan went through all of them."""
+        """The step of planning at which it ended, one of `STEPS`.
+
+        A certified plan went through all of them.
+        """
         return _STEP[self]
 
     @property

@@ -1,13 +1,15 @@
-"""The table of rows that zones and masks make.
+"""Zones and masks as a table of rows (`jaxplan.model.constraints`).
 
-A zone is a row, but one about a boresight, which is a row for each direction that it binds, one outside
-fields of view, which is a constraint of five entries for each device, and a mask, which is one of an entry
-for each edge. The row of an axis that moves has NaN for an axis, so that where somebody forgets about that it
-counts as broken; `Constraints.at` gives the rows as they are at an instant.
+A zone becomes one row, with three exceptions: a zone about a boresight becomes a row for each direction that
+it binds; a zone outside of fields of view becomes a constraint of five entries for each device; and a mask
+becomes a constraint with an entry for each edge. The row of an axis that moves has NaN for its axis, so that
+it counts as broken if somebody forgets about the motion; `Constraints.at` gives the rows as they are at an
+instant.
 
-Where a plan must bear errors (`jaxplan.model.robust`) half angles and bounds of joints are what these leave.
-A cone then has a row for each kind of device, which lose alike, and a mask also has entries for the sides of
-its box, without which a sharp corner would grow by more than the errors.
+If a plan must tolerate errors (`jaxplan.model.robust`), half angles and joint bounds are tightened by the
+loss of margin. A cone then becomes a row for each kind of device, since all of a kind have the same loss, and
+a mask has further entries for the sides of its bounding box, without which a sharp corner would grow by more
+than the errors.
 """
 
 import math
@@ -41,7 +43,10 @@ MOST_WAYS = 64
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Row:
-    """One row of `Constraints`, with the numbers of the sights that it binds; by default padding."""
+    """One row of `Constraints`, with the numbers of the sights that it binds.
+
+    The defaults are those of padding.
+    """
 
     zone: int = -1
     axis: Any = field(default_factory=_PADDING_AXIS.copy)
@@ -53,7 +58,7 @@ class _Row:
     path: DirectionPath | None = None
 
 
-_Ways = list[list[_Row]]  # alternatives, of which one must hold, with all of its rows
+_Ways = list[list[_Row]]  # alternatives, of which one must hold; of that all rows
 
 
 def tabulate(
@@ -65,19 +70,20 @@ def tabulate(
     turns: Turns | None = None,
     robust: Robust | None = None,
 ) -> Constraints:
-    """The zones and the spacecraft's masks as padded rows, in the order in which they are given.
+    """Make the padded rows of zones and of the spacecraft's masks, in the order in which they are given.
 
     Args:
-        keep_out: zones to stay out of.
-        keep_in: zones to stay in.
-        spacecraft: whose devices they bind.
-        joint_bounds: of terminals.
-        turns: whole turns of the yaw after which each mask is met again; None to take them from the ranges.
-        robust: errors for which all must hold; None for none.
+        keep_out: cones to stay out of.
+        keep_in: cones to stay in.
+        spacecraft: the spacecraft whose devices they bind.
+        joint_bounds: half-planes of terminals' joint angles to stay in.
+        turns: for each mask the whole turns of the yaw by which it is repeated; None to take them from the
+            ranges.
+        robust: errors for which all of them must hold; None for none.
 
     Raises:
-        ValueError: if a zone has no axis or several, binds nothing, names a device that there is not or one
-            twice, or needs joints or a field of view of a device without.
+        ValueError: if a zone has no axis or several, binds nothing, names a device that does not exist or
+            names one twice, or needs joints or a field of view that a device does not have.
     """
     zones: list[Zone] = [*keep_out, *keep_in, *joint_bounds, *masks(spacecraft, turns)]
     sights = bound_by(zones, spacecraft)
@@ -111,15 +117,17 @@ def tabulate(
 def _numbered(
     zones: Sequence[Zone], sights: Bound, robust: Robust | None
 ) -> tuple[list[_Row], list[int], list[int]]:
-    """All rows of zones, and for each the first row of its entry and the first row of its constraint.
+    """Collect all rows of zones, with the entry and the constraint to which each belongs.
 
-    Rows are in the order of their zones, and numbered from zero.
+    Returns:
+        The rows in the order of their zones; for each the number of the first row of its entry; and for each
+        the number of the first row of its constraint. Numbers count from zero.
 
     Raises:
         ValueError: if an entry of a group has more than `MOST_WAYS` alternatives.
     """
     asked = [list(_asked(number, zone, sights, robust)) for number, zone in enumerate(zones)]
-    found: list[tuple[_Row, Any, Any]] = []  # each with names of its constraint and its entry
+    found: list[tuple[_Row, Any, Any]] = []  # each with a key of its constraint and of its entry
     groups: dict[str, dict[Any, list[_Ways]]] = {}
     for number, (zone, each) in enumerate(zip(zones, asked, strict=True)):
         if zone.any_of is None:
@@ -142,18 +150,20 @@ def _numbered(
 
 
 def _too_many(each: Sequence[_Ways]) -> str:
-    """The message that an entry has too many alternatives."""
+    """Return the message that an entry has too many alternatives."""
     ways = math.prod(map(len, each))
     return f"an entry of it may hold in {ways} ways, {MOST_WAYS} at most: bind fewer fields of view by it"
 
 
 def _asked(number: int, zone: Zone, sights: Bound, robust: Robust | None) -> Iterator[_Ways]:
-    """Yield all conditions of a zone, which must all hold, each as its alternatives.
+    """Yield all conditions of a zone, which must all hold, each as a list of alternatives, one of which must.
+
+    An alternative is a list of rows, all of which must hold.
 
     Args:
-        number: of the zone.
-        zone: as it is stated.
-        sights: that zones bind.
+        number: number of the zone.
+        zone: the zone as it is stated.
+        sights: the sights that zones bind.
         robust: errors for which it must hold; None for none.
 
     Raises:
@@ -183,7 +193,15 @@ def _asked(number: int, zone: Zone, sights: Bound, robust: Robust | None) -> Ite
 
 
 def _joint_row(number: int, normal: Any, least: Any, device: int, robust: Robust | None) -> _Row:
-    """The row ``normal . (yaw, pitch) >= least`` (rad) of zone `number` for a terminal's number."""
+    """Make the row ``normal . (yaw, pitch) >= least`` (rad) of a zone.
+
+    Args:
+        number: number of the zone.
+        normal: (2,) of length one.
+        least: rad.
+        device: number of the terminal.
+        robust: errors for which it must hold, by which `least` is raised; None for none.
+    """
     axis = stacked([normal[0], normal[1], 0.0])
     if robust is not None:
         least = least + robust.loss_of_joints(normal)
@@ -193,11 +211,20 @@ def _joint_row(number: int, normal: Any, least: Any, device: int, robust: Robust
 def _of_field(
     number: int, zone: KeepOut | KeepIn, device: int, sights: Bound, robust: Robust | None
 ) -> Iterator[_Ways]:
-    """Yield what a zone asks of the field of view of a device, as alternatives.
+    """Yield what a zone asks of the field of view of one device, as alternatives of rows.
 
-    Its axis must be outside the field (one of five), or within all of its edges (four with one alternative).
-    An axis beyond an edge by ``m`` is at most ``90 deg - m`` from the edge's outward normal. Behind the
-    device that may hold for none, so there it is enough to be farther from the boresight than the corners.
+    For a keep-out the axis must be outside of the field: beyond one of its four edges, or farther from the
+    boresight than the corners. For a keep-in it must be within all four edges, which are four conditions
+    without alternatives. An axis that is beyond an edge by ``m`` is at most ``90 deg - m`` from the outward
+    normal of that edge. Behind the device that may be so for no edge, which is why the fifth alternative is
+    needed.
+
+    Args:
+        number: number of the zone.
+        zone: the zone as it is stated.
+        device: number of the device.
+        sights: the sights that zones bind.
+        robust: errors for which it must hold; None for none.
     """
     edges, away = sights.edges(device), zone.half_angle
     about = partial(_cones, number, zone, sights=sights, robust=robust)
@@ -220,19 +247,20 @@ def _cones(
     side: float | None = None,
     half_angle: Any = None,
 ) -> Iterator[_Row]:
-    """Yield the rows about the axis of a zone for some sights; one, or one a sight about a boresight.
+    """Yield the rows about the axis of a zone for some sights: one, or one for each sight about a boresight.
 
     Args:
-        number: of the zone.
-        zone: as it is stated.
+        number: number of the zone.
+        zone: the zone as it is stated.
         bound: numbers of the sights.
-        sights: that zones bind.
-        robust: errors for which it must hold; then there is a row for each kind of device.
-        side: where it is not the zone's.
-        half_angle: rad, where it is not the zone's.
+        sights: the sights that zones bind.
+        robust: errors for which it must hold; there is then a row for each kind of device. None for none.
+        side: +1 to stay out, -1 to stay in; None for that of the zone.
+        half_angle: rad; None for that of the zone.
 
     Raises:
-        ValueError: if the axis is the boresight of no device, or of one that the zone binds.
+        ValueError: if the axis is the boresight of a device that does not exist, or of one that the zone
+            binds.
     """
     way = zone.side if side is None else side
     angle = zone.half_angle if half_angle is None else half_angle
@@ -266,5 +294,5 @@ def _cones(
 
 
 def bound_by(zones: Sequence[Zone], spacecraft: Spacecraft) -> Bound:
-    """The sights that zones bind on a spacecraft."""
+    """Return the sights that the cones among some zones bind on a spacecraft."""
     return Bound([zone for zone in zones if isinstance(zone, KeepOut | KeepIn)], spacecraft)

@@ -1,7 +1,7 @@
-"""What a scene, a goal and a direction are once time is counted from a later instant on.
+"""A scene, a goal and a direction with their times counted from a later instant.
 
-What moves is known over times from 0 on, the start of a scene. Seen from an instant ``t`` of it, a path is
-shifted by ``-t``, and the epoch is ``t`` later.
+Whatever moves is known over times from 0 on, the start of a scene. When times are counted from an instant
+``t`` of it, the times of a path become less by ``t``, and the epoch becomes later by ``t``.
 """
 
 from collections.abc import Iterable
@@ -21,13 +21,14 @@ _PAD = 60.0  # s before and after a span of time, for which directions are kept
 
 
 def later(scene: Scenario, time: float, duration: float | None = None) -> Scenario:
-    """The scene with its zones and its epoch counted from a time on.
+    """Return the scene with times of its zones and its epoch counted from `time` on; its goal is unchanged.
 
     Args:
-        scene: as it is at time 0.
-        time: s, that becomes time 0.
-        duration: s from then on, for which zones are to be known; as long as they are unless told. Few
-            samples make whatever plans quicker, and directions stay the same to the last bit.
+        scene: the scene with times counted from its start.
+        time: s, the instant that becomes time 0.
+        duration: s after `time`, for which moving zones must be known; samples long before and after are
+            dropped, which makes planning quicker and changes no direction in between. None to keep all
+            samples.
     """
     if time == 0.0 and duration is None:
         return scene
@@ -51,7 +52,7 @@ def later(scene: Scenario, time: float, duration: float | None = None) -> Scenar
 
 
 def later_goal(goal: GivenState | Targets, time: float) -> GivenState | Targets:
-    """The goal with its targets and wishes that move counted from a time, s, on."""
+    """Return the goal with the times of its moving targets and wishes counted from a time, s, on."""
     if isinstance(goal, GivenState) or not goal.moves or time == 0.0:
         return goal
     wishes = tuple(replace(wish, direction=later_direction(wish.direction, time)) for wish in goal.prefer)
@@ -62,7 +63,10 @@ def later_goal(goal: GivenState | Targets, time: float) -> GivenState | Targets:
 
 
 def later_direction(direction: Any, time: float, duration: float | None = None) -> Any:
-    """The direction counted from a time, s, on, as `later` does it; one that stands still stays as it is."""
+    """Return a direction with its times counted from a time, s, on; one that stands still is unchanged.
+
+    `duration` is as for `later`.
+    """
     if not isinstance(direction, DirectionPath) or not direction.moves:
         return direction
     first, beyond = 0, len(direction.times)

@@ -1,6 +1,6 @@
-"""A timeline: activities one after the other, each with what it points at, how long and when.
+"""A timeline: activities one after the other, each with what it points at, how long it lasts, and when.
 
-Times are seconds from the timeline's start on, which is the scene's `epoch`; files have them as UTC.
+Times are seconds from the start of the timeline, which is the `epoch` of its scene; files give them as UTC.
 """
 
 from collections.abc import Iterable
@@ -29,21 +29,22 @@ _SPAN = "[0, 86400]"  # s, of all times of a timeline
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Activity:
-    """One thing to do: follow targets, point at them for an instant, hold an attitude, or rest.
+    """One thing to do: follow targets, point at them for an instant, hold an attitude, or do nothing.
 
-    Exactly one of `track`, `point`, `attitude` and `idle` says what.
+    Exactly one of `track`, `point`, `attitude` and `idle` is given.
 
     Attributes:
-        name: unique.
-        track: devices that follow their targets all the time, with what others prefer or hold; its tolerance
-            is what each may be off.
-        point: devices that point at their targets at one instant, at their rates.
-        attitude: the state to be held, at rest.
-        idle: whether nothing is asked; the spacecraft comes to rest and moves only where zones ask for it.
-        duration: s, how long; None until `latest`.
-        earliest: s, before which it may not begin; None for as soon as possible after the one before.
-        latest: s, by which it must have ended; None for any time.
-        after: name of an activity that must have ended before; empty for the one in front of it.
+        name: name, unique in the timeline.
+        track: targets that devices follow all the time, and what other devices prefer or hold; its
+            `tolerance` is the largest pointing error of each.
+        point: targets at which devices point at one instant, with the rates at which they move.
+        attitude: a state that is held at rest.
+        idle: whether nothing is asked: the spacecraft comes to rest and moves only where zones ask for it.
+        duration: s, how long it lasts; None for until `latest`.
+        earliest: s, time before which it must not begin; None for as soon as possible after the one before.
+        latest: s, time by which it must have ended; None for any time.
+        after: name of an activity that must have ended before this one begins; empty for the one in front of
+            it.
     """
 
     name: str = field(metadata=key("name", "unique", static=True))
@@ -64,27 +65,27 @@ class Activity:
 
     @property
     def kind(self) -> str:
-        """What it is: "track", "point", "attitude" or "idle"."""
+        """What is asked: "track", "point", "attitude" or "idle"."""
         return next(
             (name for name in ("track", "point", "attitude") if getattr(self, name) is not None), "idle"
         )
 
     @property
     def targets(self) -> Targets | None:
-        """What devices point at; None where nothing is asked of directions."""
+        """The targets of `track` or `point`; None for other activities."""
         return self.track if self.track is not None else self.point
 
 
 @shown("name", "kind", "start s", "end s")
 @dataclass(frozen=True, kw_only=True)
 class Segment:
-    """A part of the plan, a slew or what an activity does.
+    """A part of a timeline's plan: a slew, or what one activity does.
 
     Attributes:
-        name: of the activity; of a slew, that of the activity to which it leads.
+        name: name of the activity; for a slew, of the activity to which it leads.
         kind: "slew", "track", "attitude" or "idle".
-        start: s, from the timeline's start on.
-        end: s.
+        start: s, from the start of the timeline.
+        end: s, likewise.
     """
 
     name: str
@@ -99,15 +100,15 @@ class Timeline:
     """Activities in their order, with the spacecraft that does them.
 
     Attributes:
-        name: for titles and tables.
-        scene: spacecraft, start, zones, settings and epoch; its goal is not looked at. What moves is known
-            from the start to the end.
-        activities: in their order, but for what their `after` asks.
-        until: s, when it ends; None at the end of the last activity.
-        slew: "shortest" for slews in the shortest time, "calm" for slews in the time that there is.
-        look_ahead: whether the platform, where targets that are followed leave it free, turns meanwhile to
+        name: name for titles and tables.
+        scene: spacecraft, start, zones, settings and epoch. Its goal is ignored. Whatever moves in it must be
+            known from the start of the timeline to its end.
+        activities: the activities; they are done in this order, except where their `after` asks for another.
+        until: s, when the timeline ends; None for the end of the last activity.
+        slew: "shortest" for slews in the shortest time, "calm" for slews that use all the time there is.
+        look_ahead: whether the platform, where followed targets leave it free to turn, already turns towards
             where the next slew leads.
-        names: what exported files call the spacecraft; None for what exports do without.
+        names: what exported files call the spacecraft; None for the exports' defaults.
     """
 
     name: str = field(metadata=key("name", "for titles and tables"))
@@ -142,10 +143,12 @@ class Timeline:
 
 
 def in_order(activities: Iterable[Activity]) -> list[Activity]:
-    """The activities as they are done: in their order, but none before the one that it comes after.
+    """Return the activities in the order in which they are done.
+
+    That is the given order, except that an activity with an `after` waits until that one is done.
 
     Raises:
-        ValueError: if some come after each other, with their names.
+        ValueError: if activities wait for each other in a circle; the message names them.
     """
     left, done = list(activities), list[Activity]()
     while left:

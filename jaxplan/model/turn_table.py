@@ -1,31 +1,32 @@
-"""Tabulated lengths of turns: proved lower bounds of the integral of a size of the angular velocity.
+"""Tabulated lengths of turns: proved lower bounds of the integral of the magnitude of the angular velocity.
 
-A *length* ``F`` of a turn is such a bound, whichever way a slew goes: ``F(I) = 0``, and along every motion F
-grows no faster than the size of the angular velocity ``w`` (body axes), by one of two measures. With rates
-``c`` (3,) they are
+A *length* ``F`` of a turn is such a bound for every motion that makes the turn. It has ``F(I) = 0``, and
+along every motion F grows no faster than the magnitude of the angular velocity ``w`` (body axes), by one of
+two measures. With rates ``c`` (3,) they are
 
     of a box,        max over i of |w_i| / c_i               or
     of an ellipsoid, square root of the sum of (w_i / c_i)^2.
 
 So with ``|w_i| <= c_i`` no motion makes the turn in less than ``F`` seconds. With ``X_i F`` for the slope of
-F along a turn about body axis i, that F grows no faster says
+F along a turn about body axis i, the condition that F grows no faster is
 
     sum of c_i |X_i F| <= 1,      square root of the sum of (c_i X_i F)^2 <= 1.
 
-Least among them is the *eigenaxis* for no box: where each axis has a limit of its own, turns about the
-diagonals are quicker, and a half turn about x takes 0.77 of what it takes about x alone.
+For no box is the *eigenaxis* turn, about one fixed axis, always the quickest: where each axis has a limit of
+its own, turns about the diagonals are quicker, and a half turn about x takes 0.77 of what it takes about x
+alone.
 
-**Coordinates.** A turn is a rotation vector ``r`` (3,) rad in body axes, ``|r| <= pi``. With ``q_i = |r_i| /
-c_i`` and ``f`` the axis of the largest, the others following in the order x, y, z, x, it stands at ``|r|``,
-``q_(f+1) / q_f``, ``q_(f+2) / q_f``; tabulated is the share ``F / q_f``, linear between places along each of
-the three. F is the same of ``r`` with any of its signs changed: half of these changes turn the body's axes
-by half a turn, the others make the motion backwards. So both ``F`` and F of the inverse turn have to grow no
-faster.
+**Coordinates.** A turn is a rotation vector ``r`` (3,) rad in body axes, ``|r| <= pi``. Let
+``q_i = |r_i| / c_i``, let ``f`` be the axis with the largest, and the other axes follow in the order x, y, z,
+x. The turn has the coordinates ``|r|``, ``q_(f+1) / q_f``, ``q_(f+2) / q_f``. The table has ``F / q_f``,
+linear between its places along each coordinate. F does not change with the signs of the components of ``r``:
+half of the changes of sign turn the body's axes by half a turn, the others run the motion backwards. So the
+condition must hold both for ``F`` and for F of the inverse turn.
 
-Of the rates only the ratios matter, ``c_2 / c_1`` and ``c_3 / c_2`` of rates in falling order. Between
-tabulated ratios shares are linear as well; there lengths would grow a little faster, by what they are divided
-by. Ratios below the least one tabulated are taken for that: rates are raised, and what bounds motions with
-higher rates bounds these.
+Only the ratios of the rates matter, ``c_2 / c_1`` and ``c_3 / c_2`` of rates in falling order. Between the
+tabulated ratios F / q_f is linear as well; since lengths would grow a little too fast there, they are divided
+by a bound of their growth. A ratio below the least one in the table is replaced by that: rates are raised,
+and what bounds motions with higher rates bounds these.
 
 bench/turn_table.py made the table. tests/turn_growth.py proves that its lengths grow no faster than they may,
 cell by cell and for all ratios of rates, and tests/model/test_turn_table.py makes this proof anew.
@@ -51,14 +52,16 @@ UNIT = 2.0**-15
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TurnTable:
-    """A tabulated length of turns.
+    """A table of the lengths of turns, by one measure; letters are as in the module's docstring.
 
     Attributes:
-        ratios: (U,) and (V,) rising to 1, of the second to the first and the third to the second rate.
-        finer: (P,) and (Q,) likewise, closer together.
-        slopes: (P, Q) how fast the interpolated lengths grow at most, linear between finer ratios; they are
-            divided by it.
-        shares: (U, V, 3, K, L, L) ``F / q_f``, by both ratios of rates, axis f, |r|, and both ratios of q.
+        ratios: (U,) and (V,), rising to 1: ratios of the second to the first rate, and of the third to the
+            second.
+        finer: (P,) and (Q,), the same ratios at closer places.
+        slopes: (P, Q) bounds of how fast the interpolated lengths grow, by which they are divided; linear
+            between the places of `finer`.
+        shares: (U, V, 3, K, L, L) values of ``F / q_f``, by both ratios of rates, axis f, |r|, and both
+            ratios of q.
     """
 
     ratios: tuple[np.ndarray, np.ndarray]
@@ -67,14 +70,14 @@ class TurnTable:
     shares: np.ndarray
 
     def length(self, turns: ArrayLike, rates: ArrayLike) -> AnyArray:
-        """Lengths of turns, by interpolation.
+        """Return lengths of turns, by interpolation in the table.
 
         Args:
             turns: (..., 3) rad, rotation vectors in body axes, at most pi long.
-            rates: (3,) rad/s, positive.
+            rates: (3,) rad/s, positive, ``c``.
 
         Returns:
-            (...) s; its derivative exists almost everywhere, and is finite elsewhere.
+            (...) s; derivatives exist almost everywhere, and are finite elsewhere.
         """
         by, c = arrays(rates)
         order = by.argsort(-c)
@@ -89,7 +92,15 @@ class TurnTable:
         return q[..., 0] * _linear(table, face, places)
 
     def at(self, rates: AnyArray) -> tuple[AnyArray, AnyArray]:
-        """Shares (3, K, L, L) for rates (3,) in falling order, and the rates, raised where the table ends."""
+        """Return the table (3, K, L, L) for given rates, and the rates for which it holds.
+
+        Args:
+            rates: (3,) rad/s in falling order.
+
+        Returns:
+            Values of ``F / q_f``, and the rates (3,), raised where their ratios are beyond the end of the
+            table.
+        """
         xp, c = arrays(rates)
         second = c[0] * xp.maximum(c[1] / c[0], self.ratios[0][0])
         third = second * xp.maximum(c[2] / second, self.ratios[1][0])
@@ -101,7 +112,16 @@ class TurnTable:
 def _mixed(
     values: AnyArray, known: tuple[np.ndarray, np.ndarray], ratios: tuple[AnyArray, AnyArray]
 ) -> AnyArray:
-    """Values (...) at two ratios, linearly interpolated between those (U, V, ...) at known ratios."""
+    """Interpolate values linearly at two ratios.
+
+    Args:
+        values: (U, V, ...) at known ratios.
+        known: (U,) and (V,), the known ratios, rising.
+        ratios: the two ratios.
+
+    Returns:
+        (...); a ratio outside of the known ones is taken as the nearest of them.
+    """
     xp = array_module(*ratios)
     for own, ratio in zip(known, ratios, strict=True):
         weights = xp.stack([xp.interp(ratio, own, row) for row in np.eye(len(own))])
@@ -110,12 +130,15 @@ def _mixed(
 
 
 def _linear(table: AnyArray, face: AnyArray, places: list[AnyArray]) -> AnyArray:
-    """Values (...) of a table (3, K, L, L), linear along each of three places.
+    """Interpolate a table (3, K, L, L) linearly along its three last axes.
 
     Args:
-        table: by the axis of the largest q, and by three places, evenly from 0 to 1.
-        face: (...) int, that axis.
-        places: three of (...) in [0, 1].
+        table: values by the axis of the largest q, and at places evenly from 0 to 1 along the other axes.
+        face: (...) int, the axis of the largest q.
+        places: three arrays (...) in [0, 1], where to interpolate.
+
+    Returns:
+        (...) values.
     """
     xp = array_module(table, *places)
     cells = []
@@ -135,7 +158,7 @@ def _linear(table: AnyArray, face: AnyArray, places: list[AnyArray]) -> AnyArray
 
 @cache
 def turn_table(measure: Measure) -> TurnTable:
-    """Load the shipped table of a measure, once."""
+    """Load the table of a measure from the package; it is read only once."""
     with np.load(FILE, allow_pickle=False) as file:
         ratios, finer = (
             (file[f"{measure}_{name}_1"], file[f"{measure}_{name}_2"]) for name in ("ratios", "finer")

@@ -1,17 +1,19 @@
-"""What an array of wheels reaches: its largest torque and momentum along a direction, and by a form.
+"""What an array of n wheels reaches: its largest torque and momentum, along a direction and by a form.
 
-The wheels give, or hold beside what they hold against each other, ``x = sum a_k u_k`` with ``|u_k|`` at most
-their limits. By the pseudo-inverse wheel k has the part ``a_k . y`` of it, where ``x = S y`` and ``S`` is the
-sum of the ``a_k a_k^T``. So torque and momentum lie in
+Together the wheels give a torque, or hold a momentum, ``x = sum a_k u_k`` with their axes ``a_k`` and with
+``|u_k|`` at most ``limit_k``; momenta by which they work against each other (``apart``) are not in ``x``. By
+the pseudo-inverse wheel k has the part ``a_k . y`` of it, where ``x = S y`` and ``S`` is the sum of the
+``a_k a_k^T``. So all torques, or all momenta, lie in
 
     {S y: lower_k <= a_k . y <= upper_k}         under the pseudo-inverse,
-    {sum a_k u_k: |u_k| <= upper_k}              under the envelope, which holds the former,
+    {sum a_k u_k: |u_k| <= limit_k}              under the envelope, which contains the former.
 
-with bounds of momentum about what wheels hold against each other, ``apart``.
+The bounds of torque are ``-limit_k`` and ``limit_k``, those of momentum these less ``apart_k``.
 
-Of any three wheels whose axes span space, ``c = sum l_k (S a'_k)`` of a direction ``c`` gives ``c . x = sum
-l_k (a_k . y)``, and so a bound; of a linear program the least of them is the largest ``c . x`` itself. Where
-``sqrt(x . M x)`` is largest, is a corner: one where three wheels are at a bound.
+Under the pseudo-inverse, for a direction ``c`` and any three wheels whose axes span space,
+``S c = sum l_k a_k`` gives ``c . x = sum l_k (a_k . y)`` and so a bound; as this is a linear program, the
+least of these bounds is the largest ``c . x`` itself. A quadratic form, ``sqrt(x . M x)``, is largest at a
+corner of the set: a point where three wheels are at a bound.
 
 Body axes, N m, N m s.
 """
@@ -28,21 +30,22 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import PSEUDO_INVERSE
 from jaxplan.runtime.once import made_once
 
-_AT_ONCE = 8  # wheels whose corners are looked at together, half of two to the power of this
-_FLAT = 1e-12  # volume of three axes, below which they lie in a plane but for rounding
-_THIN = 1e-6  # likewise, from which on what three wheels say is precise
-_BEYOND = 1e-6  # of a limit, by which a corner may be beyond it, since it is rounded
+_AT_ONCE = 8  # largest number of wheels whose 2^(n - 1) corners are listed together
+_FLAT = 1e-12  # volume of three unit axes below which they lie in a plane but for rounding
+_THIN = 1e-6  # volume of three unit axes from which on what follows from them is precise
+_BEYOND = 1e-6  # fraction of a range by which a corner may lie beyond it, for rounding
 
 
 class Reach(NamedTuple):
-    """All torques or all momenta of an array of n wheels.
+    """The set of all torques, or of all momenta, that an array of n wheels reaches.
 
     Attributes:
         axes: (n, 3) unit vectors in body axes.
         each: (n,) N m or N m s, the wheels' limits.
-        lower: (n,) the least ``a_k . y``; None for the envelope.
-        upper: (n,) the largest; likewise.
-        corners: groups (v, 3): of each sum of one out of each group the convex hull has all of the reach.
+        lower: (n,) least values of ``a_k . y``; None for the envelope.
+        upper: (n,) largest values of ``a_k . y``; None for the envelope.
+        corners: groups (v, 3) of vectors. The set lies in the convex hull of all sums that take one vector,
+            or its opposite, from each group.
     """
 
     axes: AnyArray
@@ -52,26 +55,38 @@ class Reach(NamedTuple):
     corners: tuple[AnyArray, ...]
 
     def along(self, directions: AnyArray) -> AnyArray:
-        """The largest products (k,) of vectors of the reach, or their opposites, with directions (k, 3)."""
+        """Return the largest ``|c . x|`` (k,) of vectors x of the set, for directions c (k, 3).
+
+        The directions may have any length.
+        """
         xp, directions, axes, each = arrays(directions, self.axes, self.each)
         found = xp.abs(directions @ axes.T) @ each
         if self.lower is None or self.upper is None:
             return found
         three, inverses, volume = _threes(axes)
-        shares = xp.einsum("ki,tij->tkj", directions @ (axes.T @ axes), inverses)  # of both, at each three
+        shares = xp.einsum(
+            "ki,tij->tkj", directions @ (axes.T @ axes), inverses
+        )  # ``l``, for each choice of three
         lower, upper = (bound[three][:, None] for bound in (self.lower, self.upper))
         both = [xp.maximum(own * lower, own * upper).sum(axis=2) for own in (shares, -shares)]
         each_way = [xp.min(xp.where(volume[:, None] < _THIN, xp.inf, own), axis=0) for own in both]
         return xp.minimum(found, xp.maximum(*each_way))
 
     def largest(self, matrix: AnyArray) -> AnyArray:
-        """The largest ``sqrt(x . matrix x)`` of the reach, or more."""
+        """Return an upper bound of ``sqrt(x . matrix x)`` for vectors x of the set.
+
+        It is reached if there is one group of corners.
+        """
         return sum(largest_size(own, matrix) for own in self.corners)
 
 
 @made_once
 def reaches(craft: Spacecraft) -> tuple[Reach, Reach]:
-    """The torques and the momenta that a spacecraft's wheels reach, which it has."""
+    """Return the set of torques and the set of momenta that a spacecraft's wheels reach.
+
+    Raises:
+        ValueError: if it has no wheels.
+    """
     array = craft.wheel_array
     if array is None:
         raise ValueError("there are no wheels")
@@ -91,15 +106,15 @@ def reaches(craft: Spacecraft) -> tuple[Reach, Reach]:
 
 
 class WheelSpeeds(NamedTuple):
-    """How fast wheels let a body turn, and how fast that changes, with what they hold at the start.
+    """How fast wheels let a body turn, and how fast its angular velocity may change.
 
     Attributes:
-        torque: that they reach.
-        momentum: likewise.
-        inverse: (3, 3) of the inertia, 1 / (kg m^2).
-        total: N m s, length of the total momentum, which the body turns against.
-        carried: N m s, by which gimbals that move change the momentum at most.
-        pushed: N m, by which they change the torque at most.
+        torque: torques that the wheels reach.
+        momentum: momenta that they reach.
+        inverse: (3, 3) inverse of the inertia, 1 / (kg m^2).
+        total: N m s, length of the total momentum of platform and wheels, which must be turned with the body.
+        carried: N m s, bound of the momentum that moving gimbals add.
+        pushed: N m, bound of the torque that moving gimbals add.
     """
 
     torque: Reach
@@ -111,43 +126,57 @@ class WheelSpeeds(NamedTuple):
 
     @classmethod
     def of(cls, craft: Spacecraft, total: AnyArray, inertia: AnyArray) -> "WheelSpeeds":
-        """Make the bound for a spacecraft with wheels.
+        """Make it for a spacecraft with wheels, without the effect of moving gimbals.
 
         Args:
             craft: the spacecraft.
-            total: N m s, norm of the angular momentum of platform and wheels.
+            total: N m s, length of the total momentum of platform and wheels.
             inertia: (3, 3) kg m^2, of the platform.
         """
         return cls(*reaches(craft), inverse_of(inertia), total)
 
     @property
     def rate(self) -> AnyArray:
-        """(3,) rad/s, the largest components of the angular velocity."""
+        """(3,) rad/s, upper bounds of the components of the angular velocity, by what the wheels can hold."""
         return self.momentum.along(self.inverse) + length(self.inverse) * (self.total + self.carried)
 
     def acceleration(self, top: AnyArray) -> AnyArray:
-        """(3,) rad/s^2, those of the acceleration while the body turns by at most `top` rad/s."""
+        """Return bounds (3,) rad/s^2 of the components of the angular acceleration.
+
+        Args:
+            top: rad/s, bound of the length of the angular velocity.
+        """
         beside = self.total * top + self.pushed
         return self.torque.along(self.inverse) + length(self.inverse) * beside
 
     def top(self, plane: AnyArray) -> AnyArray:
-        """rad/s, the largest length of the angular velocity's projection, by a matrix (3, 3)."""
+        """Return a bound, rad/s, of the length of the angular velocity's projection by a matrix (3, 3)."""
         return self._length(self.momentum, plane, self.total + self.carried)
 
     def growth(self, plane: AnyArray, top: AnyArray) -> AnyArray:
-        """rad/s^2, likewise of the acceleration while the body turns by at most `top` rad/s."""
+        """Return a bound, rad/s^2, of the length of the angular acceleration's projection.
+
+        Args:
+            plane: (3, 3) matrix of the projection.
+            top: rad/s, bound of the length of the angular velocity.
+        """
         return self._length(self.torque, plane, self.total * top + self.pushed)
 
     def _length(self, reach: Reach, plane: AnyArray, beside: AnyArray) -> AnyArray:
-        """The largest length of a projection of the inverse's products with a reach and with a vector."""
+        """Return a bound of the length of ``plane @ inverse @ (x + b)``.
+
+        Here x is any vector of `reach`, and b any vector whose length is at most `beside`.
+        """
         light = plane @ self.inverse
         return reach.largest(light.T @ light) + length(length(light)) * beside
 
 
 def _threes(axes: AnyArray) -> tuple[np.ndarray, AnyArray, AnyArray]:
-    """All choices of three axes (t, 3), the inverses (t, 3, 3) of these as rows, and their volumes (t,).
+    """Return all choices of three of the axes (n, 3).
 
-    Inverses of choices that lie in a plane are finite.
+    Returns:
+        Their numbers (t, 3); the inverses (t, 3, 3) of the matrices that have the three axes as rows; and the
+        volumes (t,) that they span. Inverses for axes in a plane are finite, and mean nothing.
     """
     xp, axes = arrays(axes)
     three = np.array(list(combinations(range(len(axes)), 3)))
@@ -159,10 +188,18 @@ def _threes(axes: AnyArray) -> tuple[np.ndarray, AnyArray, AnyArray]:
 
 
 def _corners(axes: AnyArray, lower: AnyArray, upper: AnyArray, others: AnyArray) -> AnyArray:
-    """The corners (v, 3) of ``{S y: lower <= axes y <= upper}``, with zeros in the place of what is none.
+    """Return the corners (v, 3) of ``{S y: lower <= axes y <= upper}``.
 
-    Where three axes lie so nearly in a plane that a corner of theirs may be lost in rounding, there are
-    `others` beside them (w, 3), whose hull has all of it.
+    Args:
+        axes: (n, 3).
+        lower: (n,).
+        upper: (n,).
+        others: (w, 3) vectors whose hull, with their opposites, contains the set.
+
+    Returns:
+        The corners, and zeros in place of intersections of three planes that are no corners. If three axes
+        lie so nearly in a plane that one of their corners may be lost to rounding, the `others` follow; else
+        w zeros.
     """
     xp, axes, lower, upper = arrays(axes, lower, upper)
     three, inverses, volume = _threes(axes)
@@ -178,7 +215,10 @@ def _corners(axes: AnyArray, lower: AnyArray, upper: AnyArray, others: AnyArray)
 
 
 def _sums(axes: AnyArray, bound: AnyArray) -> Iterator[AnyArray]:
-    """Yield of every few wheels all sums (v, 3) of ``axes_k u_k`` with ``u_k`` at a bound, but opposites."""
+    """Yield for every few wheels all sums (v, 3) of ``axes_k u_k`` with ``u_k`` at plus or minus its bound.
+
+    Of two opposite sums one is left out.
+    """
     xp, axes, bound = arrays(axes, bound)
     vectors = axes * bound[:, None]
     for first in range(0, len(vectors), _AT_ONCE):

@@ -1,12 +1,13 @@
 """What each wheel of an array gives and holds, wheel by wheel.
 
-By the pseudo-inverse that is a row of the array (`jaxplan.model.wheels`). By the envelope it is the sharing
-out whose largest share is least, of torque and momentum each by itself: the least ``s`` with ``x = sum a_k
-u_k`` and ``|u_k| <= s limit_k`` (Markley, Reynolds, Liu and Lebsock, "Maximum torque and momentum envelopes
-for reaction wheel arrays", NASA 20110015369). It needs no linear program: ``s`` is that of the face ``f`` of
-the envelope which ``x`` comes nearest to. There every wheel off the face's plane works at ``s`` of its limit,
-on the side of ``f``. What is left lies in the plane, and is shared out in the same way: all wheels there work
-at the share of the line that it comes nearest to, but those along the line, which have the rest.
+By the pseudo-inverse that is a row of the array (`jaxplan.model.wheels`). By the envelope it is the
+distribution in which the largest ratio of a wheel's part to its limit is least, for torque and momentum
+separately: the least ``s`` with ``x = sum a_k u_k`` and ``|u_k| <= s limit_k`` (Markley, Reynolds, Liu and
+Lebsock, "Maximum torque and momentum envelopes for reaction wheel arrays", NASA 20110015369). It needs no
+linear program: ``s`` is that of the face ``f`` of the envelope which ``x`` comes nearest to. Every wheel
+whose axis is not in the plane of the face works at ``s`` of its limit, on the side of ``f``. The rest of
+``x`` lies in the plane, and is distributed in the same way: all wheels in the plane work at the ratio of the
+line which the rest comes nearest to, except those along that line, which take what is left.
 """
 
 import numpy as np
@@ -19,11 +20,14 @@ _ACROSS = 1e-9  # product of unit vectors below which they count as at right ang
 
 
 def wheel_loads(motion: Kinematics, craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
-    """Torques (n, ...) N m and momenta (n, ...) N m s of the wheels, about their axes.
+    """Return the torques (n, ...) N m and momenta (n, ...) N m s of the n wheels, positive about their axes.
 
     Args:
-        motion: with the inertia, the total momentum and the array; of numpy arrays.
-        craft: its wheels, which it has.
+        motion: the motion, with inertia, total momentum and array of wheels; of numpy arrays.
+        craft: the spacecraft.
+
+    Raises:
+        ValueError: if there are no wheels.
     """
     array = motion.array
     if array is None or motion.total is None:
@@ -37,12 +41,15 @@ def wheel_loads(motion: Kinematics, craft: Spacecraft) -> tuple[np.ndarray, np.n
 
 
 def shared_out(axes: np.ndarray, limit: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """The shares (n, ...) of vectors (3, ...) along axes (n, 3) whose largest over its limit is least.
+    """Distribute vectors over wheels so that the largest ratio of a wheel's part to its limit is least.
 
     Args:
-        axes: unit vectors that span space.
-        limit: (n,) positive.
-        vectors: in the unit of the limit.
+        axes: (n, 3) unit vectors that span space, the wheels' axes.
+        limit: (n,) positive limits of the wheels.
+        vectors: (3, ...) in the unit of the limits.
+
+    Returns:
+        (n, ...) the part of each wheel, along its axis; the parts add up to the vectors.
     """
     x = np.moveaxis(vectors, 0, -1).reshape(-1, 3)
     share, face = least_shares(axes, limit, x)

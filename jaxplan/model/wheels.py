@@ -1,26 +1,28 @@
-"""Arrays of reaction wheels: what each wheel is, and which rows of torque and momentum limit an array.
+"""Arrays of reaction wheels: what each wheel is, and the linear inequalities (*rows*) that limit an array.
 
-Wheels exchange momentum with the platform: the total ``H`` stays as it is in inertial axes. With attitude
-``R``, inertia ``J`` (wheels locked), and the angular velocity ``omega`` in body axes the wheels hold ``h``
-and give the platform the torque ``tau``,
+Wheels exchange momentum with the platform: the total momentum ``H`` is constant in inertial axes. With
+attitude ``R`` (body to inertial), inertia ``J`` (wheels locked), and angular velocity ``omega`` in body axes,
+the wheels hold the momentum ``h`` and give the platform the torque ``tau``, both in body axes:
 
     h = R^T H - J omega,    tau = -h' = J omega' + omega x (R^T H),    H = R_0 (J omega_0 + h_0),
 
-with ``h_0 = sum a_k stored_k`` of the axes ``a_k``. How the array shares them out is its *allocation*:
+with ``h_0 = sum a_k stored_k`` at the start, where ``a_k`` are the axes of the wheels. The *allocation* says
+how both are distributed over the wheels:
 
     "pseudo_inverse"   wheel k gives ``(A+ tau)_k`` and holds ``stored_k + (A+ (h - h_0))_k``, with ``A+`` the
-                       pseudo-inverse of the matrix of axes: a row a wheel, exact.
-    "minimax"          the envelope: all that some sharing out reaches at an instant. It is a zonotope
-                       ``{sum a_k u_k: |u_k| <= limit_k}``, of the torque and of the momentum, and a row
-                       ``|f . x| <= sum |f . a_k| limit_k`` for each pair of axes, ``f`` across both.
-                       What wheels hold against each other does not show there, so at the start they hold
-                       nothing against each other: the largest share of a limit is the least.
+                       pseudo-inverse of the matrix of axes. There is one row for each wheel, and it is exact.
+    "minimax"          the envelope: everything that some distribution reaches at an instant. It is a zonotope
+                       ``{sum a_k u_k: |u_k| <= limit_k}`` for the torque and another for the momentum. It has
+                       a row ``|f . x| <= sum |f . a_k| limit_k`` for each pair of axes, with ``f`` the unit
+                       normal to both. The envelope does not show momenta by which wheels work against each
+                       other, so at the start there must be none: wheels then hold the distribution in which
+                       the largest fraction of a wheel's limit is least.
 
-So both have ``r`` rows, here numbered alike for torque and momentum. Of pairs of parallel axes, and of pairs
-that have the plane of an earlier pair, the row is zero and its limit one, which every motion keeps: so rows
-are as many whatever the axes are, and can be traced.
+Both have ``r`` rows, numbered alike for torque and momentum. For pairs of parallel axes, and for pairs that
+lie in the plane of an earlier pair, the row is zero and its limit one, which every motion keeps: so the
+number of rows does not depend on the axes, which can therefore be traced.
 
-Body axes, N m, N m s.
+Vectors are in body axes; units are N m and N m s.
 """
 
 from collections.abc import Sequence
@@ -51,11 +53,11 @@ class Wheel:
     """A reaction wheel, whose momentum is its spin inertia times its speed relative to the platform.
 
     Attributes:
-        name: unique among the wheels.
-        axis: (3,) unit vector in body axes that it spins about.
-        torque: N m, the most that it gives either way.
-        momentum: N m s, the most that it holds either way.
-        stored: N m s that it holds at the start, positive about its axis.
+        name: name, unique among the wheels.
+        axis: (3,) unit vector in body axes about which it spins.
+        torque: N m, its largest torque in either direction.
+        momentum: N m s, its largest momentum in either direction.
+        stored: N m s, its momentum at the start, positive about its axis.
     """
 
     name: str = field(metadata=key("name", "unique among the wheels", static=True))
@@ -70,17 +72,21 @@ class Wheel:
 
 
 class WheelArray(NamedTuple):
-    """The rows of an array of n wheels, r of them.
+    """An array of n wheels with the r rows that limit it (see the module's docstring).
+
+    With ``tau`` and ``h`` the torque and the momentum of all wheels together, rows ask for
+    ``|rows tau| <= torque`` and ``|rows h + apart| <= momentum``.
 
     Attributes:
-        axes: (n, 3) unit vectors in body axes.
-        rows: (r, 3), of which the products with torque and momentum are limited.
-        apart: (r,) N m s beside the momentum's products: what wheels hold against each other, and keep.
-        stored: (3,) N m s, of all wheels together at the start, body axes.
-        torque: (r,) N m, the limits of the torque's products.
-        momentum: (r,) N m s, those of the momentum's.
-        each_torque: (n,) N m, the limits of the wheels.
-        each_momentum: (n,) N m s, likewise.
+        axes: (n, 3) unit vectors in body axes, the wheels' axes.
+        rows: (r, 3), the matrix that torque and momentum are multiplied by.
+        apart: (r,) N m s, what is added to the products with the momentum: the momenta by which wheels work
+            against each other, which the pseudo-inverse leaves as they are. Zero for the envelope.
+        stored: (3,) N m s, momentum of all wheels together at the start, body axes.
+        torque: (r,) N m, limits of the rows' products with the torque.
+        momentum: (r,) N m s, limits of the rows' products with the momentum.
+        each_torque: (n,) N m, torque limit of each wheel.
+        each_momentum: (n,) N m s, momentum limit of each wheel.
     """
 
     axes: AnyArray
@@ -94,7 +100,12 @@ class WheelArray(NamedTuple):
 
 
 def wheel_array(wheels: Sequence[Wheel], allocation: str) -> WheelArray:
-    """The array of some wheels, whose axes span space; with numpy or JAX as their numbers are."""
+    """Make the array of some wheels, in numpy or JAX as their numbers are.
+
+    Args:
+        wheels: three or more, whose axes span space; axes are scaled to unit length.
+        allocation: one of `ALLOCATIONS`.
+    """
     xp, axes, torque, momentum, held = arrays(
         *(
             stacked([getattr(one, name) for one in wheels])
@@ -116,7 +127,7 @@ def wheel_array(wheels: Sequence[Wheel], allocation: str) -> WheelArray:
 
 
 def row_names(wheels: Sequence[Wheel], allocation: str) -> tuple[str, ...]:
-    """(r,) the wheel that each row is of, by name; of the envelope "array across wheel-1 and wheel-2"."""
+    """Name the r rows of an array by wheel, or in the envelope as "array across wheel-1 and wheel-2"."""
     names = [wheel.name for wheel in wheels]
     if allocation != MINIMAX:
         return tuple(names)
@@ -124,15 +135,19 @@ def row_names(wheels: Sequence[Wheel], allocation: str) -> tuple[str, ...]:
 
 
 def least_shares(axes: np.ndarray, limit: np.ndarray, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The least largest share of the wheels' limits by which some sharing out reaches vectors.
+    """Find how much of their limits wheels need at least to produce given vectors together.
+
+    Of all distributions over the wheels the one counts whose largest ratio of a wheel's part to its limit is
+    least.
 
     Args:
-        axes: (n, 3) unit vectors that span space.
-        limit: (n,) positive.
-        vectors: (k, 3) in its unit.
+        axes: (n, 3) unit vectors that span space, the wheels' axes.
+        limit: (n,) positive limits of the wheels.
+        vectors: (k, 3) torques or momenta in the unit of `limit`, in the frame of `axes`.
 
     Returns:
-        (k,) shares, beyond 1 outside of the envelope, and (k, 3) unit normals of the faces that are nearest.
+        (k,) that least largest ratio, above 1 for a vector outside of the envelope; and (k, 3) unit normals
+        of the faces of the envelope towards which the vectors lie, on the vectors' side.
     """
     normals, sizes = _facets(axes)
     kept = np.any(normals != 0, axis=1)
@@ -144,9 +159,12 @@ def least_shares(axes: np.ndarray, limit: np.ndarray, vectors: np.ndarray) -> tu
 
 
 def _facets(axes: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """The normals (r, 3) of facets for pairs of axes (n, 3), and sizes (r, n) of their products with these.
+    """Find the facets of the envelope of wheels with axes (n, 3), one for each pair of axes, r in number.
 
-    Both are zero for pairs that are parallel, or in the plane of an earlier pair.
+    Returns:
+        Unit normals (r, 3), at right angles to both axes of the pair, and (r, n) absolute values of their
+        products with all axes. Both are zero for a pair that is parallel or lies in the plane of an earlier
+        one.
     """
     xp, axes = arrays(axes)
     pairs = np.array(list(combinations(range(len(axes)), 2)))
@@ -155,10 +173,10 @@ def _facets(axes: AnyArray) -> tuple[AnyArray, AnyArray]:
     apart = square > _PARALLEL**2
     normals = across / xp.sqrt(xp.where(apart, square, 1))[:, None]
     between = xp.cross(normals[:, None], normals[None])
-    same = xp.sum(between * between, axis=2) <= _PARALLEL**2  # of this row and an earlier one
+    same = xp.sum(between * between, axis=2) <= _PARALLEL**2  # whether the planes of two pairs are the same
     earlier = np.tri(len(pairs), k=-1, dtype=bool)
     kept = apart & ~xp.any(same & apart & earlier, axis=1)
     of_pair = np.zeros((len(pairs), len(axes)), bool)
     of_pair[np.arange(len(pairs))[:, None], pairs] = True
-    sizes = xp.where(of_pair, 0, xp.abs(normals @ axes.T))  # across both, to the last digit
+    sizes = xp.where(of_pair, 0, xp.abs(normals @ axes.T))  # exactly zero for the axes of the pair
     return xp.where(kept[:, None], normals, 0), xp.where(kept[:, None], sizes, 0)

@@ -1,15 +1,17 @@
 """Pointing constraints as users state them: cones to stay out of or in, bounds of joints, masks.
 
-A cone stands about an axis that is inertial, still or moving (`DirectionPath`), fixed in the body, or the
-boresight of another device. It binds devices, and further vectors that are fixed to the body or to a
-terminal's moving part. Zones that share a group, ``any_of``, form one constraint, which holds while one of
-its entries does: each zone is an entry of its own unless several name the same one.
+A *zone* is a cone about an axis that is inertial, still or moving (`DirectionPath`), fixed in the body, or
+the boresight of another device. It *binds* directions, which must stay out of the cone or in it: boresights
+of devices, and further vectors that are fixed to the body or to the moving part of a device. Zones that name
+the same group, ``any_of``, form one constraint, which holds while at least one of its *entries* does. Each
+zone is an entry of its own, unless several name the same ``entry``; these must then hold together.
 
-A cone to stay out of may count from the edge of a device's field of view instead of from its boresight, and
-one to stay in ask for a place inside the field. Masks are no zones of a scenario but of its terminals; they
-hold as zones do (`masks`).
+A keep-out cone may be measured from the edge of a device's field of view instead of from its boresight, and a
+keep-in cone may ask for its axis to be inside the field of view. *Masks* are polygons of yaw and pitch that
+a terminal must not enter. They are stated with the terminals, not with the zones of a scenario, but hold as
+zones do (`masks`).
 
-`jaxplan.model.tabulation` makes rows of them.
+`jaxplan.model.tabulation` turns zones and masks into arrays.
 """
 
 import math
@@ -34,11 +36,11 @@ _ENTRY = key("entry", "of its group; zones of the same one must hold together", 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FixedVector:
-    """A direction beside the boresights that a zone binds, such as the normal of a panel.
+    """A direction other than a boresight that a zone binds, such as the normal of a panel.
 
     Attributes:
-        along: (3,) unit vector: of the body in body axes; of a device with joints along its boresight, to the
-            left of it and upward, as these turn with yaw and pitch.
+        along: (3,) unit vector. If it is fixed to the body, in body axes; if to a device with joints, as
+            components along its boresight, to its left and upward, which turn with its joints.
         to: name of the device to whose moving part it is fixed; None for the body.
     """
 
@@ -56,7 +58,10 @@ class FixedVector:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Cone:
-    """Attributes that both kinds of cone have."""
+    """The attributes that keep-out and keep-in cones share; `KeepOut` and `KeepIn` describe them.
+
+    The class attribute `side` is +1 for cones to stay out of and -1 for cones to stay in.
+    """
 
     side: ClassVar[float]
 
@@ -98,31 +103,35 @@ class _Cone:
 
     @property
     def path(self) -> DirectionPath | None:
-        """The inertial axis over time; None where the axis is not inertial."""
+        """The axis as a path over time; None where the axis is not inertial."""
         return None if self.direction is None else as_path(self.direction)
 
     @property
     def moves(self) -> bool:
-        """Whether its axis is inertial and moves."""
+        """Whether the axis is inertial and changes with time."""
         return isinstance(self.direction, DirectionPath) and self.direction.moves
 
     @property
     def is_inertial(self) -> bool:
-        """Whether its axis is inertial, so that it has a place on the sky."""
+        """Whether the axis is inertial, rather than fixed in the body or the boresight of a device."""
         return self.axis_body is None and self.axis_device is None
 
     @property
     def binds_all(self) -> bool:
-        """Whether it binds all devices since it names none, as only inertial ones to stay out of may."""
+        """Whether it binds all devices: an inertial keep-out cone that names no devices and no vectors."""
         return self.side > 0 and self.is_inertial and not self.devices and not self.vectors
 
     @property
     def of_field(self) -> bool:
-        """Whether it counts from the edges of fields of view."""
+        """Whether it is measured from the edges of fields of view instead of from boresights."""
         return getattr(self, "outside" if self.side > 0 else "inside") is not None
 
     def axis_at(self, time: float = 0.0) -> np.ndarray:
-        """The inertial axis (3,) at an instant, s; raises ValueError where the axis is not inertial."""
+        """Return the inertial axis (3,) at a time, s.
+
+        Raises:
+            ValueError: if the axis is not inertial.
+        """
         if self.path is None:
             raise ValueError(f"zone {self.name} has no inertial axis")
         axis: np.ndarray = self.path.at(time)
@@ -141,24 +150,26 @@ FIELD_OF_VIEW = "field_of_view"
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeepOut(_Cone):
-    """A cone that no direction which it binds may enter.
+    """A cone that the directions which it binds must not enter.
 
     Attributes:
-        name: unique among all zones.
-        direction: (3,) unit vector of the axis, inertial; or its path, of an axis that moves. One of this,
-            `axis_body` and `axis_device` is given.
-        half_angle: rad, in (0, pi); outside a field of view in [0, pi / 2), the distance from the field.
-        axis_body: (3,) unit vector of an axis that is fixed in the body.
+        name: name, unique among all zones.
+        direction: (3,) unit vector of the axis, inertial; or its path, of an axis that moves. Exactly one of
+            this, `axis_body` and `axis_device` is given.
+        half_angle: rad, in (0, pi). With `outside` the least angle between the axis and the field of view, in
+            [0, pi / 2).
+        axis_body: (3,) unit vector of an axis that is fixed in the body, body axes.
         axis_device: name of the device whose boresight is the axis.
-        devices: names of the devices it binds; empty for all, of an inertial axis without vectors.
+        devices: names of the devices that it binds; empty for all if the axis is inertial and there are no
+            `vectors`.
         vectors: further vectors that it binds.
-        lasts: s from the start on, for which it is known; one about a body that stands still is only as wide
-            as the body's motion in this time takes.
-        any_of: name of its group, None for a zone that must hold by itself.
-        entry: name of its entry in the group; zones of the same one must hold together. None for a zone
+        lasts: s from the start, for how long the zone is valid; longer motions are refused. A zone about a
+            body that is taken to stand still is widened only by that body's motion in this time.
+        any_of: name of its group; None for a zone that must hold by itself.
+        entry: name of its entry in the group; zones of the same entry must hold together. None for a zone
             that is an entry by itself.
-        outside: "field_of_view" to keep the axis away from the rectangular field of each device it binds,
-            by default all that have one.
+        outside: "field_of_view" to keep the axis out of the rectangular field of view of each device that it
+            binds, by default of all that have one; None to measure from boresights.
     """
 
     side: ClassVar[float] = 1.0
@@ -176,23 +187,24 @@ class KeepOut(_Cone):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeepIn(_Cone):
-    """A cone that no direction which it binds may leave.
+    """A cone that the directions which it binds must not leave.
 
     Attributes:
-        name: unique among all zones.
-        direction: (3,) unit vector of the axis, inertial; or its path, of an axis that moves. One of this,
-            `axis_body` and `axis_device` is given.
-        half_angle: rad, in (0, pi); inside a field of view in [0, pi / 2), the distance from its edges.
-        axis_body: (3,) unit vector of an axis that is fixed in the body.
+        name: name, unique among all zones.
+        direction: (3,) unit vector of the axis, inertial; or its path, of an axis that moves. Exactly one of
+            this, `axis_body` and `axis_device` is given.
+        half_angle: rad, in (0, pi). With `inside` the least angle between the axis and the edges of the field
+            of view that it is in, in [0, pi / 2).
+        axis_body: (3,) unit vector of an axis that is fixed in the body, body axes.
         axis_device: name of the device whose boresight is the axis.
-        devices: names of the devices it binds, at least one unless there are vectors.
+        devices: names of the devices that it binds; at least one unless there are `vectors`.
         vectors: further vectors that it binds.
-        lasts: s from the start on, for which it is known; one about a body that stands still is only as wide
-            as the body's motion in this time takes.
-        any_of: name of its group, None for a zone that must hold by itself.
-        entry: name of its entry in the group; zones of the same one must hold together. None for a zone
+        lasts: s from the start, for how long the zone is valid; longer motions are refused.
+        any_of: name of its group; None for a zone that must hold by itself.
+        entry: name of its entry in the group; zones of the same entry must hold together. None for a zone
             that is an entry by itself.
-        inside: "field_of_view" to keep the axis in the rectangular field of each device it binds.
+        inside: "field_of_view" to keep the axis in the rectangular field of view of each device that it
+            binds; None to measure from boresights.
     """
 
     side: ClassVar[float] = -1.0
@@ -213,17 +225,17 @@ class KeepIn(_Cone):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointBound:
-    """A half-plane of joint angles that a terminal must stay in, ``normal . (yaw, pitch) >= least``.
+    """A half-plane in which the joint angles of a terminal must stay: ``normal . (yaw, pitch) >= least``.
 
-    A convex polygon that they must not enter is a group of these, one for each of its edges.
+    A group of these, one for each edge, keeps the angles out of a convex polygon.
 
     Attributes:
-        name: unique among all zones.
+        name: name, unique among all zones.
         device: name of the terminal.
-        normal: (2,) of length one.
-        least: rad.
-        any_of: name of its group, None for a bound that must hold by itself.
-        entry: name of its entry in the group, as of a zone.
+        normal: (2,) weights of yaw and pitch, of length one.
+        least: rad, least value of the weighted sum.
+        any_of: name of its group; None for a bound that must hold by itself.
+        entry: name of its entry in the group, as for `KeepOut`.
     """
 
     name: str = field(metadata=_NAME)
@@ -243,13 +255,13 @@ class JointBound:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mask:
-    """A convex polygon of yaw and pitch that a terminal must not enter, as its spacecraft has it.
+    """A convex polygon of yaw and pitch that a terminal must not enter, made by `masks` from its spacecraft.
 
     Attributes:
-        name: after the terminal, such as "mask 1 of antenna".
+        name: name after the terminal, such as "mask 1 of antenna".
         device: name of the terminal.
-        corners: (k, 2) rad.
-        turns: whole turns of yaw after which it is met again.
+        corners: (k, 2) rad, yaw and pitch of each corner, in order around the polygon.
+        turns: numbers of whole turns of the yaw by which the polygon is repeated, such as (-1, 0).
     """
 
     name: str = field(metadata={"static": True})
@@ -273,11 +285,12 @@ Turns = tuple[tuple[int, ...], ...]
 
 
 def masks(spacecraft: Spacecraft, turns: Turns | None = None) -> tuple[Mask, ...]:
-    """The masks of all terminals.
+    """Collect the masks of all terminals.
 
     Args:
-        spacecraft: whose terminals they are of.
-        turns: of each mask; None for those that reach into the yaw's range.
+        spacecraft: the spacecraft that carries the terminals.
+        turns: for each mask the whole turns of the yaw by which it is repeated; None for those at which it
+            reaches into the range of the yaw.
     """
     found: list[Mask] = []
     for terminal in spacecraft.terminals:

@@ -1,10 +1,11 @@
 """Scenario and timeline files: reading, writing and checking; their dataclasses are those of `jaxplan.model`.
 
 What a file may hold is declared with the fields of these dataclasses. `value_kinds` and `arrays` read single
-values, `tables` makes tables of dataclasses, and `layout` adds what no field can say. `checks` knows what
-must go together, `sky` what bodies and satellites stand for. `reading` and `timelines` have the entry points,
-`text` is TOML and has words for every key, `observers` reads [sky] alone, and `numbers` finds numbers that
-may be tuned.
+values, `tables` makes tables of dataclasses, and `layout` adds what no field can declare. `checks` finds
+values that do not go together, and `sky` replaces names of bodies and satellites by directions. `reading` and
+`timelines` have the entry points, `text` reads and writes TOML and makes commented files, `observers` reads
+the table [sky] alone, and `numbers` finds the numbers that may be tuned. Terms that all of them use are
+explained in `faults`.
 """
 
 from jaxplan.schema.faults import ScenarioError

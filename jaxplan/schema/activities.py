@@ -1,9 +1,9 @@
 """Activities of a timeline in a file: what devices point at, or the state that is held, how long and when.
 
-A file has targets under ``track`` or ``point``, and what goes with them (wishes, what is held, the tolerance)
-beside; a state to be held has the keys that a start has. Instants are seconds from the timeline's start on,
-or UTC. Of what was made in Python the attributes of `Activity` are read. As in `checks`, `WRONG` stands for a
-value whose fault was noted.
+A file has targets under ``track`` or ``point``, and beside these what belongs to them (wishes, what is held,
+the tolerance); a state to be held has the keys of a start. Instants are seconds from the timeline's start, or
+UTC. In Python, the attributes of `Activity` are read. As in `checks`, `WRONG` stands for a value whose fault
+was noted.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,20 +34,20 @@ _ENDS = {"earliest": "from", "latest": "until"}  # beginnings of the keys of a w
 
 
 class Aims(TargetList):
-    """Targets of an activity, by names of devices or one a terminal; they never follow of themselves."""
+    """Targets of an activity, by names of devices or one for each terminal; they may never be left out."""
 
     def may_miss(self, reading: Reading) -> bool:
         return False
 
 
 def _what(key: str, kind: Any, attribute: str, meaning: str) -> Field:
-    """One of the keys that say what an activity is; exactly one of them must be given."""
+    """Make one of the keys that say what an activity is, of which exactly one must be given."""
     first = key == "track"
     return Field(key, kind, attribute, meaning, required=first, instead_of="" if first else "track")
 
 
 def _entries(table: Table, *attributes: str) -> list[Field]:
-    """Keys of a table by the attributes that they set."""
+    """Return the keys of a table that set given attributes."""
     return [entry for entry in table.fields if entry.attribute in attributes]
 
 
@@ -70,7 +70,7 @@ _TARGETS = [
 
 
 def _times(attribute: str) -> tuple[Field, Field]:
-    """The keys of an end of a window, in seconds and in UTC."""
+    """Return the two keys of an end of a window ("earliest" or "latest"), in seconds and in UTC."""
     own = _OWN[attribute]
     utc = Field(
         f"{_ENDS[attribute]}_utc",
@@ -83,7 +83,10 @@ def _times(attribute: str) -> tuple[Field, Field]:
 
 
 def _make_activity(parts: dict[str, Any], place: Place) -> Activity:
-    """Make an activity from what was read, by attribute; its window may be in UTC until `timed` is called."""
+    """Make an activity from what was read, by attribute.
+
+    Its window may stay in UTC until `timed` is called.
+    """
     state = {entry.attribute: entry for entry in _STATE if entry.attribute in parts}
     held = {name: parts.pop(name) for name in state}
     beside = {e.attribute: (parts.pop(e.attribute), e.key) for e in _TARGETS if e.attribute in parts}
@@ -108,7 +111,10 @@ def _make_activity(parts: dict[str, Any], place: Place) -> Activity:
 
 
 def _check_activity(activity: Any, place: Place) -> None:
-    """Note what does not go together in an activity; of Python's, also that it must be one thing."""
+    """Note what does not go together in an activity.
+
+    If it was made in Python, also note faults that only such an activity can have.
+    """
     if place.reading.python:
         _check_made(activity, place)
     for key in ("track", "point"):
@@ -123,7 +129,7 @@ def _check_activity(activity: Any, place: Place) -> None:
 
 
 def _check_made(activity: Any, place: Place) -> None:
-    """Note faults that an activity made in Python alone can have."""
+    """Note faults that only an activity made in Python can have."""
     given = [key for key in ("track", "point", "attitude") if getattr(activity, key) is not None]
     given += ["idle"] if activity.idle is True else []
     if len(given) != 1:
@@ -143,7 +149,7 @@ def _check_made(activity: Any, place: Place) -> None:
 
 
 def _expect_none(owner: Any, place: Place, complaint: str) -> None:
-    """Note rates of a state or of targets that are not zero."""
+    """Note a fault for each rate of a state or of targets that is not zero."""
     for key, name in RATES.items():
         rates = getattr(owner, name)
         if rates is not None and rates is not WRONG and np.any(rates):
@@ -151,7 +157,7 @@ def _expect_none(owner: Any, place: Place, complaint: str) -> None:
 
 
 def _key(table: Table, attribute: str) -> str:
-    """The key of a table that sets an attribute."""
+    """Return the key of a table that sets an attribute."""
     return next(entry.key for entry in table.fields if entry.attribute == attribute)
 
 
@@ -188,12 +194,12 @@ KINDS[Activity] = MADE_ACTIVITY
 
 
 def split_activity(activity: Activity, craft: Spacecraft, name_of: Callable[[Any], Any]) -> dict[str, Any]:
-    """Values of an activity's keys in a file, by attribute.
+    """Return the values of an activity's keys in a file, by attribute.
 
     Args:
-        activity: in radians and seconds.
-        craft: that does it.
-        name_of: function of a direction that returns what is written for it: itself, or the name of its path.
+        activity: the activity, in radians and seconds.
+        craft: the spacecraft that does it.
+        name_of: returns what is written for a direction: the direction itself, or the name of its path.
     """
     parts = {name: getattr(activity, name) for name in ("name", "duration", "earliest", "latest")}
     parts["after"] = activity.after or None
@@ -215,7 +221,7 @@ def split_activity(activity: Activity, craft: Spacecraft, name_of: Callable[[Any
 
 
 def timed(activity: Activity, place: Place, epoch: Any) -> Activity:
-    """The activity with its window in seconds from the epoch on, noting UTC that is out of range."""
+    """Return the activity with its window in seconds from the epoch, noting UTC that is out of range."""
     changed = {}
     for name, key in _ENDS.items():
         stamp: Any = getattr(activity, name)
@@ -225,7 +231,16 @@ def timed(activity: Activity, place: Place, epoch: Any) -> Activity:
 
 
 def seconds_after(epoch: Any, stamp: np.datetime64, place: Place) -> Any:
-    """Seconds from an epoch to a UTC time that stands at a place; `WRONG` after noting why not."""
+    """Return the seconds from an epoch to a UTC time.
+
+    Args:
+        epoch: UTC; None if the file has no epoch.
+        stamp: UTC.
+        place: place of the latter.
+
+    Returns:
+        s; `WRONG` after noting why there is no such number, or that it is out of range.
+    """
     if not isinstance(epoch, np.datetime64):
         if epoch is None:
             place.fault("needs the epoch, by [sky] or epoch_utc, from which seconds count")
@@ -241,13 +256,13 @@ def seconds_after(epoch: Any, stamp: np.datetime64, place: Place) -> Any:
 
 
 def check_order(rows: Sequence[tuple[Place, Any]]) -> list[Any]:
-    """Note names that are not unique, and activities that come after none that there is, or after themselves.
+    """Note faults: names that are not unique, and an `after` that names no activity or leads to itself.
 
     Args:
         rows: the activities that could be read, each after its place.
 
     Returns:
-        The activities in the order in which they are done; none where that cannot be told.
+        The activities in the order in which they are done; empty if that cannot be told.
     """
     check_unique(rows)
     named = {one.name: one for _, one in rows if one.name is not WRONG}
@@ -270,13 +285,13 @@ def check_order(rows: Sequence[tuple[Place, Any]]) -> list[Any]:
 
 
 def check_windows(rows: Sequence[tuple[Place, Any, Any]], until: Any, ends: Place, last: Any) -> None:
-    """Note windows that are too short or too late, and activities of which nothing says how long they take.
+    """Note faults: windows that are too short or too late, and activities whose duration is not determined.
 
     Args:
-        rows: place, activity, and the activity as it was read before its window was in seconds.
-        until: s, when the timeline ends; None where that is not said.
-        ends: its place.
-        last: the activity that is done last; None where that is not known.
+        rows: place, activity, and the activity as it was read, before its window was converted to seconds.
+        until: s, when the timeline ends; None if that is not given.
+        ends: place of `until`.
+        last: the activity that is done last; None if that is not known.
     """
     for place, one, read in rows:
         keys = {
@@ -297,7 +312,14 @@ def check_windows(rows: Sequence[tuple[Place, Any, Any]], until: Any, ends: Plac
 
 
 def _check_window(one: Activity, lasts: Place, opens: Place, closes: Place) -> None:
-    """Note a window that ends before it begins, or is shorter than what is done in it."""
+    """Note a fault if a window ends before it begins, or is shorter than what is done in it.
+
+    Args:
+        one: the activity.
+        lasts: place of its duration.
+        opens: place of the start of its window.
+        closes: place of the end of its window.
+    """
     if one.latest is None:
         return
     begin, asked = one.earliest or 0.0, one.duration or 0.0
@@ -312,7 +334,15 @@ def _check_window(one: Activity, lasts: Place, opens: Place, closes: Place) -> N
 def _check_until(
     one: Activity, lasts: Place, keys: dict[str, Place], until: float | None, ends: Place
 ) -> None:
-    """Note an activity that cannot end before the timeline does."""
+    """Note a fault if an activity cannot end before the timeline does.
+
+    Args:
+        one: the activity.
+        lasts: place of its duration.
+        keys: places of the ends of its window, by attribute.
+        until: s, when the timeline ends; None if that is not given.
+        ends: place of `until`.
+    """
     if until is None:
         return
     end = f"{ends.path}, at {until:.10g} s"
@@ -325,7 +355,10 @@ def _check_until(
 
 
 def paths_of(activity: Activity, craft: Spacecraft) -> list[tuple[str, DirectionPath]]:
-    """The paths along which an activity's targets and wishes move, each after words for it."""
+    """Return the paths along which targets and wishes of an activity move.
+
+    Each comes after words for it, such as "the target of antenna in activity image".
+    """
     targets = activity.targets
     if not isinstance(targets, Targets) or not isinstance(targets.directions, tuple | np.ndarray):
         return []
@@ -337,7 +370,12 @@ def paths_of(activity: Activity, craft: Spacecraft) -> list[tuple[str, Direction
 
 
 def with_paths(targets: Any, given: dict[str, Any]) -> Any:
-    """Targets with paths, or `WRONG`, in the place of the names that a file gives them."""
+    """Return targets with paths instead of the names that a file gives to them.
+
+    Args:
+        targets: the targets; anything that is no `Targets` is returned as it is.
+        given: the paths by name; one that has faults is `WRONG`.
+    """
     if not isinstance(targets, Targets) or not given:
         return targets
 

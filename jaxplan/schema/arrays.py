@@ -1,7 +1,9 @@
-"""Kinds of arrays in a file: numbers in any shape, and what must hold of them together.
+"""Kinds of arrays in a file: numbers in any shape, and conditions on all of them together.
 
-Directions and quaternions are brought to unit length silently when they are within `UNIT_TOLERANCE` of it,
-as published ones with four digits are, and refused beyond, where an error of the file is more likely.
+A *rule* (`Rule`) is a function of an array, what it was read from and its place. It checks the array, notes
+faults, and returns it as the model has it, or `WRONG`. Directions and quaternions whose length is within
+`UNIT_TOLERANCE` of one, as published ones with four digits are, are scaled to unit length without a message.
+Others are refused, since an error in the file is more likely.
 """
 
 import math
@@ -40,14 +42,14 @@ class Array(Kind):
     """Numbers in an array, or in arrays of arrays.
 
     Attributes:
-        shape: the length of each axis: a number, a name, or a name and what is added, as "edges + 1". What a
-            name stands for is the same for all arrays that are read together.
+        shape: the length of each axis: a number, a name, or a name and what is added, as "edges + 1". A name
+            has the same length in all arrays that are read together (`Reading.sizes`).
         of: kind of each number.
         noun: what they are, for messages, in the plural, such as "numbers, one a terminal"; with an article
-            ("a unit vector ...") it stands for the whole.
-        hint: advice in messages on what is given in Python.
-        rule: what must hold of them together.
-        zero: whether an array that is left out stands for zeros.
+            ("a unit vector ...") it describes the whole array.
+        hint: advice in messages on arrays from Python.
+        rule: checks and converts the whole array; None for no rule.
+        zero: whether an array that is left out means zeros.
     """
 
     shape: tuple[int | str, ...]
@@ -70,7 +72,7 @@ class Array(Kind):
         if not self.zero:
             return None
         lengths = [_known(axis, reading) for axis in self.shape]
-        return WRONG if None in lengths else np.zeros(lengths)  # it was told why it is not known how many
+        return WRONG if None in lengths else np.zeros(lengths)  # why the length is not known was noted before
 
     def may_miss(self, reading: Reading) -> bool:
         axis = self.shape[0]
@@ -107,7 +109,10 @@ class Array(Kind):
         return np.reshape([self.of.write(number) for number in array.ravel().tolist()], array.shape).tolist()
 
     def _length(self, number: int, size: int, reading: Reading) -> int:
-        """The length that an axis, by number, must have; a name yet unknown is given the array's, `size`."""
+        """Return the length that an axis, given by its number, must have.
+
+        A name of an axis that is not known yet gets the array's length, `size`.
+        """
         axis = self.shape[number]
         if isinstance(axis, str) and axis not in reading.sizes:
             name, _, more = axis.partition(" + ")
@@ -117,7 +122,10 @@ class Array(Kind):
         return size if known is None else known
 
     def _counted(self, reading: Reading, depth: int = 0) -> str:
-        """What it must be, or the arrays `depth` axes down, for messages, with the length if it is known."""
+        """Return what the array must be, for messages, with its length if that is known.
+
+        With a `depth` it is that of the arrays so many axes down.
+        """
         count = _known(self.shape[depth], reading)
         text = self.noun if not depth else ""
         if text.startswith("a "):
@@ -131,7 +139,7 @@ class Array(Kind):
         return f"an array of {counted}{text}{self.hint if reading.python else ''}"
 
     def _blamed(self, value: Any, place: Place) -> Any:
-        """Note where something else than numbers stands, or lists have the wrong length; returns `WRONG`."""
+        """Note where something that is no number stands, or lists have a wrong length; returns `WRONG`."""
         faults = place.reading.faults
         before = len(faults)
         self._blame(value, 0, place, before + _MOST_FAULTS)
@@ -140,7 +148,7 @@ class Array(Kind):
         return WRONG
 
     def _blame(self, value: Any, depth: int, place: Place, most: int) -> None:
-        """Note the faults of nested lists `depth` axes down, until there are `most` of them."""
+        """Note faults of nested lists that are `depth` axes down, until there are `most` faults in all."""
         if depth == len(self.shape):
             self.of.read(value, place)
             return
@@ -157,7 +165,7 @@ class Array(Kind):
 
 @dataclass(frozen=True)
 class PerAxis(Kind):
-    """A single number for all body axes, or three of them; model and file have it as it was given.
+    """One number for all body axes, or three numbers; the model keeps the form in which it was given.
 
     Attributes:
         of: kind of each number.
@@ -182,7 +190,7 @@ class PerAxis(Kind):
         return self.of.read(value, place)
 
     def _of_three(self, value: Any, place: Place) -> Any:
-        """Read three numbers, to an array (3,)."""
+        """Read three numbers to an array (3,), or to `WRONG`."""
         if len(value) != 3:
             return place.refuse(f"must be {self.of.asked(place)}{_OR_THREE}, not {len(value)}", value)
         read = [self.of.read(number, place[i]) for i, number in enumerate(value)]
@@ -199,11 +207,11 @@ class PerAxis(Kind):
 
 @dataclass(frozen=True)
 class Numbers(Kind):
-    """A fixed count of numbers in an array.
+    """An array of a fixed count of numbers.
 
     Attributes:
         count: how many there must be.
-        of: kind of each.
+        of: kind of each number.
     """
 
     count: int
@@ -235,7 +243,7 @@ class Numbers(Kind):
 
 @dataclass(frozen=True)
 class Polygons(Kind):
-    """Convex polygons, each an array of corners.
+    """Convex polygons, each an array of corners [yaw, pitch].
 
     Attributes:
         of: kind of each coordinate.
@@ -260,7 +268,7 @@ class Polygons(Kind):
         return WRONG if any(one is WRONG for one in read) else value if same else read
 
     def _polygon(self, value: Any, place: Place) -> Any:
-        """Read one polygon, to an array (k, 2) of corners."""
+        """Read one polygon to an array (k, 2) of corners, or to `WRONG`."""
         given = as_floats(value) if place.reading.python else None
         listed = value if given is None else given
         if not isinstance(listed, list | tuple | np.ndarray) or not np.ndim(np.asarray(listed, object)):
@@ -280,7 +288,7 @@ class Polygons(Kind):
 
 
 def _is_corner(value: Any) -> bool:
-    """Whether a value is two numbers, which stand where a polygon should."""
+    """Tell whether a value is two numbers, a corner where a polygon should stand."""
     return (
         isinstance(value, list | tuple) and len(value) == 2 and all(isinstance(n, int | float) for n in value)
     )
@@ -290,7 +298,7 @@ _OR_THREE = ", or 3, one a body axis"
 
 
 def _known(axis: int | str, reading: Reading) -> int | None:
-    """The length that an axis of an `Array`'s shape must have; None where any will do."""
+    """Return the length that an axis of an `Array` must have; None if it may have any."""
     if isinstance(axis, int) or axis in reading.sizes:
         return axis if isinstance(axis, int) else reading.sizes[axis]
     name, _, more = axis.partition(" + ")
@@ -299,28 +307,28 @@ def _known(axis: int | str, reading: Reading) -> int | None:
 
 
 def _plain(value: Any) -> bool:
-    """Whether a value of a file is a number, or nested lists of them."""
+    """Tell whether a value of a file is a number, or nested lists of numbers."""
     if type(value) is list:
         return all(type(entry) is float or _plain(entry) for entry in value)
     return type(value) is float or type(value) is int
 
 
 def _within(place: Place, index: Any) -> Place:
-    """The place of an array's entry, by its indices."""
+    """Return the place of an array's entry, given its indices."""
     for i in index:
         place = place[int(i)]
     return place
 
 
 def shown_value(array: np.ndarray, value: Any, place: Place) -> Any:
-    """What messages show of an array: its numbers if it was given in Python, else the file's value."""
+    """Return what messages show of an array: its numbers if it comes from Python, else the file's value."""
     return array.tolist() if place.reading.python else value
 
 
 def unit(vector: np.ndarray, value: Any, place: Place, what: str = "a unit vector") -> Any:
-    """Check that a vector (n,) has unit length to `UNIT_TOLERANCE`, and bring it there; a `Rule`.
+    """Check that a vector (n,) has unit length to `UNIT_TOLERANCE`, and scale it to length one; a `Rule`.
 
-    One that has it to rounding keeps its bits, to be written back as it was.
+    One that has unit length to rounding keeps its bits, so that it is written back as it was.
     """
     norm = math.hypot(*vector.tolist())
     if norm == 0:
@@ -331,20 +339,26 @@ def unit(vector: np.ndarray, value: Any, place: Place, what: str = "a unit vecto
 
 
 def units(vectors: np.ndarray, value: Any, place: Place) -> Any:
-    """Check vectors (k, n), and bring them to unit length; a `Rule`."""
+    """Check that vectors (k, n) have unit length, and scale them to length one; a `Rule`."""
     told = shown_value(vectors, value, place)
     read = [unit(vector, told[i], place[i]) for i, vector in enumerate(vectors)]
     return WRONG if any(vector is WRONG for vector in read) else np.array(read)
 
 
 def rotation_vector(numbers: np.ndarray, value: Any, place: Place) -> Any:
-    """Check a quaternion w x y z; returns its rotation vector (3,), of at most half a turn; a `Rule`."""
+    """Check a unit quaternion w x y z (scalar first), and convert it to a rotation vector (3,); a `Rule`.
+
+    The rotation vector, rad, is at most half a turn long.
+    """
     read = unit(numbers, value, place, "a unit quaternion in the order w x y z")
     return WRONG if read is WRONG else np.asarray(quaternion.log(-read if read[0] < 0 else read))
 
 
 def within_a_turn(vector: np.ndarray, value: Any, place: Place) -> Any:
-    """Check that a rotation vector (3,) rad is no longer than a turn, as it is if in degrees; a `Rule`."""
+    """Check that a rotation vector (3,) rad is at most a turn long; a `Rule`.
+
+    It is longer if it was given in degrees by mistake.
+    """
     size = float(np.linalg.norm(vector))
     if size <= 2 * np.pi * (1 + _SAME_TURN):
         return vector
@@ -355,7 +369,7 @@ def within_a_turn(vector: np.ndarray, value: Any, place: Place) -> Any:
 
 
 def rotations(matrices: np.ndarray, value: Any, place: Place) -> Any:
-    """Check that the last two axes are rotation matrices, and note the first that is none; a `Rule`."""
+    """Check that the last two axes hold rotation matrices; notes the first that is none; a `Rule`."""
     gram = np.swapaxes(matrices, -1, -2) @ matrices
     good = np.all(np.abs(gram - np.eye(3)) <= ORTHONORMAL, axis=(-1, -2)) & (np.linalg.det(matrices) > 0)
     if np.all(good):
@@ -376,7 +390,7 @@ def not_falling(times: np.ndarray, value: Any, place: Place) -> Any:
 
 
 def rising(times: np.ndarray, value: Any, place: Place) -> Any:
-    """Check that times (k,) s rise, and begin no later than the manoeuvre, at 0; a `Rule`."""
+    """Check that times (k,) s rise strictly, the first being at most 0, the manoeuvre's start; a `Rule`."""
     falls = np.flatnonzero(np.diff(times) <= 0)
     if len(falls):
         at = int(falls[0]) + 1
@@ -399,15 +413,15 @@ QUATERNION = Array((4,), noun="a unit quaternion of 4 numbers, w x y z", rule=ro
 
 
 def each_terminal(of: Number) -> Array:
-    """Kind of an array with a number for each terminal."""
+    """Return the kind of an array with one number for each terminal."""
     return Array(("terminal",), of, noun="numbers, one a terminal")
 
 
 def each_drive(of: Number) -> Array:
-    """Kind of an array with a number for each drive."""
+    """Return the kind of an array with one number for each drive."""
     return Array(("drive",), of, noun="numbers, one a drive")
 
 
 def each_joint(of: Number, *, zero: bool = False) -> Array:
-    """Kind of an array with a number for each joint; with `zero` it may be left out for zeros."""
+    """Return the kind of an array with one number for each joint; if `zero`, it may be left out for zeros."""
     return Array(("joint",), of, noun="numbers, one a joint, all yaws, all pitches, all drives", zero=zero)

@@ -1,7 +1,7 @@
-"""What must go together in a scenario, beyond what each value must be by itself.
+"""Checks of what must go together in a scenario, beyond what each value must be by itself.
 
-The checks look at the scenario as far as it could be read, in which `WRONG` stands for a value whose fault
-was noted before. What they find they note as a fault at a `Place`, by the keys of a file.
+The checks get the scenario as it was read, in which `WRONG` stands for a value whose fault was noted before.
+They note their faults at a `Place`, by the keys of a file.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ ZONES = {"keep_out": "keep_out", "keep_in": "keep_in", "joint_bound": "joint_bou
 """Keys of a file under which pointing constraints stand, and their attributes."""
 # Keys of rates at start and goal, and their attributes.
 RATES = {"angular_velocity_rad_s": "angular_velocity", "joint_rates_rad_s": "joint_rates"}
-AGAINST = 0.01  # of its limit, by which the envelope's fullest wheel may hold more than has to be
+AGAINST = 0.01  # fraction of its limit by which the fullest wheel may hold more than it has to
 _DEVICES = {"terminal": "terminals", "drive": "drives", "instrument": "instruments"}
 SQUARE = 1e-3  # by which the cosine of a right angle may differ from zero; the model makes it exact
 APART = np.deg2rad(
@@ -41,7 +41,7 @@ def check_count(zones: Sequence[Any], root: Place) -> bool:
         root: the place of the scenario.
 
     Returns:
-        True if there are no more.
+        True if the number is allowed.
     """
     count = sum(len(rows) for rows in zones if isinstance(rows, list | tuple))
     if count > MOST_ZONES:
@@ -50,16 +50,16 @@ def check_count(zones: Sequence[Any], root: Place) -> bool:
 
 
 def placed(rows: Any, place: Place) -> list[tuple[Place, Any]]:
-    """The entries of the tuple at a place that could be read, each after its place; none of a non-tuple."""
+    """Return the entries of a tuple that could be read, each after its place; none if it is no tuple."""
     entries = rows if isinstance(rows, tuple) else ()
     return [(place[i], row) for i, row in enumerate(entries) if row is not WRONG]
 
 
 def check_parts(scenario: Scenario, root: Place) -> None:
-    """Note where parts of a scenario do not go together.
+    """Note faults where zones, goal limits and durations do not go together with the rest of a scenario.
 
     Args:
-        scenario: as far as it could be read.
+        scenario: the scenario as it was read.
         root: its place.
     """
     zones = {key: placed(getattr(scenario, name), root[key]) for key, name in ZONES.items()}
@@ -72,7 +72,7 @@ def check_parts(scenario: Scenario, root: Place) -> None:
 
 
 def check_mount(mount: Any, place: Place) -> None:
-    """Note a fault unless the boresight of a mount is at right angles to its yaw axis."""
+    """Note a fault if the boresight of a mount is not at right angles to its yaw axis."""
     axis, boresight = mount.yaw_axis, mount.boresight
     if axis is WRONG or boresight is WRONG:
         return
@@ -85,9 +85,9 @@ def check_mount(mount: Any, place: Place) -> None:
 
 
 def check_terminal(terminal: Any, place: Place) -> None:
-    """Note faults of a terminal: missing limits of rate or acceleration, and a range of pitch near 90 deg.
+    """Note faults of a terminal: missing limits of rate or acceleration, and an empty range of pitch.
 
-    A limit may be a joint's own or that of both; pitch is kept `NEAREST_TO_POLE`, rad, away from 90 deg.
+    Limits may be given for each joint or for both; pitch is kept `NEAREST_TO_POLE`, rad, away from 90 deg.
     """
     for quantity, unit in (("rate", "deg_s"), ("acceleration", "deg_s2")):
         key = f"{quantity}_limit_{unit}"
@@ -106,12 +106,12 @@ def check_terminal(terminal: Any, place: Place) -> None:
 
 
 def shown(angle: Any, place: Place) -> Any:
-    """A value for a message: an angle in rad as degrees where a file is read; all else as it is."""
+    """Return a value for a message: an angle in rad as degrees if a file is read; else as it is."""
     return angle if place.reading.python or not isinstance(angle, float) else shortest_degrees(angle)
 
 
 def check_drive(drive: Any, place: Place) -> None:
-    """Note a fault unless the boresight of a drive is off its axis by `APART`."""
+    """Note a fault if the boresight of a drive is less than `APART` off its axis."""
     axis, boresight = drive.axis, drive.boresight
     if axis is WRONG or boresight is WRONG:
         return
@@ -124,14 +124,14 @@ def check_drive(drive: Any, place: Place) -> None:
 
 
 def check_wheel(wheel: Any, place: Place) -> None:
-    """Note a fault if a wheel holds more at the start than it can."""
+    """Note a fault if a wheel holds more momentum at the start than its limit."""
     stored, most = wheel.stored, wheel.momentum
     if WRONG not in (stored, most) and abs(stored) > most:
         place["stored_nms"].fault(f"must be at most {place['momentum_nms'].told(most)} either way", stored)
 
 
 def _check_wheels(craft: Any, place: Place) -> None:
-    """Note wheels that are too few, in one plane, of one name, or beside limits that are not theirs."""
+    """Note faults of wheels: too few, axes in a plane, equal names, or limits that do not go with wheels."""
     wheels, here = craft.wheels, place["wheel"]
     if wheels is WRONG:
         return
@@ -170,7 +170,7 @@ def _check_wheels(craft: Any, place: Place) -> None:
             )
 
 
-_LEFT = 1e-9  # least share of the whole inertia that stages leave, with rounding
+_LEFT = 1e-9  # least fraction of the whole inertia that must be left without stages; less is rounding
 _STAGES = {
     "terminal": {"yaw_inertia_kg_m2": "yaw_inertia", "pitch_inertia_kg_m2": "pitch_inertia"},
     "drive": {"inertia_kg_m2": "inertia"},
@@ -178,9 +178,10 @@ _STAGES = {
 
 
 def _check_stages(craft: Any, place: Place) -> None:
-    """Note inertias of stages without one of the whole, or that leave of it what no body has.
+    """Note a fault if moving parts have inertias but the whole has none, or no body could have the rest.
 
-    The rest counts stages as masses where their axes cross, too, and so it must be one of a body.
+    The rest, without moving parts, counts them as masses where their axes cross, and so must be the inertia
+    of a body.
     """
     given = [
         (there[key], getattr(device, name))
@@ -199,11 +200,11 @@ def _check_stages(craft: Any, place: Place) -> None:
         return
     devices = (*craft.terminals, *craft.drives)
     if any(device is WRONG or any(own is WRONG for own in vars(device).values()) for device in devices):
-        return  # it is told what is wrong, and how they are mounted may not be known
+        return  # noted before; how devices are mounted may not be known
     with np.errstate(invalid="ignore", divide="ignore"):
         fixed = craft.fixed_inertia
     if not np.all(np.isfinite(fixed)):
-        return  # as of a drive that looks along its axis, which is told
+        return  # as for a drive that points along its axis, which is noted elsewhere
     left = np.linalg.eigvalsh(fixed)
     rounding = _LEFT * np.linalg.norm(craft.whole_inertia, 2)
     names = ", ".join(there.path for there, _ in given)
@@ -222,7 +223,7 @@ def _check_stages(craft: Any, place: Place) -> None:
 
 
 def _check_sharing(wheels: Any, place: Place) -> None:
-    """Note wheels that hold momentum against each other, of which the envelope knows nothing."""
+    """Note a fault if wheels' momenta at the start work against each other, which the envelope ignores."""
     numbers = [(wheel.momentum, wheel.stored) for wheel in wheels]
     if any(value is WRONG for pair in numbers for value in pair):
         return
@@ -242,9 +243,10 @@ def _check_sharing(wheels: Any, place: Place) -> None:
 
 
 def check_spacecraft(craft: Any, place: Place) -> None:
-    """Note devices of one name, what is wrong about wheels and inertias, and torque limits without these.
+    """Note faults: equal names, those of wheels and inertias, and torque limits without an inertia.
 
-    What start, goal and zones refer to is kept in ``place.reading``: names, numbers and ranges of devices.
+    Names, numbers and ranges of devices, to which start, goal and zones refer, are stored in
+    ``place.reading``.
     """
     reading = place.reading
     _check_wheels(craft, place)
@@ -273,7 +275,7 @@ def check_spacecraft(craft: Any, place: Place) -> None:
 
 
 def _joint_ranges(craft: Any) -> np.ndarray | None:
-    """Ranges of a spacecraft's joints, (J, 2) rad; None where devices have faults."""
+    """Return the ranges of a spacecraft's joints, (number of joints, 2) rad; None if devices have faults."""
     parts = ("yaw_limit", "yaw_range", "pitch_limit", "pitch_range")
     if any(getattr(one, part) is WRONG for one in craft.terminals for part in parts):
         return None
@@ -287,17 +289,17 @@ def _joint_ranges(craft: Any) -> np.ndarray | None:
 
 
 def _names(devices: Any) -> tuple[str, ...] | None:
-    """The names of devices; None where one of them has a fault."""
+    """Return the names of devices; None if one of them has a fault."""
     if devices is WRONG or any(one is WRONG or one.name is WRONG for one in devices):
         return None
     return tuple(one.name for one in devices)
 
 
 def check_unique(rows: Sequence[tuple[Place, Any]]) -> None:
-    """Note rows whose name an earlier one has.
+    """Note a fault for each row that has the name of an earlier one.
 
     Args:
-        rows: those that could be read, each after its place.
+        rows: the rows that could be read, each after its place.
     """
     first: dict[str, Place] = {}
     for place, row in rows:
@@ -308,9 +310,15 @@ def check_unique(rows: Sequence[tuple[Place, Any]]) -> None:
 
 
 def _check_zone(key: str, zone: Any, place: Place) -> None:
-    """Note a zone, under a key of `ZONES`, that binds nothing or its own axis, and an entry without group."""
+    """Note a fault if a zone binds nothing or its own axis, or if it has an entry but no group.
+
+    Args:
+        key: key of `ZONES` under which it stands.
+        zone: the zone.
+        place: its place.
+    """
     if key != "joint_bound":
-        aside = zone.direction is None and not zone.is_inertial  # else it was told that one axis is enough
+        aside = zone.direction is None and not zone.is_inertial  # with two axes that was noted
         if (key == "keep_in" or aside) and zone.devices == () and zone.vectors == ():
             place["devices"].fault("missing (or vector), must be an array of names of devices")
         axis, bound = zone.axis_device, zone.devices
@@ -322,7 +330,7 @@ def _check_zone(key: str, zone: Any, place: Place) -> None:
 
 
 def check_targets(goal: Any, place: Place) -> None:
-    """Note faults of a goal: what is held or wished beside a target, a wish twice, rates beside paths."""
+    """Note faults of a goal: holds or wishes of devices with targets, equal wishes, rates if targets move."""
     names = place.reading.names
     aimed = () if goal.devices is WRONG else goal.devices or names.get("terminal") or ()
     for i, name in enumerate(goal.hold if goal.hold is not WRONG else ()):
@@ -353,7 +361,7 @@ def check_targets(goal: Any, place: Place) -> None:
 
 
 def _check_goal_limits(scenario: Scenario, root: Place) -> None:
-    """Note limits of yaw and pitch at the goal that are wider than a terminal's own."""
+    """Note a fault if a limit of yaw or pitch at the goal is wider than a terminal's own."""
     for name in ("yaw_limit", "pitch_limit"):
         limit, key = getattr(scenario.goal, name, None), f"{name}_deg"
         if not isinstance(limit, float):
@@ -390,9 +398,9 @@ def _check_duration(scenario: Scenario, root: Place) -> None:
 
 
 def check_paths(scenario: Scenario, root: Place) -> None:
-    """Note directions that move, and zones, that are not known for the whole duration.
+    """Note a fault for each moving direction and each zone that is not known for the whole duration.
 
-    And, if any direction moves, a duration that is no number, for the paper's method.
+    For the paper's method, also note a duration that is no number if any direction moves.
     """
     settings = scenario.trajectory
     zones = [one for key in ("keep_out", "keep_in") for one in placed(getattr(scenario, key), root[key])]
@@ -420,5 +428,5 @@ def check_paths(scenario: Scenario, root: Place) -> None:
 
 
 def _moves(axis: Any) -> bool:
-    """Whether a direction is a path that does not stand still."""
+    """Tell whether a direction is a path that does not stand still."""
     return isinstance(axis, DirectionPath) and axis.moves

@@ -15,16 +15,17 @@ from jaxplan.schema.sky import Followed
 from jaxplan.schema.tables import Field, Table
 from jaxplan.schema.value_kinds import Kind, Names
 
-_SLOPE_ROUNDING = 1e-3  # rad between two samples, by which slopes of fewer digits may be off
+_SLOPE_ROUNDING = 1e-3  # rad between two samples, by which slopes may be off, as they may have few digits
 
 
 @dataclass(frozen=True)
 class Axis(Kind):
-    """A direction: a unit vector, or a path where it moves.
+    """A direction: a unit vector, or a path if it moves.
 
     Attributes:
-        inline: whether a file may have it as a table of samples and times; else these are keys beside it.
-        moving: whether it may move; then a file may have a name of ``[sky]``, too.
+        inline: whether a file may give a path as a table of samples and times in place of the vector;
+            otherwise these are keys beside it.
+        moving: whether it may move; a file may then also give a name of ``[sky]``.
     """
 
     inline: bool = False
@@ -62,7 +63,7 @@ class Axis(Kind):
 
 
 class TargetDevices(Names):
-    """Names of the devices that have targets, in Python; none for the terminals."""
+    """Names of the devices that have targets, in Python; none for all terminals."""
 
     def read(self, value: Any, place: Place) -> Any:
         read = super().read(value, place)
@@ -73,7 +74,7 @@ class TargetDevices(Names):
 
 @dataclass(frozen=True)
 class TargetList(Kind):
-    """A direction for each terminal, or by names of devices: an array of them, or a tuple where some move."""
+    """A direction for each terminal, or by names of devices; read to an array, or to a tuple if some move."""
 
     still = Array(("target", 3), noun="directions, one a terminal", rule=units)
     wanted = f"an array of {still.wanted}, or a table of them by names of devices"
@@ -81,7 +82,7 @@ class TargetList(Kind):
 
     @property
     def tables(self) -> dict[str, Table]:
-        """The table of an entry that moves, by words for it, for the reference."""
+        """The table of a target that moves, by words for it, for the reference."""
         return {"of one that moves": PATH}
 
     def read(self, value: Any, place: Place) -> Any:
@@ -100,7 +101,11 @@ class TargetList(Kind):
         return _together([Axis(inline=True).read(entry, place[i]) for i, entry in enumerate(value)])
 
     def _by_name(self, value: dict[str, Any], place: Place) -> Any:
-        """Read a table of a file from names of devices to directions; returns names and directions."""
+        """Read a table of a file from names of devices to directions.
+
+        Returns:
+            The names, and the directions as `Targets` has them.
+        """
         known = place.reading.names.get("device")
         if not value:
             return place.refuse("must name a device at least, and what it points at", value)
@@ -121,7 +126,7 @@ class TargetList(Kind):
 
 
 def _together(each: Sequence[Any]) -> Any:
-    """Directions as `Targets` has them: (k, 3), or a tuple where one moves; `WRONG` where one is."""
+    """Return directions as `Targets` has them: (k, 3), or a tuple if one moves; `WRONG` if one is wrong."""
     if any(one is WRONG for one in each):
         return WRONG
     moving = any(isinstance(one, Followed | DirectionPath) for one in each)
@@ -129,11 +134,15 @@ def _together(each: Sequence[Any]) -> Any:
 
 
 def path_of(parts: dict[str, Any], place: Place) -> Any:
-    """Make the path through samples at times; returns `WRONG` where they have faults, or no path is found.
+    """Make the path through samples at times.
 
     Args:
-        parts: what was read of samples, times and, maybe, of a target the name and when it is hidden.
-        place: of the path, where it is noted if there is none.
+        parts: values that were read, by attribute: samples and times, perhaps the target's name and when it
+            is hidden.
+        place: place of the path, where a fault is noted.
+
+    Returns:
+        The path; `WRONG` if a part of it has faults, or there is no such path.
     """
     place.reading.sizes.pop("sample", None)  # the next path has its own number of them
     samples, times, hidden = parts["samples"], parts["times"], parts.get("hidden", ())
@@ -147,7 +156,7 @@ def path_of(parts: dict[str, Any], place: Place) -> Any:
 
 
 def _taken_path(path: DirectionPath, place: Place) -> Any:
-    """Check a path made in Python, and make it anew as a file's is; if many have it, that is done once."""
+    """Check a path made in Python, and make it anew as if from a file; a path used many times only once."""
     taken = place.reading.taken
     if id(path) not in taken:
         taken[id(path)] = path, _path_anew(path, place)
@@ -155,7 +164,7 @@ def _taken_path(path: DirectionPath, place: Place) -> Any:
 
 
 def _path_anew(path: DirectionPath, place: Place) -> Any:
-    """The path through another's samples; `WRONG` after noting what is wrong with it."""
+    """Make the path through the samples of another; `WRONG` after noting what is wrong with that."""
     parts = {
         entry.attribute: entry.kind.read(getattr(path, entry.attribute), place[entry.key])
         for entry in PATH.attributes
@@ -174,7 +183,7 @@ def _path_anew(path: DirectionPath, place: Place) -> Any:
 
 
 def _check_span(span: Hidden, place: Place) -> None:
-    """Note a span that does not end after its start."""
+    """Note a fault if a span does not end after its start."""
     if WRONG not in (span.start, span.end) and not span.start < span.end:
         place["to_s"].fault(f"must be later than {place['from_s'].told(span.start)}", span.end)
 

@@ -1,9 +1,10 @@
-"""Faults of what is read: where a value stands, how it is shown, and the error that lists them all.
+"""Faults of what is read: where a value stands, how it is shown, and the error that lists all of them.
 
-A fault is one line, ``keep_out[2].half_angle_deg = 210: must lie in (0, 180)``: the key path as the file
-spells it with zero-based indices, the value in the file's units, and what it must be. Of a scenario that was
-made in Python it names attributes instead, and the unit. Faults are *noted*: added to the list of a `Reading`
-by the `Place` of the value, which then counts as `WRONG`, and reading goes on to find the others.
+A *fault* is one line, ``keep_out[2].half_angle_deg = 210: must lie in (0, 180)``: the key path as the file
+spells it with zero-based indices, the value in the file's units, and what it must be. For a scenario that was
+made in Python it names attributes instead, and the unit. A `Reading` is the state of reading one file or
+object, a `Place` says where in it a value stands. To *note* a fault is to add it to the list of the `Reading`
+by the `Place` of the value; `WRONG` then stands for the value, and reading continues to find other faults.
 """
 
 import difflib
@@ -22,11 +23,11 @@ _MOST_SHOWN = 9
 
 
 class ScenarioError(ValueError):
-    """A scenario that cannot be used, with all of its faults.
+    """A scenario or timeline that cannot be used, with all of its faults.
 
     Attributes:
         faults: one line each, in the order of the file's tables.
-        source: name of the file, or what else was read.
+        source: name of the file, or of what else was read.
     """
 
     def __init__(self, faults: Iterable[str], source: str = "the scenario") -> None:
@@ -47,25 +48,25 @@ WRONG: Any = object()
 
 
 def quote(text: str) -> str:
-    """A string as TOML writes it, with everything that does not print escaped."""
+    """Return a string as TOML writes it, in quotes, with all characters escaped that do not print."""
     escapes = {'"': '\\"', "\\": "\\\\", "\n": "\\n", "\t": "\\t"}
     escaped = (escapes.get(c) or (c if c.isprintable() else f"\\U{ord(c):08x}") for c in text)
     return f'"{"".join(escaped)}"'
 
 
 def _cut(text: str) -> str:
-    """A text, cut to `_LONGEST_NAME` characters."""
+    """Return a text, cut to `_LONGEST_NAME` characters and dots."""
     return text if len(text) <= _LONGEST_NAME else text[:_LONGEST_NAME] + "..."
 
 
 @lru_cache(maxsize=1024)
 def spell_key(key: str) -> str:
-    """A key as TOML writes it, bare where that is allowed."""
+    """Return a key as TOML writes it, without quotes where that is allowed."""
     return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else quote(key)
 
 
 def show(value: object) -> str:
-    """A short text for a value, as the file would spell it."""
+    """Return a short text for a value, as a file would spell it."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int) and value.bit_length() > 64:
@@ -83,7 +84,7 @@ def show(value: object) -> str:
 
 
 class Spelled(NamedTuple):
-    """How messages name a place: its path, its value's unit, and the factor to that from the file's unit."""
+    """How messages name a place: its path, its value's unit, and the factor from the file's unit to that."""
 
     path: str
     unit: str = ""
@@ -91,21 +92,23 @@ class Spelled(NamedTuple):
 
 
 class Reading:
-    """What is known and noted while a file is read.
+    """What is known and what was noted while a file, or an object of Python, is read.
 
     Attributes:
-        python: whether what is read was made in Python: with radians and attributes, not a file's units and
+        python: whether an object of Python is read, with radians and attributes instead of a file's units and
             keys.
-        faults: one line each.
-        refused: how many of them are of a wrong type or shape.
-        names: that may be referred to, by what they name ("device", "terminal", ...); any where None.
-        sizes: lengths of the axes of arrays by names such as "joint"; any where None, set by the first array
-            where absent.
-        terminals: how many there must be, None where that cannot be told.
-        ranges: (J, 2) rad, of the joints; None where that cannot be told.
-        folder: to which paths in the file are relative.
-        taken: what objects of Python that many others may have were read to, by their `id`; each stands
-            beside, so that it lives as long.
+        faults: the faults noted so far, one line each.
+        refused: how many of them are about a wrong type or shape.
+        names: names that may be referred to, by what they name ("device", "terminal", ...); None where any
+            may, since they are not known.
+        sizes: lengths of axes of arrays by names of the axes such as "joint". None where any length may be; a
+            name that is absent is given the length of the first array that has it.
+        terminals: how many terminals there must be, None where that is not known.
+        ranges: (number of joints, 2) rad, ranges of the joints; None where they are not known.
+        folder: folder to which paths in the file are relative.
+        root: what messages call the whole.
+        taken: results of reading objects of Python that may be shared, by their `id`, each with the object
+            itself, so that it lives as long as the entry.
     """
 
     python = False
@@ -126,24 +129,25 @@ class Reading:
         self.taken: dict[int, tuple[Any, Any]] = {}
 
     def spelled(self, steps: Sequence[str | int]) -> Spelled:
-        """How messages name the place that keys and indices (`steps`) lead to."""
+        """Return how messages name the place to which keys and indices (`steps`) lead."""
         return Spelled(spell_path(steps))
 
     def show(self, value: object) -> str:
-        """A short text for a value."""
+        """Return a short text for a value."""
         return show(value)
 
 
 def spell_path(steps: Iterable[str | int]) -> str:
-    """Keys and indices as a path, such as ``keep_out[2].half_angle_deg``."""
+    """Return keys and indices as a path, such as ``keep_out[2].half_angle_deg``."""
     spelled = (f"[{s}]" if isinstance(s, int) else f".{spell_key(_cut(s))}" for s in steps)
     return "".join(spelled).removeprefix(".")
 
 
 class Place:
-    """A place where a value stands, at which faults are noted; ``place["key"]`` and ``place[0]`` lead on.
+    """A place where a value stands, at which faults are noted; ``place["key"]`` and ``place[0]`` lie in it.
 
-    There is one for every value that is read, and few have faults, so the path is spelled where it is told.
+    There is one for every value that is read, and few have faults; so the path is put together only for
+    messages.
     """
 
     __slots__ = ("_before", "_step", "reading")
@@ -156,7 +160,7 @@ class Place:
 
     @property
     def spelled(self) -> Spelled:
-        """How messages name this place."""
+        """How messages name this place: its path, unit and factor."""
         steps: list[str | int] = []
         place = self
         while place._before is not None:
@@ -166,28 +170,28 @@ class Place:
 
     @property
     def path(self) -> str:
-        """Key path, empty for the file itself."""
+        """Path of keys and indices; empty for the whole file."""
         return self.spelled.path
 
     def told(self, value: object, *, bare: bool = False) -> str:
-        """Text of the path with a value that stands here, and its unit unless `bare`."""
+        """Return text of the path with a value that stands here, and its unit unless `bare`."""
         path, unit, _ = self.spelled
         measured = isinstance(value, int | float) and not isinstance(value, bool) and not bare
         return f"{path or self.reading.root} = {self.reading.show(value)} {unit * measured}".rstrip()
 
     def fault(self, complaint: str, value: object = _NOTHING, *, bare: bool = False) -> Any:
-        """Note that this value, or what stands here, is wrong.
+        """Note that the value at this place is wrong or missing.
 
         Args:
             complaint: what it must be, such as "must be finite".
-            value: to be shown; none if it is missing.
-            bare: whether to leave out the unit.
+            value: the value to show; left out if it is missing.
+            bare: whether to show it without its unit.
 
         Returns:
             `WRONG`.
 
         Raises:
-            ScenarioError: when there are too many faults to go on.
+            ScenarioError: when there are too many faults to continue.
         """
         faults = self.reading.faults
         if len(faults) == _MOST_FAULTS:
@@ -197,30 +201,30 @@ class Place:
         return WRONG
 
     def refuse(self, complaint: str, value: object) -> Any:
-        """Note that a value, shown without a unit, is of a wrong type or shape; returns `WRONG`."""
+        """Note that a value, shown without a unit, has a wrong type or shape; returns `WRONG`."""
         self.reading.refused += 1
         return self.fault(complaint, value, bare=True)
 
 
 def closest(name: str, known: Sequence[str]) -> str | None:
-    """The known name that an unknown one resembles, None where it resembles none."""
+    """Return the known name that an unknown one resembles, None if there is none."""
     alike = [one for one in known if one.casefold() == name.casefold()]
     close = difflib.get_close_matches(name, known, n=1) if len(name) <= _LONGEST_NAME else []
     return next(iter([*alike, *close]), None)
 
 
 def plural(noun: str) -> str:
-    """The plural of a noun that is formed by the rule."""
+    """Return the plural of a regular noun."""
     return f"{noun.removesuffix('y')}ies" if noun.endswith("y") else f"{noun}s"
 
 
 def nearest(name: str, known: Sequence[str], kind: str) -> str:
-    """Advice on an unknown name: the known one it resembles, or else all of them.
+    """Return advice on an unknown name: the known one that it resembles, or else all of them.
 
     Args:
-        name: what the file says.
-        known: what it may say.
-        kind: what they are, in the plural.
+        name: the unknown name.
+        known: all names that would be right.
+        kind: what they are names of, in the plural.
     """
     close = closest(name, known)
     if close is not None:

@@ -1,4 +1,4 @@
-"""What must go together in zones that count from fields of view, and in devices that have one.
+"""Checks of zones that are measured from fields of view, and of devices that have one.
 
 As in `checks`, `WRONG` stands for a value whose fault was noted, and faults are noted by the keys of a file.
 """
@@ -22,12 +22,13 @@ _CONES = ("keep_out", "keep_in")
 
 
 def check_field(device: Any, place: Place, boresight: np.ndarray | None = None) -> None:
-    """Note a fault unless a field of view comes with the direction of up, at right angles to the boresight.
+    """Note a fault if field of view and `up` are not given together, or `up` is not across the boresight.
 
     Args:
-        device: an instrument, or a terminal.
+        device: an instrument or a terminal.
         place: its place.
-        boresight: (3,) in the axes of up, where these are not the body's; up may then be left out.
+        boresight: (3,) in the axes of `up`, if these are the device's own; `up` may then be left out. None
+            for the device's `boresight` in body axes.
     """
     up, given = device.up, device.field_of_view
     if up is None and given is not None and boresight is None:
@@ -45,10 +46,10 @@ def check_field(device: Any, place: Place, boresight: np.ndarray | None = None) 
 
 
 def check_zones(scenario: Scenario, root: Place) -> None:
-    """Note zones of fields of view that ask for what cannot be, and half angles of zero of the others.
+    """Note faults of zones: impossible demands on fields of view, and half angles of zero in other zones.
 
     Args:
-        scenario: as far as it could be read, its directions found.
+        scenario: the scenario as it was read, after names were replaced by directions.
         root: its place.
     """
     craft = scenario.spacecraft
@@ -72,19 +73,22 @@ def _cones(scenario: Scenario, root: Place) -> Iterator[tuple[Place, Any]]:
 
 
 def _check_open(zone: Any, place: Place) -> None:
-    """Note a half angle of zero of a zone that is of no field; that of a body's limb is not known yet."""
+    """Note a fault if the half angle of a zone without field of view is zero.
+
+    That of a zone about a body may not be known yet, and is not looked at.
+    """
     if zone.half_angle == 0 and not isinstance(zone.direction, Followed):
         python = place.reading.python
         place["half_angle_deg"].fault(f"must lie in (0, {np.pi if python else 180:g})", 0.0 if python else 0)
 
 
 def _check_distance(zone: Any, fields: dict[str, Any], place: Place) -> None:
-    """Note a zone whose distance from a field's edge is a right angle or more, or half of what it stays in.
+    """Note a fault if a zone's distance from a field's edges is 90 deg or more, or leaves nothing of a field.
 
     Args:
-        zone: of fields of view.
-        fields: full angles (2,) rad of devices with a field of view, by their names.
-        place: of the zone.
+        zone: a zone that is measured from fields of view.
+        fields: (2,) rad, full angles of the fields of view, by names of their devices.
+        place: place of the zone.
     """
     distance = zone.half_angle
     if not isinstance(distance, float):
@@ -101,7 +105,10 @@ def _check_distance(zone: Any, fields: dict[str, Any], place: Place) -> None:
 
 
 def _check_devices(zone: Any, fields: dict[str, Any], place: Place) -> None:
-    """Note devices and vectors without a field that a zone of fields binds; see `_check_distance`."""
+    """Note a fault for each device or vector without field of view that a zone of fields binds.
+
+    Arguments are as for `_check_distance`.
+    """
     where = place["outside" if zone.side > 0 else "inside"]
     if zone.vectors not in ((), WRONG):
         where.fault("is of fields of view, which vectors do not have")
@@ -115,10 +122,12 @@ def _check_devices(zone: Any, fields: dict[str, Any], place: Place) -> None:
 
 
 def _check_groups(scenario: Scenario, fields: int, root: Place) -> None:
-    """Note groups with an entry that keeps too many fields clear: it counts 5 to the power of their number.
+    """Note a fault for each group with an entry that keeps too many fields of view clear.
+
+    With n fields such an entry has 5 ** n alternatives, of which `MOST_WAYS` are allowed.
 
     Args:
-        scenario: as far as it could be read.
+        scenario: the scenario as it was read.
         fields: number of devices with a field of view.
         root: the scenario's place.
     """

@@ -14,7 +14,7 @@ from jaxplan.schema.value_kinds import Epoch, Kind
 
 @dataclass(frozen=True, kw_only=True)
 class Heading:
-    """What stands in ``[timeline]``: when it ends, how it slews, and what exported files are to say."""
+    """The contents of ``[timeline]``: when it ends, how it slews, and names for exported files."""
 
     until: float | None = keyed(None, "until_s", "when it ends; required if anything moves", "[0, 86400]")
     slew: str = keyed(
@@ -34,26 +34,29 @@ class Heading:
 
     @property
     def given(self) -> dict[str, Any]:
-        """The names for exports that are given, by attribute."""
+        """The names for exports that are given, by attribute of `ExportNames`."""
         values = {part.name: getattr(self, part.name) for part in fields(ExportNames)}
         return {name: value for name, value in values.items() if value is not None}
 
 
 def _make_heading(parts: dict[str, Any], place: Place) -> Heading:
-    """Make the heading of what was read; its end may be in UTC."""
+    """Make the heading from what was read, by attribute; its end may still be in UTC, as datetime64."""
     utc = parts.pop("until_utc", None)
     return Heading(**parts | ({} if utc is None else {"until": utc}))
 
 
 def _check_heading(heading: Heading, place: Place) -> None:
-    """Note names that exported files cannot have."""
+    """Note a fault for each name that exported files cannot have."""
     given = {name: value for name, value in heading.given.items() if value is not WRONG}
     for name, complaint in name_faults(given).items():
         place[name].fault(complaint, given[name])
 
 
 class Names(Kind):
-    """What exported files call the spacecraft, as Python has it; its class checks it."""
+    """What exported files call the spacecraft, as an object of Python.
+
+    `ExportNames` checks its values itself.
+    """
 
     wanted = "ExportNames"
 

@@ -13,11 +13,11 @@ from jaxplan.schema.value_kinds import Kind, Number
 NO_BODY = "no principal moment above the sum of the other two, as no body has"
 """What inertias are refused for that no distribution of mass has."""
 
-_PAIRS = ((0, 1), (0, 2), (1, 2))  # products of inertia, each of which stands twice
+_PAIRS = ((0, 1), (0, 2), (1, 2))  # indices of products of inertia, each of which is in the matrix twice
 
 
 def _inertia(array: np.ndarray, value: Any, place: Place) -> Any:
-    """Check that a matrix, or the moments about its axes, are an inertia that a body can have; a `Rule`."""
+    """Check that a body can have an inertia, a matrix (3, 3) or moments (3,) about the axes; a `Rule`."""
     matrix = array if array.ndim == 2 else np.diag(array)
     scaled = matrix / (np.max(np.abs(matrix)) or 1)  # so that the thresholds below are relative
     small, middle, large = np.linalg.eigvalsh((scaled + scaled.T) / 2)
@@ -40,7 +40,7 @@ def _inertia(array: np.ndarray, value: Any, place: Place) -> Any:
 
 @dataclass(frozen=True)
 class Moments(Kind):
-    """A moment of inertia as a matrix, or by three moments about given axes; the model has it as given.
+    """A moment of inertia, as a matrix or as three moments about the axes; the model keeps the form given.
 
     Attributes:
         of: kind of each number.
@@ -74,5 +74,5 @@ class Moments(Kind):
         return np.asarray(value, float).tolist()
 
     def _noun(self, nested: bool) -> str:
-        """What the numbers are, for messages."""
+        """Return what the numbers are, for messages."""
         return "3 rows of 3 numbers" if nested else "3 numbers"

@@ -1,8 +1,9 @@
-"""The layout of a scenario file: its tables, from what the model's fields say of their keys.
+"""The layout of a scenario file: its tables, derived from what the model's fields declare about their keys.
 
-Key, range and meaning of an attribute stand with the attribute. Here is what no single field can say, and
-what files hold in other ways than the model does: of zones, and of the whole. Of directions that is in
-`directions`, of start and goal in `states`; kinds of values that have a name are in `model_tables`.
+Key, range and meaning of an attribute are declared with the attribute. This module has what no single field
+can declare, and what files hold in another form than the model does, for zones and for the whole file. For
+directions that is in `directions`, for start and goal in `states`; kinds of values that have a name are in
+`model_tables`.
 """
 
 from dataclasses import replace
@@ -32,7 +33,7 @@ SCHEMA_VERSION = 1
 
 
 def _check_terminal(terminal: Terminal, place: Place) -> None:
-    """Note what does not go together in a terminal, its field of view included."""
+    """Note faults of a terminal: attributes that do not go together, those of its field of view included."""
     check_terminal(terminal, place)
     check_field(terminal, place, FORWARD)
 
@@ -50,9 +51,15 @@ TRAJECTORY = declared(TrajectorySettings)
 
 
 def _make_zone(model: type, parts: dict[str, Any], place: Place) -> Any:
-    """Make a cone of a class from what was read of it, by attribute, noting keys that do not go together.
+    """Make a zone from what was read of it, noting keys that do not go together.
 
-    Its axis may be samples over times, or a name of ``[sky]``, in whose place a `Followed` stands at first.
+    Its axis may be given by samples at times. If it is given by a name of ``[sky]``, a `Followed` stands for
+    the direction until `resolve` replaces it.
+
+    Args:
+        model: the class, `KeepOut` or `KeepIn`.
+        parts: values by attribute; changed in place.
+        place: place of the zone.
     """
     samples, times = parts.pop("samples", None), parts.pop("times", None)
     if samples is not None:
@@ -79,7 +86,7 @@ def _make_zone(model: type, parts: dict[str, Any], place: Place) -> Any:
 
 
 def _split_zone(zone: Any) -> dict[str, Any]:
-    """Values of a zone's keys in a file, by attribute: of an axis that moves its samples and times."""
+    """Return the values of a zone's keys in a file, by attribute; a moving axis as its samples and times."""
     if not zone.moves:
         return vars(zone)
     return vars(zone) | {"direction": None, "samples": zone.direction.samples, "times": zone.direction.times}
@@ -123,14 +130,18 @@ JOINT_BOUND = declared(JointBound)
 
 
 def _make_scenario(parts: dict[str, Any], place: Place) -> tuple[Scenario, Any]:
-    """Make the scenario from what was read, by attribute; returns it and the `View` of ``[sky]``, or None."""
+    """Make the scenario from what was read, by attribute.
+
+    Returns:
+        The scenario, and the `View` of ``[sky]``; None for the latter if the file has no ``[sky]``.
+    """
     del parts["schema_version"]
     view = parts.pop("sky", None)
     return Scenario(**parts), view
 
 
 def split_scenario(scenario: Scenario) -> dict[str, Any]:
-    """Values of a scenario's keys in a file, by attribute."""
+    """Return the values of a scenario's keys in a file, by attribute."""
     terminals = len(scenario.spacecraft.terminals)
     ends = {
         name: StateOf(end, terminals) if isinstance(end, GivenState) else end

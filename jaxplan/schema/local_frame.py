@@ -1,7 +1,7 @@
 """States that a file gives in the local orbital frame: z to nadir, y against the orbit's normal, x = y x z.
 
-A scenario holds inertial attitudes, so these are found when the file is read, for the instant of the state:
-the start, or the end of a manoeuvre whose duration is given.
+A scenario holds inertial attitudes, so such states are converted when the file is read, for the instant of
+the state: the start, or the end of a manoeuvre whose duration is given.
 """
 
 from typing import Any
@@ -18,16 +18,16 @@ _STEP = 0.5  # s to either side, over which the frame's turn is differenced; off
 
 
 def in_inertial(state: Any, view: Any, time: float | None, place: Place) -> Any:
-    """Find the inertial state that a state in the local orbital frame is.
+    """Convert a state in the local orbital frame to an inertial one.
 
     Args:
-        state: of the start or a goal, as far as it could be read; what is no `LocalState` stays as it is.
-        view: the table ``[sky]``, as far as it could be read; None where the file has none.
-        time: s from the epoch on, of the state; None where it is not known.
-        place: of the state.
+        state: start or goal, as it was read; anything that is no `LocalState` is returned as it is.
+        view: the table ``[sky]``, as it was read; None if the file has none.
+        time: s from the epoch, when the state holds; None if it is not known.
+        place: place of the state.
 
     Returns:
-        A `GivenState`, or `WRONG` after noting why there is none.
+        A `GivenState`, or `WRONG` if there is none; why that is was noted.
     """
     if not isinstance(state, LocalState):
         return state

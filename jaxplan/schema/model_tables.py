@@ -1,7 +1,7 @@
-"""Tables of the model's dataclasses, and the kinds of values that their fields name.
+"""Tables of the model's dataclasses, and the named kinds of values that their fields declare.
 
-Ranges that nature does not give are wider than any spacecraft needs, and narrow enough that nothing computed
-from the numbers overflows.
+Ranges that do not follow from nature are wider than any spacecraft needs, and narrow enough that nothing
+computed from the numbers overflows.
 """
 
 from collections.abc import Callable
@@ -32,7 +32,7 @@ ANGLE_DEG = Number(Interval("[-5e4, 5e4]"), degrees=True)
 
 
 def _of_number(make: Callable[[Number], Kind]) -> Callable[[Key], Kind]:
-    """Function of a `Key` that returns `make` of the number with the key's range and unit."""
+    """Return a function that applies `make` to a number with the range and unit of a `Key`."""
     return lambda told: make(Number(Interval(told.range), degrees="_deg" in told.name))
 
 
@@ -72,11 +72,11 @@ KINDS: dict[Any, Any] = {
 
 
 def declared(model: type, **more: Any) -> Table:
-    """Make the table of a class of the model, and add it to `KINDS`, so that tables of others may contain it.
+    """Make the table of a class of the model, and add it to `KINDS`, so that other tables may contain it.
 
     Args:
         model: the dataclass.
-        more: see `table`.
+        more: further arguments of `table`.
     """
     KINDS[model] = table(model, KINDS, **more)
     return KINDS[model]

@@ -1,8 +1,8 @@
 """Single numbers of a scenario by their dotted names, such as ``keep_out[0].half_angle_deg``.
 
-A name spells the tables and keys of a scenario file, rows and numbers of an array counted from zero, as in
-``start.angular_velocity_rad_s[2]``; values are in the file's units. Replacing a number works with traced
-values, so it may stand between a parameter that is differentiated and the scenario.
+A name spells the tables and keys of a scenario file; rows, and numbers of an array, are counted from zero, as
+in ``start.angular_velocity_rad_s[2]``. Values are in the file's units. Replacing a number works with traced
+values, so it may stand between a parameter with respect to which one differentiates and the scenario.
 """
 
 import re
@@ -37,21 +37,21 @@ _OF_SLEWS = (
     "trajectory.duration_s",
     "trajectory.method",
     "trajectory.first_guesses",
-)  # timelines choose them
+)  # settings that timelines choose themselves
 _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
 
 
 @dataclass(frozen=True)
 class NumberPlace:
-    """Where a number stands.
+    """Where a number stands in a scenario or a timeline.
 
     Attributes:
-        name: dotted, in the file's keys.
-        path: attributes and indices from the scenario, or timeline, to the number. ``...`` means all numbers
-            of an array at once, of which `get` returns the first. An index may also lead into a limit that is
-            a single number for all axes, which becomes three when one is replaced.
+        name: dotted name, by the file's keys.
+        path: attributes and indices that lead from the scenario or timeline to the number. ``...`` means all
+            numbers of an array at once, of which `get` returns the first. An index may also lead into a limit
+            that is one number for all axes; it becomes three when one of them is replaced.
         factor: from the file's unit to the model's.
-        interval: where it must lie, in the file's units; None for anywhere.
+        interval: where the number must lie, in the file's units; None for anywhere.
     """
 
     name: str
@@ -60,7 +60,7 @@ class NumberPlace:
     interval: Interval | None
 
     def get(self, scenario: Scenario | Timeline) -> Any:
-        """The number, in the file's units."""
+        """Return the number that stands there in a scenario or timeline, in the file's units."""
         value: Any = scenario
         for step in self.path:
             value = (
@@ -73,8 +73,8 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
     """Find where a number of a scenario stands.
 
     Args:
-        scenario: that has it.
-        name: such as ``trajectory.duration_s`` or ``spacecraft.terminal[1].mount_deg``.
+        scenario: the scenario that has the number.
+        name: dotted name such as ``trajectory.duration_s`` or ``spacecraft.terminal[1].mount_deg``.
 
     Raises:
         KeyError: if there is no such key or row, or no number there; the message says what there is.
@@ -112,7 +112,7 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
 
 
 def numbers_of(scenario: Scenario) -> tuple[NumberPlace, ...]:
-    """All numbers of a scenario that may change by themselves, in the order of a file that holds it."""
+    """Return all numbers of a scenario that may change by themselves, in the order of its file."""
     found = []
     for name in _names(scenario_to_dict(scenario), ""):
         try:
@@ -123,10 +123,10 @@ def numbers_of(scenario: Scenario) -> tuple[NumberPlace, ...]:
 
 
 def numbers_of_timeline(timeline: Timeline) -> tuple[NumberPlace, ...]:
-    """All numbers of a timeline that may change by themselves, by the keys of a file that holds it.
+    """Return all numbers of a timeline that may change by themselves, by the keys of its file.
 
-    They are those of its scene but for the goal, then times and states of activities, then its end; paths
-    lead from the timeline, and `NumberPlace.get` and `with_numbers` take it in the place of a scenario.
+    They are those of its scene without the goal, times and states of its activities, and its end. Their paths
+    lead from the timeline: `NumberPlace.get` and `with_numbers` take it instead of a scenario.
     """
     scene = replace(timeline.scene, goal=timeline.scene.start)
     found = [
@@ -155,7 +155,10 @@ def numbers_of_timeline(timeline: Timeline) -> tuple[NumberPlace, ...]:
 
 
 def _names(held: Any, before: str) -> Iterator[str]:
-    """Yield the dotted names of whatever may be a number in what a file holds, below a name."""
+    """Yield the dotted names of all that may be a number in what a file holds.
+
+    `before` is the name of the whole, with which they begin.
+    """
     if isinstance(held, Mapping):
         for key, value in held.items():
             yield from _names(value, f"{before}.{key}" if before else key)
@@ -170,7 +173,14 @@ def _names(held: Any, before: str) -> Iterator[str]:
 
 
 def _how_many(key: str, row: int | None, count: int, what: str) -> str:
-    """Message on how many entries, `what`, a key has, where `row` is None or beyond the last."""
+    """Return the message on how many entries a key has, if a row is missing or too high.
+
+    Args:
+        key: the key.
+        row: index that was given; None if there was none.
+        count: number of entries.
+        what: what they are, in the plural.
+    """
     if not count:
         return f"{key} has no {what}"
     which = f"write {key}[0] for the first" if row is None else f"the last is {key}[{count - 1}]"
@@ -180,14 +190,17 @@ def _how_many(key: str, row: int | None, count: int, what: str) -> str:
 def _number(
     entry: Field, row: int | None, table: Any, name: str, terminals: int
 ) -> tuple[tuple[Any, ...], Number]:
-    """The steps from a table to a number of it, and the number's kind.
+    """Find a number in a table.
 
     Args:
         entry: the key.
-        row: index of the number in an array; None where none was given.
-        table: the model's object that has it.
-        name: of the number, for messages.
+        row: index of the number in an array; None if none was given.
+        table: the object of the model that has the key.
+        name: dotted name of the number, for messages.
         terminals: number of terminals, for arrays of joints.
+
+    Returns:
+        Attribute and index that lead from the table to the number, and the number's kind.
 
     Raises:
         KeyError: if there is no number that may change by itself.
@@ -232,19 +245,24 @@ def _number(
 
 
 def _each(value: Any) -> Any:
-    """A tuple or array as it is; a single number for all body axes as an array (3,)."""
+    """Return a tuple or array as it is, and one number for all body axes as an array (3,)."""
     return value if isinstance(value, tuple) or np.ndim(value) else array_module(value).full(3, value)
 
 
 def with_numbers(scenario: Held, numbers: Mapping[NumberPlace, Any]) -> Held:
-    """The scenario, or timeline, with other numbers in some places, given in the file's units."""
+    """Return the scenario, or timeline, with other numbers in some places.
+
+    Args:
+        scenario: the scenario or timeline; it is not changed.
+        numbers: for each place the new number in the file's units, which may be traced.
+    """
     for place, number in numbers.items():
         scenario = _replaced(scenario, place.path, number * place.factor)
     return scenario
 
 
 def _replaced(value: Any, path: tuple[Any, ...], number: Any) -> Any:
-    """An object, tuple or array with another number, in the model's unit, at the end of a path."""
+    """Return an object, tuple or array with another number at the end of a path, in the model's unit."""
     if not path:
         return number
     step, *rest = path
@@ -261,7 +279,11 @@ def _replaced(value: Any, path: tuple[Any, ...], number: Any) -> Any:
 
 
 def _parsed(part: str, name: str) -> tuple[str, int | None]:
-    """Key and index, or None, of a part of a dotted name; raises a KeyError for what is neither."""
+    """Split a part of a dotted name into its key and its index, which is None if there is none.
+
+    Raises:
+        KeyError: if it is no such part.
+    """
     found = _PART.fullmatch(part)
     if found is None:
         raise KeyError(f"{name}: {part!r} is no key; write keys with dots, and rows such as keep_out[0]")
@@ -269,7 +291,7 @@ def _parsed(part: str, name: str) -> tuple[str, int | None]:
 
 
 def _entry(table: Table, key: str, name: str) -> Any:
-    """The field of a table that has a key; raises a KeyError, on the dotted name, where none has it."""
+    """Return the field of a table that has a key; raises KeyError if none has it, naming the dotted name."""
     known = [entry.key for entry in table.fields]
     for entry in table.fields:
         if entry.key == key:

@@ -1,4 +1,4 @@
-"""The table ``[sky]`` of a file by itself: who looks, and what can be looked at."""
+"""The table ``[sky]`` of a file read by itself: who looks, and what can be looked at."""
 
 import os
 from dataclasses import dataclass
@@ -21,15 +21,15 @@ _DAY = 86400.0  # s
 @shown("epoch", "observer", "things", "duration s")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sky:
-    """Who looks, and what can be looked at.
+    """The observer's view of the sky: who looks, and what can be looked at.
 
     Attributes:
         epoch: UTC, from which times count.
         observer: the satellite that looks.
-        things: satellites and points of the ground by name.
-        occulters: what hides them, beside the Earth.
-        atmosphere: km, height that counts as the Earth.
-        duration: s, for how long the file means to look; a day where it does not say.
+        things: satellites and points of the ground, by name.
+        occulters: spheres other than the Earth that hide them.
+        atmosphere: km, height of air that counts as part of the Earth.
+        duration: s, for how long the file follows them; a day where it does not say.
     """
 
     epoch: np.datetime64
@@ -41,7 +41,7 @@ class Sky:
 
     @property
     def known(self) -> str:
-        """Words for messages that tell which names may be asked for."""
+        """Text for messages that lists the names of `things`."""
         if not self.things:
             return "[sky] has neither satellites nor points of the ground"
         return f"must be one of {', '.join(self.things)}"
@@ -50,12 +50,12 @@ class Sky:
         """Find when one of the things can be seen, see `jaxplan.sky.passes`.
 
         Args:
-            name: of the thing.
-            duration_s: s, for how long, in (0, 31 * 86400]; `duration` unless given.
+            name: name of the thing.
+            duration_s: s from the epoch, for how long, in (0, 31 * 86400]; None for `duration`.
 
         Raises:
             KeyError: if there is no such thing.
-            ValueError: as of `jaxplan.sky.passes`.
+            ValueError: as for `jaxplan.sky.passes`.
         """
         if name not in self.things:
             raise KeyError(f"{name}: {self.known}")
@@ -71,13 +71,13 @@ class Sky:
 
 
 def load_sky(path: str | os.PathLike[str]) -> Sky:
-    """Read the table ``[sky]`` of a file; nothing else of the file is looked at.
+    """Read the table ``[sky]`` of a file; the rest of the file is ignored.
 
     Args:
-        path: of a TOML file in UTF-8, of a scenario or a timeline.
+        path: path of a TOML file in UTF-8, of a scenario or a timeline.
 
     Raises:
-        ScenarioError: the file cannot be read, or has none; the message lists every fault.
+        ScenarioError: if the file cannot be read, or has no such table; the message lists every fault.
 
     Example:
         >>> [(one.start, one.end) for one in jp.load_sky("day.toml").passes("lisbon")]
@@ -86,7 +86,7 @@ def load_sky(path: str | os.PathLike[str]) -> Sky:
 
 
 def _sky(text: str, *, folder: str | os.PathLike[str] = "") -> Sky:
-    """The sky in the text of a file, whose folder is given."""
+    """Read ``[sky]`` from the text of a file; `folder` is that of the file."""
     root = _root(folder)
     given, place = texts.parse(text, texts.LARGEST_TIMELINE).get("sky"), root["sky"]
     if given is None:
@@ -108,13 +108,13 @@ def _sky(text: str, *, folder: str | os.PathLike[str] = "") -> Sky:
 
 
 def load_observer(path: str | os.PathLike[str]) -> sky.Satellite:
-    """Read the orbit of the observer of a file's ``[sky]``; nothing else of the file is looked at.
+    """Read the orbit of the observer in a file's ``[sky]``; the rest of the file is ignored.
 
     Args:
-        path: of a TOML file in UTF-8, of a scenario or a timeline.
+        path: path of a TOML file in UTF-8, of a scenario or a timeline.
 
     Raises:
-        ScenarioError: the file cannot be read, or has none; the message lists every fault.
+        ScenarioError: if the file cannot be read, or has no observer; the message lists every fault.
 
     Example:
         >>> jp.plot.ground_track(plan, observer=jp.load_observer("scene.toml"))
@@ -123,12 +123,18 @@ def load_observer(path: str | os.PathLike[str]) -> sky.Satellite:
 
 
 def find_observer(path: str | os.PathLike[str]) -> sky.Satellite | None:
-    """Read the orbit as `load_observer` does, from a file that may have none: then it is None."""
+    """Read the orbit of the observer as `load_observer` does; None if the file has no observer."""
     return read_file(path, partial(_observer, needed=False), texts.LARGEST_TIMELINE)
 
 
 def _observer(text: str, *, folder: str | os.PathLike[str] = "", needed: bool) -> Any:
-    """The observer in the text of a file; where it has none, None or a `ScenarioError` if it is needed."""
+    """Read the observer from the text of a file.
+
+    Args:
+        text: text of the file.
+        folder: folder of the file.
+        needed: whether to raise a `ScenarioError` if there is none; otherwise the result is None then.
+    """
     if not needed and "observer" not in text:
         return None
     root = _root(folder)
@@ -143,7 +149,7 @@ def _observer(text: str, *, folder: str | os.PathLike[str] = "", needed: bool) -
 
 
 def _root(folder: str | os.PathLike[str]) -> Place:
-    """The place of a file in a folder."""
+    """Return the place of a whole file that lies in a folder."""
     root = Place(Reading())
     root.reading.folder = folder
     return root

@@ -1,4 +1,4 @@
-"""How a file gives an orbit: circular, Keplerian, two-line elements, ephemeris files, or samples."""
+"""How a file gives an orbit: circular, Keplerian, as two-line elements, by ephemeris files, or by samples."""
 
 import warnings
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ _HIGH = Number(Interval("(0, 150000]"), hint="it is in km; higher orbits have se
 
 @dataclass(frozen=True)
 class TwoLines(Kind):
-    """Two-line elements."""
+    """An orbit as an array of the two lines of a set of two-line elements."""
 
     wanted = "an array of the two lines of a set of elements"
 
@@ -45,7 +45,10 @@ class TwoLines(Kind):
 
 @dataclass(frozen=True)
 class Message(Kind):
-    """A CCSDS Orbit Ephemeris Message in a file, whose path is relative to that of the scenario."""
+    """The path of a CCSDS Orbit Ephemeris Message, relative to the folder of the scenario.
+
+    Reading it gives the ephemeris itself.
+    """
 
     wanted = "the path of an Orbit Ephemeris Message (CCSDS OEM), relative to this file"
 
@@ -62,7 +65,7 @@ class Message(Kind):
 
 @dataclass(frozen=True)
 class Kernels(Kind):
-    """Paths of SPICE's ephemeris kernels, relative to that of the scenario."""
+    """Paths of SPICE's ephemeris kernels (SPK), relative to the folder of the scenario."""
 
     wanted = "the path of an SPK kernel of SPICE (.bsp), or an array of such, relative to this file"
 
@@ -78,7 +81,10 @@ class Kernels(Kind):
 
 
 def _make_of_kernels(parts: dict[str, Any], place: Place) -> Any:
-    """Make the body of kernels from what was read, by attribute; notes why there is none."""
+    """Make the body of SPICE kernels from what was read, by attribute.
+
+    The result is `WRONG` if there is none, after noting why.
+    """
     if WRONG in parts.values():
         return WRONG
     try:
@@ -98,11 +104,11 @@ def _make_circular(parts: dict[str, Any], place: Place) -> Any:
 
 
 class LowOrbitWarning(UserWarning):
-    """An orbit goes so low that no satellite stays on it."""
+    """Warning that an orbit goes so low that no satellite stays on it."""
 
 
 def _warn_of_air(lowest: float, place: Place) -> None:
-    """Warn where the lowest altitude of an orbit, km, is in air that lets no satellite pass."""
+    """Warn if an orbit goes down to air in which no satellite stays; `lowest` is its least altitude, km."""
     if lowest < _LOWEST:
         warnings.warn(
             f"{place.path}: the orbit goes down to {lowest:.6g} km, and below {_LOWEST:g} km air lets no "
@@ -113,7 +119,10 @@ def _warn_of_air(lowest: float, place: Place) -> None:
 
 
 def _make_keplerian(parts: dict[str, Any], place: Place) -> Any:
-    """Make a Keplerian orbit likewise, noting a perigee inside the Earth."""
+    """Make a Keplerian orbit from what was read, by attribute.
+
+    The result is `WRONG` if a part of it is, or after noting a perigee inside the Earth.
+    """
     if WRONG in parts.values():
         return WRONG
     lowest = parts["semi_major_axis"] * (1 - parts["eccentricity"])
@@ -127,7 +136,10 @@ def _make_keplerian(parts: dict[str, Any], place: Place) -> Any:
 
 
 def _make_samples(parts: dict[str, Any], place: Place) -> Any:
-    """Make the ephemeris through samples, times from the start of the manoeuvre; notes why there is none."""
+    """Make the ephemeris through samples of position; `WRONG` after noting why there is none.
+
+    Times count from the start of the manoeuvre.
+    """
     place.reading.sizes.pop("sample", None)  # the next has its own number of them
     if any(part is WRONG for part in parts.values()):
         return WRONG
@@ -197,7 +209,10 @@ _SAMPLES = (
 
 
 def _tables() -> dict[str, Table]:
-    """Make the tables, by words for the kind of orbit; each has messages of its own on keys of others."""
+    """Make the tables of all kinds of orbits, by words for the kind.
+
+    Each refuses the keys of the other kinds with a message of its own.
+    """
     kinds: Mapping[str, tuple[Any, Any, Any]] = {
         "on a circular orbit": (sky.CircularOrbit, _CIRCULAR, _make_circular),
         "on a Keplerian orbit": (sky.KeplerOrbit, _KEPLERIAN, _make_keplerian),
@@ -242,7 +257,10 @@ class Orbit(Either):
         return read if len(place.reading.faults) == before else WRONG
 
     def _table(self, value: Any) -> Table:
-        """The table that a value is meant for: by the first key of each, or else by most of its keys."""
+        """Return the table that a value is meant for.
+
+        It is one whose first key the value has, or else the one that has most of its keys.
+        """
         given = set(value) if isinstance(value, dict) else set()
         circular, keplerian, *others = _TABLES.values()
         named = [table for table in (*others, circular, keplerian) if table.fields[0].key in given]

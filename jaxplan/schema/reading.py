@@ -1,13 +1,13 @@
 """Scenarios from files and Python objects, and back to files, with all faults reported at once.
 
-All go through one reader, the tables of `layout`, which judge single values; what concerns several of them
-is for `checks`. Whether start and goal keep the constraints is no matter of these: planning answers that
-with a status. What Python gives is converted to the model's own types: lists become tuples or float64 arrays,
-numbers of any type floats, and a single number that stands for three becomes three; what a file may not hold
-is a fault, told by its attribute and in its unit.
+All pass through one reader, the tables of `layout`, which judge single values; what concerns several of them
+is in `checks`. Whether start and goal keep the constraints is not checked here: planning answers that with a
+status. Values from Python are converted to the model's own types: lists become tuples or float64 arrays,
+numbers of any type floats, and a single number that stands for three becomes three. A value that a file may
+not hold is a fault, which names the attribute and its unit.
 
-Reading what is written gives every number back with the same bits, for all that can be said in the file's
-units. Required keys are written, and settings that differ from their default.
+Reading what was written gives every number back with the same bits, if it can be expressed in the file's
+units. Written are required keys, and settings that differ from their default.
 """
 
 import math
@@ -43,11 +43,11 @@ SETTINGS_TABLES = ("search", "trajectory", "robust")
 
 
 class PythonReading(Reading):
-    """Reading of what was made in Python, whose faults name attributes, in the model's units.
+    """Reading of an object that was made in Python: faults name attributes, in the model's units.
 
     Args:
         layout: the table by which it is read.
-        root: what messages call it.
+        root: what messages call the object.
     """
 
     python = True
@@ -78,13 +78,13 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     """Read a scenario file.
 
     Args:
-        path: of a TOML file in UTF-8.
+        path: path of a TOML file in UTF-8.
 
     Returns:
         The scenario in radians and seconds.
 
     Raises:
-        ScenarioError: the file cannot be read or is no scenario; the message lists every fault.
+        ScenarioError: if the file cannot be read or is no scenario; the message lists every fault.
     """
     return read_file(path, parse_scenario)
 
@@ -92,12 +92,18 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
 def read_file(
     path: str | os.PathLike[str], parse: Callable[..., Read], largest: int = texts.LARGEST_FILE
 ) -> Read:
-    """Read a file of at most so many bytes; raises what `load_scenario` does.
+    """Read a file of limited size by a given function.
 
     Args:
-        path: of the file.
-        parse: function of its text, and of its `folder`, that returns what it holds.
-        largest: bytes.
+        path: path of the file.
+        parse: function of its text and of its `folder`, which returns what is read.
+        largest: largest size, bytes.
+
+    Returns:
+        What `parse` returns.
+
+    Raises:
+        ScenarioError: as for `load_scenario`, with the path as its source.
     """
     file_path("path", path)
     try:
@@ -120,13 +126,13 @@ def parse_scenario(text: str, *, folder: str | os.PathLike[str] = "") -> Scenari
 
     Args:
         text: TOML.
-        folder: to which paths in it are relative; that of the process unless given.
+        folder: folder to which paths in it are relative; by default that of the process.
 
     Returns:
         The scenario in radians and seconds.
 
     Raises:
-        ScenarioError: the text is no scenario; the message lists every fault.
+        ScenarioError: if the text is no scenario; the message lists every fault.
     """
     return scenario_from_dict(texts.parse(text), folder=folder)
 
@@ -136,13 +142,13 @@ def scenario_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
 
     Args:
         tables: dicts, lists and numbers with the keys and units of a file, as TOML or JSON give them.
-        folder: to which paths in it are relative; that of the process unless given.
+        folder: folder to which paths in it are relative; by default that of the process.
 
     Returns:
         The scenario in radians and seconds.
 
     Raises:
-        ScenarioError: it is no scenario; the message lists every fault.
+        ScenarioError: if it is no scenario; the message lists every fault.
     """
     root = Place(Reading())
     root.reading.folder = folder
@@ -163,7 +169,7 @@ def scenario_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
 
 
 def _in_inertial(scenario: Scenario, view: Any, root: Place) -> Scenario:
-    """The scenario with inertial ends, of which a file may give states in the local orbital frame."""
+    """Return the scenario with inertial start and goal, which a file may give in the local orbital frame."""
     duration = getattr(scenario.trajectory, "duration", None)
     times = {"start": 0.0, "goal": duration if isinstance(duration, float) else None}
     ends = {name: in_inertial(getattr(scenario, name), view, times[name], root[name]) for name in times}
@@ -171,7 +177,10 @@ def _in_inertial(scenario: Scenario, view: Any, root: Place) -> Scenario:
 
 
 def with_epoch(scenario: Scenario, view: Any, root: Place) -> Scenario:
-    """The scenario with the epoch of ``[sky]``, noting a fault if it has another one of its own."""
+    """Return the scenario with the epoch of ``[sky]``, noting a fault if its own epoch differs.
+
+    `view` is the table ``[sky]`` as it was read; the scenario is returned as it is if there is none.
+    """
     if not (isinstance(view, View) and isinstance(view.epoch, np.datetime64)):
         return scenario
     own: Any = scenario.epoch
@@ -182,7 +191,10 @@ def with_epoch(scenario: Scenario, view: Any, root: Place) -> Scenario:
 
 
 def with_start(scenario: Scenario, root: Place) -> Scenario:
-    """Find the state of a start that the file gives by targets, noting a fault if there is none."""
+    """Return the scenario with the state of a start that the file gives by targets.
+
+    A fault is noted if there is no such state. A scenario with faults is returned as it is.
+    """
     asked: Any = scenario.start
     if not isinstance(asked, Pointing) or root.reading.faults:
         return scenario
@@ -196,12 +208,17 @@ def with_start(scenario: Scenario, root: Place) -> Scenario:
 
 
 def take_in(given: object) -> Scenario:
-    """Check a scenario made in Python, and give it the model's types: float64 arrays, tuples and floats.
+    """Check a scenario made in Python, and convert it to the model's types.
+
+    These are float64 arrays, tuples and floats.
+
+    Returns:
+        The scenario; where all types were right, the same object.
 
     Raises:
         TypeError: if it is no scenario.
-        ScenarioError: if an attribute is one that no file may hold, has the wrong type or shape, or does not
-            go with others; the message lists every fault.
+        ScenarioError: if an attribute has a value that no file may hold, has the wrong type or shape, or does
+            not go with others; the message lists every fault.
     """
     scenario, reading = _taken(given)
     if reading.faults:
@@ -210,14 +227,19 @@ def take_in(given: object) -> Scenario:
 
 
 def refuse_types(given: object) -> None:
-    """Raise what `take_in` raises, but only where an attribute has the wrong type or shape."""
+    """Raise what `take_in` raises, but only if an attribute has the wrong type or shape."""
     _, reading = _taken(given)
     if reading.refused:
         raise ScenarioError(reading.faults)
 
 
 def _taken(given: object) -> tuple[Any, Reading]:
-    """Read a scenario made in Python; returns it, as far as it could be read, and what was noted."""
+    """Read a scenario made in Python.
+
+    Returns:
+        The scenario, with `WRONG` where it could not be read, or None if nothing was read; and the `Reading`
+        with its faults.
+    """
     scenario = expect("scenario", given, Scenario)
     root = Place(PythonReading())
     root.reading.terminals = count_terminals(scenario)
@@ -232,11 +254,11 @@ def _taken(given: object) -> tuple[Any, Reading]:
 
 
 def checked_spacecraft(given: object) -> Spacecraft:
-    """Check a spacecraft by itself, and give it the model's types, as `take_in` does with that of a scenario.
+    """Check a spacecraft, and convert it to the model's types, as `take_in` does for that of a scenario.
 
     Raises:
-        TypeError: if it is none.
-        ScenarioError: for what no scenario may have; the message lists every fault.
+        TypeError: if it is no spacecraft.
+        ScenarioError: for values that no scenario may have; the message lists every fault.
     """
     expect("spacecraft", given, Spacecraft)
     place = Place(PythonReading())["spacecraft"]
@@ -247,7 +269,10 @@ def checked_spacecraft(given: object) -> Spacecraft:
 
 
 def count_terminals(scenario: Scenario) -> int | None:
-    """Number of terminals that start and goal are for; None where they do not agree, or it cannot be told."""
+    """Return the number of terminals for which start and goal are made.
+
+    The result is None if they differ, or if it cannot be told.
+    """
     start, goal, craft = scenario.start, scenario.goal, scenario.spacecraft
     if getattr(goal, "devices", ()) or getattr(craft, "drives", ()):
         return None
@@ -262,7 +287,10 @@ def count_terminals(scenario: Scenario) -> int | None:
 
 
 def _length(value: object, of: int = 1) -> int | None:
-    """Length of an array divided by `of`; None for what is no array of numbers, or leaves a remainder."""
+    """Return the length of an array divided by `of`.
+
+    The result is None if it is no array of numbers, or if a remainder is left.
+    """
     array = as_floats(value)
     return len(array) // of if array is not None and array.ndim and len(array) % of == 0 else None
 
@@ -271,7 +299,7 @@ def scenario_to_dict(scenario: Scenario) -> dict[str, Any]:
     """Make the tables of the scenario's file.
 
     Args:
-        scenario: in radians and seconds.
+        scenario: the scenario, in radians and seconds.
 
     Returns:
         Dicts, lists, numbers and strings with the keys and units of a file, ready for TOML or JSON.
@@ -286,10 +314,10 @@ def dump_scenario(scenario: Scenario) -> str:
     """Make the text of the scenario's file.
 
     Args:
-        scenario: in radians and seconds.
+        scenario: the scenario, in radians and seconds.
 
     Returns:
-        TOML. A quaternion comes out as the rotation vector it was read to.
+        TOML. An attitude that was read from a quaternion is written as a rotation vector.
 
     Raises:
         ScenarioError: if it could not be read again; the message lists every fault.
@@ -298,15 +326,15 @@ def dump_scenario(scenario: Scenario) -> str:
 
 
 def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
-    """Write the scenario's file, whole or not at all.
+    """Write the scenario's file, completely or not at all.
 
     Args:
-        scenario: in radians and seconds.
-        path: of the file; one that is there is replaced.
+        scenario: the scenario, in radians and seconds.
+        path: path of the file; an existing file is replaced.
 
     Raises:
         ScenarioError: if it could not be read again; the message lists every fault.
-        OSError: the file cannot be written; one that was there is left as it was.
+        OSError: if the file cannot be written; an existing file is left as it was.
     """
     text = dump_scenario(scenario)
     with replacing_file(file_path("path", path)) as temporary:
@@ -314,16 +342,16 @@ def save_scenario(scenario: Scenario, path: str | os.PathLike[str]) -> None:
 
 
 def with_settings(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
-    """The scenario with other settings; the scene itself stays as it is, to the last bit.
+    """Return the scenario with other settings; everything else stays the same to the last bit.
 
     Args:
-        scenario: in radians and seconds.
+        scenario: the scenario, in radians and seconds.
         settings: values as a scenario file holds them, by table and key: ``search.<key>``,
             ``trajectory.<key>`` or ``robust.<key>``.
 
     Raises:
         TypeError: if settings are no dict.
-        ScenarioError: if one of them is no setting, or its value is none that a file may hold; the message
+        ScenarioError: if one of them is no setting, or has a value that a file may not hold; the message
             lists every fault.
     """
     given: object = settings  # whatever its type says

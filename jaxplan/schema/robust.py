@@ -1,4 +1,4 @@
-"""What must be left of zones and ranges when the errors that a plan must bear are taken off.
+"""Check that errors which a plan must tolerate (`jaxplan.model.robust`) leave something of zones and ranges.
 
 As in `checks`, faults are noted by the keys of a file.
 """
@@ -19,10 +19,10 @@ _LEAST = 1e-9  # rad, that must be left
 
 
 def check_robust(scenario: Scenario, root: Place) -> None:
-    """Note zones and ranges of joints of which the tube about a plan leaves nothing.
+    """Note a fault where the tube about a plan leaves nothing of a zone or of a range of a joint.
 
     Args:
-        scenario: as far as it could be read; where there were faults nothing is looked at.
+        scenario: the scenario as it was read; if faults were noted before, it is not checked.
         root: its place.
     """
     robust = scenario.robust
@@ -41,12 +41,19 @@ def check_robust(scenario: Scenario, root: Place) -> None:
         for key in ("keep_out", "keep_in"):
             for number, zone in enumerate(getattr(scenario, ZONES[key])):
                 _check_zone(zone, robust, sights, root[key][number]["half_angle_deg"])
-    except ValueError:  # what a zone binds is wrong, which others tell
+    except ValueError:  # what a zone binds is wrong, which other checks note
         return
 
 
 def _check_zone(zone: Any, robust: Robust, sights: Bound, place: Place) -> None:
-    """Note a cone of which the tube leaves nothing for a device, at the place of its half angle."""
+    """Note a fault if the tube leaves nothing of a cone for a device that it binds.
+
+    Args:
+        zone: the zone.
+        robust: the errors.
+        sights: the directions that zones bind.
+        place: place of the zone's half angle.
+    """
     other = None if zone.axis_device is None else sights.device(zone, "axis_device", zone.axis_device)
     axis = None if other is None else sights.carrier(other)
     for number in sights.fields(zone) if zone.of_field else sights.bound(zone):
@@ -56,7 +63,7 @@ def _check_zone(zone: Any, robust: Robust, sights: Bound, place: Place) -> None:
             field: Any = sights.craft.devices[number].field_of_view
             widest = min(np.pi / 2, np.pi - corner_angle(field)) if zone.side > 0 else np.min(field) / 2
             least = -np.inf
-        if not least < zone.half_angle < widest:  # wrong by itself, which others tell
+        if not least < zone.half_angle < widest:  # wrong by itself, which other checks note
             return
         narrowed = zone.side < 0 and not zone.of_field
         least, most = (lost, np.inf) if narrowed else (-np.inf, float(widest - lost))

@@ -1,8 +1,8 @@
 """The table ``[sky]``, and what its names stand for in zones and targets.
 
-A scenario holds directions, half angles and when targets are hidden, so a file that is written, or a plan,
-has these and no ``[sky]``: it means the same on every machine, whatever its version of pyerfa, and without
-the extra too. `direction_by_name` is the one place where a name becomes a direction.
+A scenario holds directions, half angles and when targets are hidden; so files that are written, and plans,
+have these and no ``[sky]``: they mean the same on every machine, with any version of pyerfa, and without the
+extra. `direction_by_name` is the only place where a name becomes a direction.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -26,13 +26,13 @@ from jaxplan.schema.value_kinds import Epoch, shortest_degrees
 
 @dataclass(frozen=True)
 class Followed:
-    """Name of what a direction follows, which stands in its place until `resolve` finds the direction.
+    """Name of what a direction follows, which stands for the direction until `resolve` finds it.
 
     Attributes:
-        name: of a satellite, a point of the ground, a body, or one of `sky.LOCAL`.
-        key: of the file that has the name; empty where it stands for the direction itself.
-        from_limb: whether the half angle of a zone counts from the body's limb.
-        moving: whether a zone about a body moves.
+        name: name of a satellite, a point of the ground, a body, or one of `sky.LOCAL`.
+        key: key of the file that has the name; empty where the name is written in place of the direction.
+        from_limb: whether the half angle of a zone is measured from the body's limb.
+        moving: whether the axis of a zone about a body moves.
     """
 
     name: str
@@ -46,7 +46,7 @@ _NAME = key("name", "unique, and no body's nor of nadir, zenith, ram, orbit_norm
 
 @dataclass(frozen=True, kw_only=True)
 class Satellite:
-    """A satellite that is looked at, as the axis of a zone or a target."""
+    """A satellite that is looked at: the axis of a zone, or a target."""
 
     name: str = field(metadata=_NAME)
     orbit: sky.Satellite = field(metadata=key("orbit", "of the satellite", kind="orbit"))
@@ -54,7 +54,7 @@ class Satellite:
 
 @dataclass(frozen=True, kw_only=True)
 class Ground:
-    """A point of the ground that is looked at; geodetic on WGS 84, it turns with the Earth."""
+    """A point of the ground that is looked at, geodetic on WGS 84; it turns with the Earth."""
 
     name: str = field(metadata=_NAME)
     latitude: float = field(metadata=key("latitude_deg", "geodetic, WGS 84", "[-90, 90]"))
@@ -66,7 +66,7 @@ class Ground:
 
     @property
     def thing(self) -> sky.GroundPoint:
-        """The point itself."""
+        """The point of the ground as an object of `jaxplan.sky`."""
         return sky.GroundPoint(**{name: part for name, part in vars(self).items() if name in _POINT})
 
 
@@ -75,7 +75,7 @@ _POINT = ("latitude", "longitude", "altitude", "minimum_elevation")
 
 @dataclass(frozen=True, kw_only=True)
 class Sphere:
-    """A sphere that may hide targets, beside the Earth, which always does."""
+    """A sphere that may hide targets, in addition to the Earth, which always may."""
 
     name: str = field(metadata=key("name", '"sun", "moon", or a satellite of [sky]'))
     radius: float | None = keyed(None, "radius_km", "of the sphere; the body's own if absent", "(0, 1e6]")
@@ -83,17 +83,17 @@ class Sphere:
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """Who looks at the sky, and when.
+    """The table ``[sky]``: who looks at the sky, and when.
 
     Attributes:
         epoch: UTC of the manoeuvre's start.
-        observer: the satellite.
-        for_duration: s, how long zones about bodies hold, and motion is known; None for the trajectory's
-            duration.
-        atmosphere: km, height of air that belongs to the Earth's limb, and hides targets.
-        satellites: others, that are looked at.
-        ground: points of the ground, that are looked at.
-        spheres: what hides targets, beside the Earth.
+        observer: the satellite that looks.
+        for_duration: s from the epoch, for how long zones about bodies hold and motion is known; None for the
+            trajectory's duration.
+        atmosphere: km, height of air that counts as part of the Earth's limb, and hides targets.
+        satellites: satellites that are looked at.
+        ground: points of the ground that are looked at.
+        spheres: what hides targets, in addition to the Earth.
     """
 
     epoch: np.datetime64 = field(metadata=key("epoch_utc", "UTC of the start", kind="epoch"))
@@ -117,13 +117,14 @@ class View:
 
 @dataclass(frozen=True)
 class Known:
-    """The view with what its names stand for, by which directions are found.
+    """A view with what its names stand for, from which directions are found.
 
     Attributes:
-        view: with a number for its duration.
-        things: satellites and points of the ground by name.
-        occulters: what hides targets beside the Earth.
-        found: paths by name, and whether they are of targets, since many may follow the same.
+        view: the view, with a number for its duration.
+        things: satellites and points of the ground, by name.
+        occulters: what hides targets, in addition to the Earth.
+        found: paths found so far, by name and by whether they are those of targets, since many may be the
+            same.
     """
 
     view: View
@@ -139,12 +140,12 @@ SKY = table(View, _KINDS)
 
 @dataclass(frozen=True)
 class Aim:
-    """Targets and wishes, maybe by names of ``[sky]``, and where they stand.
+    """Targets and wishes that may be names of ``[sky]``, and where they stand.
 
     Attributes:
-        targets: whatever was read there; what is no `Targets` has no names.
-        place: of the table that has them.
-        key: of the targets in this table.
+        targets: what was read; if it is no `Targets`, it has no names.
+        place: place of the table that has them.
+        key: key of the targets in this table.
     """
 
     targets: Any
@@ -154,11 +155,11 @@ class Aim:
 
 @dataclass(frozen=True)
 class Lasting:
-    """What says how long names of ``[sky]`` are followed where ``for_duration_s`` does not.
+    """For how long names of ``[sky]`` are followed if ``for_duration_s`` is not given.
 
     Attributes:
-        seconds: how long at least; None where that is no number.
-        key: of the file.
+        seconds: s, how long at least; None if that is not given as a number.
+        key: key of the file that gives it.
     """
 
     seconds: float | None
@@ -166,15 +167,15 @@ class Lasting:
 
 
 def resolve(scenario: Scenario, view: View | None, root: Place) -> Scenario:
-    """Put directions in the place of names of bodies and satellites, noting faults where there are none.
+    """Replace names of bodies and satellites by directions, noting faults if there are none.
 
     Args:
-        scenario: as far as it could be read.
-        view: the table ``[sky]`` as far as it could be read; None where the file has none.
+        scenario: the scenario as it was read.
+        view: the table ``[sky]`` as it was read; None if the file has none.
         root: the place of the file.
 
     Returns:
-        The scenario, with names left where ``[sky]`` has faults.
+        The scenario; names are left in it if ``[sky]`` has faults.
     """
     duration = getattr(scenario.trajectory, "duration", None)
     lasting = Lasting(duration if isinstance(duration, float) else None, "trajectory.duration_s")
@@ -186,14 +187,14 @@ def resolve(scenario: Scenario, view: View | None, root: Place) -> Scenario:
 def resolve_all(
     scenario: Scenario, aims: Sequence[Aim], view: View | None, lasting: Lasting, root: Place
 ) -> tuple[Scenario, list[Any]]:
-    """Put directions in the place of names, as `resolve` does, in zones and in any number of targets.
+    """Replace names by directions, as `resolve` does, in zones and in any number of targets.
 
     Args:
-        scenario: whose zones may have names.
-        aims: targets and wishes that may.
-        view: as of `resolve`.
-        lasting: how long they are followed.
-        root: as of `resolve`.
+        scenario: the scenario, whose zones may have names.
+        aims: targets and wishes that may have names.
+        view: as for `resolve`.
+        lasting: for how long names are followed.
+        root: as for `resolve`.
 
     Returns:
         The scenario, and for each of the aims its targets.
@@ -219,7 +220,7 @@ def resolve_all(
 
 
 def looked_up_names(scenario: Scenario, aims: Sequence[Aim], root: Place) -> list[tuple[Place, Followed]]:
-    """The names of ``[sky]`` in zones, targets and wishes, each after its place; see `resolve_all`."""
+    """Return the names of ``[sky]`` in zones, targets and wishes, each after its place."""
     of_zones = [
         (place[axis.key], axis)
         for rows in _zones(scenario, root).values()
@@ -229,7 +230,7 @@ def looked_up_names(scenario: Scenario, aims: Sequence[Aim], root: Place) -> lis
 
 
 def _zones(scenario: Scenario, root: Place) -> dict[str, list[tuple[Place, Any]]]:
-    """The zones that may be about names, with their places, by kind."""
+    """Return the zones that may be about names, by attribute of the scenario, each after its place."""
     return {kind: placed(getattr(scenario, kind), root[kind]) for kind in ("keep_out", "keep_in")}
 
 
@@ -237,7 +238,7 @@ def _names(aim: Aim) -> Iterator[tuple[Place, Followed]]:
     """Yield the targets and wishes of an aim that are names of ``[sky]``, each after its place."""
     if not isinstance(aim.targets, Targets):
         return
-    directions = aim.targets.directions  # else than in a tuple none is a name
+    directions = aim.targets.directions  # only a tuple may contain names
     each = directions if isinstance(directions, tuple) else ()
     names: Sequence[str | int] = aim.targets.devices or range(len(each))
     for name, target in zip(names, each, strict=False):
@@ -249,7 +250,7 @@ def _names(aim: Aim) -> Iterator[tuple[Place, Followed]]:
 
 
 def _aimed(aim: Aim, seen: Known) -> Targets:
-    """Find directions for the targets and wishes of an aim that are names; notes faults."""
+    """Return the targets of an aim with directions instead of names; notes faults."""
     end, place = aim.targets, aim.place
     names: Sequence[str | int] = end.devices or range(len(end.directions))
     directions = tuple(
@@ -276,7 +277,7 @@ def _followed(rows: Iterable[tuple[Place, Any]]) -> Iterator[tuple[Place, Any, F
 
 
 def _zone(zone: Any, axis: Followed, place: Place, seen: Known) -> Any:
-    """Put a direction in the place of the name of a zone's axis; of a body's zone find the half angle too."""
+    """Return a zone with a direction instead of the name of its axis; for a body also with its half angle."""
     if axis.key == "satellite" and axis.name not in seen.things:
         known = nearest(axis.name, [*seen.things], "satellites and ground points")
         place["satellite"].fault(f"no such satellite or ground point, {known}", axis.name)
@@ -315,13 +316,13 @@ def _zone(zone: Any, axis: Followed, place: Place, seen: Known) -> Any:
 
 
 def direction_by_name(name: str, place: Place, seen: Known, *, target: bool = False) -> Any:
-    """Find the path of the direction that a name stands for; returns `WRONG` after noting why there is none.
+    """Return the path of the direction that a name stands for; `WRONG` after noting why there is none.
 
     Args:
-        name: of a satellite, a point of the ground, a body, or one of `sky.LOCAL`.
+        name: name of a satellite, a point of the ground, a body, or one of `sky.LOCAL`.
         place: where the name stands.
         seen: the view with what its names stand for.
-        target: whether it is looked at, so that it matters when it is hidden.
+        target: whether a device points there, so that the path must tell when it is hidden.
     """
     if (name, target) in seen.found:
         return seen.found[name, target]
@@ -355,9 +356,9 @@ def known(view: View, lasting: Lasting, place: Place) -> Known | None:
     """Find what the view's names stand for; None, after noting why, if a part of it is wrong.
 
     Args:
-        view: as far as it could be read.
-        lasting: how long it is seen, where it does not say.
-        place: of the view.
+        view: the view as it was read.
+        lasting: for how long names are followed if the view does not say.
+        place: place of the view.
     """
     if is_wrong(view) or any(is_wrong(row) for rows in _rows(view).values() for row in rows):
         return None  # noted before
@@ -389,12 +390,12 @@ def known(view: View, lasting: Lasting, place: Place) -> Known | None:
 
 
 def _rows(view: View) -> dict[str, tuple[Any, ...]]:
-    """The rows of the view by their keys."""
+    """Return the satellites, points of the ground and spheres of a view, by their keys in the file."""
     return {"satellite": view.satellites, "ground": view.ground, "occulter": view.spheres}
 
 
 def is_wrong(part: Any) -> bool:
-    """Whether a part of a view, or an attribute of it, is `WRONG`."""
+    """Tell whether a part of a view, or an attribute of it, is `WRONG`."""
     return part is WRONG or any(value is WRONG for value in vars(part).values())
 
 

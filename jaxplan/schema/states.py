@@ -1,8 +1,9 @@
 """Start and goal in a file: a state, or devices with what they point at.
 
-Files have angles of joints as yaws, pitches and drives, in radians or degrees, or by names of devices; and
-an attitude as a rotation vector or a quaternion. A goal is a state, or targets that step 1 finds one for. So
-is a start: then devices point at their targets when the manoeuvre begins.
+Files have angles of joints as arrays of yaws, pitches and drives, in radians or degrees, or by names of
+devices; and an attitude as a rotation vector or a quaternion. A goal is a state, or targets for which
+planning step 1 finds one. The same is true of a start: its targets are those of the instant when the
+manoeuvre begins.
 """
 
 from collections.abc import Sequence
@@ -27,17 +28,23 @@ _JOINT_PARTS = ("yaws", "pitches", "drives")
 @shown("rotation_vector deg", "joints deg", "angular_velocity deg/s", "joint_rates deg/s")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LocalState(GivenState):
-    """A state whose attitude counts from the observer's orbit, until it is known where that is.
+    """A state whose attitude is relative to the observer's orbit, until it is converted to an inertial one.
 
     Its rotation vector takes body axes to the local orbital frame (`jaxplan.sky.local_axes`), and its angular
-    velocity is the one within this frame: zero where the platform turns with it.
+    velocity, in body axes, is relative to this frame: zero if the platform turns with it.
     """
 
 
 def make_state(parts: dict[str, Any], place: Place) -> GivenState:
     """Make a state from what was read, by attribute, noting faults.
 
-    Its joints are yaws, pitches and angles of drives, or angles by names of devices.
+    Args:
+        parts: values by attribute; angles of joints are given by yaws, pitches and drives, or by names of
+            devices. Changed in place.
+        place: place of the state.
+
+    Returns:
+        A `GivenState`, or a `LocalState` if its frame is the local one; an attribute with faults is `WRONG`.
     """
     model = LocalState if parts.pop("frame", INERTIAL) == LOCAL else GivenState
     by_name = parts.pop("joints_by_name", None)
@@ -61,18 +68,27 @@ def make_state(parts: dict[str, Any], place: Place) -> GivenState:
 
 
 def _missing(key: str, names: Sequence[str] | None, count: int) -> str:
-    """Text on missing angles of a number of terminals: their key in radians, and what may stand for it."""
+    """Return text on missing angles of terminals: what must be given, and which keys may stand for it.
+
+    Args:
+        key: key of the angles in radians.
+        names: names of the terminals; None if they are not known.
+        count: number of terminals.
+    """
     by_name = f"joints_deg, such as {{ {names[0]} = [0.0, 0.0] }}" if names else "joints_deg"
     return f"missing (or {key.replace('rad', 'deg')}, or {by_name}), must be {_counted(count)}"
 
 
 def _counted(count: int) -> str:
-    """What an array with a number for each terminal must be, for messages."""
+    """Return what an array with one number for each terminal must be, for messages."""
     return f"an array of {count} number{'s' * (count > 1)}, one a terminal"
 
 
 def _joints_by_name(by_name: Any, reading: Reading) -> Any:
-    """Joint angles (J,) rad from those by names of devices; others are zero, or the nearest in range."""
+    """Return joint angles (number of joints,) rad from those given by names of devices; `WRONG` after faults.
+
+    Joints of other devices are zero, or at the nearest angle in their range.
+    """
     gimbals, terminals, ranges = (reading.names.get("gimbal"), reading.names.get("terminal"), reading.ranges)
     if by_name is WRONG or gimbals is None or terminals is None or ranges is None:
         return WRONG
@@ -88,14 +104,14 @@ def _joints_by_name(by_name: Any, reading: Reading) -> Any:
 
 @dataclass(frozen=True)
 class StateOf:
-    """A state that is to be written, and the number of its terminals."""
+    """A state that is to be written, with the spacecraft's number of terminals."""
 
     state: GivenState
     terminals: int
 
 
 def split_state(given: StateOf) -> dict[str, Any]:
-    """Values of a state's keys in a file, by attribute: its joints as yaws, pitches and angles of drives."""
+    """Return the values of a state's keys in a file, by attribute; its joints as yaws, pitches and drives."""
     parts = _without_zero_rates(given.state)
     ends = [given.terminals, 2 * given.terminals]
     own = zip(_JOINT_PARTS, np.split(np.asarray(parts.pop("joints")), ends), strict=True)
@@ -103,7 +119,7 @@ def split_state(given: StateOf) -> dict[str, Any]:
 
 
 class JointsByName(Kind):
-    """Angles of devices by name: two of a terminal, one of a drive."""
+    """Angles of devices by name, in degrees: yaw and pitch of a terminal, one angle of a drive."""
 
     wanted = "a table from names of devices to arrays of their angles: yaw and pitch, or a drive's one"
 
@@ -128,7 +144,10 @@ class JointsByName(Kind):
 
 
 def _without_zero_rates(state: GivenState | Targets) -> dict[str, Any]:
-    """Attributes of a state or targets, without rates of zero (not minus zero), which an absent key means."""
+    """Return attributes of a state or targets without rates of zero, since that is what an absent key means.
+
+    Rates of minus zero are kept.
+    """
     parts = dict(vars(state))
     for name in ("angular_velocity", "joint_rates"):
         if parts[name] is None or not (np.any(parts[name]) or np.any(np.signbit(parts[name]))):
@@ -137,7 +156,7 @@ def _without_zero_rates(state: GivenState | Targets) -> dict[str, Any]:
 
 
 def _angles(axis: str, attribute: str) -> tuple[Field, Field]:
-    """The keys, in rad and in deg, of the angles of a sort of joints: "yaw", "pitch" or "drive"."""
+    """Return the keys, in rad and in deg, of the angles of one sort of joints: "yaw", "pitch" or "drive"."""
     meaning = f"angle of each terminal's {axis} joint"
     if axis == "drive":
         meaning = "angle of each drive; if absent zero, or the nearest in range"
@@ -186,10 +205,10 @@ WISH = declared(Wish)
 @shown("devices", "directions", "prefer", "joints deg")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pointing(Targets):
-    """A start that is given by what devices point at, until the state is found.
+    """A start that is given by what devices point at, until its state is found.
 
     Attributes:
-        joints: (2n + d,) rad, of devices without a target; None for those nearest to zero.
+        joints: (2n + d,) rad, angles for devices without a target; None for those nearest to zero.
     """
 
     joints: Any = None
@@ -198,7 +217,7 @@ class Pointing(Targets):
 def _make_pointing(parts: dict[str, Any], place: Place) -> Pointing:
     """Make a start with targets from what was read, by attribute.
 
-    Devices whose angles are given, without target or wish, are held at these.
+    A device whose angles are given, and which has neither target nor wish, is held at these.
     """
     by_name = parts.pop("joints_by_name", None)
     joints = None if by_name is None else _joints_by_name(by_name, place.reading)
@@ -212,7 +231,7 @@ def _make_pointing(parts: dict[str, Any], place: Place) -> Pointing:
 
 
 def make_targets(parts: dict[str, Any], place: Place) -> Targets:
-    """Make targets from what was read, by attribute; a file may have them by names of devices."""
+    """Make targets from what was read, by attribute; a file may give them by names of devices."""
     if isinstance(parts.get("directions"), tuple) and len(parts["directions"]) == 2:
         names, directions = parts["directions"]
         if isinstance(names, tuple) and all(isinstance(name, str) for name in names):
@@ -221,7 +240,7 @@ def make_targets(parts: dict[str, Any], place: Place) -> Targets:
 
 
 def _split_targets(targets: Targets) -> dict[str, Any]:
-    """Values of the keys of targets in a file, by attribute."""
+    """Return the values of the keys of targets in a file, by attribute."""
     parts = _without_zero_rates(targets)
     if targets.devices:
         parts["directions"] = dict(zip(targets.devices, targets.directions, strict=True))
@@ -282,7 +301,7 @@ _UNDECIDED = replace(
 
 
 class Goal(Either):
-    """A goal: a table with targets, or one with a state."""
+    """The kind of a goal in a file: a table with targets, or one with a state."""
 
     wanted = "a table with targets, or with attitude, yaw_rad and pitch_rad"
 
@@ -306,7 +325,7 @@ class Goal(Either):
 
 
 class Start(Either):
-    """A start: a table with a state, or one with targets."""
+    """The kind of a start in a file: a table with a state, or one with targets."""
 
     wanted = "a table with attitude and joints, or with targets"
 

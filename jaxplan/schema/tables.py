@@ -1,9 +1,9 @@
-"""Tables of a file: which keys they have, and what part of the model they make.
+"""Tables of a file: which keys they have, and which objects of the model they make.
 
-A table follows from a dataclass of the model whose fields say their keys (`jaxplan.model.file_keys`).
-Reading, writing and the reference of the file all follow from it: unknown and missing keys are found by it,
-and a default is that of the dataclass. An object that was made in Python is read by the same table, attribute
-by attribute.
+A table is derived from a dataclass of the model whose fields declare their keys (`jaxplan.model.file_keys`).
+Reading, writing and the reference of the file use it: unknown and missing keys are found by it, and defaults
+are those of the dataclass. An object that was made in Python is read by the same table, attribute by
+attribute.
 """
 
 import re
@@ -30,14 +30,14 @@ class Field:
     """A key of a table.
 
     Attributes:
-        key: as the file spells it, with the unit.
+        key: the key as the file spells it, with the unit.
         kind: what its value may be.
-        attribute: the model's name for it, or one of its own where `Table.make` makes something else of it.
+        attribute: name of the model's attribute, or a name that only `Table.make` and `Table.split` know.
         meaning: one line for the reference.
-        required: whether the key, or one that may stand in its place, must be there.
-        always: whether it is written at its default too.
-        instead_of: the attribute in whose place it may be given.
-        held: dotted path of the model's attributes that has it, where that is not `attribute`.
+        required: whether the key, or one that may stand for it, must be there.
+        always: whether it is written even if it has its default.
+        instead_of: the attribute instead of which it may be given; empty for none.
+        held: dotted path of the model's attributes that holds the value, if that is not `attribute`.
     """
 
     key: str
@@ -51,32 +51,34 @@ class Field:
 
     @property
     def says(self) -> str:
-        """The attribute that it sets, the same for keys that are alternatives to each other."""
+        """The attribute that the key sets; it is the same for keys that are alternatives to each other."""
         return self.instead_of or self.attribute
 
     @property
     def value(self) -> str:
-        """What the value must be, without its range."""
+        """Text on what the value must be, without its range."""
         return self.kind.wanted.replace(f" in {self.kind.range}", "")
 
     @property
     def unit(self) -> str:
-        """The unit that stands in the key; empty if there is none."""
+        """The unit in which the key's name ends; empty if there is none."""
         return unit_of(self.key)
 
 
 @dataclass(frozen=True)
 class Table(Kind):
-    """A table with known keys. What is wrong in it has `WRONG` in the model, so that the rest is there.
+    """A table with known keys, which makes an object of the model.
+
+    Attributes of the object that have faults are `WRONG`, and the others are as they were read.
 
     Attributes:
-        model: the class it makes.
+        model: the class of the objects it makes.
         fields: its keys, in the order in which they are written.
-        attributes: those of the model, by which an object of Python's is read.
-        make: makes the model from what was read, by attribute; the class itself unless told.
-        split: function of a model that returns what is written, by attribute; all attributes unless told.
-        check: notes what does not go together in a model that was read.
-        refused: keys that are refused with a reason of their own.
+        attributes: attributes of the model, by which an object of Python is read.
+        make: makes the object from what was read, by attribute; None for the class itself.
+        split: returns what is written of an object, by attribute; by default all of its attributes.
+        check: notes what does not go together in an object that was read; None for nothing.
+        refused: keys that are refused, each with its reason.
     """
 
     model: type
@@ -96,7 +98,7 @@ class Table(Kind):
         return read
 
     def _of_file(self, value: Any, place: Place) -> Any:
-        """Read the table of a file; returns the model, noting unknown, missing and doubly given keys."""
+        """Read the table from a file; notes unknown and missing keys, and keys given twice."""
         if not isinstance(value, dict):
             return place.refuse(f"must be {self.wanted}", value)
         self._refuse_unknown(value, place)
@@ -123,7 +125,7 @@ class Table(Kind):
         """Note seconds where UTC is wanted, and UTC where seconds are, with the key that takes what is given.
 
         Returns:
-            `WRONG` after that; None where the value may be right, or no key would take it.
+            `WRONG` after that; None if the value may be right, or no key would take it.
         """
         utc = isinstance(entry.kind, Epoch)
         if not (
@@ -137,7 +139,7 @@ class Table(Kind):
         return None
 
     def _refuse_unknown(self, value: Mapping[str, object], place: Place) -> None:
-        """Note keys that the table does not have."""
+        """Note a fault for each key of a file that the table does not have, or that it refuses."""
         known = [entry.key for entry in self.fields]
         for key in value:
             if key in self.refused:
@@ -154,7 +156,7 @@ class Table(Kind):
         return place[entry.key].fault(f"missing{instead}, must be {entry.kind.wanted}")
 
     def _of_python(self, value: Any, place: Place) -> Any:
-        """Read an object made in Python; returns it with the model's own types, itself where it has them."""
+        """Read an object made in Python; returns it with the model's own types, or itself if it has them."""
         if not isinstance(value, self.model):
             return place.refuse(f"must be {a_or_an(self.model.__name__)}", value)
         own = value.__dict__
@@ -182,7 +184,10 @@ class Table(Kind):
 
     @cached_property
     def _all(self) -> list[tuple[str, str, Kind, Callable[[Any, Place], Any], bool]]:
-        """The attributes: name, key, kind, how it is read, and whether it may be None."""
+        """The attributes by which an object of Python is read.
+
+        For each of them its name, key, kind, the kind's `read`, and whether it may be None.
+        """
         usual = {part.name: part.default for part in fields(self.model)}
         return [
             (e.attribute, e.key, e.kind, e.kind.read, usual[e.attribute] is None) for e in self.attributes
@@ -190,14 +195,14 @@ class Table(Kind):
 
     @cached_property
     def _sure(self) -> set[str]:
-        """Attributes whose values are immutable and checked by themselves, so that once is enough."""
+        """Names of attributes whose values are immutable and checked by themselves, so once is enough."""
         return {
             entry.attribute for entry in self.attributes if isinstance(entry.kind, Number | Integer | Text)
         }
 
     @cached_property
     def _unsure(self) -> list[tuple[str, str, Kind, Callable[[Any, Place], Any], bool]]:
-        """The attributes of `_all` that are read each time."""
+        """Those attributes of `_all` that are read again each time an object is checked."""
         return [entry for entry in self._all if entry[0] not in self._sure]
 
     @cached_property
@@ -220,7 +225,10 @@ class Table(Kind):
 
     @cached_property
     def _usual(self) -> dict[str, str]:
-        """Default of each key, as written; a value that equals it is left out."""
+        """The default of each key that has one, as `repr` of what is written.
+
+        Such values are left out of files.
+        """
         usual = self.defaults()
         return {
             entry.key: repr(entry.kind.write(usual[entry.attribute]))
@@ -229,7 +237,7 @@ class Table(Kind):
         }
 
     def defaults(self) -> dict[str, Any]:
-        """Defaults of the model's class, by attribute."""
+        """Return the defaults of the model's class, by attribute."""
         if self.model is dict:
             return {}
         given = {f.name: f.default for f in fields(self.model) if f.default is not MISSING}
@@ -248,8 +256,8 @@ def table(
 
     Args:
         model: the dataclass.
-        kinds: by name, or by type, a kind, or a function that makes one of a `Key`.
-        before: further keys of the file, by the key that they stand in front of; the last ones by "".
+        kinds: for a name or a type the kind of its values, or a function that makes the kind from a `Key`.
+        before: further keys of the file, by the key in front of which they stand; those at the end by "".
         more: other attributes of `Table`.
     """
     hints = get_type_hints(model)
@@ -263,7 +271,7 @@ def table(
 
 
 def _declared(part: Any, hint: Any, kinds: Mapping[Any, Any]) -> Field:
-    """The `Field` of a dataclass field of a type, `hint`; its name stands in for a missing key."""
+    """Return the `Field` of a dataclass field with the type `hint`; without a key it has the field's name."""
     told: Key = part.metadata["key"]
     return Field(
         told.name or part.name,
@@ -277,7 +285,7 @@ def _declared(part: Any, hint: Any, kinds: Mapping[Any, Any]) -> Field:
 
 
 def _kind(told: Key, hint: Any, kinds: Mapping[Any, Any]) -> Kind:
-    """The kind of a field's values: of `value_kinds`, by `Key.kind` or the field's type, or a usual one."""
+    """Return the kind of a field's values, by its `Key.kind` or its type, from `kinds` or the usual ones."""
     types = [each for each in get_args(hint) or (hint,) if each is not NoneType]
     if told.kind or types[0] in kinds:
         found = kinds[told.kind or types[0]]
@@ -299,7 +307,7 @@ class Either(Kind):
     @property
     @abstractmethod
     def tables(self) -> Mapping[str, Table]:
-        """The tables by words that tell them apart, for the reference."""
+        """The tables, by words that tell them apart, for the reference."""
 
     @property
     def fields(self) -> Sequence[Field]:  # type: ignore[override]

@@ -1,12 +1,12 @@
 """Scenario files as text: TOML read and written, and a commented file to begin with.
 
-TOML is read with `tomllib` behind a guard, which refuses what `tomllib` has no bound for: its time grows with
+TOML is read with `tomllib` behind a guard, which refuses what `tomllib` does not bound: its time grows with
 the square of a dotted key's length, and it recurses into nested brackets. All numbers are written in full, so
 they read back with the same bits.
 
-What there is to say about keys comes from the layout by which files are read: value, unit, range, default and
-meaning of each. The manual shows it as tables, the template as comments. The scene of the template and
-examples of what has no default stand in ``template.toml``, whose comments say what belongs to the scene.
+Everything that is said about keys comes from the layout by which files are read: value, unit, range, default
+and meaning of each. The manual shows it as tables, the template as comments. The scene of the template, and
+examples for keys without default, are in ``template.toml``, whose own comments describe the scene.
 """
 
 import re
@@ -48,10 +48,10 @@ _LINE = re.compile(r"#?(\w+) = .*")
 
 
 def parse(text: str, largest: int = LARGEST_FILE) -> dict[str, Any]:
-    """Parse a TOML document of at most so many characters; returns nested dicts and lists.
+    """Parse a TOML document of at most `largest` characters; returns nested dicts and lists.
 
     Raises:
-        ScenarioError: where the text is no TOML, or no document of sane size, with line and column.
+        ScenarioError: if the text is no TOML, with line and column, or too large or too deep.
     """
     if len(text) > largest:
         raise too_large(largest)
@@ -70,7 +70,10 @@ def parse(text: str, largest: int = LARGEST_FILE) -> dict[str, Any]:
 
 
 def _advice(line: str, index: int) -> str:
-    """Words to end a message on a line that is no TOML from an index on: what may be meant; perhaps none."""
+    """Return words on what may be meant by a line that is no TOML from an index on, to end a message.
+
+    They are empty if there is no advice.
+    """
     dated = _DATED.match(line)
     if dated is not None:
         return _of_date(dated)
@@ -83,9 +86,10 @@ def _advice(line: str, index: int) -> str:
 
 
 def _of_date(dated: re.Match[str]) -> str:
-    """Words to end a message on a date or date-time that is no TOML: the part that there is not, or the form.
+    """Return words on a date or date-time that is no TOML, to end a message.
 
-    A date-time without its seconds is no TOML either.
+    They name the part that does not exist, such as a month 13, or else the form; a date-time without seconds
+    is no TOML either.
     """
     year, month, day, hour, minute, second = (None if own is None else int(own) for own in dated.groups())
     wrong = ""
@@ -106,7 +110,7 @@ def too_large(largest: int = LARGEST_FILE) -> ScenarioError:
 
 
 def _refuse_bombs(text: str) -> None:
-    """Raise where brackets or dotted keys are too deep, or a word too long, for `tomllib` to cope."""
+    """Raise ScenarioError if brackets or dotted keys are too deep, or a word too long, for `tomllib`."""
     depth = dots = 0
     for token in _TOKENS.finditer(text):
         kind = token.lastgroup
@@ -125,12 +129,12 @@ def _refuse_bombs(text: str) -> None:
 
 
 def _position(text: str, index: int) -> str:
-    """Text of line and column, counted from one, of an index into a text."""
+    """Return text of line and column, counted from one, of an index into a text."""
     return f"line {text.count(chr(10), 0, index) + 1}, column {index - text.rfind(chr(10), 0, index)}"
 
 
 def _uncapitalised(sentence: str) -> str:
-    """A sentence with its first letter small."""
+    """Return a sentence with its first letter in lower case."""
     return sentence[:1].lower() + sentence[1:]
 
 
@@ -138,7 +142,7 @@ def write(document: Mapping[str, Any]) -> str:
     """Write a document as TOML.
 
     Args:
-        document: values, then tables and arrays of tables, which may hold arrays of tables in turn.
+        document: values, then tables and arrays of tables, which may themselves contain arrays of tables.
 
     Returns:
         Text that `parse` reads back with the same bits in every number.
@@ -147,13 +151,15 @@ def write(document: Mapping[str, Any]) -> str:
 
 
 def _blocks(table: Mapping[str, Any], path: str, header: str, spell: Callable[[Any], str]) -> Iterator[str]:
-    """Yield a table's own lines, then a block for each inner table; a dict below the top goes in line.
+    """Yield the lines of a table itself, then a block for each table in it.
+
+    A dict that is not at the top is written as an inline table.
 
     Args:
-        table: what it holds.
+        table: the table.
         path: dotted keys that lead to it.
         header: its first line; empty for none.
-        spell: the text of a value.
+        spell: returns the text of a value.
     """
     lines = [header] if header else []
     inner: list[tuple[str, Any]] = []
@@ -174,7 +180,7 @@ def _blocks(table: Mapping[str, Any], path: str, header: str, spell: Callable[[A
 
 
 def value_text(value: Any) -> str:
-    """A value as TOML, for the right side of a line."""
+    """Return a value as TOML, for the right side of a line; a long array takes several lines."""
     if isinstance(value, str):
         return quote(value)
     if isinstance(value, bool):
@@ -192,17 +198,17 @@ def value_text(value: Any) -> str:
 
 
 def entries(table: Table) -> list[Field]:
-    """The keys of a table that hold values, in the order of writing; those of its inner tables are theirs."""
+    """Return the keys of a table that hold values, in the order of writing, without its inner tables."""
     return [entry for entry in table.fields if not isinstance(entry.kind, Table | Rows)]
 
 
 def alternatives(table: Table, entry: Field) -> list[str]:
-    """Keys that may stand in the place of one."""
+    """Return the keys that may stand for a given one."""
     return [other.key for other in table.fields if other.says == entry.says and other is not entry]
 
 
 def default(table: Table, entry: Field) -> str | None:
-    """Default of a key of a table, as TOML; None where it has none, or an empty one."""
+    """Return the default of a key, as TOML; None if it has none, or an empty one."""
     usual = table.defaults().get(entry.attribute)
     if entry.required or usual is None or usual in ((), {}):
         return None
@@ -212,66 +218,66 @@ def default(table: Table, entry: Field) -> str | None:
 def template(source: str = "template.toml", layout: Table = SCENARIO) -> str:
     """Make the text of a scenario file, or of another layout, that can be planned as it is.
 
-    Lines that begin with ``#`` and no blank are options. Each holds without the ``#``, too; of a block whose
-    header is such a line, all together.
+    Lines that begin with ``#`` without a blank are options: each is valid without the ``#``, too. If the
+    header of a block is such a line, the ``#`` must be removed from the whole block.
 
     Args:
         source: name of the file with the scene.
-        layout: of the file.
+        layout: layout of the file.
     """
     return _commented(files("jaxplan.schema").joinpath(source).read_text(encoding="utf-8"), layout)
 
 
 def commented(document: Mapping[str, Any], layout: Table = SCENARIO) -> str:
-    """Write a document as TOML with a comment on each key where it stands first, as a template has them.
+    """Write a document as TOML, with a comment on each key at its first occurrence, as a template has them.
 
     Args:
         document: tables and values with the keys of the layout.
-        layout: of the file.
+        layout: layout of the file.
     """
     return _commented("\n\n".join(_blocks(document, "", "", _line_text)), layout)
 
 
 def _line_text(value: Any) -> str:
-    """A value as TOML on one line, however long."""
+    """Return a value as TOML on one line, however long."""
     if isinstance(value, dict):
         return _inline(value, _line_text)
     return f"[{', '.join(map(_line_text, value))}]" if isinstance(value, list) else value_text(value)
 
 
 def _inline(table: Mapping[str, Any], spell: Callable[[Any], str]) -> str:
-    """A table as a value on the right side of a line, with a function that spells what it holds."""
+    """Return a dict as an inline table of TOML; `spell` returns the text of a value."""
     return f"{{ {', '.join(f'{spell_key(key)} = {spell(item)}' for key, item in table.items())} }}"
 
 
 def _commented(text: str, layout: Table) -> str:
-    """A text with a value a line, with comments from the layout."""
+    """Add comments from the layout to a text that has one value on each line."""
     told: set[tuple[str, str]] = set()
     return "\n\n".join(_block(block, layout, told) for block in text.strip().split("\n\n")) + "\n"
 
 
 def _block(block: str, layout: Table, told: set[tuple[str, str]]) -> str:
-    """A block of lines between blank ones, with comments from the layout.
+    """Add comments from the layout to a block of lines between blank ones.
 
     Args:
-        block: of the source.
-        layout: of the file.
-        told: tables and keys of which it was said before; those of this block are added.
+        block: the block of the source.
+        layout: layout of the file.
+        told: pairs of table and key that have had their comment; those of this block are added.
     """
     sections = re.split(r"\n(?=#?\[)", block)
     return "\n".join(line for section in sections for line in _section(section.split("\n"), layout, told))
 
 
 def _section(lines: list[str], layout: Table, told: set[tuple[str, str]]) -> Iterator[str]:
-    """Yield a table's lines in the order of the layout, with the settings that the source leaves to it.
+    """Yield a table's lines in the order of the layout, adding settings that the source does not have.
 
     Args:
-        lines: of the source, with or without the header.
-        layout: see `_block`.
+        lines: lines of the source, with or without the header.
+        layout: layout of the file.
         told: see `_block`.
 
     Raises:
-        KeyError: if a key of the source is none of the table.
+        KeyError: if the table does not have a key of the source.
     """
     header = next((found for line in lines if (found := _HEADER.fullmatch(line))), None)
     path = header[2] if header else ""
@@ -299,7 +305,13 @@ def _section(lines: list[str], layout: Table, told: set[tuple[str, str]]) -> Ite
 
 
 def table_at(path: str, layout: Table, given: Iterable[str]) -> tuple[Table, str]:
-    """The table under a dotted header, and its meaning; of alternative ones the first with the given keys."""
+    """Return the table under a dotted header, and its meaning.
+
+    Args:
+        path: the header without brackets; empty for the top.
+        layout: layout of the file.
+        given: keys that are used; of alternative tables the first that has all of them is taken.
+    """
     table, meaning = layout, ""
     for key in filter(None, path.split(".")):
         entry = next(entry for entry in table.fields if entry.key == key)
@@ -313,7 +325,7 @@ def table_at(path: str, layout: Table, given: Iterable[str]) -> tuple[Table, str
 
 
 def comment_on(table: Table, entry: Field) -> str:
-    """Comment on a key: meaning, what it must be, unit, range, and the keys that may stand in its place."""
+    """Return the comment on a key: meaning, what it must be, unit, range, and keys that may stand for it."""
     unit = f", {entry.unit}" if entry.unit else ""
     interval = f" in {entry.kind.range.replace(' ', _NO_BREAK)}" if entry.kind.range else ""
     others = alternatives(table, entry)
@@ -322,7 +334,7 @@ def comment_on(table: Table, entry: Field) -> str:
 
 
 def _beside(line: str, comment: str) -> str:
-    """A line with its comment to the right, wrapped below, or above a line that is too long."""
+    """Put a comment to the right of a line, wrapped downwards, or above the line if that is too long."""
     above = len(line) > _COLUMN - 2
     width = _WIDTH - 2 if above else _WIDTH - _COLUMN - 2
     first, *more = (f"# {part.replace(_NO_BREAK, ' ')}" for part in textwrap.wrap(comment, width))

@@ -1,9 +1,9 @@
 """Timelines from files and Python objects, and back to files, with all faults reported at once.
 
 A timeline's file is a scenario's without a goal: spacecraft, start, ``[sky]``, zones and settings are read by
-the same tables. Beside them stand ``[timeline]``, the activities, and paths by name (``[[direction]]``), so
-that a path which many activities follow is in the file once; of a name of ``[sky]``, too, it is found once.
-Times count from the epoch on. What concerns single activities is in `activities`.
+the same tables. In addition it has ``[timeline]``, the activities, and paths by name (``[[direction]]``), so
+that a path which many activities follow is in the file only once; a name of ``[sky]`` is also looked up only
+once. Times count from the epoch. What concerns single activities is in `activities`.
 """
 
 import math
@@ -54,7 +54,10 @@ _SOURCE = "the timeline"
 
 @dataclass(frozen=True, kw_only=True)
 class _Parts:
-    """A timeline as a file has it, before names stand for directions and times are seconds."""
+    """The parts of a timeline as its file has them.
+
+    Names are not yet replaced by directions, and UTC not yet by seconds; what has faults is `WRONG`.
+    """
 
     name: Any
     scene: Any
@@ -64,20 +67,23 @@ class _Parts:
     activities: Any
 
 
-_PATH = "path"  # what files that are written call a path, with its number
+_PATH = "path"  # name of a path in files that are written; its number follows
 _NUMBERED = re.compile(rf"{_PATH}-\d+")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Given:
-    """A path by name, to which targets and wishes of activities refer."""
+    """A path with a name, by which targets and wishes of activities refer to it."""
 
     name: str
     path: DirectionPath
 
 
 def _make_given(parts: dict[str, Any], place: Place) -> Given:
-    """Make a path by name of what was read; what is there is called so, too, unless the file says else."""
+    """Make a path with a name from what was read.
+
+    The target gets this name, too, unless the file gives another.
+    """
     name, called = parts.pop("name"), parts.pop("called", "")
     if not called and name is not WRONG and not _NUMBERED.fullmatch(name):
         called = name
@@ -85,7 +91,10 @@ def _make_given(parts: dict[str, Any], place: Place) -> Given:
 
 
 def _make_parts(parts: dict[str, Any], place: Place) -> _Parts:
-    """Sort what was read of a file, by attribute."""
+    """Make the parts of a timeline from what was read of its file, by attribute.
+
+    Parts that the file does not have get their usual values.
+    """
     del parts["schema_version"], parts["kind"]
     own = {name: parts.pop(name, usual) for name, usual in _USUAL.items()}
     return _Parts(name=parts["name"], scene=Scenario(goal=WRONG, **parts), **own)
@@ -116,7 +125,7 @@ _OWN = {
 
 
 def _fields() -> list[Field]:
-    """The keys of a timeline's file: those of a scenario but its goal, and its own."""
+    """Return the keys of a timeline's file: those of a scenario without the goal, and its own."""
     found: list[Field] = []
     for entry in SCENARIO.fields:
         found += _OWN.get(entry.key, ())
@@ -126,7 +135,7 @@ def _fields() -> list[Field]:
 
 
 def _split_timeline(timeline: Timeline) -> dict[str, Any]:
-    """Values of a timeline's keys in a file, by attribute; each path that activities follow has a name."""
+    """Return the values of a timeline's keys in a file, by attribute; paths of activities get names."""
     craft = timeline.scene.spacecraft
     names: dict[int, Given] = {}
 
@@ -169,13 +178,13 @@ def load_timeline(path: str | os.PathLike[str]) -> Timeline:
     """Read a timeline's file.
 
     Args:
-        path: of a TOML file in UTF-8.
+        path: path of a TOML file in UTF-8.
 
     Returns:
-        The timeline in radians and seconds from its start on.
+        The timeline in radians, and seconds from its start.
 
     Raises:
-        ScenarioError: the file cannot be read or is no timeline; the message lists every fault.
+        ScenarioError: if the file cannot be read or is no timeline; the message lists every fault.
 
     Example:
         >>> day = jp.plan_timeline(jp.load_timeline("day.toml"))
@@ -188,13 +197,13 @@ def parse_timeline(text: str, *, folder: str | os.PathLike[str] = "") -> Timelin
 
     Args:
         text: TOML.
-        folder: to which paths in it are relative; that of the process unless given.
+        folder: folder to which paths in it are relative; by default that of the process.
 
     Returns:
-        The timeline in radians and seconds from its start on.
+        The timeline in radians, and seconds from its start.
 
     Raises:
-        ScenarioError: the text is no timeline; the message lists every fault.
+        ScenarioError: if the text is no timeline; the message lists every fault.
     """
     return timeline_from_dict(texts.parse(text, texts.LARGEST_TIMELINE), folder=folder)
 
@@ -204,13 +213,13 @@ def timeline_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
 
     Args:
         tables: dicts, lists and numbers with the keys and units of a file, as TOML or JSON give them.
-        folder: to which paths in it are relative; that of the process unless given.
+        folder: folder to which paths in it are relative; by default that of the process.
 
     Returns:
-        The timeline in radians and seconds from its start on.
+        The timeline in radians, and seconds from its start.
 
     Raises:
-        ScenarioError: it is no timeline; the message lists every fault.
+        ScenarioError: if it is no timeline; the message lists every fault.
     """
     root = Place(Reading())
     root.reading.folder, root.reading.root = folder, "the file"
@@ -224,7 +233,11 @@ def timeline_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
 
 
 def _check_number(activities: Any, root: Place) -> bool:
-    """Note a fault if there are more activities than are read, or none; returns whether they can be read."""
+    """Note a fault if there are too many activities, or none.
+
+    Returns:
+        Whether they are few enough to be read.
+    """
     count = len(activities) if isinstance(activities, list | tuple) else 1
     if count > MOST_ACTIVITIES:
         root.fault(f"{count} activities, more than the {MOST_ACTIVITIES} that are allowed")
@@ -234,7 +247,7 @@ def _check_number(activities: Any, root: Place) -> bool:
 
 
 def _put_together(parts: _Parts, root: Place) -> Any:
-    """Make the timeline of what was read of a file, with directions for names and seconds for UTC."""
+    """Make the timeline from what was read of a file, with directions for names and seconds for UTC."""
     scene, heading, ends = parts.scene, parts.heading, root["timeline"]["until_s"]
     check_parts(scene, root)
     scene = with_epoch(scene, parts.view, root)
@@ -266,10 +279,10 @@ def _put_together(parts: _Parts, root: Place) -> Any:
 def _seen(
     parts: _Parts, scene: Scenario, activities: list[Activity], until: Any, root: Place
 ) -> tuple[Scenario, list[Activity], Any]:
-    """Scene and activities with directions in the place of names, of the file and of ``[sky]``.
+    """Replace names of the file and of ``[sky]`` in scene and activities by directions.
 
     Returns:
-        Both, and `until`, which is `WRONG` where it was noted that it is missing.
+        Scene, activities, and `until`; this is `WRONG` if it is missing or has faults.
     """
     given = _given(parts, root)
     aims = [Aim(scene.start, root["start"])]
@@ -295,7 +308,10 @@ def _seen(
 
 
 def _given(parts: _Parts, root: Place) -> dict[str, Any]:
-    """The paths, or `WRONG`, that the file gives by name, noting names that something else has."""
+    """Return the paths that the file gives by name; a path with faults is `WRONG`.
+
+    Names that something else has already are noted.
+    """
     rows = placed(parts.directions, root["direction"])
     check_unique(rows)
     view = parts.view
@@ -313,16 +329,16 @@ def _check_together(
     """Note what does not go together in a timeline: order, windows, and how long directions are known.
 
     Args:
-        scene: as far as it could be read.
-        read: place and activity, and the activity before its window was in seconds.
-        until: s, of the end; None for that of the last activity.
-        ends: its place.
-        root: the place of the timeline.
+        scene: the scene as it was read.
+        read: place, activity, and the activity before its window was converted to seconds.
+        until: s, end of the timeline; None for that of the last activity.
+        ends: place of `until`.
+        root: place of the timeline.
     """
     ordered = check_order([(place, one) for place, one, _ in read])
     check_windows(read, until, ends, ordered[-1] if ordered else None)
     if root.reading.faults:
-        return  # paths may be wrong, or belong to names that are
+        return  # paths may have faults, or belong to names that have
     zones = (*scene.keep_out, *scene.keep_in)
     moving: list[tuple[str, Any]] = [(f"zone {zone.name}", zone.direction) for zone in zones if zone.moves]
     for _, one, _ in read:
@@ -341,19 +357,19 @@ def _check_together(
 
 
 def take_in_timeline(given: object) -> Timeline:
-    """Check a timeline made in Python, and give it the model's types: float64 arrays, tuples and floats.
+    """Check a timeline made in Python, and convert it to the model's types: float64 arrays, tuples, floats.
 
     Args:
-        given: a `Timeline`. Its scene may have any goal, in whose place its start is put; a path that several
-            activities have is the same object for all of them afterwards, too.
+        given: a `Timeline`. Its scene may have any goal, which is replaced by its start. A path that several
+            activities share is shared in the result, too.
 
     Returns:
-        The timeline, whose scene has its name.
+        The timeline; its scene has the timeline's name.
 
     Raises:
         TypeError: if it is no timeline.
-        ScenarioError: if an attribute is one that no file may hold, has the wrong type or shape, or does not
-            go with others; the message lists every fault.
+        ScenarioError: if an attribute has a value that no file may hold, has the wrong type or shape, or does
+            not go with others; the message lists every fault.
     """
     timeline = expect("timeline", given, Timeline)
     root = Place(PythonReading(MADE, _SOURCE))
@@ -388,11 +404,11 @@ def timeline_to_dict(timeline: Timeline) -> dict[str, Any]:
     """Make the tables of the timeline's file.
 
     Args:
-        timeline: in radians and seconds.
+        timeline: the timeline, in radians and seconds.
 
     Returns:
-        Dicts, lists, numbers and strings with the keys and units of a file, ready for TOML or JSON. What
-        moves has its samples, each path of activities once, so that it means the same without ``[sky]``.
+        Dicts, lists, numbers and strings with the keys and units of a file, ready for TOML or JSON. Moving
+        directions have their samples, each path of activities once, so that no ``[sky]`` is needed.
 
     Raises:
         ScenarioError: if it could not be read again; the message lists every fault.
@@ -401,20 +417,20 @@ def timeline_to_dict(timeline: Timeline) -> dict[str, Any]:
 
 
 def dump_timeline(timeline: Timeline) -> str:
-    """Make the text, TOML, of the timeline's file; see `timeline_to_dict`."""
+    """Make the text of the timeline's file, as TOML; see `timeline_to_dict`."""
     return texts.write(timeline_to_dict(timeline))
 
 
 def save_timeline(timeline: Timeline, path: str | os.PathLike[str]) -> None:
-    """Write the timeline's file, whole or not at all.
+    """Write the timeline's file, completely or not at all.
 
     Args:
-        timeline: in radians and seconds.
-        path: of the file; one that is there is replaced.
+        timeline: the timeline, in radians and seconds.
+        path: path of the file; an existing file is replaced.
 
     Raises:
         ScenarioError: if it could not be read again; the message lists every fault.
-        OSError: the file cannot be written; one that was there is left as it was.
+        OSError: if the file cannot be written; an existing file is left as it was.
     """
     text = dump_timeline(timeline)
     with replacing_file(file_path("path", path)) as temporary:

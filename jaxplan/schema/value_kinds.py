@@ -1,8 +1,8 @@
 """Kinds of single values in a file: what each must be, and how it is read and written.
 
-A kind reads a value to the model's units, noting every fault at its `Place`, and returns `WRONG` where there
-was one. It does so of what a file holds, and of what Python gives for the same attribute: there any type that
-numpy takes for real numbers will do, angles are in radians, and what is read has the bits that a file would
+A kind converts a value to the model's units, notes every fault at its `Place`, and returns `WRONG` if there
+was one. It reads what a file holds, and also what Python gives for the same attribute: there any type that
+numpy takes for real numbers will do, angles are in radians, and the result has the bits that a file would
 give back. ``wanted`` completes "must be ..." in messages and in the reference of the file.
 """
 
@@ -22,7 +22,7 @@ from jaxplan.schema.faults import WRONG, Place, Reading, closest, nearest, plura
 
 
 class Kind(ABC):
-    """What a value may be, how it is read and how written."""
+    """What a value may be, how it is read, and how it is written."""
 
     fields: Sequence[Any] = ()
     """The keys of a table; none of other kinds."""
@@ -30,27 +30,30 @@ class Kind(ABC):
     @property
     @abstractmethod
     def wanted(self) -> str:
-        """What the value must be, to stand after "must be"."""
+        """Text on what the value must be, to follow "must be"."""
 
     @property
     def range(self) -> str | None:
-        """Interval in which its numbers must lie, in the file's units; None for any."""
+        """Interval in which its numbers must lie, as text in the file's units; None for any numbers."""
         return None
 
     @abstractmethod
     def read(self, value: Any, place: Place) -> Any:
-        """Read the value at a place; returns the model's value, or `WRONG` after noting its faults."""
+        """Read a value at its place; returns the model's value, or `WRONG` after noting its faults."""
 
     def absent(self, reading: Reading) -> Any:
-        """What a value that is left out stands for; None leaves it to the model's class."""
+        """Return the value that stands for one that is left out.
+
+        None leaves it to the default of the model's class.
+        """
         return None
 
     def may_miss(self, reading: Reading) -> bool:
-        """Whether a required value may be left out here."""
+        """Tell whether a required value may be left out in this file."""
         return False
 
     def write(self, value: Any) -> Any:
-        """The value as the file holds it, so that reading it again gives the same bits."""
+        """Return the value as a file holds it, such that reading it again gives the same bits."""
         return value
 
 
@@ -67,26 +70,26 @@ class Interval:
 
     @cached_property
     def low(self) -> float:
-        """Its lower end."""
+        """Lower end of the interval."""
         return float(self.text[1:-1].split(",")[0])
 
     @cached_property
     def high(self) -> float:
-        """Its upper end."""
+        """Upper end of the interval."""
         return float(self.text[1:-1].split(",")[1])
 
     @property
     def open_low(self) -> bool:
-        """Whether the lower end does not belong to it."""
+        """Whether the lower end does not belong to the interval."""
         return self.text[0] == "("
 
     @property
     def open_high(self) -> bool:
-        """Whether the upper end does not belong to it."""
+        """Whether the upper end does not belong to the interval."""
         return self.text[-1] == ")"
 
     def wanted(self, factor: float = 1.0) -> str:
-        """The range, to stand after "must"; its ends times a factor."""
+        """Return text on the range, to follow "must"; its ends are multiplied by a factor."""
         low, high = self.low * factor, self.high * factor
         if math.isinf(high):
             return f"be {'greater than' if self.open_low else 'at least'} {low:g}"
@@ -97,15 +100,15 @@ ANY = Interval("(-inf, inf)")
 
 
 def either(options: Sequence[str]) -> str:
-    """The options as words: ``a, b or c``."""
+    """Return the options as text: ``a, b or c``."""
     return " or ".join([", ".join(options[:-1]), options[-1]] if len(options) > 1 else options)
 
 
 def shortest_degrees(angle: float) -> float:
-    """The degrees with the fewest digits that `math.radians` turns into exactly this angle.
+    """Return the degrees with the fewest digits that `math.radians` turns into exactly this angle, in rad.
 
-    Not every number of radians has such degrees: there are fewer of these just below a power of two. Of one
-    that has none, as may come from a computation but not from a file, these are the nearest.
+    Not every number of radians has such degrees: they are too sparse just below a power of two. For an angle
+    without any, which may come from a computation but not from a file, the nearest are returned.
     """
     close = math.degrees(angle)
     for digits in range(1, 18):
@@ -118,7 +121,7 @@ def shortest_degrees(angle: float) -> float:
 
 @dataclass(frozen=True)
 class Text(Kind):
-    """A name or title: one line that prints, since it goes into tables and figures.
+    """A name or title: one line of printable text, since it goes into tables and figures.
 
     Attributes:
         empty: whether it may be empty or blank.
@@ -142,7 +145,7 @@ class Choice(Kind):
 
     Attributes:
         options: the words and numbers.
-        meanings: what the model has for them; themselves if this is empty.
+        meanings: the model's value for each of them; empty if these are the same.
     """
 
     options: Sequence[str | int]
@@ -165,7 +168,7 @@ class Choice(Kind):
 
 @dataclass(frozen=True)
 class YesNo(Kind):
-    """True or false."""
+    """The kind of a value that is true or false."""
 
     wanted = "true or false"
 
@@ -180,10 +183,10 @@ class Number(Kind):
 
     Attributes:
         interval: where it must lie, in the file's units.
-        degrees: whether the file's unit is made of degrees and the model's of radians.
-        words: words that may stand in its place, and what the model holds for them; with "inf" among them
-            the number may be infinite too.
-        hint: what to do about a number that does not lie there, to stand after "must lie in ...".
+        degrees: whether the file's unit has degrees where the model's has radians.
+        words: words that may stand for it, with the model's value for each; if "inf" is one of them the
+            number may be infinite, too.
+        hint: advice on a number outside of the interval, to follow "must lie in ...".
     """
 
     interval: Interval = ANY
@@ -200,7 +203,7 @@ class Number(Kind):
         return self._wanted(f"a number in {self.range}" if self.range else "a number")
 
     def _wanted(self, number: str) -> str:
-        """What the value must be: a number, in these words, or one of the words that may stand for it."""
+        """Return what the value must be: a number, in these words, or a word that may stand for it."""
         return either([number, *map(quote, self.words)])
 
     def read(self, value: Any, place: Place) -> Any:
@@ -213,7 +216,7 @@ class Number(Kind):
             return place.refuse(f"must be {self.asked(place, noun)}", value)
         if not math.isfinite(number):
             if number in self.words.values() and (python or ("inf" in self.words and value == number)):
-                return number  # not of an integer that is only too large for a float
+                return number  # but not an integer that is too large for a float
             where = f" and {self.interval.wanted(place.spelled.factor)}" if self.range else ""
             return place.fault(f"must be finite{where}", number if python else value)
         in_radians = python and self.degrees
@@ -225,10 +228,13 @@ class Number(Kind):
         held = math.radians(filed) if self.degrees else filed
         if filed and not held:
             return place.fault("too small to tell from zero", value)
-        return number if python and held == number else held  # the very same, as that tells of no change
+        return number if python and held == number else held  # the same object tells that nothing changed
 
     def asked(self, place: Place, noun: str = "a number") -> str:
-        """What the value must be, for messages: of a file with the range, of Python a noun with the unit."""
+        """Return what the value must be, for messages.
+
+        For a file that is told with the range, for Python by `noun` and the unit.
+        """
         if not place.reading.python:
             return self.wanted
         unit = place.spelled.unit if self.degrees else None
@@ -244,7 +250,7 @@ class Number(Kind):
 
 @dataclass(frozen=True)
 class FromZero(Number):
-    """A number that may lie in its interval, or be zero, which other keys may then forbid."""
+    """A number that lies in its interval or is zero; other keys may then forbid zero."""
 
     def read(self, value: Any, place: Place) -> Any:
         return 0.0 if _real(value, place.reading.python) == 0 else super().read(value, place)
@@ -254,13 +260,16 @@ NUMBER = Number()
 
 
 def _degrees(angle: float) -> float:
-    """Degrees that `math.radians` turns into the angle; the nearest of an angle that has none."""
+    """Return degrees that `math.radians` turns into the angle, in rad; the nearest ones if there are none."""
     close = math.degrees(angle)
     return close if math.radians(close) == angle else shortest_degrees(angle)
 
 
 def _real(value: Any, python: bool) -> float | None:
-    """A value as a float, or None if it is no number; if `python`, it may be whatever numpy takes for one."""
+    """Return a value as a float, or None if it is no number.
+
+    If `python`, any type that numpy takes for a number is one.
+    """
     if python:
         array = as_floats(value)
         return float(array) if array is not None and not array.ndim else None
@@ -274,7 +283,7 @@ def _real(value: Any, python: bool) -> float | None:
 
 @dataclass(frozen=True)
 class Integer(Kind):
-    """A whole number in an interval."""
+    """The kind of a whole number in an interval."""
 
     interval: Interval
 
@@ -318,10 +327,10 @@ _CALLED = {"gimbal": "jointed device"}  # in messages
 
 @dataclass(frozen=True)
 class Name(Kind):
-    """The name of something that the scenario has.
+    """The name of something in the scenario, which must exist if the names are known.
 
     Attributes:
-        noun: what it names, "device", "terminal", "gimbal" (a device with joints) or "zone".
+        noun: what it names: "device", "terminal", "gimbal" (a device with joints) or "zone".
     """
 
     noun: str
@@ -342,7 +351,7 @@ class Name(Kind):
 
 @dataclass(frozen=True)
 class Names(Kind):
-    """Names of devices: in a file at least one; Python may give one by itself, or none."""
+    """Names of devices: at least one in a file; in Python also none, or a single text."""
 
     wanted = "an array of names of devices"
 
@@ -366,11 +375,11 @@ class Names(Kind):
 
 @dataclass(frozen=True)
 class ByName(Kind):
-    """A value for each of some names.
+    """A table from names to values of one kind.
 
     Attributes:
         of: kind of the values.
-        noun: what is named; anything if empty.
+        noun: what the names are of, as for `Name`; empty for any names.
     """
 
     of: Kind
@@ -403,7 +412,7 @@ class ByName(Kind):
 
 @dataclass(frozen=True)
 class Several(Kind):
-    """Any number of values of a kind."""
+    """An array of any number of values of one kind."""
 
     of: Kind
 
@@ -420,7 +429,7 @@ class Several(Kind):
 
 @dataclass(frozen=True)
 class Nullable(Kind):
-    """A value, or null for none."""
+    """A value of a kind, or null, which is read as None."""
 
     of: Kind
 
