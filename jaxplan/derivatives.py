@@ -69,8 +69,9 @@ class Held:
         fit: the choices that the fit of step 3 made, as its method holds them.
         trajectory: that of the fit; only the shapes of its arrays count, which are those of `replan`.
         turns: for each mask of the spacecraft the number of whole turns of the yaw after which it repeats.
-        criterion: the criterion of which the goal is an optimum, None for a goal given as a state. A goal of
-            least rotation may also be the soonest; it is then followed by the least rotation.
+        criterion: the criterion of which the goal is an optimum; None for a goal given as a state. It may be
+            the least rotation where the least time is asked for, since a goal of least rotation may be the
+            soonest.
     """
 
     goal: Goal

@@ -125,7 +125,7 @@ def _along(held: Held, scenario: Scenario, way: list[Any]) -> Trajectory:
 
 
 def _plain(tree: Any) -> Any:
-    """Convert the leaves of a tree, except tracers, to numpy arrays, so that one kernel serves all callers."""
+    """Convert the leaves of a tree, but no tracers, to numpy arrays; so one kernel serves all callers."""
     return jax.tree.map(lambda leaf: leaf if isinstance(leaf, jax.core.Tracer) else np.asarray(leaf), tree)
 
 
@@ -178,7 +178,7 @@ def _forward(own: tuple[Held, Scenario, Reached], way: Any) -> list[Any]:
 
 
 def _backward(own: tuple[Held, Scenario, Reached], answers: Any) -> list[Any]:
-    """Return cotangents, given as leaves of a trajectory, times its derivatives: the transpose of `_forward`."""
+    """Return cotangents, as leaves of a trajectory, times its derivatives: the transpose of `_forward`."""
     return _pulled(*own, jax.tree.unflatten(jax.tree.structure(own[0].trajectory), answers))
 
 

@@ -86,7 +86,7 @@ def _slope(found: tuple[AnyArray, ...], n: int) -> AnyArray:
 
 
 def _coefficient_slopes(square: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Return the derivatives by ``z = t^2`` of ``S_2`` and ``S_3`` of `_coefficients`, at squares (...) rad^2."""
+    """Return derivatives by ``z = t^2`` of ``S_2`` and ``S_3`` of `_coefficients`, at squares (...) rad^2."""
     found = _coefficients(square, 5)
     return _slope(found, 2), _slope(found, 3)
 
