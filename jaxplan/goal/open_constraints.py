@@ -45,7 +45,7 @@ _CHANGES = 4  # descents at most, each with the entries that hold best where the
 
 
 def _equations(problem: GoalProblem, eta: np.ndarray) -> np.ndarray:
-    """Return how far off azimuths and elevations that are equations are, (..., e) rad, at ``eta`` (..., 3)."""
+    """Return how far equations of azimuth and elevation are off, (..., e) rad, at ``eta`` (..., 3)."""
     aims, attitudes = problem.aims, problem.start @ np.asarray(so3.exp(eta))
     off = np.stack(aims.angles(attitudes), axis=-1) - np.mean(aims.ranges, axis=-1)
     return off[..., np.array(aims.equations, bool).reshape(-1, 2)]

@@ -44,7 +44,10 @@ class Wished(NamedTuple):
 
     @classmethod
     def all_of(cls, craft: Spacecraft, targets: Targets, ranges: np.ndarray) -> list[Self]:
-        """Return all wishes of targets at an instant, in order, given the joints' ranges at the goal (J, 2) rad."""
+        """Return all wishes of targets at an instant, in order.
+
+        `ranges` (J, 2) rad are those of the joints at the goal.
+        """
         found = []
         for wish in targets.prefer:
             number = craft.device_names.index(wish.device)
