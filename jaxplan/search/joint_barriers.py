@@ -221,7 +221,7 @@ class _Grid:
         return self.ranges[:, :1] + np.stack([first, last], axis=1) * self.sizes[:, None]
 
     def _pieces(self, closed: np.ndarray) -> np.ndarray:
-        """Return for each cell the number of its connected piece of open cells, from 1; 0 where it is closed."""
+        """Number the connected pieces of open cells from 1, and return each cell's number; 0 if closed."""
         from scipy.ndimage import label  # slow to import, and seldom needed
 
         return np.asarray(label(~closed.reshape(self.counts), structure=np.ones([3] * len(self.counts)))[0])
