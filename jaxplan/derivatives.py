@@ -472,7 +472,7 @@ def of_arrays(scenario: Scenario) -> Scenario:
     def is_vector(value: object) -> bool:
         if not isinstance(value, list | tuple) or not len(value) or any(map(is_dataclass, value)):
             return False
-        return max(map(np.ndim, value)) < 2  # else of arrays, such as masks
+        return max(map(np.ndim, value)) < 2  # deeper lists hold arrays, such as masks
 
     arrays: Scenario = jax.tree.map(
         lambda leaf: jnp.asarray(leaf, float) if is_vector(leaf) else leaf, scenario, is_leaf=is_vector

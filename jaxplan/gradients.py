@@ -38,7 +38,7 @@ from jaxplan.runtime.linear import linear_map
 from jaxplan.runtime.precompile import Task, side_by_side
 from jaxplan.trajectory import Trajectory
 
-Reached = tuple[End, Any]  # and derivatives (E, N), of its numbers by those of a scenario, see `_real`
+Reached = tuple[End, Any]  # with derivatives (E, N) of its E numbers by the N `_real` ones of a scenario
 
 # Kernels for all plans of equal shapes. A gradient is asked for seldom, and need not be the quickest.
 _replan = quick_jit(replan, level=0)
@@ -129,7 +129,7 @@ def _plain(tree: Any) -> Any:
     return jax.tree.map(lambda leaf: leaf if isinstance(leaf, jax.core.Tracer) else np.asarray(leaf), tree)
 
 
-_compiled: WeakSet[Held] = WeakSet()  # those that kernels have been compiled for
+_compiled: WeakSet[Held] = WeakSet()  # those whose kernels have been compiled
 
 
 def _reached(held: Held, scenario: Scenario) -> Reached:
@@ -323,7 +323,7 @@ def _in_32_bits(held: Held, wide: Scenario) -> Callable[[Scenario], Trajectory]:
             given = _cast((scenario, cotangents), jnp.float64)
             return _cast(exported()[1](*given), jnp.float32)
 
-    # What is exported knows of no batch.
+    # Exported functions cannot be batched, so the calls of a batch are made one after the other.
     value: Callable[[Scenario], Trajectory] = jax.custom_batching.sequential_vmap(wide_value)
     product: Callable[..., Scenario] = jax.custom_batching.sequential_vmap(wide_product)
 
@@ -354,6 +354,6 @@ def _cast(tree: Any, dtype: Any) -> Any:
     def cast(leaf: Any) -> Any:
         if isinstance(leaf, jax.core.Tracer):
             return jax.lax.convert_element_type(leaf, dtype)
-        return np.asarray(leaf, dtype)  # without a kernel
+        return np.asarray(leaf, dtype)  # numpy converts without compiling a kernel
 
     return jax.tree.map(cast, tree)

@@ -47,7 +47,10 @@ def _values(square: AnyArray, last: int) -> tuple[AnyArray, ...]:
     """Evaluate the first `last` functions of `_coefficients` at squares (...) rad^2, without derivatives."""
     xp = array_module(square)
     small = square < 1
-    near, safe = xp.where(small, square, 0), xp.where(small, 1, square)  # what each side can bear
+    near, safe = (
+        xp.where(small, square, 0),
+        xp.where(small, 1, square),
+    )  # arguments for which each form is accurate
     theta = xp.sqrt(safe)
     half_sinc = xp.sin(theta / 2) / theta
     far = [xp.sin(theta) / theta, 2 * half_sinc * half_sinc]

@@ -13,8 +13,8 @@ from jaxplan.geometry.vectors import AnyArray, Components, array_module, dot, un
 Quaternion: TypeAlias = tuple[AnyArray, ...]
 """``w x y z``."""
 
-_STRAIGHT = 1e-6  # sine of half a turn, below which the chord and the arc are the same to rounding
-_SMALL = 1e-16  # rad^2, below which a sine is its angle
+_STRAIGHT = 1e-6  # sine of half the angle, below which chord and arc agree to rounding
+_SMALL = 1e-16  # rad^2, square of an angle below which its sine equals it to rounding
 
 
 def product(first: Components, second: Components) -> Quaternion:

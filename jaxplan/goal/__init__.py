@@ -157,7 +157,9 @@ def decompose(
             solutions = met
         if not len(solutions):
             best = _least_broken(problem, seed)
-            missed = multistart.minimum_near(caps, best)  # by the descents from the covering
+            missed = multistart.minimum_near(
+                caps, best
+            )  # a solution that the descents from the covering missed
             if len(missed):
                 problem, solutions = with_wishes(problem, wishes, seed, missed)
                 caps = assemble(problem)
@@ -200,7 +202,7 @@ def descend_once(
     problem = GoalProblem.of(spacecraft, start_attitude, targets, cones, start_joints)
     with jax.enable_x64(True):
         wishes = Wished.all_of(spacecraft, targets, problem.ranges)
-        met = tuple(wish._replace(reach=SPARE) for wish in wishes)  # as if all could be
+        met = tuple(wish._replace(reach=SPARE) for wish in wishes)  # as if all wishes could be met
         problem = replace(problem, wishes=met)
         least_time.descended(problem, assemble(problem), quaternion.exp(np.zeros((1, 3))))
 

@@ -29,7 +29,7 @@ from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
 
 AZIMUTH, ELEVATION = 0, 1
-_SHARE = 0.5  # of the tolerance that either angle of an equation may take
+_SHARE = 0.5  # share of the tolerance that either angle of an equation may take
 
 
 @jax.tree_util.register_dataclass
@@ -65,7 +65,7 @@ class Aims:
         return [number for number in range(gimbals.count) if number not in (*self.devices, *self.held)]
 
     def angles(self, attitude: ArrayLike) -> tuple[AnyArray, AnyArray]:
-        """Return azimuths and elevations of the targets in the devices' axes, each (..., k) rad.
+        """Return azimuths and elevations of the k targets in the devices' axes, each (..., k) rad.
 
         Azimuths are brought into their ranges by whole turns where that is possible.
 
@@ -77,9 +77,12 @@ class Aims:
         return in_range(azimuth, ranges[:, AZIMUTH]), elevation
 
     def excess(self, attitude: np.ndarray) -> np.ndarray:
-        """Return how far azimuths and elevations are out of their ranges, at attitudes (..., 3, 3).
+        """Return how far azimuths and elevations of the k targets are out of their ranges, (..., k, 2) rad.
 
-        The result (..., k, 2) is in rad, positive outside a range and negative inside.
+        Values are positive outside a range and negative inside.
+
+        Args:
+            attitude: (..., 3, 3) body to inertial.
         """
         angles = np.stack(self.angles(attitude), axis=-1)
         return np.maximum(self.ranges[..., 0] - angles, angles - self.ranges[..., 1])

@@ -59,7 +59,7 @@ def group_excess(excess: np.ndarray, member: np.ndarray, group: np.ndarray) -> n
     """Return the excess of each group, which is that of the worst cap of its best member.
 
     Args:
-        excess: (m, K) of every cap.
+        excess: (m, K) excess of m caps in K lanes, rad.
         member: (m,) number of each cap's member, ascending.
         group: (m,) number of each cap's group, ascending.
 
@@ -79,7 +79,7 @@ def applies(excess: Array, member: Array, group: Array) -> Array:
     """Tell which caps belong to the best member of their group, the first one where several are equally good.
 
     Args:
-        excess: (m, K) of every cap.
+        excess: (m, K) excess of m caps in K lanes, rad.
         member: (m,) number of each cap's member, ascending.
         group: (m,) number of each cap's group.
 
@@ -125,7 +125,7 @@ class Caps:
     open: bool
 
     def excess(self, rotation: np.ndarray) -> np.ndarray:
-        """Return how deep the directions are inside the caps, (m,) rad.
+        """Return how deep the directions of all m caps are inside them, (m,) rad.
 
         Args:
             rotation: (3, 3) rotation ``E`` from the start.
@@ -195,7 +195,7 @@ def assemble(problem: GoalProblem, widening: float = 0.0) -> Caps:
 
 
 def _of_rows(problem: GoalProblem, fails: np.ndarray) -> Iterator[_Group]:
-    """Yield the groups of caps that all rows give, in the order of their constraints.
+    """Yield the groups of caps that all Z rows give, in the order of their constraints.
 
     Args:
         problem: what is asked.
@@ -232,7 +232,7 @@ def _of_row(row: int, problem: GoalProblem) -> Iterator[_Group]:
         low, high = aims.ranges[number, AZIMUTH]
         arc = (bound, high) if sign > 0 else (low, -bound)
         if arc == (low, high) or arc[0] < low or arc[1] > high:
-            continue  # the range is narrower
+            continue  # the range of the joint itself is narrower
         ways = _of_arc(*arc, cap, aims.frames[number])
         if ways:
             yield ways
@@ -312,7 +312,7 @@ def _of_wish(wish: Wished) -> _Group:
     cap = _Cap(-1, wish.device, np.zeros(3), wish.direction, 0.0)
 
     def near(azimuth: float, elevation: float) -> _Member:
-        """The cap outside a cone about a direction in the device's axes."""
+        """Return the member that keeps to a cone about a direction in the device's axes."""
         axis = -frame @ pointing(azimuth, elevation)
         return [cap._replace(axis=axis, half_angle=np.pi - reach)]
 

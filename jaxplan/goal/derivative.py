@@ -117,10 +117,10 @@ def goal_in_time(
         spacecraft: its devices.
         start_attitude: (3, 3) ``R0``, body to inertial.
         targets: where they are when the manoeuvre ends, with limits.
-        cones: all constraints at that instant.
+        cones: all Z rows of constraints at that instant.
         start_joints: (J,) rad, joint angles that devices without a target keep.
         moves: as for `differentiable_goal`.
-        target_rates: (k, 3) 1/s, time derivatives of the targets' directions, inertial.
+        target_rates: (k, 3) 1/s, time derivatives of the directions of the k targets, inertial.
         axis_rates: (Z, 3) 1/s, time derivatives of the cones' axes; zero for all axes that are not inertial.
 
     Returns:
@@ -362,7 +362,7 @@ def _active_caps(turn: Array, caps: _Caps, matter: Array, aims: Aims) -> tuple[A
 
     Args:
         turn: (4, 1) quaternion of the turn from the start to the goal found.
-        caps: all caps.
+        caps: all m caps.
         matter: (m,) bool, which caps must be kept.
         aims: with the equations.
 
@@ -438,7 +438,7 @@ def _caps(state: _State, start: Array) -> _Caps:
 
 
 def _matter(attitude: Array, state: _State) -> Array:
-    """Tell which caps (m,) must be kept at an attitude (3, 3), body to inertial.
+    """Tell which of the m caps must be kept at an attitude (3, 3), body to inertial, as (m,) bool.
 
     Of a range it is the cap of the nearer end, of a constraint those of its best entry.
     """

@@ -40,28 +40,31 @@ from jaxplan.runtime.jit import materialise, quick_jit
 
 
 def inner(first: Array, second: Array) -> Array:
-    """Return scalar products (...) of vectors (n, ...), whose components come first."""
+    """Return scalar products (...) of vectors (n, ...), whose n components come first."""
     return reduce(add, [one * other for one, other in zip(first, second, strict=True)])
 
 
 def apply(matrix: Array, vector: Array) -> Array:
-    """Return products (n, ...) of symmetric matrices (n, n, ...) and vectors (n, ...)."""
+    """Return products (n, ...) of symmetric n by n matrices (n, n, ...) and vectors (n, ...)."""
     return inner(matrix, vector[:, None])
 
 
 def identity(matrix: Array) -> Array:
-    """Return the identity (n, n, 1, ...) with the type and number of axes of a matrix (n, n, ...)."""
+    """Return the n by n identity (n, n, 1, ...) with the dtype and number of axes of a matrix (n, n, ...)."""
     size = matrix.shape[0]
     return jnp.eye(size, dtype=matrix.dtype).reshape(size, size, *[1] * (matrix.ndim - 2))
 
 
 def sum_of_squares(vectors: Array) -> Array:
-    """Return the matrix ``sum n n^T`` (3, 3, K) over the m vectors ``n`` (3, m, K) of each lane."""
+    """Return the matrix ``sum n n^T`` (3, 3, K) over the m vectors ``n`` (3, m, K) of each of K lanes."""
     return jnp.sum(vectors[:, None] * vectors[None], axis=2)
 
 
 def inverse(matrix: Array) -> Array:
-    """Return the inverse of (3, 3, ..., K) by the adjugate, of (4, 4, ..., K) by `bordered_inverse`."""
+    """Return the inverses of symmetric matrices in K lanes, (3, 3, ..., K) or (4, 4, ..., K).
+
+    The former come from the adjugate, the latter from `bordered_inverse`.
+    """
     if len(matrix) > 3:
         border, corner = matrix[:3, 3], matrix[3, 3]
         return bordered_inverse(matrix[:3, :3] - border[:, None] * border[None] / corner, border, corner)
@@ -85,7 +88,7 @@ def bordered_inverse(rest: Array, border: Array, corner: Array) -> Array:
 
 
 def least_eigenvalue(matrix: Array) -> Array:
-    """Return the least eigenvalue (..., K) of symmetric matrices (3, 3, ..., K).
+    """Return the least eigenvalue (..., K) of symmetric matrices (3, 3, ..., K), K lanes of them.
 
     It uses the cosine formula for the roots of a cubic.
     """
@@ -98,7 +101,7 @@ def least_eigenvalue(matrix: Array) -> Array:
     return mean + jnp.where(square > 0, 2 * spread, 0) * jnp.cos(angle + 2 * jnp.pi / 3)
 
 
-CHANGES = 64  # of the active set at most; most programs take three to eight
+CHANGES = 64  # most changes of the active set; most programs need three to eight
 ROUNDING = 1e-13  # rad, a violation that counts as none
 REGULARISATION = 1e-6  # added to the diagonal of a restoration's normal equations, which makes them regular
 DEPENDENT = 1e-12  # squared sine below which a constraint's gradient lies in the span of the active ones
@@ -125,7 +128,7 @@ def none_active(lanes: int, dtype: jnp.dtype, unknowns: int = 3) -> Active:
 class _Progress(NamedTuple):
     """State of the dual method, for K programs with n unknowns."""
 
-    changes: Array | int  # of the active set so far
+    changes: Array | int  # number of changes of the active set so far
     move: Array  # (n, K) d so far
     active: Active
     normals: Array  # (n, n, K) gradients of the active constraints, the component first
@@ -138,7 +141,7 @@ class _Progress(NamedTuple):
 def solve(
     inverse_hessian: Array, gradient: Array, gradients: Array, excess: Array
 ) -> tuple[Array, Active, Array]:
-    """Solve K quadratic programs, in the notation of the module.
+    """Solve K quadratic programs with n unknowns and m constraints, in the notation of the module.
 
     Args:
         inverse_hessian: (n, n, K) inverse of ``H``, positive definite.
@@ -225,7 +228,8 @@ def _directions(
 ) -> tuple[Array, Array, Array]:
     """Return how ``d``, multipliers and violation change while a constraint enters.
 
-    All changes are per unit of the entering constraint's multiplier.
+    All changes are per unit of the entering constraint's multiplier. There are K programs with n unknowns and
+    n slots for active constraints.
 
     Args:
         inverse_hessian: (n, n, K) inverse of ``H``.
@@ -251,8 +255,8 @@ def _directions(
 def restoration(gradients: Array, excess: Array) -> tuple[Array, Array]:
     """Return ``M`` (3, 3, K) and ``b`` (3, K) for the step ``d = -M^-1 b`` that restores feasibility.
 
-    These are the regularised normal equations of the least squares of the violations, with gradients (3, m,
-    K) of the constraints and excess (m, K), above zero where violated.
+    These are the regularised normal equations of the least squares of the violations. The m constraints in K
+    lanes have gradients (3, m, K) and excess (m, K), above zero where violated.
     """
     violated = excess > 0
     matrix = sum_of_squares(jnp.where(violated, gradients, 0))
@@ -266,12 +270,12 @@ CLEAR = 5e-13
 """rad; an excess over caps that counts as none, half of what caps are wider than their constraints."""
 FLAT = 1e-5
 """Curvature that counts as none: at half a turn of an instrument a tolerance leaves a few millionths."""
-STEPS = 10  # of each descent
-LONGEST_STEP = 0.5  # rad
+STEPS = 10  # number of steps of each descent
+LONGEST_STEP = 0.5  # rad; longer steps are shortened to this
 LEAST_CURVATURE = 0.01  # least eigenvalue that the Hessian is shifted to have
 TINY = 1e-20  # least square of the sine of an angle to a cap's axis, where the angle has no derivative
-# The Hessian is that of the Lagrangian plus this times the squares of the active caps, which change nothing
-# where these are at their bounds; relative to the multipliers.
+# The Hessian is that of the Lagrangian plus the squares of the active caps times this weight, relative to the
+# multipliers. Where these caps are at their bounds, the squares do not change the solution.
 PROXIMITY = 100.0
 WITHIN = 1e6  # likewise, so large that the least curvature is that of a motion along the active caps
 
@@ -328,7 +332,7 @@ class _Point(NamedTuple):
 def descent_ends(
     starts: Array, axis: Array, direction: Array, half_angle: Array, member: Array, group: Array
 ) -> Array:
-    """Run descents from starts (4, K) and return where they end, as rows (8, K) with the fields of `Minima`.
+    """Run K descents from starts (4, K), and return where they end as rows (8, K): the fields of `Minima`.
 
     The other arguments are arrays of `Caps`.
     """
@@ -369,7 +373,7 @@ def angle_terms(quaternion: Array) -> tuple[Array, Array, Array]:
     """Return the angle of quaternions, and gradient and Hessian of half its square along ``E exp(d^)``.
 
     Args:
-        quaternion: (4, K) unit quaternions of ``E``, scalar first.
+        quaternion: (4, K) unit quaternions of ``E`` in K lanes, scalar first.
 
     Returns:
         Angle (K,) rad in [0, 2 pi]; gradient (3, K), which is the rotation vector ``eta``; Hessian (3, 3, K).
@@ -392,8 +396,8 @@ def cap_terms(
     """Return directions in body axes, their excess over the caps, and its gradients along ``E exp(d^)``.
 
     Args:
-        quaternion: (4, K) of ``E``.
-        axis: (m, 3) axes of the caps, in body axes.
+        quaternion: (4, K) unit quaternions of ``E`` in K lanes.
+        axis: (m, 3) axes of the m caps, in body axes.
         direction: (m, 3) in the body axes of the start.
         half_angle: (m,) rad.
 
@@ -413,8 +417,8 @@ def active_terms(
     """Return curvature, gradients and excess of the active caps; zero in free slots and of ignored caps.
 
     Args:
-        active: numbers (n, K) of caps and their multipliers.
-        axis: (m, 3) axes of all caps.
+        active: numbers and multipliers (n, K) of up to n active caps in each of K lanes.
+        axis: (m, 3) axes of all m caps.
         body: (3, m, K) directions in body axes, which with the next two come from `cap_terms`.
         excess: (m, K) rad, `MET` for a cap that is ignored.
         gradients: (3, m, K).
@@ -438,5 +442,5 @@ def active_terms(
 
 
 def turned(quaternion: Array, move: Array) -> Array:
-    """Return unit quaternions (4, K) of ``E exp(move^)``, given those of ``E`` and moves (3, K) rad."""
+    """Return unit quaternions (4, K) of ``E exp(move^)``, from those of ``E`` (4, K) and moves (3, K) rad."""
     return jnp.stack(unit(rotations.product(quaternion, rotations.exp(move))))

@@ -88,14 +88,14 @@ class Platform(NamedTuple):
 
 
 def reach(time: Array, top: Array, growth: Array) -> tuple[Array, Array, Array]:
-    """Return the longest ways (w, K) from rest to rest in times (K,), with two derivatives by time.
+    """Return the longest ways from rest to rest in given times, with two derivatives by time.
 
     The profile of the speed is a trapezoid, or a triangle for short times.
 
     Args:
-        time: (K,) units of time.
-        top: (w,) largest speeds.
-        growth: (w,) largest accelerations.
+        time: (K,) units of time, one for each of K lanes.
+        top: (w,) largest speed along each of w ways.
+        growth: (w,) largest acceleration along each way.
 
     Returns:
         The ways, their first and their second derivatives by time, each (w, K).
@@ -123,7 +123,12 @@ class Course(NamedTuple):
 def ways(
     quaternion: Array, pointers: Pointers, platform: Platform
 ) -> tuple[Array, Array, Callable[[Array], Array]]:
-    """Return the ways of the platform and of joints with either sign, at quaternions (4, K) of ``E``.
+    """Return the w ways of the platform and of joints with either sign, in K lanes.
+
+    Args:
+        quaternion: (4, K) unit quaternions of ``E``.
+        pointers: the devices whose joints follow directions.
+        platform: lengths of the platform's turns.
 
     Returns:
         The ways (w, K), their slopes (3, w, K), and a function that takes weights (w, K) and returns the
@@ -152,8 +157,8 @@ def joint_angles(quaternion: Array, pointers: Pointers) -> Course:
     They are zero, with zero derivatives, where there is no such joint.
 
     Args:
-        quaternion: (4, K) of ``E``.
-        pointers: the devices whose joints follow directions.
+        quaternion: (4, K) unit quaternions of ``E`` in K lanes.
+        pointers: the p devices whose joints follow directions.
     """
     direction = jnp.moveaxis(pointers.direction, -1, 0)[:, :, None]
     frame = jnp.moveaxis(pointers.frame, 0, -1)[..., None]  # (3, 3, p, 1)
@@ -183,7 +188,10 @@ def joint_angles(quaternion: Array, pointers: Pointers) -> Course:
 
 
 def axis_angles(quaternion: Array) -> Course:
-    """Return the angles (3, K) rad between each body axis before and after turns (4, K), with derivatives."""
+    """Return the angle between each body axis before and after a turn, with derivatives, (3, K) rad.
+
+    The turns are unit quaternions (4, K), K lanes of them.
+    """
     axes = jnp.eye(3, dtype=quaternion.dtype)
     seen = jnp.stack(
         rotations.turned_back(quaternion, axes[:, :, None])
@@ -199,7 +207,10 @@ def axis_angles(quaternion: Array) -> Course:
 
 
 def _of_attitude(quaternion: Array, platform: Platform) -> Course:
-    """Return the ways (4 + 3 b, K) of the platform at quaternions (4, K), those of `axis_angles` first."""
+    """Return the ways (4 + 3 b, K) of the platform with b tables of turns, those of `axis_angles` first.
+
+    The turns are unit quaternions (4, K), K lanes of them.
+    """
     angle, eta, hessian = angle_terms(quaternion)
     by_turn = turn_ways(eta, platform)
     nearness = jnp.trace(hessian) / 2 - 0.5  # k
@@ -209,7 +220,7 @@ def _of_attitude(quaternion: Array, platform: Platform) -> Course:
     uneven = nearness * (1 - nearness) / size
 
     def back(vectors: Array) -> Array:
-        """``J^T`` times vectors (3, ..., K)."""
+        """Return ``J^T`` times vectors (3, ..., K), with ``J`` the slopes of ``eta`` (see the module)."""
         between = [1] * (vectors.ndim - 2)
         matrix = hessian.reshape(3, 3, *between, -1)
         turn = eta.reshape(3, *between, -1)
@@ -225,10 +236,14 @@ def _of_attitude(quaternion: Array, platform: Platform) -> Course:
 
 
 def turn_ways(eta: Array, platform: Platform) -> Course:
-    """Return ways (1 + 3 b, K) of the platform, with derivatives by its rotation vector ``eta`` (3, K) rad.
+    """Return ways (1 + 3 b, K) of the platform, with derivatives by its rotation vector ``eta``.
 
     The first is the turn's angle. Then come, for each axis ``f`` taken as that of the largest ``q_f``, the
     lengths by the b tables.
+
+    Args:
+        eta: (3, K) rad, rotation vectors in K lanes.
+        platform: the tables of lengths.
     """
     square = dot(eta, eta)
     small = square < _NO_TURN
@@ -277,8 +292,8 @@ def _shares(coefficients: Array, places: Array) -> tuple[Array, Array, Array]:
     """Evaluate polynomials at three places in [0, 1], with first and second derivatives by the places.
 
     Args:
-        coefficients: (b, f, i, j, l) by tables, axes f and the three places.
-        places: (f, 3, b, K).
+        coefficients: (b, f, i, j, l) for b tables and f axes, with i, j and l terms along the three places.
+        places: (f, 3, b, K), in K lanes.
 
     Returns:
         Values (f, b, K), first derivatives (f, 3, b, K) and second ones (f, 3, 3, b, K).
@@ -318,7 +333,7 @@ def legendre(place: AnyArray, count: int) -> list[AnyArray]:
 
 
 def speed_limits(pointers: Pointers, platform: Platform) -> tuple[Array, Array]:
-    """Return the largest speeds and accelerations, each (w,), along the ways in the order of `ways`."""
+    """Return the largest speeds and accelerations along the w ways, each (w,), in the order of `ways`."""
     found = []
     for of_turn, of_joint in ((platform.top, pointers.rate), (platform.growth, pointers.acceleration)):
         own = jnp.where(pointers.moves, of_joint, 1).T.reshape(-1)

@@ -30,10 +30,10 @@ from jaxplan.runtime.display import shown
 
 SPARE = 2e-5
 """rad by which zones are kept: a motion that ends there may swing a little on the way."""
-_GRIDS = (121, 41)  # places of a drive's angle, and of each of a terminal's
-_HALVINGS = 40  # bisections of the share of the way
+_GRIDS = (121, 41)  # grid points over a drive's angle, and over each of a terminal's two angles
+_HALVINGS = 40  # bisections that find the share of the line
 _CLOSER = 3  # further grids, each four spacings of the one before wide
-_TIE = 1e-8  # rad; pairs whose margins differ by less from the least one are as near
+_TIE = 1e-8  # rad; pairs whose margins are within this of the least one are ties
 
 
 @shown("joints", "share", "row", "sight", "ties")
@@ -158,14 +158,17 @@ def places(
 
 
 def _place(move: MadeWay, joints: AnyArray, ranges: AnyArray, share: AnyArray) -> AnyArray:
-    """Return a device's joints (o,) rad at a share of its line, which begins at its angles in `joints`."""
+    """Return the o joints of a device, rad, at a share of its line.
+
+    The line begins at the device's angles in `joints` (J,).
+    """
     own = np.array(move.joints)
     low, high = ranges[own].T
     return joints[own] + share * (low + move.toward * (high - low) - joints[own])
 
 
 def _concerned(problem: GoalProblem, number: int) -> np.ndarray:
-    """Tell which rows (Z,) are of constraints that bind a sight of a device or have one as axis."""
+    """Tell which of Z rows are of constraints that bind a sight of a device or have one as axis."""
     rows = problem.rows
     takes_part = problem.sights.carriers == number
     concerned = np.any(rows.bound[:, takes_part], axis=1) | ((rows.frame == SIGHT) & takes_part[rows.partner])
@@ -209,7 +212,7 @@ def _moved(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, numbe
         window = np.clip(np.stack([best - around, best + around], axis=-1), ranges[:, :1], ranges[:, 1:])
     if best is None:
         return None
-    share, step = 1.0, 0.5  # of the way from where it would rather be
+    share, step = 1.0, 0.5  # of the line from where it would rather be
     for _ in range(_HALVINGS):
         tried = share - step
         place = wanted + tried * (best - wanted)
@@ -238,7 +241,7 @@ def _with_nearest_pair(
         attitude: (3, 3) of the goal, body to inertial.
         joints: (J,) rad, with the device's where it stops.
         number: number of the device.
-        toward: (o,) as in `MadeWay`.
+        toward: fractions of the ranges of the device's joints, as in `MadeWay`.
         share: as in `MadeWay`.
     """
     margins = problem.margins(attitude, joints)
@@ -258,7 +261,10 @@ def _with_nearest_pair(
 
 
 def _put(joints: AnyArray, own: Sequence[int] | np.ndarray, values: AnyArray) -> AnyArray:
-    """Return a copy of joints (J,) in which those numbered `own` (o,) are `values` (o,), of numpy or JAX."""
+    """Return a copy of joints (J,) in which the o joints numbered `own` have `values` (o,).
+
+    It is an array of numpy, or of JAX where either argument is.
+    """
     which = np.asarray(own)
     if array_module(joints, values) is jnp:
         return jnp.asarray(joints).at[which].set(values)
@@ -268,7 +274,7 @@ def _put(joints: AnyArray, own: Sequence[int] | np.ndarray, values: AnyArray) ->
 
 
 def _each(joints: np.ndarray, own: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Return copies (k, J) of joints (J,), in which those numbered `own` (o,) are `places` (k, o)."""
+    """Return k copies (k, J) of joints (J,), in which the o joints numbered `own` have `places` (k, o)."""
     found = np.repeat(joints[None], len(places), axis=0)
     found[:, own] = places
     return found

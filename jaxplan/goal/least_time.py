@@ -46,7 +46,7 @@ INSTANT = 1e-9
 
 
 def times(problem: GoalProblem, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return strict lower bounds (N,) s of the time from rest at the start to rest at the given states.
+    """Return strict lower bounds (N,) s of the time from rest at the start to rest at N states.
 
     Args:
         problem: what is asked, with the start.
@@ -58,7 +58,7 @@ def times(problem: GoalProblem, attitudes: np.ndarray, joints: np.ndarray) -> np
 
 
 def likely_joints(problem: GoalProblem, attitudes: np.ndarray) -> np.ndarray:
-    """Return joints (N, J) rad at attitudes (N, 3, 3), regardless of zones.
+    """Return likely joints (N, J) rad at N attitudes (N, 3, 3), regardless of zones.
 
     Devices point toward targets and wishes as far as their ranges allow; the others are at rest.
     """
@@ -81,7 +81,7 @@ def soonest(
     Args:
         problem: what is asked.
         caps: the caps of the problem.
-        nearest: (k, 4) unit quaternions from the start, the local minima of the rotation, nearest first, at
+        nearest: (k, 4) unit quaternions from the start, the k local minima of the rotation, nearest first, at
             least one.
         count: how many attitudes are wanted at most.
         max_slew: rad, bound of the rotation.
@@ -159,7 +159,7 @@ def pointers(
     _, directions, frames, ranges, cut = zip(*each, *[_NOBODY] * spare, strict=True)
 
     def by_angle(values: AnyArray, other: float) -> AnyArray:
-        """Values (J,) of joints as (p, 2), azimuth and elevation of each device; `other` for no joint."""
+        """Return values (J,) of joints by device, azimuth then elevation (p, 2); `other` for no joint."""
         found = [[values[which[0]], values[which[1]] if len(which) > 1 else other] for which in own]
         flat = [value for pair in [*found, *[[other, other]] * spare] for value in pair]
         return stacked(flat).reshape(-1, 2)
@@ -259,7 +259,10 @@ def _fit(count: int, terms: int) -> np.ndarray:
 
 
 def _times(problem: GoalProblem, quaternions: np.ndarray) -> np.ndarray:
-    """Return least times (K,) s of rotations (K, 4) from the start, with joints from `likely_joints`."""
+    """Return least times (K,) s of K rotations from the start, with joints from `likely_joints`.
+
+    `quaternions` (K, 4) are of unit length, scalar first.
+    """
     attitudes = problem.start @ quaternion.to_matrix(quaternions)
     return times(problem, attitudes, likely_joints(problem, attitudes))
 
@@ -276,7 +279,7 @@ def _distinct(quaternions: np.ndarray, times: np.ndarray, nearest: np.ndarray, c
     """Return the quickest quaternions (at most count, 4) that are `multistart.APART` or more from each other.
 
     Args:
-        quaternions: (K, 4) of the rotations from the start.
+        quaternions: (K, 4) unit quaternions of K rotations from the start.
         times: (K,) s, least times of these.
         nearest: (4,) of the goal of least rotation, which takes the last place where it is not among them.
         count: how many are wanted at most.

@@ -30,7 +30,7 @@ class Conditions(NamedTuple):
 
     Attributes:
         turn: (4, 1) unit quaternion, scalar first, of the turn from the start to the goal found.
-        caps: axes (m, 3), directions (m, 3) and half-angles (m,) rad of all caps that may be active.
+        caps: axes (m, 3), directions (m, 3) and half-angles (m,) rad of all m caps that may be active.
         pointers: devices whose joints follow directions.
         platform: lengths of the platform's turns, with limits of their speeds.
         number: (4,) which caps and ways are active: caps from 0, ways from m on, -1 for a free slot.
@@ -48,7 +48,7 @@ def soonest_turn(conditions: Conditions, matter: Array, equations: np.ndarray) -
 
     Args:
         conditions: the goal found; its `number` is ignored, since what is active is found here.
-        matter: (m,) bool, which caps must be kept.
+        matter: (m,) bool, which of the m caps must be kept.
         equations: (2, e) numbers of the upper and lower caps of each of e angles that are met exactly.
     """
     still = jax.lax.stop_gradient(conditions)
@@ -75,7 +75,7 @@ def soonest_turn(conditions: Conditions, matter: Array, equations: np.ndarray) -
 
 
 def _times(way: Array, top: Array, growth: Array) -> Array:
-    """Return least times (w,) from rest to rest over ways (w,), with limits (w,) of rate and acceleration."""
+    """Return least times from rest to rest over w ways (w,), with limits (w,) of rate and acceleration."""
     way = jnp.maximum(way, 0)
     return jnp.where(way * growth < top**2, 2 * jnp.sqrt(way / growth), way / top + top / growth)
 

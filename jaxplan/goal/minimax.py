@@ -50,10 +50,10 @@ from jaxplan.goal.descent import (
 from jaxplan.goal.distances import Platform, Pointers, reach, speed_limits, ways
 from jaxplan.runtime.jit import quick_jit
 
-STEPS = 14  # of each descent
+STEPS = 14  # number of steps of each descent
 STILLNESS = 1e-4
 """Weight of the square of the turn, rad^2, beside that of the time, in units."""
-TIMES = 0.01, 50.0  # units of time, least and largest that a step may lead to; outside is clipped
+TIMES = 0.01, 50.0  # units of time, least and largest; steps are clipped to these
 
 
 class _Point(NamedTuple):
@@ -93,7 +93,7 @@ def soonest_ends(
     pointers: Pointers,
     platform: Platform,
 ) -> Array:
-    """Run the descents from starts (4, K) and times (K,) and return where they end.
+    """Run K descents from starts (4, K) and times (K,), and return where they end.
 
     `axis` to `group` are the arrays of `Caps`; `pointers` and `platform` are what moves
     (`jaxplan.goal.distances`).
@@ -163,7 +163,8 @@ def soonest_ends(
 def _inverse(hessian: Array, corner: Array, normals: Array, proximity: Array) -> Array:
     """Return the inverse (4, 4, K) of the augmented Hessian, shifted to be positive definite.
 
-    The augmented Hessian is that of the Lagrangian plus the squares of the active constraints.
+    The augmented Hessian is that of the Lagrangian plus the squares of the active constraints. There are K
+    lanes.
 
     Args:
         hessian: (3, 3, K) part along turns.

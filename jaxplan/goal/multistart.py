@@ -66,7 +66,7 @@ _STARTS = np.array([[1.0, 0.0, 0.0, 0.0], [_HALF, 0, 0, _HALF], [_HALF, 0, 0, -_
 
 @lru_cache(maxsize=8)
 def covering_points(seed: int) -> np.ndarray:
-    """Return the points of the covering of SO(3), unit quaternions (N, 4) by rising angle, identity first.
+    """Return the N points of the covering of SO(3) as unit quaternions (N, 4), by rising angle from zero.
 
     The scalar part is positive up to half a turn. The last points, with a negative scalar part, are those
     near half a turn once more, taken as the longer way round: so a solution near half a turn has a point near
@@ -94,7 +94,7 @@ def covering_points(seed: int) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _rotations(seed: int) -> np.ndarray:
-    """Return the entries (9, N) of the rotation matrices of `covering_points`, in single precision."""
+    """Return the rotation matrices of the N `covering_points`, as entries (9, N) in single precision."""
     return np.array(rotations.matrix(covering_points(seed).T), dtype=np.float32).reshape(9, -1)
 
 
@@ -163,7 +163,7 @@ def minimum_near(caps: Caps, start: np.ndarray) -> np.ndarray:
 
 
 def slew(quaternions: np.ndarray) -> np.ndarray:
-    """Return the angles (K,) rad in [0, pi] of rotations given as unit quaternions (K, 4)."""
+    """Return the angles (K,) rad in [0, pi] of K rotations given as unit quaternions (K, 4)."""
     return np.asarray(rotations.angle(quaternions.T))
 
 
@@ -173,7 +173,7 @@ def _minima_from(caps: Caps, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray
     Where none is, as in a curved valley near half a turn, the descents go on from where they ended.
 
     Returns:
-        The minima (at most K, 4), and all ends (L, 4) that are clear of all caps.
+        The minima among the K ends, (at most K, 4), and all L ends that are clear of all caps, (L, 4).
     """
     good, clear = np.empty((0, 4)), np.empty((0, 4))
     for round_ in range(ROUNDS if len(starts) else 0):
@@ -284,7 +284,7 @@ def _nearest(
 def _descents(
     starts: Array, axis: Array, directions: Array, half_angle: Array, member: Array, group: Array
 ) -> Array:
-    """Run `descent_ends` for N satellites at once.
+    """Run `descent_ends` for N satellites at once, K starts each and m caps.
 
     Only the directions (N, m, 3) differ from satellite to satellite. The result is (N, 8, K).
     """

@@ -38,14 +38,14 @@ AS_NEAR = 1e-6
 """rad; goals whose distances to a wish differ by less are as near to it."""
 _COARSE = np.deg2rad(1.0)
 """rad; starts whose distances to a wish differ by less are as near to it."""
-_STEP = 1e-5  # rad, of central differences
-_ITERATIONS = 60  # of SLSQP at most
+_STEP = 1e-5  # rad, step of central differences
+_ITERATIONS = 60  # most iterations of SLSQP
 _NEWTON = 6  # steps of Newton's method onto the equations; each squares the residual
 _CHANGES = 4  # descents at most, each with the entries that hold best where the one before ended
 
 
 def _equations(problem: GoalProblem, eta: np.ndarray) -> np.ndarray:
-    """Return how far equations of azimuth and elevation are off, (..., e) rad, at ``eta`` (..., 3)."""
+    """Return how far the e equations of azimuth and elevation are off at ``eta`` (..., 3), (..., e) rad."""
     aims, attitudes = problem.aims, problem.start @ np.asarray(so3.exp(eta))
     off = np.stack(aims.angles(attitudes), axis=-1) - np.mean(aims.ranges, axis=-1)
     return off[..., np.array(aims.equations, bool).reshape(-1, 2)]
@@ -75,7 +75,7 @@ def goals_beside(problem: GoalProblem, around: np.ndarray, max_slew: float, seed
 
     Args:
         problem: what is asked.
-        around: (k, 3, 3) attitudes of goals that break some constraint, body to inertial, at least one.
+        around: (k, 3, 3) attitudes of k goals that break some constraint, body to inertial, at least one.
         max_slew: rad, bound of ``|eta|``.
         seed: seed of the random attitudes.
 
@@ -122,9 +122,9 @@ def _spare(problem: GoalProblem, eta: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """Return how far aims are inside their ranges, and the margins of all pairs, at ``eta`` (..., 3).
 
     Returns:
-        (..., r) rad, distances of azimuths and elevations from the nearer ends of their r ranges, and margins
-        (..., Z, S) rad. Both are negative where something is broken; margins are infinite where a free device
-        can make way.
+        (..., r) rad, distances of azimuths and elevations from the nearer ends of their r ranges; and margins
+        (..., Z, S) rad of the pairs of Z rows and S sights. Both are negative where something is broken;
+        margins are infinite where a free device can make way.
     """
     attitudes = problem.start @ np.asarray(so3.exp(eta))
     ranged = ~np.array(problem.aims.equations, bool).reshape(-1, 2)
@@ -134,7 +134,10 @@ def _spare(problem: GoalProblem, eta: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _aside(problem: GoalProblem) -> np.ndarray:
-    """Tell in which pairs (Z, S) a free device carries the sight, or the sight that is the row's axis."""
+    """Tell in which pairs a free device carries the sight, or the sight that is the row's axis.
+
+    The result is (Z, S) bool, Z rows by S sights.
+    """
     rows, sights = problem.rows, problem.sights
     free = np.isin(sights.carriers, problem.aims.free(problem.spacecraft.gimbals))
     return free | ((rows.frame == SIGHT) & free[rows.partner])[:, None]
@@ -145,7 +148,7 @@ def _around(start: np.ndarray, around: np.ndarray, widest: float, seed: int) -> 
 
     Args:
         start: (3, 3) attitude at the start, body to inertial.
-        around: (k, 3, 3) the attitudes to draw around.
+        around: (k, 3, 3) the k attitudes to draw around.
         widest: rad, largest rotation from these.
         seed: seed of the draw.
 
@@ -160,7 +163,7 @@ def _around(start: np.ndarray, around: np.ndarray, widest: float, seed: int) -> 
 
 
 def _distinct(problem: GoalProblem, etas: np.ndarray, apart: float, as_near: float) -> list[int]:
-    """Return the indices of the best of rotation vectors (k, 3) rad from the start, `STARTS` at most.
+    """Return the indices of the best of k rotation vectors (k, 3) rad from the start, `STARTS` at most.
 
     The best are those nearest to the wishes, see `beyond`, and among equals the shortest. Their attitudes are
     more than `apart` rad from each other; wishes closer than `as_near` rad count as equally near.
@@ -204,7 +207,7 @@ def _descended(problem: GoalProblem, eta: np.ndarray, which: np.ndarray) -> np.n
     """Bring wishes near, one after the other, then minimise ``|eta|``; return where SLSQP ends, (3,) rad.
 
     It starts at ``eta`` (3,) and keeps the ranges and equations of the aims, and the margins of the pairs in
-    `which`, (Z, S) bool.
+    `which`, a mask of Z rows by S sights.
     """
     from scipy.optimize import minimize  # slow to import, and seldom needed
 

@@ -24,7 +24,7 @@ _SOMEWHERE = np.array([0.0, 0.0, 1.0])  # stands for a direction that is not kno
 
 
 class Pairs(NamedTuple):
-    """Every pair of a row and a sight at a goal: whether it is settled or a cap, with its margin and its cap.
+    """All pairs of Z rows and S sights at a goal: settled or cap, with the margin or the cap of each.
 
     Attributes:
         settled: (Z, S) bool, pairs whose margin is the same at every attitude.
@@ -123,7 +123,7 @@ def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, known: Known, 
 
 
 def single_yaws(rows: Constraints) -> AnyArray:
-    """Tell which rows (Z,) are of joints and bound a yaw alone."""
+    """Tell which of Z rows are of joints and bound a yaw alone, as (Z,) bool."""
     return (rows.frame == JOINTS) & (rows.axis[:, 1] == 0)
 
 
@@ -147,5 +147,8 @@ def cleared(rows: Constraints, pairs: Pairs, clearance: ArrayLike) -> Constraint
 
 
 def open_pairs(rows: Constraints, pairs: Pairs) -> AnyArray:
-    """Tell which pairs (Z, S) are bound but neither settled nor caps, so that joints decide on them."""
+    """Tell which pairs are bound but neither settled nor caps, so that joints decide on them.
+
+    The result is (Z, S) bool, Z rows by S sights.
+    """
     return rows.bound & ~pairs.settled & ~pairs.capped

@@ -55,8 +55,9 @@ def point(
         prefer: wishes: directions that devices without a target shall come near to, in the order of priority.
         attitude: (3, 3) body to inertial, from which the platform is turned as little as possible; the
             identity by default.
-        joints: (2n + d,) rad, which devices without a target or a wish have then, whatever is in their way;
-            by default zero, or the nearest angles that are in range and clear of zones.
+        joints: (2n + d,) rad for n terminals and d drives, which devices without a target or a wish have
+            then, whatever is in their way; by default zero, or the nearest angles that are in range and clear
+            of zones.
         keep_out: zones to stay out of at the start.
         keep_in: zones to stay in at the start.
         joint_bounds: bounds of joint angles at the start.
@@ -108,7 +109,7 @@ def pointing_state(
         scenario: whose spacecraft and zones count.
         asked: targets at the start; devices in `hold` keep the given joints.
         attitude: (3, 3) body to inertial, as for `point`.
-        joints: (2n + d,) rad, as for `point`.
+        joints: all joint angles, rad, as for `point`.
 
     Raises:
         NotPointingError: if there is no such state, or a target is hidden then; the message says what is in
@@ -151,8 +152,8 @@ def _check_range(craft: Spacecraft, held: Sequence[str], given: np.ndarray, near
     Args:
         craft: the spacecraft.
         held: names of the held devices.
-        given: (2n + d,) rad, the joint angles.
-        near: (2n + d,) rad, these clipped to their ranges.
+        given: the joint angles of all devices, rad.
+        near: the same clipped to their ranges, rad.
     """
     for number, name in enumerate(craft.device_names[: craft.gimbals.count]):
         for joint in (craft.gimbals.yaws[number], *craft.gimbals.pitches[number : number + 1]):

@@ -153,9 +153,11 @@ class GoalProblem:
         return np.asarray(pointed(self.spacecraft.gimbals, self.aims, attitudes, self.rest))
 
     def margins(self, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """Return margins (..., Z, S) rad of every pair, at attitudes (..., 3, 3) and joints (..., J) rad.
+        """Return margins (..., Z, S) rad of all pairs of Z rows and S sights, positive where kept.
 
-        They are positive where the constraint is kept.
+        Args:
+            attitudes: (..., 3, 3) body to inertial.
+            joints: (..., J) rad.
         """
         return np.asarray(state_margins(self.rows, self.sights, attitudes, joints))
 

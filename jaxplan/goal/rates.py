@@ -19,7 +19,7 @@ from jaxplan.model.goals import Targets
 from jaxplan.model.path import Goal
 from jaxplan.model.spacecraft import Spacecraft
 
-_ALIKE = 1e-9  # share of the largest singular value below which one counts as zero
+_ALIKE = 1e-9  # singular values below this share of the largest one count as zero
 
 
 def least_rates(
@@ -31,7 +31,7 @@ def least_rates(
         craft: the spacecraft.
         targets: which devices have targets.
         state: attitude and joints at which these devices point along their targets.
-        target_rates: (k, 3) 1/s, time derivatives of the targets' inertial directions.
+        target_rates: (k, 3) 1/s, time derivatives of the inertial directions of k targets.
 
     Returns:
         (3,) angular velocity, rad/s, body axes, and (J,) joint rates, rad/s; those of other devices are zero.
@@ -74,7 +74,7 @@ def differentiable_rates(
         targets: which devices have targets.
         attitude: (3, 3) body to inertial, at which these devices point along their targets.
         joints: (J,) rad, likewise.
-        target_rates: (k, 3) 1/s, time derivatives of the targets' inertial directions.
+        target_rates: (k, 3) 1/s, time derivatives of the inertial directions of k targets.
 
     Returns:
         (3,) angular velocity, rad/s, body axes, and (J,) joint rates, rad/s. The rates of a terminal that
@@ -119,7 +119,7 @@ def _unit(vector: Array) -> Array:
 
 
 def _beyond(directions: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis (c, 3) of the part of a plane in which joints cannot move a beam.
+    """Return a basis of the part of a plane in which joints cannot move a beam: c orthonormal rows (c, 3).
 
     Args:
         directions: (2, 3) orthonormal vectors that span the plane across the beam.

@@ -12,7 +12,7 @@ from jaxplan.goal.aims import AZIMUTH, goal_ranges
 from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
 
-_AS_BAD = 0.5  # share of the worst excess from which on others are named, too: often several are as bad
+_AS_BAD = 0.5  # devices off by this share of the worst excess or more are named, too
 
 
 def apart(craft: Spacecraft, asked: Targets) -> str | None:

@@ -18,8 +18,8 @@ from jaxplan.goal.problem import GoalProblem, Wished
 
 SPARE = 4e-7
 """rad, by which a wish is met less than it might be, so that the next ones have room."""
-_NEARER = 6e-7  # rad; a wish is not searched for anything nearer by less than this
-_LOOKS = 6  # searches of the whole covering at most, for each wish
+_NEARER = 6e-7  # rad; a smaller gain in nearness is not searched for
+_LOOKS = 6  # most searches of the whole covering for each wish
 
 
 def with_wishes(

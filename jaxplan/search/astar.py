@@ -36,7 +36,7 @@ from jaxplan.search.paths import ARRIVED, subdivide
 from jaxplan.search.queues import Block, ExplorationQueue, LazyQueue
 from jaxplan.search.scene import Scene, SearchResult, tapered
 
-# Every so many turns the exploration queue has its own.
+# Every so many turns the exploration queue gives the node to expand.
 EXPLORE_EVERY = 6
 
 _EDGE = np.arange(EDGE_INTERVALS + 1) / EDGE_INTERVALS
@@ -117,7 +117,7 @@ _PRODUCTS = np.array(
 
 
 def unrotated(quaternions: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return vectors (k, 3) rotated by the inverses of unit quaternions (..., 4), as (..., k, 3)."""
+    """Return k vectors (k, 3) rotated by the inverses of unit quaternions (..., 4), as (..., k, 3)."""
     across = (quaternions[..., 1:] @ _PRODUCTS).reshape(*quaternions.shape[:-1], 3, 3)
     twice = 2 * (vectors @ across)
     return vectors + quaternions[..., :1, None] * twice + twice @ across
@@ -150,8 +150,8 @@ class Rules:
 
     Attributes:
         propose: function (scene, node, random generator, settings, number of the expansion) -> Moves.
-        price: function (scene, expansion, fields) -> (A, M) costs of the moves in steps and (queues, A, M)
-            heuristics, the anchor's first.
+        price: function (scene, expansion, fields) -> costs of the moves in steps (A, M), for A attitude moves
+            and M joint moves, and heuristics (queues, A, M), the anchor's first.
         edges: True to check zones along whole edges, False to check them at nodes alone.
         shared: whether the queues share their nodes.
         direct: whether the straight motion from every child to the goal is tried.
@@ -207,7 +207,9 @@ class Search:
         self.goal_cost = float("inf")
         self.arrival: Node | None = None
         self._root = make_root(scene)
-        self._root_queues = list(range(1 if rules.shared else rules.queues))  # that have yet to expand it
+        self._root_queues = list(
+            range(1 if rules.shared else rules.queues)
+        )  # queues that have yet to expand it
         self._uninformed = rules.informed  # the distance fields are still to be computed
         self._turn = 0
         self._pending: tuple[Node, int, Moves] | None = None  # node, queue and moves that are being expanded
@@ -225,7 +227,7 @@ class Search:
         return None
 
     def result(self) -> SearchResult:
-        """OK with the path, or NODE_LIMIT or TIME_LIMIT without."""
+        """Return OK with the path, or NODE_LIMIT or TIME_LIMIT without one."""
         assert self._status is not None, "the search is under way"
         found = self._status is Status.OK and self.arrival is not None
         path = trace(self.scene, self.arrival) if found and self.arrival is not None else None
@@ -320,7 +322,7 @@ class Search:
         ahead = made.heuristics[0]
         self.expanded.append(node)
         self.asked.append(queue)
-        valid = (made.slacks >= 0) & (made.steps > 0)  # staying altogether leads nowhere
+        valid = (made.slacks >= 0) & (made.steps > 0)  # a move of zero length leads nowhere
         if moves.allowed is not None:
             valid &= moves.allowed
         arrived = ahead <= ARRIVED

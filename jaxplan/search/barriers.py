@@ -131,7 +131,7 @@ def separating_caps(
     """Find the fewest open caps of the sphere that separate two directions outside all of them.
 
     Args:
-        axes: (Z, 3) unit vectors.
+        axes: (Z, 3) unit vectors, axes of Z caps.
         half_angles: (Z,) rad, in (0, pi).
         start: (3,) unit vector.
         goal: (3,) unit vector.
@@ -153,7 +153,7 @@ def separating_caps(
     if np.count_nonzero(overlap) < 6:  # each pair counts twice
         return None
     bearings = _bearings(axes, radius, to_start, start, goal)
-    cut = np.angle(bearings)  # of the ray: where this jumps by a whole turn
+    cut = np.angle(bearings)  # of the ray, which lies where this angle jumps by a whole turn
     turned = np.angle(bearings.conj()[:, None] * bearings)
     crossings = np.rint((turned - (cut - cut[:, None])) / (2 * np.pi)).astype(int) * overlap
     # a ring crosses the ray somewhere, and forward in one of its two senses
@@ -169,9 +169,9 @@ def _bearings(
 ) -> np.ndarray:
     """Return vectors (Z,), as complex numbers, from the image of the goal to the centres of the caps' discs.
 
-    Stereographic projection from the start takes caps of unit `axes` (Z, 3) and half-angles `radius` (Z,) rad
-    to discs of the plane; `to_start` (Z,) rad are the angles from the axes to the start, which lies in no
-    cap. Each vector is multiplied by a positive factor of its own, as only the phases are used.
+    Stereographic projection from the start takes the Z caps of unit `axes` (Z, 3) and half-angles `radius`
+    (Z,) rad to discs of the plane; `to_start` (Z,) rad are the angles from the axes to the start, which lies
+    in no cap. Each vector is multiplied by a positive factor of its own, as only the phases are used.
 
     From the start direction ``a``, a cap of axis ``d`` and half-angle ``h`` is projected to the disc of
     centre ``d' / (cos h - a.d)`` and radius ``sin h / (cos h - a.d)``, the goal ``b`` to ``b' / (1 - a.b)``,

@@ -38,7 +38,10 @@ Tables = tuple[Array, Array]
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinesOfSight:
-    """Sights and axes of rows, sampled along motions, and how fast they turn; letters as in the module.
+    """Sights and axes of rows, sampled along motions, and how fast they turn.
+
+    There are ``a`` motions of ``k`` intervals (``k + 1`` samples), ``o`` options of the joints, ``d`` sights
+    and ``z`` rows.
 
     Attributes:
         axes: for each table (3, a, k + 1, z), axes of its rows in body coordinates; meaningless where a sight
@@ -58,7 +61,10 @@ class LinesOfSight:
     bend: Array
 
     def chord_error(self, rows: Constraints) -> Array:
-        """Return the bound ``C h^2 / 2`` of `edge_bound`, (a, o, d, z or 1); it holds for each interval."""
+        """Return the bound ``C h^2 / 2`` of `edge_bound`, which holds for each interval: (a, o, d, z or 1).
+
+        The axes are ``a`` motions, ``o`` options, ``d`` sights and ``z`` rows.
+        """
         half: Array = score_curvature(rows, self.turn[:, None], self.rate, self.bend) / 2
         return half
 
@@ -75,9 +81,9 @@ def fold(combine: Callable[[Array, Array], Array], values: Array, axis: int, emp
 
 
 def axes_at(scene: Scene, attitudes: Array) -> Tables:
-    """Return the axes of each table's rows in body axes at attitudes (a, 4), as if each was inertial.
+    """Return the axes of each table's rows in body axes, as if all were inertial: (3, a, z) for each table.
 
-    Each array of the result is (3, a, z).
+    `attitudes` (a, 4) are unit quaternions relative to the start, ``a`` of them; there are ``z`` rows.
     """
     rotation = jnp.moveaxis(quaternion.to_matrix(attitudes), 0, -1)[..., None]
 
@@ -96,10 +102,11 @@ def lines_of_sight(
 
     Args:
         scene: the problem.
-        axes: for each table (3, a or 1, z), axes of its rows in body coordinates where the motions start.
-        joints: (a or 1, o or 1, 2n) rad, where the motions start.
+        axes: for each table (3, a or 1, z), axes of its ``z`` rows in body coordinates where the motions
+            start.
+        joints: (a or 1, o or 1, 2n) rad, where the ``a`` motions start.
         turns: (a, 3) rotation vectors of the platform, rad, body axes.
-        changes: (a or 1, o, 2n) rad, changes of the joints.
+        changes: (a or 1, o, 2n) rad, changes of the joints under ``o`` options.
         intervals: number of intervals, of equal length; static.
 
     Returns:
@@ -113,7 +120,7 @@ def lines_of_sight(
     cosines, sines = materialise(scene.attitude_step, (jnp.cos(angles), jnp.sin(angles)))
 
     def turned(rows: Constraints, start: Array) -> Array:
-        """(3, a, k + 1, z) axes of rows in body axes along the turns, from (3, a, z) at their start."""
+        """Return row axes in body axes along the turns, (3, a, k + 1, z), from (3, a, z) at their start."""
         across = jnp.stack(cross(axis[:, :, None], start))
         along = axis[:, :, None] * dot(axis[:, :, None], start)
         rest = start - along
@@ -139,7 +146,7 @@ def lines_of_sight(
 def straight_lines(scene: Scene, first: Array, second: Array, intervals: int) -> LinesOfSight:
     """Return lines of sight, with one option, along straight motions between states (a, 4 + 2n).
 
-    `intervals` is the number of intervals of each motion, static.
+    There are ``a`` motions. `intervals` is the number of intervals of each, static.
     """
     turns = turns_between(first, second)
     joints, change = first[:, None, 4:], (second - first)[:, None, 4:]
@@ -149,17 +156,20 @@ def straight_lines(scene: Scene, first: Array, second: Array, intervals: int) ->
 
 
 def turns_between(first: Array, second: Array) -> Array:
-    """Return the rotation vectors (a, 3) rad, in body axes, from states (a, 4 + 2n) to others."""
+    """Return the rotation vectors (a, 3) rad, in body axes, of motions between states (a, 4 + 2n)."""
     turn: Array = quaternion.log(quaternion.product(quaternion.conjugate(first[:, :4]), second[:, :4]))
     return turn
 
 
 def interval_scores(scene: Scene, lines: LinesOfSight) -> Tables:
-    """Return the largest score of each row over its sights on each interval, (a, k, z) for each table.
+    """Return for each table the largest score of each row over its sights on each interval.
 
     Args:
         scene: the problem.
         lines: lines of sight of motions with one option.
+
+    Returns:
+        (a, k, z) for each table: ``a`` motions, ``k`` intervals, ``z`` rows.
     """
     body, joints = lines.body[:, :, 0], lines.joints[:, 0]
 
@@ -175,12 +185,15 @@ def interval_scores(scene: Scene, lines: LinesOfSight) -> Tables:
 
 
 def interval_slacks(scene: Scene, lines: LinesOfSight, clearance: Array) -> Array:
-    """Return the smallest slack (a, k) on each interval of motions with one option; +inf without constraints.
+    """Return the smallest slack on each interval of motions with one option; +inf without constraints.
 
     Args:
         scene: the problem.
-        lines: lines of sight, see `straight_lines`.
+        lines: lines of sight, see `straight_lines`, of ``a`` motions with ``k`` intervals.
         clearance: (a or 1, k or 1) rad wanted.
+
+    Returns:
+        (a, k).
     """
     slacks, coupled = (
         thresholds(rows, clearance) - score
@@ -196,7 +209,7 @@ def motion_margins(scene: Scene, lines: LinesOfSight, wanted: Array) -> tuple[Ar
     Args:
         scene: the problem.
         lines: lines of sight, see `straight_lines`.
-        wanted: (a,) rad of clearance; of a row no more is wanted than its `room`.
+        wanted: (a,) rad of clearance for each of ``a`` motions; of a row no more is wanted than its `room`.
 
     Returns:
         (a,) smallest margin, and (a,) smallest margin less the clearance wanted, rad, both positive where

@@ -46,12 +46,12 @@ from jaxplan.search.scene import JOINT_RESERVE, Scene, tapered
 PIECES = 24
 TRAVEL = 0.2
 PENALTY = 700.0
-# Clearance that a band is given beyond what is wanted, rad, for what lies between its nodes.
+# rad, added to the clearance wanted at the nodes of a band, to cover what lies between them.
 BUFFER = 0.012
 FAR = 0.15
 """Slack, rad, given to what no row binds; at more than this a row adds no curvature to the system."""
 FRACTIONS = (1.0, 0.4, 0.12, 0.03)
-# Curvature added to that of the energy, to keep steps short: of any motion, and toward zones nearer than FAR.
+# Curvature added to that of the energy, to keep steps short: for all motion, and near zones (within FAR).
 DAMPING, NEAR_DAMPING = 0.2, 0.005
 _SHAPES = 8
 _TINY = 1e-12
@@ -66,11 +66,11 @@ class Problem:
         sights: the directions that the rows bind.
         rows: all constraints; where two sights must keep apart, each of the two is the axis of a row.
         grouped: whether any constraint has several entries.
-        steps: (C,) rad, length of a step of rotation (three times) and of each joint.
+        steps: (C,) rad, length of a step of each component of motion: rotation (three times) and each joint.
         ranges: (2, J) rad, least and largest angle of each joint.
-        axes: (3, z) unit axes of all rows, each as if it were inertial, in the body axes at the start.
+        axes: (3, z) unit axes of all z rows, each as if it were inertial, in the body axes at the start.
         scale: (z,) rad for a unit of the score, near the row's edge.
-        wanted: (z, s) score at which a row just keeps the clearance wanted at each node.
+        wanted: (z, s) score at which a row just keeps the clearance wanted at each of s nodes.
         unit: () factor from steps on a piece to the unit of the energy.
     """
 
@@ -154,12 +154,10 @@ def _exchanged(rows: Constraints) -> Constraints:
 
 
 def pieces(problem: Problem, quaternions: Array, joints: Array) -> Array:
-    """Return the motion on each piece of bands, (C, f, s - 1), in the unit of the energy.
+    """Return the motion on each piece of f bands with s nodes, (C, f, s - 1), in the unit of the energy.
 
-    Args:
-        problem: the scene.
-        quaternions: (4, f, s) nodes of the bands.
-        joints: (J, f, s) rad.
+    The C components are those of rotation and the J joints. `quaternions` are (4, f, s), `joints` (J, f, s)
+    rad.
     """
     vector = jnp.stack(rotations.relative(quaternions[..., :-1], quaternions[..., 1:])[1:])
     square = dot(vector, vector)
@@ -170,12 +168,12 @@ def pieces(problem: Problem, quaternions: Array, joints: Array) -> Array:
 
 
 def squares_of(motion: Array) -> Array:
-    """Return squares (1 + J, f, s) of the sizes of rotations and joint motions of motions (C, f, s)."""
+    """Return squares of the sizes of rotations and joint motions, (1 + J, f, s), of motions (C, f, s)."""
     return jnp.concatenate([dot(motion[:3], motion[:3])[None], motion[3:] * motion[3:]])
 
 
 def nodes_seen(problem: Problem, quaternions: Array, joints: Array) -> tuple[Array, Array]:
-    """Return row axes (3, z, f, s) and sights (3, d, f, s), unit vectors in body axes, at nodes of bands."""
+    """Return axes of z rows (3, z, f, s) and d sights (3, d, f, s) in body axes at s nodes of f bands."""
     behind = quaternions.ndim - 1
     turned = rotations.turned_back(quaternions[:, None], spread(problem.axes, behind))
     sights = problem.sights.in_body(jnp.moveaxis(joints, 0, -1))  # (f, s, d, 3)
@@ -186,7 +184,7 @@ def nodes_seen(problem: Problem, quaternions: Array, joints: Array) -> tuple[Arr
 
 
 def zone_slacks(problem: Problem, axes: Array, body: Array, joints: Array) -> Array:
-    """Return the slack of each sight to each row at the nodes, (z, d, f, s) in about rad.
+    """Return the slack of d sights to z rows at the s nodes of f bands, (z, d, f, s) in about rad.
 
     It is `FAR` where the row does not bind the sight, or another entry of the constraint holds better.
 
@@ -214,7 +212,7 @@ def zone_slacks(problem: Problem, axes: Array, body: Array, joints: Array) -> Ar
 
 
 def _same(number: ArrayLike) -> Array:
-    """Tell for every two rows whether they have the same number (z,), such as that of their entry or group.
+    """Tell for every two of z rows whether they have the same number (z,), as of their entry or group.
 
     The result is (z, z, 1, 1) bool.
     """
@@ -223,13 +221,16 @@ def _same(number: ArrayLike) -> Array:
 
 
 def beyond_limits(problem: Problem, joints: Array) -> Array:
-    """Return how far joints are above (positive) or below (negative) their ranges, (J, f, s) rad, or 0."""
+    """Return how far joints are above (positive) or below (negative) their ranges, or 0 inside.
+
+    Joints and result are (J, f, s) rad, at s nodes of f bands.
+    """
     low, high = (spread(bound, 2) for bound in problem.ranges)
     return joints - jnp.clip(joints, low, high)
 
 
 def energy(problem: Problem, quaternions: Array, joints: Array) -> Array:
-    """Return the energy (f,) of bands, given quaternions (4, f, s) and joints (J, f, s) rad."""
+    """Return the energy (f,) of f bands with s nodes, of quaternions (4, f, s) and joints (J, f, s) rad."""
     squares = squares_of(pieces(problem, quaternions, joints))
     tension = jnp.mean(jnp.sqrt(total(squares * squares)) + TRAVEL * total(squares), axis=-1)
     axes, body = nodes_seen(problem, quaternions, joints)
@@ -271,7 +272,7 @@ _NODE_PAIRS, _PIECE_PAIRS = (
 
 
 def _zone_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Array, Array, Array, Array]:
-    """Return first and second derivatives of the energy's penalty at the nodes of a band (4, s) and (J, s).
+    """Return first and second derivatives of the energy's penalty at the s nodes of a band (4, s) and (J, s).
 
     Returns:
         Of the rows' part the first (5, d, s) and second (5, 5, d, s) derivatives, by rotation (3), yaw and
@@ -303,11 +304,11 @@ def _zone_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Ar
 
 
 def _by_joints(sights: Sights, body: Array, joints: Array) -> list[Array]:
-    """Return derivatives of sights (body axes) by the yaw and by the pitch of their devices, (3, d, s) each.
+    """Return derivatives of d sights by the yaw and by the pitch of their devices, (3, d, s) each.
 
     Args:
         sights: the directions that the rows bind.
-        body: (3, d, s) the sights at the nodes, body axes.
+        body: (3, d, s) the sights at the s nodes, body axes.
         joints: (J, s) rad.
     """
     gimbals = sights.gimbals
@@ -337,11 +338,11 @@ def _piece_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[A
 
     Args:
         problem: the scene.
-        quaternions: (4, s) of one band.
+        quaternions: (4, s) of one band with s nodes.
         joints: (J, s) rad.
 
     Returns:
-        First (C, s - 1) and second (C, C, s - 1) derivatives.
+        First (C, s - 1) and second (C, C, s - 1) derivatives by the C components of motion.
     """
     u = pieces(problem, quaternions[:, None], joints[:, None])[:, 0]
     squares = squares_of(u)
@@ -390,7 +391,7 @@ def _places(terminals: int, drives: int, devices: int) -> tuple[np.ndarray, np.n
 
 
 def _step(problem: Problem, quaternions: Array, joints: Array) -> Array:
-    """Return the damped Newton step of a band (4, s) and (J, s): displacements (C, s), rad, of its nodes."""
+    """Return the damped Newton step of a band (4, s) and (J, s): displacements of its s nodes, (C, s) rad."""
     gimbals = problem.sights.gimbals
     terminals, drives = gimbals.terminals, gimbals.tilts.shape[0]
     devices = gimbals.count + problem.sights.fixed.shape[0]
@@ -414,7 +415,7 @@ def _step(problem: Problem, quaternions: Array, joints: Array) -> Array:
 
 
 def _moved(quaternions: Array, joints: Array, displacement: Array) -> tuple[Array, Array]:
-    """Return a band moved by displacements (C, ..., s) rad; the first three are rotations about body axes."""
+    """Return a band moved by displacements (C, ..., s) rad, of which the first three are body rotations."""
     turn = jnp.concatenate([jnp.ones_like(displacement[:1]), displacement[:3] / 2])
     return jnp.stack(unit(rotations.product(quaternions, turn))), joints + displacement[3:]
 

@@ -38,7 +38,7 @@ HEURISTICS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moves:
-    """What an expansion tries: every attitude move with every joint move.
+    """What an expansion tries: every one of A attitude moves with every one of M joint moves.
 
     Attributes:
         turns: (A, 3) rotation vectors of the attitude moves, rad, body axes.
@@ -63,7 +63,7 @@ def chosen(options: np.ndarray, choice: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expansion:
-    """The children of a node: every attitude move (A) with every joint move (M).
+    """The children of a node: every one of A attitude moves with every one of M joint moves.
 
     Attributes:
         places: (A, 7) where the attitude moves lead: unit quaternion relative to the start (4), rotation
@@ -98,7 +98,7 @@ def expansion_call(
         moves: the moves to try.
         clearance: (EDGE_INTERVALS + ONWARD_INTERVALS,) rad wanted on the intervals of the moves, then on
             those of the motions onward to the goal.
-        fields: (D, SIZE, SIZE) distance fields of `jaxplan.search.fields`; zeros where there are none.
+        fields: (devices, SIZE, SIZE) distance fields of `jaxplan.search.fields`; zeros where there are none.
         edges: True to check zones over the whole edge, and over the straight motion from each child to the
             goal too; False to check them at the children alone.
     """
@@ -210,9 +210,10 @@ def _attitude_moves(scene: Scene, since: Array, whole_turns: Array, turns: Array
 
 
 def _joint_moves(scene: Scene, joints: Array, changes: Array) -> Array:
-    """Return costs (4, a or 1, m) of joint moves.
+    """Return costs of m joint moves, (4, a or 1, m).
 
-    They are the steps of the move, and three distances from its end to the goal: steps, L1 and L2 in rad.
+    They are the steps of the move, and three distances from its end to the goal: steps, L1 and L2 in rad. The
+    changes may differ with each of ``a`` attitude moves.
 
     Args:
         scene: the problem.
@@ -231,6 +232,8 @@ def _joint_moves(scene: Scene, joints: Array, changes: Array) -> Array:
 
 def _field_values(scene: Scene, places: Array, moved: LinesOfSight, fields: Array, choice: Array) -> Array:
     """Return the sum over devices and the largest of the distance fields at every child, (2, a, m) rad.
+
+    There are ``a`` attitude moves, ``m`` joint moves and ``d`` sights.
 
     Args:
         scene: the problem.
@@ -251,11 +254,13 @@ def _field_values(scene: Scene, places: Array, moved: LinesOfSight, fields: Arra
 def _child_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Tables, edges: bool) -> Array:
     """Return the smallest slack of every child's motion, (a, m).
 
+    There are ``a`` attitude moves, ``m`` joint moves and ``d`` sights.
+
     Args:
         scene: the problem.
         lines: lines of sight along the motions.
         choice: (m, d) option pair of each sight's joints.
-        wanted: for each table (k, z), scores asked for by its rows; k is 1 for ends alone.
+        wanted: for each table (k, z), scores asked for by its z rows on k intervals; k is 1 for ends alone.
         edges: whether the whole motion counts, or its end alone.
     """
     rows = scene.cones
@@ -281,16 +286,17 @@ def _child_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Tabl
 def _coupled_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Array, edges: bool) -> Array:
     """Return the smallest slack over the rows that couple devices, on each interval, (k, a, m).
 
-    It loops over the samples, since tables of all children at all samples would be large, and a kernel with
-    every interval written out takes a minute to compile. The arguments are those of `_child_slacks`, but
-    `wanted` (k, 1, 1, z) is of these rows only; k is 1 for ends alone.
+    The axes are ``k`` intervals, ``a`` attitude moves and ``m`` joint moves. It loops over the samples, since
+    tables of all children at all samples would be large, and a kernel with every interval written out takes a
+    minute to compile. The arguments are those of `_child_slacks`, but `wanted` (k, 1, 1, z) is of these ``z``
+    rows only; ``k`` is 1 for ends alone.
     """
     rows = scene.grouped_cones
     devices = range(choice.shape[1])
     axes, body, joints = (jnp.asarray(part) for part in (lines.axes[1], lines.body, lines.joints))
 
     def chosen(values: Array) -> Array:
-        """Return values of devices in joint moves (..., m, d), from those under their options (..., o, d)."""
+        """Return values of d devices in m joint moves (..., m, d), from those under o options (..., o, d)."""
         return jnp.stack([values[..., choice[:, device], device] for device in devices], axis=-1)
 
     def at(sample: ArrayLike) -> tuple[Array, Array | None]:

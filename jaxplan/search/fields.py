@@ -101,7 +101,7 @@ def look_up(fields: Array, directions: Array) -> Array:
     """Return distances to go at directions, interpolated bilinearly between the cells of the fields.
 
     Args:
-        fields: (d, SIZE, SIZE) rad.
+        fields: (d, SIZE, SIZE) rad, d fields.
         directions: (3, ..., d) inertial unit vectors, those in the last axis each for its own field.
 
     Returns:

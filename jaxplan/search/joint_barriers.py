@@ -47,7 +47,7 @@ class JointBarrier:
     Attributes:
         device: number of the device, one with joints.
         zones: numbers of the scenario's zones, ascending; where one is enough, that alone.
-        reach: (o, 2) rad, the least ranges of its joints that hold all open cells connected to the start.
+        reach: (o, 2) rad, the least ranges of its o joints that hold all open cells connected to the start.
     """
 
     device: int
@@ -117,11 +117,14 @@ def _barriers(
 
 
 def short_of(scene: Scene, device: int) -> np.ndarray:
-    """Return the last place (o,), rad, before what blocks a device on the straight line to its goal.
+    """Return the last place before what blocks a device on the straight line to its goal.
 
     Args:
         scene: a search problem.
         device: number of a device with joints that cannot get there.
+
+    Returns:
+        Angles of the device's joints, (1,) for a drive or (2,), rad.
     """
     tables, joints = [_own(rows, scene, device) for rows in scene.tables], scene.gimbals.joints_of(device)
     way = np.linspace(scene.start_joints[joints], scene.goal_joints[joints], _WAY)
@@ -156,8 +159,8 @@ def _depths(
     Args:
         tables: the constraints.
         scene: the problem that they are of.
-        joints: (o,) numbers of the joints.
-        places: (k, o) rad.
+        joints: numbers of the device's o joints.
+        places: (k, o) rad, k places.
         around: (o,) rad, how far to either side of a place the bound holds.
 
     Yields:
@@ -180,24 +183,24 @@ def _depths(
 
 @dataclass(frozen=True)
 class _Grid:
-    """Cells of the ranges (o, 2), rad, of one or two joints, with `counts` cells along each."""
+    """Cells of the ranges (o, 2), rad, of o joints, one or two, with `counts` cells along each."""
 
     ranges: np.ndarray
     counts: tuple[int, ...]
 
     @classmethod
     def of(cls, ranges: np.ndarray) -> "_Grid":
-        """Make the grid of ranges (o, 2), rad, with the usual number of cells."""
+        """Make the grid of the ranges (o, 2), rad, of o joints, with the usual number of cells."""
         return cls(ranges, (CELLS[0],) if len(ranges) == 1 else CELLS[1])
 
     @property
     def sizes(self) -> np.ndarray:
-        """The edges (o,) of a cell, rad."""
+        """The edges of a cell, one for each joint, rad."""
         return np.asarray(np.ptp(self.ranges, axis=1) / self.counts)
 
     @property
     def centres(self) -> np.ndarray:
-        """The centres (cells, o) of the cells, rad."""
+        """The centres of the cells, rad, (cells, joints)."""
         axes = [
             low + size * (np.arange(count) + 0.5)
             for (low, _), size, count in zip(self.ranges, self.sizes, self.counts, strict=True)
@@ -205,7 +208,7 @@ class _Grid:
         return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=-1)
 
     def parts(self, closed: np.ndarray, start: np.ndarray, goal: np.ndarray) -> bool:
-        """Tell whether closed cells, (cells,) bool, separate two places (o,).
+        """Tell whether closed cells, (cells,) bool, separate two places, angles of the joints in rad.
 
         It is False where one of the places is in a closed cell.
         """
@@ -214,7 +217,10 @@ class _Grid:
         return bool(one and other and one != other)
 
     def around(self, closed: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Return the ranges (o, 2), rad, of the open cells connected to that of the place `start` (o,)."""
+        """Return the ranges, (joints, 2) rad, of the open cells connected to that of the place `start`.
+
+        `closed` (cells,) is bool.
+        """
         pieces = self._pieces(closed)
         cells = np.argwhere(pieces == pieces[self._cell(start)])
         first, last = np.min(cells, axis=0), np.max(cells, axis=0) + 1
@@ -227,6 +233,6 @@ class _Grid:
         return np.asarray(label(~closed.reshape(self.counts), structure=np.ones([3] * len(self.counts)))[0])
 
     def _cell(self, place: np.ndarray) -> tuple[int, ...]:
-        """Return the indices of the cell of a place (o,), or of the nearest cell where it is out of range."""
+        """Return the indices of the cell of a place, or of the nearest cell where it is out of range."""
         cell = (place - self.ranges[:, 0]) // self.sizes
         return tuple(np.clip(cell, 0, np.array(self.counts) - 1).astype(int).tolist())

@@ -25,10 +25,11 @@ from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.search.scene import Layout, Scene
 
-# Calls that are answered in one: on the CPU few, since few mostly wait and room for more takes time; on an
-# accelerator as many as it computes side by side without taking longer. Fixed, so that kernels compile once.
+# Number of calls that are answered in one: few on the CPU, since few mostly wait and room for more costs
+# time; on an accelerator as many as it computes side by side without taking longer. Fixed, so that kernels
+# compile once.
 CPU_CALLS, ACCELERATOR_CALLS = 8, 32
-# The most scenes that are stacked, fixed likewise.
+# Number of scenes that a stack has room for, fixed likewise.
 POOL = 256
 
 Item = TypeVar("Item")

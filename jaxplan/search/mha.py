@@ -59,12 +59,13 @@ SCALES = (8.0, 4.0, 8.0, 2.0)
 # The anchor, the three heuristics of equation (15), and two that see the zones.
 QUEUES = 6
 _TOWARD, _STAY, _AWAY = 0, 1, 2
-# No improvement is looked for of a path within this factor of the straight motion's length.
+# A path within this factor of the straight motion's length is not improved further.
 SHORT_ENOUGH = 1.001
 # A clear band from the straight motion within this factor of its length is taken without a search.
 BAND_ENOUGH = 1.05
-# Instead of a path beyond this factor of its length others are looked for, so many times the factor, and not
-# for long: which way round zones a search goes first is a matter of luck.
+# Where a path is longer than DETOUR times the straight motion, further searches look for a shorter one, as
+# many as DETOUR_LOOKS times the ratio of the lengths, each of few expansions: which way round zones a search
+# goes first is a matter of luck.
 DETOUR, DETOUR_LOOKS, DETOUR_EXPANSIONS = 1.25, 3, 48
 # Expansions after which trees join in.
 HEAD_START = 48
@@ -138,7 +139,7 @@ def _following(
     Args:
         scene: the problem, with at least one held terminal.
         node: where the moves begin.
-        turns: (A, 3) rotation vectors of the attitude moves after which the terminals are to point so, rad.
+        turns: (A, 3) rotation vectors of the A attitude moves after which the terminals are to point so, rad.
         bounds: (J,) least and (J,) largest joint angles, rad, to which the changes are clipped.
 
     Returns:
@@ -156,7 +157,7 @@ def _following(
 
 
 def _joint_moves(scene: Scene, rng: np.random.Generator) -> np.ndarray:
-    """Return the option of each joint in each joint move, (M, 2n).
+    """Return the option of each joint in each of M joint moves, (M, 2n).
 
     These are all combinations where they are few, else a random sample.
     """
@@ -173,7 +174,7 @@ def _joint_moves(scene: Scene, rng: np.random.Generator) -> np.ndarray:
 def price(
     scene: Scene, expansion: Expansion, fields: Fields, *, scale: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return costs (A, M) and heuristics (6, A, M) of the children in steps, the anchor's first.
+    """Return costs (A, M) and heuristics (6, A, M) of A by M children in steps, the anchor's first.
 
     Args:
         scene: the problem.
@@ -205,8 +206,8 @@ class Race:
 
     def __init__(self, first: SearchRun, second: SearchRun, *, head_start: int) -> None:
         self._runs = first, second
-        self._calls: dict[int, Any] = {}  # that those under way wait for, None at their ends
-        self._results: dict[int, SearchResult] = {}  # of those that have ended
+        self._calls: dict[int, Any] = {}  # calls that the searches wait for, None once ended
+        self._results: dict[int, SearchResult] = {}  # results of those that have ended
         self._turn, self._head_start = 0, head_start
 
     def next_request(self) -> Any:

@@ -33,7 +33,7 @@ _TINY = 1e-12  # steps
 
 
 def between(first: AnyArray, second: AnyArray, fraction: AnyArray) -> AnyArray:
-    """Return states (k, 4 + 2n) at fractions (k,) of straight motions between states (k, 4 + 2n) each."""
+    """Return states at fractions (k,) of k straight motions, given their ends (k, 4 + 2n) each."""
     xp = array_module(first, second, fraction)
     joints = first[:, 4:] + fraction[:, None] * (second[:, 4:] - first[:, 4:])
     turned = rotations.slerp(first[:, :4].T, second[:, :4].T, fraction)
@@ -45,7 +45,8 @@ def subdivide(scene: Scene, corners: np.ndarray) -> Path:
 
     Args:
         scene: gives the steps, and its start and goal, which are the ends of the path to the last bit.
-        corners: (k + 1, 4 + 2n) from start to goal; a single one if these are the same.
+        corners: (k + 1, 4 + 2n) states, ends of k straight motions from start to goal; one if these are the
+            same.
     """
     first, second = corners[:-1], corners[1:]
     rotation = quaternion.distance(first[:, :4], second[:, :4])
@@ -74,7 +75,7 @@ def make_path(scene: Scene, attitudes: np.ndarray, joints: np.ndarray) -> Path:
 
 
 def edge_rotations(attitudes: np.ndarray) -> np.ndarray:
-    """Return the rotation angles (m,), rad, between neighbours of attitudes (m + 1, 3, 3)."""
+    """Return the m rotation angles (m,), rad, between neighbours of attitudes (m + 1, 3, 3)."""
     return np.asarray(so3.distance(attitudes[:-1], attitudes[1:]))
 
 
@@ -125,7 +126,10 @@ def _straight_slacks(scene: Scene, ends: Array, clearance: Array) -> Array:
 
 
 def path_states(scene: Scene, attitudes: AnyArray, joints: AnyArray) -> AnyArray:
-    """Return states (k, 4 + 2n) of attitudes (k, 3, 3) and joints (k, 2n), with signs as in the module."""
+    """Return the states (k, 4 + 2n) of k attitudes (k, 3, 3), body to inertial, and joints (k, 2n).
+
+    Neighbours have quaternions of the same sign.
+    """
     xp, start, turned = arrays(scene.start_attitude, attitudes)
     # a product and a sum instead of small matrix products
     since = xp.sum(start[:, :, None] * turned[:, :, None, :], axis=1)
@@ -151,7 +155,7 @@ def evenly(states: AnyArray, costs: AnyArray, count: AnyArray | int, nodes: int)
     """Return nodes at equal distances in cost along a path.
 
     Args:
-        states: (k + 1, 4 + 2n).
+        states: (k + 1, 4 + 2n) nodes of a path with k edges.
         costs: (k,) steps of the edges; zero for padding at the end, which repeats the last state.
         count: () number of equal edges wanted.
         nodes: static, number of nodes returned; those after the last state repeat it.
@@ -191,7 +195,7 @@ def edges_of(scene: Scene, states: Array, clearance: Array) -> Array:
 
 @Kernel
 def edge_table(scene: Scene, attitudes: Array, joints: Array, clearance: Array) -> Array:
-    """Return `edges_of` the path of attitudes (m + 1, 3, 3) and joints (m + 1, 2n)."""
+    """Return `edges_of` a path with m edges, attitudes (m + 1, 3, 3) and joints (m + 1, 2n)."""
     return edges_of(scene, path_states(scene, attitudes, joints), clearance)
 
 
@@ -204,8 +208,8 @@ def shortcuts(scenes: Scenes, paths: Sequence[Path], clearances: Sequence[float]
         clearances: rad wanted for each scene; less is wanted near start and goal.
 
     Returns:
-        For each path (k,) int, increasing from 0 to m. The straight motion between two neighbours among them
-        is clear by `edges.motion_margins`, or is an edge of the path.
+        For each path the indices (k,) of the k nodes that remain, increasing from 0 to m. The straight motion
+        between two neighbours among them is clear by `edges.motion_margins`, or is an edge of the path.
     """
     calls = []
     for path, clearance in zip(paths, clearances, strict=True):
@@ -240,7 +244,7 @@ def _costs(scene: Scene, attitudes: Array, joints: Array, clearance: Array) -> A
 
 
 def _cheapest(path: Path, costs: np.ndarray) -> np.ndarray:
-    """Return the indices (k,) of nodes on the cheapest chain of clear shortcuts and pieces of the path.
+    """Return the indices of the nodes on the cheapest chain of clear shortcuts and pieces of the path.
 
     Args:
         path: the path to be shortened.

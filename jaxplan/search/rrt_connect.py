@@ -60,10 +60,10 @@ class Connect:
     def __init__(self, space: Space) -> None:
         self.space = space
         self.trees = Tree(space.start), Tree(space.goal)
-        self._side = 0  # of the tree whose turn it is
+        self._side = 0  # number of the tree whose turn it is
         self._new: np.ndarray | None = None  # its new nodes, which the other tree grows towards next
-        self._growth: _Growth | None = None  # that the last call is about
-        self._corners: np.ndarray | None = None  # of the path
+        self._growth: _Growth | None = None  # the growth that the last call is about
+        self._corners: np.ndarray | None = None  # corners of the path
         self._limit: Status | None = None
 
     def next_request(self) -> Call | None:
@@ -106,7 +106,7 @@ class Connect:
         """Return the corners (m, 4 + 2n), start to goal, of the cheapest path on which the trees have met.
 
         Args:
-            new: (k,) indices of the new nodes of the tree whose turn it is.
+            new: (k,) indices of the k new nodes of the tree whose turn it is.
             met: (k,) indices of the nodes of the other tree that grew towards these.
             whole: (k,) bool, whether the other tree arrived there.
         """
@@ -145,7 +145,7 @@ class _Growth:
         Args:
             space: the problem.
             tree: the tree that grows, from the start or the goal.
-            targets: (k, 4 + 2n) states to grow towards.
+            targets: (k, 4 + 2n) the k states to grow towards.
             longest: most steps of a motion.
             side: 0 if the tree's root is the start, 1 if it is the goal.
         """
@@ -164,8 +164,8 @@ class _Growth:
         """Add nodes to the tree along the clear parts of the motions, given the answer to `call`.
 
         Returns:
-            (k,) index of the last new node of each motion, -1 where none was added; (k,) bool, whether the
-            states themselves were reached.
+            For each of k motions the index of its last new node (k,), -1 where none was added; and (k,) bool,
+            whether the state itself was reached.
         """
         tree, clear = self.tree, reached(answer, len(self.near))
         begin, costs = tree.states[self.near], tree.costs[self.near]

@@ -38,9 +38,9 @@ from jaxplan.search.paths import (
 from jaxplan.search.scene import Scene, SearchResult
 
 ITERATIONS = 6
-# Paths are compared by their length and this much of the steps of all their motions added up.
+# Paths are compared by their length plus this share of the steps of platform and joints added up.
 TRAVEL_SHARE = 0.05
-# Nothing longer than so many times the straight motion is looked for where the kernels would grow for it.
+# A path longer than so many times the straight motion is not looked for if it would need larger kernels.
 LONGEST = 1.5
 EDGES = 64  # paths of up to this many share their compiled kernels
 # A length within this factor of the straight motion's is not worth another start.
@@ -244,7 +244,7 @@ def _smooth_detours(
         (paths[number].attitudes[nodes], paths[number].joints[nodes])
         for number, nodes in zip(far, kept, strict=True)
     ]
-    for _ in range(2):  # often a little more descent is all that lacks
+    for _ in range(2):  # often a little more descent suffices
         lengths = [LENGTHENING * paths[number].length for number in far]
         descended = descended_bands(scenes.part(far), starts, picked(clearances, far), lengths)
         _enter(scenes, clearances, paths, best, descended, far)

@@ -77,7 +77,9 @@ def _uniform(scene: Scene, rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def _turn_to_hold(scene: Scene, states: np.ndarray) -> np.ndarray:
-    """Turn, in place, the held terminals of states (k, 4 + 2n) onto their cones' axes, within the limits.
+    """Turn, in place, the held terminals of k states onto their cones' axes, within the limits.
+
+    `states` is (k, 4 + 2n).
 
     Returns:
         (k,) rad, the most by which a joint would have had to exceed its limits.
@@ -200,7 +202,7 @@ class Space:
         return steps_between(self.scene, turn, second[..., 4:] - first[..., 4:])
 
     def nearest(self, tree: Tree, states: np.ndarray) -> np.ndarray:
-        """Return the indices (k,) of the tree's states nearest to states (k, 4 + 2n).
+        """Return for each of k states (k, 4 + 2n) the index of the nearest state of the tree.
 
         The nearest is found to within some 1e-8 steps.
         """
@@ -214,10 +216,10 @@ class Space:
     def reach(
         self, first: np.ndarray, second: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray
     ) -> np.ndarray:
-        """Compute how far straight motions are clear; arguments as for `reach_call`, for any number b.
+        """Compute how far any number of straight motions are clear; arguments as for `reach_call`.
 
         Returns:
-            (b,) fractions, see `reached`.
+            A fraction for each motion, see `reached`.
         """
         found = []
         for begin in range(0, len(first), MANY):
@@ -233,7 +235,7 @@ class Space:
         """Make the call that tells how far straight motions are clear, see `reached`.
 
         Args:
-            first: (b, 4 + 2n) states where they begin; b is at most MANY.
+            first: (b, 4 + 2n) states where b motions begin, at most MANY.
             second: (b, 4 + 2n) states where they end.
             from_start: (2, b) steps from the start of the scene to both ends, for the clearance.
             from_goal: (2, b) steps likewise from the goal.
@@ -273,7 +275,7 @@ class Space:
         )
 
     def found(self, corners: np.ndarray) -> SearchResult:
-        """Return the result OK with the path along corners (k, 4 + 2n)."""
+        """Return the result OK with the path along given corners, states (k, 4 + 2n) from start to goal."""
         return self.result(Status.OK, subdivide(self.scene, corners))
 
 

@@ -37,8 +37,8 @@ FRAMES = ("GCRS", "GCRF", "ICRF", "EME2000", "J2000")
 """Names of the axes that samples may have."""
 _AHEAD_OF_TAI = {"TAI": 0.0, "TT": TT_MINUS_TAI, "TDB": TT_MINUS_TAI, "GPS": -19.0}  # s, TDB to 0.002 s
 _TIME_SYSTEMS = ("UTC", *_AHEAD_OF_TAI)
-_DEGREE = 7  # of the polynomial between samples
-_FARTHEST = np.deg2rad(45.0)  # rad, most between neighbouring samples, seen from the Earth's centre
+_DEGREE = 7  # degree of the polynomial between samples
+_FARTHEST = np.deg2rad(45.0)  # rad, largest angle between neighbouring samples, seen from the centre
 _LEAST_RADIUS = 6356.7  # km, radius of the Earth at its poles; nothing flies below
 _LARGEST_FILE = 64 * 2**20  # most bytes of a message, some 500,000 samples
 _SECOND = np.timedelta64(1, "s")
@@ -75,7 +75,7 @@ class Samples:
         """Return positions (k, 3) km and velocities (k, 3) km/s at times (k,) s, from `first` to `last`."""
         from scipy.interpolate import KroghInterpolator  # slow to import, so not at the top
 
-        each = 1 if self.velocities is None else 2  # conditions a sample
+        each = 1 if self.velocities is None else 2  # conditions for each sample
         count = min((_DEGREE + 1) // each, len(self.times))
         after = np.searchsorted(self.times, times, side="right")
         begin = np.clip(after - count // 2, 0, len(self.times) - count)

@@ -265,7 +265,7 @@ def _spans_below(height: Callable[[np.ndarray], np.ndarray], times: np.ndarray) 
     """
     values = height(times)
     before, middle, after = values[:-2], values[1:-1], values[2:]
-    sign = np.where(middle > 0, 1.0, -1.0)  # looked for is what is lower than a dip, or higher than a peak
+    sign = np.where(middle > 0, 1.0, -1.0)  # dips where positive, peaks where negative, may cross zero
     turning = 1 + np.flatnonzero((sign * middle <= sign * before) & (sign * middle <= sign * after))
     if len(turning):
         side = sign[turning - 1]

@@ -18,8 +18,8 @@ from jaxplan.sky.sights import Epoch, Satellite, Thing, directions, positions
 
 LONGEST = 31 * 86400.0
 """s, the longest time over which passes are looked for."""
-_STEP = 10.0  # s between looks at whether something is seen, at most
-_LOOKS = 64  # within a pass, at how it is seen
+_STEP = 10.0  # s, largest time between checks of whether something is seen
+_LOOKS = 64  # number of checks within a pass of how it is seen
 
 
 @shown("target", "start s", "end s", "best s", "elevation deg", "distance km", "off_nadir deg")

@@ -29,7 +29,7 @@ from jaxplan.sky.ephemeris import EphemerisError
 from jaxplan.sky.frames import library
 
 _EARTH = 399
-_J2000 = 1  # SPICE's number of the axes
+_J2000 = 1  # SPICE's number of the axes J2000
 _LAST_INERTIAL = 21  # the largest number of axes that SPICE knows to be inertial without a kernel
 _LEAST_RADIUS = 6356.7  # km, radius of the Earth at its poles; nothing is inside
 _ROUNDING = 5e-7  # s, by which an instant may be beyond an end: ephemeris times are rounded to 1e-7 s
