@@ -10,15 +10,15 @@ reach soonest.
 Terms of this package, beside those of `jaxplan.model.constraints` (a *row* is a cone, a *sight* a direction
 that it binds):
 
-    pair       a row and a sight that it binds: settled where its margin is the same at every attitude, a cap
-               where the attitude decides on it, open where the joints do (`pairs`)
-    cap        a cone about a body axis that an inertial direction must stay out of (`caps`)
-    aim        a device that must point at its target, with ranges of azimuth and elevation (`aims`)
-    wish       a direction that a device without a target shall come near to (`Targets.prefer`)
-    free       of a device with joints: without a target and not held still
-    make way   of a free device: move its joints until the constraints hold (`free_devices`)
-    covering   points on SO(3) such that every attitude is near one of them (`multistart`)
-    slew       the angle of the rotation from the start to the goal
+- *slew*: the angle of the rotation from the start to the goal.
+- *aim*: a device that must point at its target, with ranges of azimuth and elevation (`aims`).
+- *pair*: a row and a sight that it binds. It is *settled* if its margin is the same at every attitude, a cap
+  if the attitude decides on it, and *open* if the joints do (`pairs`).
+- *cap*: a cone about a body axis that an inertial direction must stay out of (`caps`).
+- *wish*: a direction that a device without a target shall come near to (`Targets.prefer`).
+- *free*: of a device with joints, without a target and not held still.
+- *make way*: of a free device, to move its joints until the constraints hold (`free_devices`).
+- *covering*: points on SO(3) such that every attitude is near one of them (`multistart`).
 
 The modules: `aims` tells what must point where and what is known then; `caps` writes what the attitude
 decides on in one form; `descent` finds local minima from many starts at once; `multistart` proves where there
@@ -211,7 +211,7 @@ def _goal(problem: GoalProblem, turn: np.ndarray) -> Goal:
     """Return the goal at the attitude ``R0 E``, with the joints of free devices chosen.
 
     Args:
-        problem: what is asked.
+        problem: the problem of step 1.
         turn: (4,) unit quaternion of ``E``, the rotation from the start.
     """
     attitude = problem.start @ quaternion.to_matrix(turn)

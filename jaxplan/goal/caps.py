@@ -143,7 +143,7 @@ class Caps:
 
 
 class _Cap(NamedTuple):
-    """One cap of a row, with its direction in the inertial frame."""
+    """One cap, as in `Caps`, but with its direction in the inertial frame."""
 
     row: int
     sight: int
@@ -165,7 +165,7 @@ def assemble(problem: GoalProblem, widening: float = 0.0) -> Caps:
     settled pair, there is no cap either.
 
     Args:
-        problem: what is asked.
+        problem: the problem of step 1.
         widening: rad by which the bound of every row is relaxed.
     """
     rows, pairs = problem.rows, problem.pairs
@@ -198,7 +198,7 @@ def _of_rows(problem: GoalProblem, fails: np.ndarray) -> Iterator[_Group]:
     """Yield the groups of caps that all Z rows give, in the order of their constraints.
 
     Args:
-        problem: what is asked.
+        problem: the problem of step 1.
         fails: (Z,) bool, rows that cannot hold, since one of their settled pairs has a negative margin.
     """
     rows, pairs = problem.rows, problem.pairs
@@ -349,7 +349,7 @@ def deepest_row(
 
     Args:
         caps: all caps of the problem.
-        problem: what is asked.
+        problem: the problem of step 1.
         attitude: (3, 3) of the state, body to inertial.
         joints: (J,) rad, of the state.
 

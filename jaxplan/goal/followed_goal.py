@@ -43,7 +43,10 @@ def _short_of(devices: Sequence[str]) -> str:
 
 @cache
 def _optima_near(met: tuple[int, ...]) -> Callable[..., Goal]:
-    """Return the compiled `differentiable_goal` for goals that meet the wishes in places `met`."""
+    """Return the compiled `differentiable_goal` for goals that meet the wishes in given places.
+
+    `met` holds these places in `Targets.prefer`.
+    """
     return quick_jit(partial(differentiable_goal, met=met))
 
 

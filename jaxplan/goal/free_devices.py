@@ -66,7 +66,7 @@ def settled(
     """Return the joints at a goal, with free devices as near to what they prefer as constraints allow.
 
     Args:
-        problem: what is asked.
+        problem: the problem of step 1.
         attitude: (3, 3) of the goal, body to inertial.
         joints: (J,) rad; those of devices with targets and held ones as they shall be, those of free ones as
             at the start.
@@ -181,7 +181,7 @@ def _least(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, numbe
     It is negative where the device must make way, and infinite where nothing concerns the device.
 
     Args:
-        problem: what is asked.
+        problem: the problem of step 1.
         attitude: (3, 3) body to inertial.
         joints: (..., J) rad.
         number: number of the device.
@@ -237,7 +237,7 @@ def _with_nearest_pair(
     """Make the `MadeWay` of device `number`, with the pair of row and sight whose margin is the least one.
 
     Args:
-        problem: what is asked.
+        problem: the problem of step 1.
         attitude: (3, 3) of the goal, body to inertial.
         joints: (J,) rad, with the device's where it stops.
         number: number of the device.

@@ -49,7 +49,7 @@ def times(problem: GoalProblem, attitudes: np.ndarray, joints: np.ndarray) -> np
     """Return strict lower bounds (N,) s of the time from rest at the start to rest at N states.
 
     Args:
-        problem: what is asked, with the start.
+        problem: the problem of step 1, with its start.
         attitudes: (N, 3, 3) body to inertial.
         joints: (N, J) rad.
     """
@@ -79,7 +79,7 @@ def soonest(
     """Find the attitudes that are reached soonest.
 
     Args:
-        problem: what is asked.
+        problem: the problem of step 1.
         caps: the caps of the problem.
         nearest: (k, 4) unit quaternions from the start, the k local minima of the rotation, nearest first, at
             least one.

@@ -74,7 +74,7 @@ def goals_beside(problem: GoalProblem, around: np.ndarray, max_slew: float, seed
     """Find goals that keep all constraints, by rising slew.
 
     Args:
-        problem: what is asked.
+        problem: the problem of step 1.
         around: (k, 3, 3) attitudes of k goals that break some constraint, body to inertial, at least one.
         max_slew: rad, bound of ``|eta|``.
         seed: seed of the random attitudes.

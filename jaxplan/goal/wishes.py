@@ -28,7 +28,7 @@ def with_wishes(
     """Return the problem with its wishes as near as can be, one after the other.
 
     Args:
-        problem: what is asked; it is returned as it is where it has no solution.
+        problem: the problem of step 1; it is returned as it is where it has no solution.
         wishes: in the order of their priority.
         seed: seed of the covering.
         found: (1, 4) unit quaternion of a rotation from the start that solves the problem; None to look for

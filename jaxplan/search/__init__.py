@@ -2,16 +2,16 @@
 
 Terms of this package:
 
-    state       attitude relative to the start, as a unit quaternion with the scalar first, and all joints:
-                a row of 4 + 2n numbers, where 2n stands for the number of joints, drives counted too
-    scene       one search problem as numbers (`scene`)
-    step        unit of cost, a number of rad of the platform's rotation or of a joint (`SearchSettings`);
-                a motion costs the largest number of steps over platform and joints
-    straight    of a motion: platform and joints turn at constant rates from one state to the other
-    edge        a straight motion between neighbouring nodes of a path
-    clear       of a motion: all constraints hold along it, with the clearance that is wanted there
-    expansion   computing the children of one node, the unit of a search's effort
-    run, call   a search under way, which asks for one kernel call after the other (`kernel_calls`)
+- *state*: attitude relative to the start, as a unit quaternion with the scalar first, and all joints: a row
+  of 4 + 2n numbers, where 2n stands for the number of joints, drives counted too.
+- *scene*: one search problem as numbers (`scene`).
+- *step*: unit of cost, a number of rad of the platform's rotation or of a joint (`SearchSettings`). A motion
+  costs the largest number of steps over platform and joints.
+- *straight*: of a motion, with platform and joints turning at constant rates from one state to the other.
+- *edge*: a straight motion between neighbouring nodes of a path.
+- *clear*: of a motion, along which all constraints hold with the clearance that is wanted there.
+- *expansion*: computing the children of one node, the unit of a search's effort.
+- *run*: a search under way, which asks for one kernel *call* after the other (`kernel_calls`).
 
 `search_batch` takes many scenes at once, and each search method handles together its scenes that have the
 same array shapes. A method has a few stages, such as straight motions, elastic bands, searches and smoothing;

@@ -146,7 +146,7 @@ class Scenes:
             return in_groups(asked, lambda one: one[1].kind, self._answered, most=self._most)
 
     def run(self, runs: Sequence[Run]) -> None:
-        """Drive one run of each scene to its end."""
+        """Drive runs to their ends, one for each of `scenes` in order; each run keeps its own result."""
         with jax.enable_x64(True):
             if len(runs) == 1:  # needs no order of calls, nor to share out the time
                 with self.seconds.shared(self._places):

@@ -255,7 +255,10 @@ def tle_state_teme(tle: Tle, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def _check_age(tle: Tle, since: np.ndarray) -> None:
-    """Raise a TleError, or warn, where times (...) s are too far from the epoch of the elements."""
+    """Raise a TleError, or warn, where times (...) s are too far from the epoch of the elements.
+
+    The limits are `LAST_DAYS` and `STALE_DAYS`.
+    """
     if not since.size:
         return
     days = np.abs(since) / _DAY
