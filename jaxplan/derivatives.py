@@ -68,7 +68,8 @@ class Held:
         leads: which nodes move with the start and the goal, and how.
         fit: the choices that the fit of step 3 made, as its method holds them.
         trajectory: that of the fit; only the shapes of its arrays count, which are those of `replan`.
-        turns: for each mask of the spacecraft the number of whole turns of the yaw after which it repeats.
+        turns: for each mask of the spacecraft, by which numbers of whole turns of the yaw it is repeated
+            within the yaw's range.
         criterion: the criterion of which the goal is an optimum; None for a goal given as a state. It may be
             the least rotation where the least time is asked for, since a goal of least rotation may be the
             soonest.

@@ -55,19 +55,22 @@ def _real(scenario: Scenario) -> list[Any]:
 
 
 def _with_numbers(scenario: Scenario, numbers: list[Any]) -> Scenario:
-    """Return a scenario with `numbers` in place of its `_real` ones, and JAX arrays in place of lists."""
+    """Return a scenario with other differentiable numbers (see `_real`), and JAX arrays in place of lists."""
     left = iter(numbers)
     return of_arrays(jax.tree.map(lambda leaf: next(left) if _is_real(leaf) else leaf, scenario))
 
 
 def _replan_by(held: Held, scenario: Scenario, numbers: list[Any]) -> Trajectory:
-    """Compute `replan` as a function of the `_real` numbers of a scenario."""
+    """Compute `replan` as a function of the differentiable numbers of a scenario (see `_real`)."""
     return replan(held, _with_numbers(scenario, numbers))
 
 
 @partial(quick_jit, level=0)
 def _end_with_slopes(held: Held, scenario: Scenario) -> Reached:
-    """Return where a manoeuvre ends, and the derivatives (E, N) of its E numbers by the N `_real` ones."""
+    """Return where a manoeuvre ends, and the derivatives (E, N) of that by a scenario's numbers.
+
+    These are the E numbers of the `End`, by the N differentiable numbers of the scenario (see `_real`).
+    """
 
     def end(numbers: list[Any]) -> tuple[Array, End]:
         own = _with_numbers(scenario, numbers)
@@ -98,7 +101,7 @@ def _with_slopes(
         wanted: whether the product is computed; if not, zeros stand in its place.
 
     Returns:
-        The trajectory, and an array for each of the scenario's `_real` numbers.
+        The trajectory, and an array for each of the scenario's differentiable numbers (see `_real`).
     """
     numbers, (end, end_slopes) = _real(scenario), reached
 
@@ -119,7 +122,10 @@ def _with_slopes(
 
 @partial(quick_jit, level=0)
 def _along(held: Held, scenario: Scenario, way: list[Any]) -> Trajectory:
-    """Return the derivative of a trajectory along tangents `way` of the scenario's `_real` numbers."""
+    """Return the derivative of a trajectory along tangents of its scenario's differentiable numbers.
+
+    `way` holds these tangents, in the order of `_real`.
+    """
     along: Trajectory = jax.jvp(partial(_replan_by, held, scenario), (_real(scenario),), (way,))[1]
     return along
 
@@ -167,7 +173,10 @@ def _tasks(held: Held, scenario: Scenario) -> list[Task]:
 
 
 def _pulled(held: Held, scenario: Scenario, reached: Reached, cotangents: Trajectory) -> list[Any]:
-    """Return cotangents times the trajectory's derivatives by the scenario's `_real` numbers."""
+    """Return cotangents times a trajectory's derivatives by its scenario's differentiable numbers.
+
+    The products are in the order of `_real`.
+    """
     return _with_slopes(*_plain((reached, held, scenario, cotangents)), True)[1]
 
 

@@ -67,7 +67,7 @@ class Aims:
     def angles(self, attitude: ArrayLike) -> tuple[AnyArray, AnyArray]:
         """Return azimuths and elevations of the k targets in the devices' axes, each (..., k) rad.
 
-        Azimuths are brought into their ranges by whole turns where that is possible.
+        Azimuths are moved by whole turns to within half a turn of the middle of their ranges.
 
         Args:
             attitude: (..., 3, 3) body to inertial.

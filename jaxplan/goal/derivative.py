@@ -207,7 +207,7 @@ def _made_way(
     """Return the joints (J,) rad with free devices where they prefer to be, or out of the way.
 
     Args:
-        state: what is asked, as JAX arrays.
+        state: what is asked at the goal, as JAX arrays.
         spacecraft: its devices.
         targets: with what devices prefer.
         moves: how devices made way.
