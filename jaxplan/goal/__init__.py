@@ -228,8 +228,8 @@ def _breaks(problem: GoalProblem, goal: Goal) -> bool:
 def _least_broken(problem: GoalProblem, seed: int) -> np.ndarray:
     """Return the attitude at which a problem without a solution is violated least.
 
-    Where devices can point at their targets once zones are left aside, the zones are widened until there is a
-    solution; otherwise the ranges of azimuth and elevation are widened, with zones left aside.
+    Where devices can point at their targets once zones are left aside, the zones are relaxed until there is a
+    solution; otherwise the ranges of azimuth and elevation are relaxed, without zones.
 
     Returns:
         (4,) unit quaternion of the rotation from the start.
