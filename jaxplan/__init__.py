@@ -4,10 +4,11 @@
     >>> plan = jp.plan(jp.paper_case(2))
     >>> print(plan)
 
-A scenario goes through goal, path, trajectory and certificate and comes back as a `Plan`. It is made in
-Python, of `Scenario` and its parts, or by `load_scenario`, `paper_case` or `random_scenario`. Radians,
-seconds, body to inertial everywhere; files have the unit in the key. Names are loaded when they are first
-used, so that importing the package is quick.
+Planning a scenario takes four steps: goal, path, trajectory and certificate. The result is a `Plan`. A
+scenario is built in Python from `Scenario` and its parts, or comes from `load_scenario`, `paper_case` or
+`random_scenario`. Angles are in radians, times in seconds, and attitudes are rotations from body to inertial
+axes; files name the unit in each key. Names are loaded when they are first used, so that importing the
+package is quick.
 """
 
 from typing import TYPE_CHECKING

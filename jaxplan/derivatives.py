@@ -1,13 +1,13 @@
-"""A plan as a function of its scenario, and what is held fixed of it.
+"""A plan as a function of its scenario, and the choices that are held fixed in it.
 
-What a planner chooses has no derivative and is held fixed (`hold`): the goal among the local minima of step
-1 and the limits and zones that are active there, the corners of the path, and which limits, zones and nodes
-bind in step 3. All else follows the scenario (`replan`): first and last node are its start and its goal,
-nodes on straight motions next to these move with them (`jaxplan.model.moving_nodes`), in the global method
-nodes are passed as the pace along the path has it, and the trajectory is the optimum of step 3. Where targets
-or zones move, in a given duration, the goal is where they are then, and so are its rates. Where a choice is
-about to change, the derivative is that of the side that is held. After tuning, plan again: another path may
-have become better.
+What a planner chooses has no derivative and is held fixed (`hold`): which local minimum of step 1 the goal is
+and which limits and zones are active there, the corners of the path, and which limits, zones and nodes bind
+in step 3. All else follows the scenario (`replan`): the first and last node are its start and its goal, nodes
+on straight motions next to these move with them (`jaxplan.model.moving_nodes`), in the global method nodes
+are passed at the times that the pace along the path gives, and the trajectory is the optimum of step 3. Where
+targets or zones move, in a given duration, the goal and its rates are those at the end time. Where a choice
+is about to change, the derivative is that of the side that is held. After tuning, plan again: another path
+may have become better.
 """
 
 from collections.abc import Iterator, Sequence
@@ -54,21 +54,25 @@ _A_PLAN = "jp.plan makes one of a scenario"
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Held:
-    """What is held fixed of a plan; of plans of the same shapes several can be stacked.
+    """What is held fixed of a plan. Holds whose arrays have the same shapes can be stacked.
+
+    A path has m + 1 nodes after padding; n terminals and d drives have 2n + d joints.
 
     Attributes:
         goal: where the manoeuvre ends.
-        moves: how devices without a target make way there.
-        met: places of the wishes that the goal meets.
+        moves: how devices without a target make way at the goal (`jaxplan.goal.free_devices`).
+        met: places in `Targets.prefer` of the wishes that the goal meets.
         attitudes: (m + 1, 3, 3) of the nodes, body to inertial, padded with the last one.
-        joints: (m + 1, 2n + d) rad, likewise.
+        joints: (m + 1, 2n + d) rad, of the nodes, padded likewise.
         last: number of the last node before the padding.
-        leads: which of the nodes move with the ends.
-        fit: what is held of the fit of step 3.
-        trajectory: that of the fit, for the shapes of its arrays, which are those of `replan`.
-        turns: whole turns of the yaw after which each mask of the spacecraft is met again.
-        criterion: of which the goal is an optimum. Among goals of least time are those of least rotation,
-            which may be the soonest and follow the scenario as such.
+        leads: which nodes move with the start and the goal, and how.
+        fit: the choices that the fit of step 3 made, as its method holds them.
+        trajectory: that of the fit; only the shapes of its arrays count, which are those of `replan`.
+        turns: for each mask of the spacecraft, by which numbers of whole turns of the yaw it is repeated
+            within the yaw's range.
+        criterion: the criterion of which the goal is an optimum; None for a goal given as a state. It may be
+            the least rotation where the least time is asked for, since a goal of least rotation may be the
+            soonest.
     """
 
     goal: Goal
@@ -85,21 +89,23 @@ class Held:
 
 
 def hold(plan: Plan, *, nodes: int = FEWEST_NODES) -> Held:
-    """Return what of a plan stays fixed while its scenario changes; a new fit tells what is active.
+    """Return what stays fixed of a plan while its scenario changes.
+
+    A new fit of the plan's path tells what is active.
 
     Args:
-        plan: with a trajectory in a given duration; where nothing moves also the shortest one, or one whose
-            time was stretched to the limits.
-        nodes: the smallest number that those of the path are padded to. A power of two that has room for the
-            longest of several paths gives all of them the same shapes, so that they compile once.
+        plan: an OK plan with a trajectory in a given duration; where neither targets nor zones move also the
+            shortest one, or one whose time was stretched to the limits.
+        nodes: the smallest number that the nodes of the path are padded to. A power of two that has room for
+            the longest of several paths gives all of them the same shapes, so that they compile once.
 
     Raises:
         TypeError: if it is no plan.
-        ValueError: if it has no trajectory that can be followed: it failed, its path has no length, it is a
-            shortest motion with rates at its ends, a target or a zone moves and the duration is not given,
-            another limit is about to bind, its goal depends on what a device prefers or on what step 1 leaves
-            open (`jaxplan.goal.problem.leaves_open`), or a device without a target is stopped by two things
-            at once.
+        ValueError: if `nodes` is no positive integer, or the plan has no trajectory that can be followed: it
+            failed, its path has no length, it is a shortest motion with rates at its ends, a target or a zone
+            moves and the duration is not given, another limit is about to bind, its goal depends on what a
+            device prefers or on what step 1 leaves open (`jaxplan.goal.problem.leaves_open`), or a device
+            without a target is stopped by two things at once.
     """
     expect("plan", plan, Plan, _A_PLAN)
     if type(nodes) is not int or nodes < 1:
@@ -110,12 +116,13 @@ def hold(plan: Plan, *, nodes: int = FEWEST_NODES) -> Held:
 def hold_each(
     plans: Sequence[Plan], *, nodes: int, known: Sequence[Fit | None] | None = None
 ) -> Iterator[Held]:
-    """Yield what is held of each plan, as of `hold`, with all their fits made together.
+    """Yield what `hold` returns for each plan; the fits of all plans are made together, which is quicker.
 
     Args:
-        plans: to be held.
-        nodes: as of `hold`.
-        known: fits of the plans, as of `plan_with_fits`; what is None is fitted.
+        plans: the plans to hold.
+        nodes: the smallest number of nodes after padding, as in `hold`.
+        known: a fit of each plan, as `plan_with_fits` returns them, where None stands for one still to be
+            made; None to make all.
     """
     clear_if_full()
     with one_thread():
@@ -138,7 +145,7 @@ def hold_each(
 
 
 def _followable(plan: Plan) -> tuple[Plan, Path, Goal, Followed]:
-    """A plan whose scenario's arrays are copied, its path, its goal, and how that is followed.
+    """Return an OK plan with its scenario's arrays copied, its path, its goal, and how the goal is followed.
 
     Raises:
         ValueError: if the plan is not OK, or has no derivatives, with all reasons that can be told before its
@@ -154,7 +161,10 @@ def _followable(plan: Plan) -> tuple[Plan, Path, Goal, Followed]:
 
 
 def _told_by(scenario: Scenario, end: Sequence[Any]) -> list[str]:
-    """Why plans of a scenario, with these rates at the goal, have no derivatives, as far as it tells."""
+    """Return the reasons why plans of a scenario have no derivatives, as far as the scenario alone tells.
+
+    `end` holds the angular velocity (3,) and joint rates (J,) rad/s at the goal.
+    """
     if _needs_time(scenario):
         return [f"its scene {_NEEDS_TIME}"]
     ends = (*_rates(scenario, scenario.start), *end)
@@ -164,9 +174,9 @@ def _told_by(scenario: Scenario, end: Sequence[Any]) -> list[str]:
 
 
 def expect_followable(scenario: Scenario) -> None:
-    """Raise a ValueError for a scenario whose plans have no derivatives, whichever they are.
+    """Raise a ValueError for a scenario none of whose plans can have derivatives.
 
-    What is known only of a plan, `hold` tells.
+    Reasons that depend on the plan itself are found by `hold`.
     """
     asked = scenario.asked
     targets = asked if isinstance(asked, Targets) else None
@@ -178,7 +188,7 @@ def expect_followable(scenario: Scenario) -> None:
 
 
 def _refuse(name: str, reasons: Sequence[str]) -> None:
-    """Raise a ValueError with all reasons why the plan of a scenario has no derivatives, if there are any."""
+    """Raise a ValueError that lists the reasons why a plan has no derivatives, unless there are none."""
     if len(reasons) == 1:
         raise ValueError(f"the plan of {name} has no derivatives: {reasons[0]}")
     if reasons:
@@ -191,10 +201,10 @@ def _refuse(name: str, reasons: Sequence[str]) -> None:
 
 
 def own_arrays(scenario: Scenario) -> Scenario:
-    """The scenario with its arrays copied.
+    """Return the scenario with its numpy arrays copied.
 
-    While JAX differentiates with 32 bits by arrays of numpy, it takes these very arrays for narrow ones, even
-    in calls of compiled code for wide ones.
+    While JAX differentiates in 32 bits with respect to numpy arrays, it treats these very array objects as
+    32-bit ones, even in calls of code that was compiled for 64 bits; copies are not affected.
     """
     copied: Scenario = jax.tree.map(
         lambda leaf: leaf.copy() if isinstance(leaf, np.ndarray) else leaf, scenario
@@ -211,9 +221,16 @@ def _held(
     nodes: int,
     nearer: SQPSolution | None = None,
 ) -> Held:
-    """What derivatives hold fixed of an OK plan, from its path, goal and fit, padded to `nodes` nodes.
+    """Return what derivatives hold fixed of an OK plan, given its path, goal and fit.
 
-    What is `nearer` the optimum than the fit is looked for now if it is None.
+    Args:
+        plan: the plan.
+        path: its path.
+        goal: its goal.
+        followed: how the goal follows the scenario.
+        fitted: a fit of the path.
+        nodes: the smallest number of nodes after padding.
+        nearer: a solution nearer the optimum than the fit; None to look for one now.
 
     Raises:
         ValueError: if the plan does not move, or its goal is no optimum whose derivative is known.
@@ -242,26 +259,27 @@ def _held(
 
 
 def replan(held: Held, scenario: Scenario) -> Trajectory:
-    """The trajectory of a scenario near that of a plan, as a pure function.
+    """Compute the trajectory of a scenario near that of a plan, as a pure function of the scenario.
 
-    It composes with ``jit``, ``vmap``, ``grad`` and ``jacfwd``, within ``jax.enable_x64(True)``; every number
-    of the scenario is an input, and must be a float for ``grad`` to tell its derivative. First derivatives
-    are exact; there are no second ones. At the plan's own scenario it is the optimum near the plan's
-    trajectory, and that itself with ``trajectory.optimal``.
+    It composes with ``jit``, ``vmap``, ``grad`` and ``jacfwd``, and must be called within
+    ``jax.enable_x64(True)``. Every number of the scenario is an input, and must be a float for ``grad`` to
+    return its derivative. First derivatives are exact; there are no second ones. At the plan's own scenario
+    the result is the optimum near the plan's trajectory, which is that trajectory itself if
+    ``trajectory.optimal`` is set.
 
     Args:
-        held: of the plan.
+        held: what is held fixed of the plan, from `hold`.
         scenario: with as many devices and zones, and the same choices, as that of the plan.
 
     Returns:
-        The trajectory. Nothing is checked: whether it is safe is for a plan of the scenario to say.
+        The trajectory. Nothing is checked: to know whether it is safe, plan the scenario.
     """
     expect("held", held, Held, "jp.hold makes one of a plan")
     return replan_to(None, held, expect("scenario", scenario, Scenario, "plan.scenario is the plan's own"))
 
 
 def replan_to(end: "End | None", held: Held, scenario: Scenario) -> Trajectory:
-    """`replan` to an end that is known, which then has no derivative; None for that of `end_of`."""
+    """Compute `replan` to a given end, which then has no derivative; None for the end that `end_of` finds."""
     scenario = of_arrays(scenario)
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise ValueError("replan needs numbers of 64 bits: call it within jax.enable_x64(True)")
@@ -271,12 +289,12 @@ def replan_to(end: "End | None", held: Held, scenario: Scenario) -> Trajectory:
 
 
 class End(NamedTuple):
-    """Where a manoeuvre ends, as JAX arrays.
+    """Where a manoeuvre ends, as JAX arrays; J is the number of joints.
 
     Attributes:
         attitude: (3, 3) body to inertial.
         joints: (J,) rad.
-        rates: (3 + J,) rad/s, of body axes and joints.
+        rates: (3 + J,) rad/s, the angular velocity in body axes, then the joint rates.
     """
 
     attitude: Any
@@ -285,9 +303,14 @@ class End(NamedTuple):
 
 
 def end_of(held: Held, scenario: Scenario, rows: Constraints) -> End:
-    """The goal near the held one of a scenario `of_arrays`, whose `Scenario.rows` are given, at its end time.
+    """Return the goal of a scenario near the held one, at the end time of the scenario, with its rates.
 
-    It is the first half of `replan`, and `motion_to` the other.
+    This is the first half of `replan`; `motion_to` is the other.
+
+    Args:
+        held: what is held fixed of the plan.
+        scenario: the scenario, as `of_arrays` returns it.
+        rows: its constraints, from `Scenario.rows`.
     """
     asked = scenario.asked
     if isinstance(asked, GivenState):
@@ -313,9 +336,10 @@ def end_of(held: Held, scenario: Scenario, rows: Constraints) -> End:
 
 
 def held_end(held: Held, scenario: Scenario) -> End | None:
-    """The held goal as the end of a scenario that differs from the plan's in what no goal depends on.
+    """Return the held goal as the end of a scenario with the same goal as the plan's.
 
-    None where targets or zones move, since their goal depends on the duration.
+    The scenario may differ only in what no goal depends on. The result is None where targets or zones move,
+    since the goal then depends on the duration.
     """
     if moves(scenario):
         return None
@@ -323,7 +347,7 @@ def held_end(held: Held, scenario: Scenario) -> End | None:
 
 
 def _end(attitude: ArrayLike, joints: ArrayLike, rates: tuple[ArrayLike, ArrayLike]) -> End:
-    """An end with rates of body axes (3,) and of joints (J,), rad/s."""
+    """Make an `End` of an attitude, joints (J,) rad, and rates, rad/s, of body axes (3,) and joints (J,)."""
     return End(
         attitude=jnp.asarray(attitude),
         joints=jnp.asarray(joints),
@@ -332,7 +356,7 @@ def _end(attitude: ArrayLike, joints: ArrayLike, rates: tuple[ArrayLike, ArrayLi
 
 
 def motion_to(end: End, held: Held, scenario: Scenario, rows: Constraints) -> Trajectory:
-    """The trajectory of a scenario to a given end; the others are as of `end_of`."""
+    """Return the trajectory of a scenario to a given end; the other arguments are those of `end_of`."""
     craft = scenario.usable
     number = jnp.arange(len(held.attitudes))
     first, last = number == 0, number >= held.last
@@ -355,26 +379,27 @@ def motion_to(end: End, held: Held, scenario: Scenario, rows: Constraints) -> Tr
 
 
 def _place(goal: Goal) -> Goal:
-    """A copy of a goal without time and rates."""
+    """Return a copy of a goal without its time and rates."""
     return Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle)
 
 
 @one_thread()
 def follow(plan: Plan, scenario: Scenario) -> Plan:
-    """Plan a scenario near another plan: without a search, along a path with the same corners.
+    """Plan a scenario near another plan, without a search, along a path with the same corners.
 
     Args:
-        plan: with a path.
-        scenario: with the same devices.
+        plan: a plan with a path.
+        scenario: a scenario with the same devices.
 
     Returns:
-        A plan with a certificate of its own, or a status that says why there is none. Of several goals it is
-        the one nearest to that of the other plan. A shortest motion is looked for near that of the other
-        plan, on its breaks where these are at switches.
+        A plan with a certificate of its own, or with a status that says why there is none. If the scenario
+        has several goals, the one nearest to that of the other plan is taken. A shortest motion is looked for
+        near that of the other plan, with breaks at the same places where these are at switches.
 
     Raises:
-        TypeError: for what is no plan or scenario.
-        ValueError: as of `plan` for the scenario; if it has other devices, or the plan no path.
+        TypeError: if the arguments are no plan and no scenario.
+        ValueError: for a scenario that `plan` refuses, for one with other devices, or if the plan has no
+            path.
     """
     expect("plan", plan, Plan, _A_PLAN)
     filed = as_filed("scenario", scenario)
@@ -387,7 +412,11 @@ def follow(plan: Plan, scenario: Scenario) -> Plan:
 
 @one_thread()
 def follow_and_hold(plan: Plan, scenario: Scenario, *, nodes: int = FEWEST_NODES) -> tuple[Plan, Held | None]:
-    """`follow` a plan to a scenario and `hold` the result, with one fit; None for the latter if it fails."""
+    """`follow` a plan to a scenario and `hold` the result, with a single fit for both.
+
+    Returns:
+        The new plan, and what is held of it; None for the latter where the plan failed or cannot be held.
+    """
     followed, fitted = _followed(plan, scenario)
     path, goal = followed.path, followed.goal
     if not followed.ok or fitted is None or path is None or goal is None:
@@ -399,11 +428,11 @@ def follow_and_hold(plan: Plan, scenario: Scenario, *, nodes: int = FEWEST_NODES
 
 
 def _followed(plan: Plan, scenario: Scenario, near: Trajectory | None = None) -> tuple[Plan, Fit | None]:
-    """Plan a scenario near another plan, see `follow`, and return the plan with its fit, if there is one.
+    """Plan a scenario near another plan, see `follow`, and return the plan with its fit, None without one.
 
     Args:
-        plan: with a path.
-        scenario: to be planned.
+        plan: a plan with a path.
+        scenario: the scenario to be planned.
         near: a trajectory near which a shortest motion is looked for, on its breaks; None for anywhere.
 
     Raises:
@@ -439,12 +468,12 @@ def _followed(plan: Plan, scenario: Scenario, near: Trajectory | None = None) ->
 
 
 def of_arrays(scenario: Scenario) -> Scenario:
-    """The scenario with JAX arrays instead of lists of numbers, of which some may be traced."""
+    """Return the scenario with JAX arrays in place of its lists of numbers, some of which may be traced."""
 
     def is_vector(value: object) -> bool:
         if not isinstance(value, list | tuple) or not len(value) or any(map(is_dataclass, value)):
             return False
-        return max(map(np.ndim, value)) < 2  # else of arrays, such as masks
+        return max(map(np.ndim, value)) < 2  # deeper lists hold arrays, such as masks
 
     arrays: Scenario = jax.tree.map(
         lambda leaf: jnp.asarray(leaf, float) if is_vector(leaf) else leaf, scenario, is_leaf=is_vector
@@ -453,7 +482,7 @@ def of_arrays(scenario: Scenario) -> Scenario:
 
 
 def _rates(scenario: Scenario, end: Any) -> tuple[Any, Any]:
-    """Angular velocity (3,) and joint rates (J,), rad/s, of a start or goal `end`, zeros where None."""
+    """Return the angular velocity (3,) and joint rates (J,) rad/s of a start or goal, with zeros for None."""
     given, counts = (end.angular_velocity, end.joint_rates), (3, scenario.spacecraft.joint_count)
     velocity, rates = (
         np.zeros(count) if own is None else own for own, count in zip(given, counts, strict=True)
@@ -462,11 +491,11 @@ def _rates(scenario: Scenario, end: Any) -> tuple[Any, Any]:
 
 
 def _needs_time(scenario: Scenario) -> bool:
-    """Whether something moves and no duration is given, which then depends on the goal."""
+    """Tell whether a target or zone moves and no duration is given; the duration then depends on the goal."""
     return moves(scenario) and not scenario.trajectory.timed
 
 
 def expect_known_time(scenario: Scenario) -> None:
-    """Raise ValueError where something moves and no duration is given, which then depends on the goal."""
+    """Raise a ValueError where a target or zone moves and no duration is given."""
     if _needs_time(scenario):
         raise ValueError(f"{scenario.name} {_NEEDS_TIME}")

@@ -3,14 +3,14 @@
     >>> trajectory = jp.differentiable(plan)
     >>> slopes = jax.grad(lambda scenario: jp.measures.effort(trajectory(scenario)))(plan.scenario)
 
-It is `replan` of what `hold` returns (`jaxplan.derivatives`), by compiled kernels of its own where plain
-numbers are differentiated, and as any other function of JAX within `jax.jit`. The kernels are two, which are
-compiled side by side: one finds where the manoeuvre ends with the derivatives of that, the other the
-trajectory that ends there, and its derivatives by the chain rule.
+The function is `replan` of what `hold` returns (`jaxplan.derivatives`). Where plain numbers are
+differentiated it runs compiled kernels of its own, and within `jax.jit` it is traced as any other function of
+JAX. The kernels are two, compiled side by side: one finds where the manoeuvre ends, with the derivatives of
+that; the other finds the trajectory that ends there, and its derivatives by the chain rule.
 
-All is computed in 64 bits, since an optimum of 32 bits has no slopes worth the name. Where JAX itself is set
+All is computed in 64 bits, since 32 bits leave the slopes of an optimum no accuracy. Where JAX itself is set
 to 32 bits, as it is by default, `differentiable` exports the function once from within 64 bits, and what a
-trace sees of it are numbers of 32 bits: values and slopes are then good to some seven digits.
+trace sees are its numbers rounded to 32 bits: values and slopes are then good to some seven digits.
 """
 
 from collections.abc import Callable
@@ -38,36 +38,39 @@ from jaxplan.runtime.linear import linear_map
 from jaxplan.runtime.precompile import Task, side_by_side
 from jaxplan.trajectory import Trajectory
 
-Reached = tuple[End, Any]  # and derivatives (E, N), of its numbers by those of a scenario, see `_real`
+Reached = tuple[End, Any]  # with derivatives (E, N) of its E numbers by the N `_real` ones of a scenario
 
 # Kernels for all plans of equal shapes. A gradient is asked for seldom, and need not be the quickest.
 _replan = quick_jit(replan, level=0)
 
 
 def _is_real(leaf: Any) -> bool:
-    """Whether a number of a scenario can be differentiated: floating-point ones."""
+    """Tell whether a number of a scenario can be differentiated, which holds for floating-point ones."""
     return bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating))
 
 
 def _real(scenario: Scenario) -> list[Any]:
-    """The numbers of a scenario that can be differentiated, leaves of its tree in order."""
+    """Return the numbers of a scenario that can be differentiated, as leaves of its tree in order."""
     return list(filter(_is_real, jax.tree.leaves(scenario)))
 
 
 def _with_numbers(scenario: Scenario, numbers: list[Any]) -> Scenario:
-    """A scenario with these as its `_real` numbers, and with arrays instead of lists."""
+    """Return a scenario with other differentiable numbers (see `_real`), and JAX arrays in place of lists."""
     left = iter(numbers)
     return of_arrays(jax.tree.map(lambda leaf: next(left) if _is_real(leaf) else leaf, scenario))
 
 
 def _replan_by(held: Held, scenario: Scenario, numbers: list[Any]) -> Trajectory:
-    """`replan` as a function of the scenario's `_real` numbers."""
+    """Compute `replan` as a function of the differentiable numbers of a scenario (see `_real`)."""
     return replan(held, _with_numbers(scenario, numbers))
 
 
 @partial(quick_jit, level=0)
 def _end_with_slopes(held: Held, scenario: Scenario) -> Reached:
-    """Where a scenario's manoeuvre ends, with derivatives by its `_real` numbers."""
+    """Return where a manoeuvre ends, and the derivatives (E, N) of that by a scenario's numbers.
+
+    These are the E numbers of the `End`, by the N differentiable numbers of the scenario (see `_real`).
+    """
 
     def end(numbers: list[Any]) -> tuple[Array, End]:
         own = _with_numbers(scenario, numbers)
@@ -83,18 +86,22 @@ def _end_with_slopes(held: Held, scenario: Scenario) -> Reached:
 def _with_slopes(
     reached: Reached, held: Held, scenario: Scenario, cotangents: Trajectory, wanted: bool
 ) -> tuple[Trajectory, list[Any]]:
-    """A scenario's trajectory and, if `wanted`, the product of cotangents with its derivatives, else zeros.
+    """Return a scenario's trajectory and, if `wanted`, the product of cotangents with its derivatives.
 
-    One kernel serves both ways of a gradient, since most of it is the same. On the way back it computes the
-    trajectory once more: with what could be passed on instead, the functions that JAX makes of it, the kernel
-    could not be kept for other processes.
+    One kernel serves the forward and the backward pass of a gradient, since most of it is the same. The
+    backward pass computes the trajectory once more: if it were handed the intermediate results instead, which
+    are functions that JAX makes, the kernel could not be kept for other processes.
 
     Args:
-        reached: by the scenario, of `_end_with_slopes`.
-        held: of the plan.
-        scenario: near that of the plan.
+        reached: where the manoeuvre ends, with derivatives, as `_end_with_slopes` returns it for the
+            scenario.
+        held: what is held fixed of the plan.
+        scenario: a scenario near that of the plan.
         cotangents: of the trajectory.
-        wanted: whether the product is.
+        wanted: whether the product is computed; if not, zeros stand in its place.
+
+    Returns:
+        The trajectory, and an array for each of the scenario's differentiable numbers (see `_real`).
     """
     numbers, (end, end_slopes) = _real(scenario), reached
 
@@ -115,21 +122,24 @@ def _with_slopes(
 
 @partial(quick_jit, level=0)
 def _along(held: Held, scenario: Scenario, way: list[Any]) -> Trajectory:
-    """The derivative of a scenario's trajectory along tangents `way` of its `_real` numbers."""
+    """Return the derivative of a trajectory along tangents of its scenario's differentiable numbers.
+
+    `way` holds these tangents, in the order of `_real`.
+    """
     along: Trajectory = jax.jvp(partial(_replan_by, held, scenario), (_real(scenario),), (way,))[1]
     return along
 
 
 def _plain(tree: Any) -> Any:
-    """A tree with its numbers as arrays of numpy, but for tracers, so that one kernel serves all callers."""
+    """Convert the leaves of a tree, but no tracers, to numpy arrays; so one kernel serves all callers."""
     return jax.tree.map(lambda leaf: leaf if isinstance(leaf, jax.core.Tracer) else np.asarray(leaf), tree)
 
 
-_compiled: WeakSet[Held] = WeakSet()  # those that kernels have been compiled for
+_compiled: WeakSet[Held] = WeakSet()  # those whose kernels have been compiled
 
 
 def _reached(held: Held, scenario: Scenario) -> Reached:
-    """Where a scenario's manoeuvre ends, by a kernel; before the first one both kernels are compiled."""
+    """Find by a kernel where a scenario's manoeuvre ends; the first call for `held` compiles both kernels."""
     if held not in _compiled:
         side_by_side(_tasks(held, scenario), lambda: None)
         _compiled.add(held)
@@ -138,13 +148,13 @@ def _reached(held: Held, scenario: Scenario) -> Reached:
 
 
 def _value(held: Held, scenario: Scenario, reached: Reached) -> Trajectory:
-    """A scenario's trajectory to its end, by the kernel that computes its derivatives, too."""
+    """Return a scenario's trajectory to its known end, by the kernel that also computes its derivatives."""
     nothing = jax.tree.map(np.zeros_like, held.trajectory)
     return _with_slopes(*_plain((reached, held, scenario, nothing)), False)[0]
 
 
 def _tasks(held: Held, scenario: Scenario) -> list[Task]:
-    """Tasks that compile the kernels of `_value` and `_pulled`, each in a thread."""
+    """Return tasks that compile the kernels of `_reached`, `_value` and `_pulled`, to be run in threads."""
     own = _plain((held, scenario))
     joints = np.asarray(held.goal.joints, float)
     end = End(np.asarray(held.goal.attitude, float), joints, np.zeros(3 + len(joints)))
@@ -163,18 +173,21 @@ def _tasks(held: Held, scenario: Scenario) -> list[Task]:
 
 
 def _pulled(held: Held, scenario: Scenario, reached: Reached, cotangents: Trajectory) -> list[Any]:
-    """The product of cotangents with the trajectory's derivatives by the scenario's `_real` numbers."""
+    """Return cotangents times a trajectory's derivatives by its scenario's differentiable numbers.
+
+    The products are in the order of `_real`.
+    """
     return _with_slopes(*_plain((reached, held, scenario, cotangents)), True)[1]
 
 
 def _forward(own: tuple[Held, Scenario, Reached], way: Any) -> list[Any]:
-    """Leaves of `_along`, as `linear_map` takes them."""
+    """Return the leaves of the derivative of the trajectory along tangents `way`, for `linear_map`."""
     held, scenario, _ = own
     return jax.tree.leaves(_along(*_plain((held, scenario, list(way)))))
 
 
 def _backward(own: tuple[Held, Scenario, Reached], answers: Any) -> list[Any]:
-    """`_pulled` of cotangents given as leaves of a trajectory, the transpose of `_forward`."""
+    """Return cotangents, as leaves of a trajectory, times its derivatives: the transpose of `_forward`."""
     return _pulled(*own, jax.tree.unflatten(jax.tree.structure(own[0].trajectory), answers))
 
 
@@ -182,22 +195,22 @@ _slopes = linear_map("slopes of a plan", _forward, _backward)
 
 
 def differentiable(plan: Plan) -> "Differentiable":
-    """The trajectory of a plan as a function of its scenario.
+    """Return the trajectory of a plan as a differentiable function of its scenario.
 
-    What a planner chooses has no derivative and is held fixed, see `jaxplan.derivatives`: the goal among the
-    local minima of step 1, the corners of the path and when each is passed, and which limits, zones
-    and nodes bind. A plan that is made anew chooses all of these again.
+    What a planner chooses has no derivative and is held fixed, see `jaxplan.derivatives`: which local minimum
+    of step 1 the goal is, the corners of the path and when each is passed, and which limits, zones and nodes
+    bind. A plan that is made anew chooses all of these again.
 
     Args:
-        plan: an OK one, in a given duration, or from rest to rest the shortest one or one stretched to the
-            limits; where targets or zones move, in a given duration.
+        plan: an OK plan in a given duration; where nothing moves and both ends are at rest, also the shortest
+            one or one stretched to the limits.
 
     Returns:
         A function of a scenario like that of the plan, see `Differentiable`.
 
     Raises:
         TypeError: if it is no plan.
-        ValueError: as of `hold`, if there is no trajectory that can be followed.
+        ValueError: as for `hold`, if there is no trajectory that can be followed.
 
     Example:
         >>> slopes = jax.grad(lambda s: jp.measures.effort(jp.differentiable(plan)(s)))(plan.scenario)
@@ -208,15 +221,16 @@ def differentiable(plan: Plan) -> "Differentiable":
 
 @shown("plan.scenario.name", "plan.trajectory.duration s", "held")
 class Differentiable:
-    """A pure function from scenarios to trajectories that composes with ``jit``, ``grad`` and ``vmap``.
+    """Pure function from a scenario to a trajectory near that of a plan, with derivatives.
 
-    Within ``jax.enable_x64(True)`` also with ``jvp`` and ``jacfwd``, and all numbers have 64 bits. Called
-    with plain numbers it answers in 64 bits, too. Of a traced scenario of 32 bits trajectory and slopes have
-    32. Numbers that cannot be differentiated, such as seeds, are no inputs of ``grad``: they are held.
+    It composes with ``jit``, ``grad`` and ``vmap``, and within ``jax.enable_x64(True)`` also with ``jvp`` and
+    ``jacfwd``; all numbers then have 64 bits. Called with plain numbers it returns 64 bits, too. For a traced
+    scenario of 32 bits, trajectory and slopes have 32. Numbers that cannot be differentiated, such as seeds,
+    are held fixed by ``grad``.
 
     Attributes:
-        plan: to whose trajectory it belongs.
-        held: what is held fixed of it.
+        plan: the plan to whose trajectory it belongs.
+        held: what is held fixed of the plan.
         optimum: the plan at the optimum whose slopes the function has.
     """
 
@@ -227,11 +241,12 @@ class Differentiable:
 
     @cached_property
     def optimum(self) -> Plan:
-        """The plan with the trajectory that the function has at its scenario, and a certificate of that.
+        """The plan with the trajectory that the function returns at its scenario, and a certificate of that.
 
-        A plan may end some thousandths of its energy above the optimum, which is enough to fly. Slopes are
-        those of the optimum; with ``trajectory.optimal`` the plan is at it already. It touches limits at the
-        places that a fit looks at, so what lies between may break one by a little; then it is UNCERTIFIED.
+        The energy of a plan may be some thousandths above the optimum, which is good enough to fly. Slopes
+        are those of the optimum; with ``trajectory.optimal`` the plan is at it already. The optimum touches
+        limits at the times that a fit checks, so it may break one slightly in between; its status is then
+        UNCERTIFIED.
         """
         plan, goal = self.plan, self.held.goal
         trajectory = self(plan.scenario)
@@ -240,7 +255,7 @@ class Differentiable:
         )
 
     def __call__(self, scenario: Scenario) -> Trajectory:
-        """The trajectory of a scenario near that of the plan; nothing is checked.
+        """Return the trajectory of a scenario near that of the plan; nothing is checked.
 
         Args:
             scenario: with as many devices and zones, and the same choices, as that of the plan.
@@ -261,7 +276,7 @@ class Differentiable:
 
 
 def _in_64_bits(held: Held) -> Callable[[Scenario], Trajectory]:
-    """`replan` as a function of arrays of 64 bits, by kernels where plain numbers are differentiated."""
+    """Return `replan` as a function of 64-bit scenarios; kernels compute derivatives at plain numbers."""
     wide: Any = jax.custom_jvp(partial(_replan, held))
 
     def follow(own: tuple[Scenario], ways: tuple[Scenario]) -> tuple[Trajectory, Trajectory]:
@@ -285,15 +300,15 @@ def _in_64_bits(held: Held) -> Callable[[Scenario], Trajectory]:
 
 
 def _in_32_bits(held: Held, wide: Scenario) -> Callable[[Scenario], Trajectory]:
-    """`replan` as a function of arrays of 32 bits, computed in 64.
+    """Return `replan` as a function of 32-bit scenarios, computed in 64 bits.
 
-    Plain numbers go to kernels. What is traced where JAX is set to 32 bits may not be traced anew by it, so
-    for these both the function and its product with cotangents are exported, once they are needed: what is
-    called is compiled as it is.
+    Plain numbers go to kernels. What is traced while JAX is set to 32 bits cannot be traced again in 64, so
+    for traced numbers both the function and its product with cotangents are exported when first needed, and
+    the exported code is called.
 
     Args:
-        held: of the plan.
-        wide: a scenario of the shapes that it is to be called with, and types of 64 bits.
+        held: what is held fixed of the plan.
+        wide: a scenario with the shapes that the function will be called with, and types of 64 bits.
     """
 
     @cache
@@ -317,7 +332,7 @@ def _in_32_bits(held: Held, wide: Scenario) -> Callable[[Scenario], Trajectory]:
             given = _cast((scenario, cotangents), jnp.float64)
             return _cast(exported()[1](*given), jnp.float32)
 
-    # What is exported knows of no batch.
+    # Exported functions cannot be batched, so the calls of a batch are made one after the other.
     value: Callable[[Scenario], Trajectory] = jax.custom_batching.sequential_vmap(wide_value)
     product: Callable[..., Scenario] = jax.custom_batching.sequential_vmap(wide_product)
 
@@ -343,11 +358,11 @@ def _in_32_bits(held: Held, wide: Scenario) -> Callable[[Scenario], Trajectory]:
 
 
 def _cast(tree: Any, dtype: Any) -> Any:
-    """A tree with all its leaves converted to a dtype, traced or not."""
+    """Return a tree with all its leaves, traced or not, converted to a dtype."""
 
     def cast(leaf: Any) -> Any:
         if isinstance(leaf, jax.core.Tracer):
             return jax.lax.convert_element_type(leaf, dtype)
-        return np.asarray(leaf, dtype)  # without a kernel
+        return np.asarray(leaf, dtype)  # numpy converts without compiling a kernel
 
     return jax.tree.map(cast, tree)

@@ -1,14 +1,15 @@
 """Rotations: exponential, logarithm, right Jacobian and distance on SO(3).
 
-Conventions. A rotation matrix ``R`` maps body to inertial coordinates; a rotation vector ``w`` (rad)
-is its exponential coordinates, ``R = exp(w^)``. Angular velocities are in body axes: ``R' = R omega^``.
-Everything broadcasts over leading axes, computes with numpy or JAX as its arguments do, in their dtype
-(`jaxplan.geometry.vectors`), and composes with ``jit``, ``vmap`` and ``grad``. The coefficients are even
-functions of the angle, so they are computed as smooth functions of its square: below one radian by their
-series, above by the closed form. That keeps values and first derivatives right down to zero, where the
-printed closed forms lose all digits (Lemma 3 of the paper, with the sign and the threshold of its errata).
-The logarithm goes through the unit quaternion (`jaxplan.geometry.quaternion`), which needs no branch near
-half a turn.
+Conventions. A rotation matrix ``R`` maps body to inertial coordinates; a rotation vector ``w`` (rad) is its
+exponential coordinates, ``R = exp(w^)``, where ``w^`` is `hat` of ``w``. Angular velocities are in body axes:
+``R' = R omega^``. Every function broadcasts over leading axes, computes with numpy or JAX according to its
+arguments and in their dtype (`jaxplan.geometry.vectors`), and composes with ``jit``, ``vmap`` and ``grad``.
+
+The coefficients of these formulas are even functions of the rotation angle, so they are computed as smooth
+functions of its square: below one radian by their series, above by the closed form. That keeps values and
+first derivatives accurate down to zero, where the closed forms as printed lose all digits (Lemma 3 of the
+paper, with the sign and the threshold of its errata). The logarithm goes through the unit quaternion
+(`jaxplan.geometry.quaternion`), which needs no branch near half a turn.
 """
 
 from math import factorial
@@ -26,23 +27,30 @@ _TERMS = 9
 
 
 def _coefficients(square: AnyArray, last: int = 3) -> tuple[AnyArray, ...]:
-    """``sin t / t``, ``(1 - cos t) / t^2``, ``(t - sin t) / t^3`` and so on, as functions of ``z = t^2``.
+    """Evaluate ``sin t / t``, ``(1 - cos t) / t^2``, ``(t - sin t) / t^3`` and so on at ``z = t^2``.
 
-    The n-th of them is ``S_n(z)``, the sum of ``(-1)^k z^k / (2 k + n)!``. They follow from each other, ``S_n
-    + z S_(n + 2) = 1 / n!``, and so do their derivatives: ``2 S_n' = n S_(n + 2) - S_(n + 1)``.
+    The n-th of these functions, n from 1, is ``S_n(z)``, the sum of ``(-1)^k z^k / (2 k + n)!``. They obey
+    the recurrence ``S_n + z S_(n + 2) = 1 / n!``, and their derivatives are ``2 S_n' = n S_(n + 2) - S_(n +
+    1)``.
 
     Args:
-        square: (...) rad^2.
-        last: how many of them, at least two.
+        square: (...) rad^2, the values of ``z``.
+        last: number of functions to evaluate, at least two.
+
+    Returns:
+        The functions ``S_1`` to ``S_last``, each of shape (...).
     """
     return _differentiable(square, last) if array_module(square) is jnp else _values(square, last)
 
 
 def _values(square: AnyArray, last: int) -> tuple[AnyArray, ...]:
-    """The first `last` functions of `_coefficients` of the square (...) rad^2."""
+    """Evaluate the first `last` functions of `_coefficients` at squares (...) rad^2, without derivatives."""
     xp = array_module(square)
     small = square < 1
-    near, safe = xp.where(small, square, 0), xp.where(small, 1, square)  # what each side can bear
+    near, safe = (
+        xp.where(small, square, 0),
+        xp.where(small, 1, square),
+    )  # arguments for which each form is accurate
     theta = xp.sqrt(safe)
     half_sinc = xp.sin(theta / 2) / theta
     far = [xp.sin(theta) / theta, 2 * half_sinc * half_sinc]
@@ -55,7 +63,7 @@ def _values(square: AnyArray, last: int) -> tuple[AnyArray, ...]:
 
 
 def _series(square: AnyArray, n: int) -> AnyArray:
-    """``S_n`` of `_coefficients` by its series, for squares (...) rad^2 below one."""
+    """Evaluate ``S_n`` of `_coefficients` by its series, accurate for squares (...) below 1 rad^2."""
     total = array_module(square).zeros_like(square)
     for k in reversed(range(_TERMS)):
         total = total * square + (-1) ** k / factorial(2 * k + n)
@@ -69,32 +77,32 @@ _differentiable = jax.custom_jvp(_values, nondiff_argnums=(1,))
 def _slopes(
     last: int, primals: tuple[AnyArray], tangents: tuple[AnyArray]
 ) -> tuple[tuple[AnyArray, ...], tuple[AnyArray, ...]]:
-    """The functions of `_coefficients` and their derivatives along a tangent, for `jax.custom_jvp`."""
+    """Return the functions of `_coefficients` and their derivatives along a tangent, for `jax.custom_jvp`."""
     found = _differentiable(*primals, last + 2)
     slopes = [_slope(found, n) for n in range(1, last + 1)]
     return found[:last], tuple(slope * tangents[0] for slope in slopes)
 
 
 def _slope(found: tuple[AnyArray, ...], n: int) -> AnyArray:
-    """``S_n'`` from the functions of `_coefficients`, of which `found` has at least n + 2."""
+    """Return the derivative ``S_n'`` by ``z``, given the functions of `_coefficients` up to ``S_(n + 2)``."""
     return (n * found[n + 1] - found[n]) / 2
 
 
 def _coefficient_slopes(square: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Derivatives by ``t^2`` of the second and third function of `_coefficients`; squares (...) rad^2."""
+    """Return derivatives by ``z = t^2`` of ``S_2`` and ``S_3`` of `_coefficients`, at squares (...) rad^2."""
     found = _coefficients(square, 5)
     return _slope(found, 2), _slope(found, 3)
 
 
 def _coefficient_bends(square: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Derivatives by ``t^2`` of those of `_coefficient_slopes`, at squares (...) rad^2."""
+    """Return the second derivatives of ``S_2`` and ``S_3`` by ``z = t^2`` at squares (...) rad^2."""
     found = _coefficients(square, 7)
     second, third = ((n * _slope(found, n + 2) - _slope(found, n + 1)) / 2 for n in (2, 3))
     return second, third
 
 
 def hat(vector: ArrayLike) -> AnyArray:
-    """Cross-product matrix: ``hat(a) @ b == cross(a, b)``.
+    """Cross-product matrix of a vector: ``hat(a) @ b == cross(a, b)``.
 
     Args:
         vector: (..., 3).
@@ -114,14 +122,19 @@ def hat(vector: ArrayLike) -> AnyArray:
 
 
 def _hat_square(vector: AnyArray) -> AnyArray:
-    """``hat(x) @ hat(x)`` (..., 3, 3) of vectors (..., 3), as ``x x^T - |x|^2 I``, which XLA fuses."""
+    """Return ``hat(x) @ hat(x)`` (..., 3, 3) of vectors ``x`` (..., 3).
+
+    It is computed as ``x x^T - |x|^2 I``, which XLA fuses.
+    """
     xp = array_module(vector)
     square = xp.sum(vector * vector, axis=-1)[..., None, None]
     return vector[..., :, None] * vector[..., None, :] - square * xp.eye(3, dtype=vector.dtype)
 
 
 def vee(matrix: ArrayLike) -> AnyArray:
-    """Inverse of `hat`; of a general matrix, the vector of its skew-symmetric part.
+    """Return the vector of a skew-symmetric matrix, the inverse of `hat`.
+
+    Of a general matrix it is the vector of the skew-symmetric part.
 
     Args:
         matrix: (..., 3, 3).
@@ -165,9 +178,9 @@ def log(attitude: ArrayLike) -> AnyArray:
         attitude: (..., 3, 3) rotation matrix.
 
     Returns:
-        (..., 3) rad. At exactly half a turn, where the logarithm has two values and no derivative, it is
-        the one whose largest component is positive, and the derivative returned is finite: that of
-        the branch the value belongs to.
+        (..., 3) rad. At exactly half a turn, where the logarithm has two values and no derivative, the value
+        is the one whose largest component is positive, and the derivative is finite: that of the branch to
+        which the value belongs.
 
     Raises:
         ValueError: if an argument has another shape, or is not made of real numbers.
@@ -177,13 +190,13 @@ def log(attitude: ArrayLike) -> AnyArray:
 
 
 def angle(attitude: ArrayLike) -> AnyArray:
-    """Rotation angle of a rotation matrix, the length of its logarithm.
+    """Rotation angle of a rotation matrix, which is the length of its logarithm.
 
     Args:
         attitude: (..., 3, 3) rotation matrix.
 
     Returns:
-        (...) rad in [0, pi]. It has no derivative at 0 and at pi; the one returned is finite: zero
+        (...) rad in [0, pi]. The angle has no derivative at 0 and at pi, but a finite one is returned: zero
         at 0, and at pi the one from below along the axis that `log` returns.
 
     Raises:
@@ -196,8 +209,8 @@ def distance(first: ArrayLike, second: ArrayLike) -> AnyArray:
     """Angle of the rotation between two attitudes, ``d(R1, R2)`` of Lemma 4.
 
     Args:
-        first: (..., 3, 3).
-        second: (..., 3, 3).
+        first: (..., 3, 3) rotation matrix.
+        second: (..., 3, 3) rotation matrix, broadcast against the first.
 
     Returns:
         (...) rad in [0, pi]; derivatives as for `angle`.
@@ -216,12 +229,12 @@ def geodesic(first: ArrayLike, second: ArrayLike, fraction: ArrayLike) -> AnyArr
 
     Args:
         first: (..., 3, 3) attitude at fraction 0.
-        second: (..., 3, 3) attitude at fraction 1; half a turn away, either axis is a shortest one
-            and that of `log` is taken.
-        fraction: (...) broadcast against the leading axes.
+        second: (..., 3, 3) attitude at fraction 1. If it is exactly half a turn away, two rotations are
+            equally short, and the one about the axis of `log` is taken.
+        fraction: (...) broadcast against the leading axes; values outside [0, 1] continue the same rotation.
 
     Returns:
-        (..., 3, 3).
+        (..., 3, 3) attitudes.
 
     Raises:
         ValueError: if an argument has another shape, or is not made of real numbers.
@@ -235,10 +248,10 @@ def geodesic(first: ArrayLike, second: ArrayLike, fraction: ArrayLike) -> AnyArr
 
 
 def right_jacobian(rotation_vector: ArrayLike) -> AnyArray:
-    """Tangent operator ``D`` of Lemma 3: the body rate of ``exp(x^)`` is ``D(x) x'`` (equation 2).
+    """Right Jacobian ``D`` of Lemma 3, which gives the body rate of ``exp(x^)`` as ``D(x) x'`` (equation 2).
 
     Args:
-        rotation_vector: (..., 3) rad.
+        rotation_vector: (..., 3) rad, the rotation vector ``x``.
 
     Returns:
         (..., 3, 3), the identity at zero.
@@ -255,11 +268,11 @@ def right_jacobian(rotation_vector: ArrayLike) -> AnyArray:
 
 
 def right_jacobian_rate(rotation_vector: ArrayLike, rate: ArrayLike) -> AnyArray:
-    """Time derivative of `right_jacobian` along a curve.
+    """Time derivative of `right_jacobian` along a curve of rotation vectors.
 
     Args:
-        rotation_vector: (..., 3) rad, the curve's value ``x``.
-        rate: (..., 3) rad/s, its derivative ``x'``.
+        rotation_vector: (..., 3) rad, the value ``x`` of the curve.
+        rate: (..., 3) rad/s, its time derivative ``x'``.
 
     Returns:
         (..., 3, 3) 1/s; ``-hat(rate) / 2`` at zero.
@@ -286,12 +299,12 @@ def right_jacobian_rate(rotation_vector: ArrayLike, rate: ArrayLike) -> AnyArray
 def right_jacobian_acceleration(
     rotation_vector: ArrayLike, rate: ArrayLike, acceleration: ArrayLike
 ) -> AnyArray:
-    """Second time derivative of `right_jacobian` along a curve.
+    """Second time derivative of `right_jacobian` along a curve of rotation vectors.
 
     Args:
-        rotation_vector: (..., 3) rad, the curve's value ``x``.
-        rate: (..., 3) rad/s, its derivative ``x'``.
-        acceleration: (..., 3) rad/s^2, its second derivative ``x''``.
+        rotation_vector: (..., 3) rad, the value ``x`` of the curve.
+        rate: (..., 3) rad/s, its time derivative ``x'``.
+        acceleration: (..., 3) rad/s^2, its second time derivative ``x''``.
 
     Returns:
         (..., 3, 3) 1/s^2; ``-hat(acceleration) / 2 + hat(rate) @ hat(rate) / 3`` at zero.

@@ -1,8 +1,8 @@
-"""Compiling ahead of need: what plans, batches and gradients will take, before the first is asked for.
+"""Compile ahead of need the kernels that plans, batches and gradients will use.
 
-A first plan of a kind compiles for seconds and computes for milliseconds. Where that matters, as in a service
-or before a demonstration, it is done beforehand; where compiled code is kept between processes, once for all
-of them.
+The first plan of a kind compiles for seconds and then computes for milliseconds. Where that delay matters, as
+in a service or before a demonstration, the compilation is done beforehand; where compiled code is kept
+between processes, once is enough for all of them.
 """
 
 from dataclasses import replace
@@ -29,27 +29,28 @@ from jaxplan.trajectory import measures
 def warm_up(
     problem: Scenario | Spacecraft, *, gradients: bool = False, batches: bool = False, progress: bool = True
 ) -> None:
-    """Compile what plans of a kind need, several kernels side by side.
+    """Compile the kernels that plans of a kind need, several side by side.
 
-    Kernels are the same for all scenarios of as many devices, whose zones are padded to the same number: 8,
-    16, 32 and so on, those in groups and those about other devices apart from the others. So one scenario
-    stands for all like it, whatever their numbers, duration and goals; its start need not be a possible one.
-    Of the search methods "mha" and "rrt_connect" are compiled beforehand, of the others what they share with
-    these.
+    All scenarios with the same number of devices use the same kernels, as long as their zones are padded to
+    the same number: 8, 16, 32 and so on. Zones in groups and zones about other devices are counted apart from
+    the rest. So one scenario stands for all like it, whatever their numbers, duration and goals, and its
+    start need not be a possible one. Of the search methods "mha" and "rrt_connect" are compiled completely;
+    of the others only what they share with these.
 
     Args:
-        problem: a scenario, or a spacecraft for scenarios of up to 8 zones without groups, with and without a
-            tube (`Scenario.robust`).
-        gradients: also those of `jaxplan.differentiable` for the scenario's own plan; which these are depends
-            on its nodes and on what binds.
-        batches: also those by which `plan_batch` and `run_study` answer several searches at once.
+        problem: a scenario; or a spacecraft, which stands for its scenarios of up to 8 zones without groups,
+            with and without a tube (`Scenario.robust`).
+        gradients: also compile the kernels of `jaxplan.differentiable` for the plan of the scenario itself.
+            Which these are depends on its nodes and on which limits bind.
+        batches: also compile the kernels with which `plan_batch` and `run_study` answer several searches at
+            once.
         progress: show a bar on stderr (or in the notebook) once it takes longer than a second.
 
     Raises:
-        PlanningError: if gradients are asked for of a scenario without a plan.
-        TypeError: if it is neither a scenario nor a spacecraft, or a flag no bool.
-        ValueError: if gradients are asked for of a spacecraft; `ScenarioError` for values that a scenario
-            file may not have.
+        PlanningError: if `gradients` is set for a scenario that has no plan.
+        TypeError: if `problem` is neither a scenario nor a spacecraft, or a flag is not a bool.
+        ValueError: if `gradients` is set for a spacecraft; `ScenarioError` for values that a scenario file
+            may not have.
 
     Example:
         >>> jp.warm_up(jp.paper_case(2), gradients=True)
@@ -72,7 +73,7 @@ def warm_up(
 
 
 def _differentiate(scenario: Scenario) -> None:
-    """Take one gradient of a scenario's plan."""
+    """Plan a scenario and take one gradient of its trajectory, so that all kernels for that are compiled."""
     made = plan(scenario, progress=False)
     trajectory = differentiable(made)
     slope: Any = jax.grad(lambda own: measures.effort(trajectory(own)), allow_int=True)(made.scenario)
@@ -80,9 +81,10 @@ def _differentiate(scenario: Scenario) -> None:
 
 
 def _quiet(spacecraft: Spacecraft) -> list[Scenario]:
-    """Scenarios of a spacecraft that stays where it is: without zones, and with one behind a device.
+    """Return small scenarios in which a spacecraft stays where it is: without zones, and with a single zone.
 
-    Masks have more rows where a tube is about the plan. If that is another table, each is there twice.
+    The zone lies behind a device. Masks have more rows with a tube about the plan; if that changes the shape
+    of the constraint arrays, each scenario is returned a second time with a tube.
     """
     joints = np.mean(spacecraft.joint_ranges, axis=-1)
     rest = GivenState(rotation_vector=np.zeros(3), joints=joints)

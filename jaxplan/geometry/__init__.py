@@ -1,6 +1,6 @@
 """Algebra of rotations, of directions and of small vectors.
 
-Each function computes with numpy or with JAX, whichever its arguments are of (`vectors.array_module`).
+Each function computes with numpy or with JAX, depending on its arguments (`vectors.array_module`).
 """
 
 from jaxplan.runtime.cache import keep_by_default

@@ -1,8 +1,8 @@
-"""Unit quaternions, scalar first: conversion between rotation matrices and rotation vectors.
+"""Unit quaternions as arrays (..., 4), scalar first: conversion to and from matrices and rotation vectors.
 
-A quaternion and its negative are the same rotation; those handed out have a scalar part that is not
-negative. Everything broadcasts over leading axes, computes with numpy or JAX as its arguments do, in their
-dtype (`jaxplan.geometry.vectors`), and composes with ``jit``, ``vmap`` and ``grad``.
+A quaternion and its negative are the same rotation. Every function broadcasts over leading axes, computes
+with numpy or JAX according to its arguments and in their dtype (`jaxplan.geometry.vectors`), and composes
+with ``jit``, ``vmap`` and ``grad``. Quaternions are not checked or normalised unless a function says so.
 """
 
 import numpy as np
@@ -15,15 +15,15 @@ from jaxplan.geometry.vectors import AnyArray, arrays, components, unit
 def from_matrix(attitude: ArrayLike) -> AnyArray:
     """Unit quaternion of a rotation matrix.
 
-    Of the four equivalent formulas the one with the largest divisor (at least one) is used, so no
-    digit is lost at any angle. At exactly half a turn the sign of the axis is free; the largest
-    component is made positive.
+    Of the four equivalent formulas the one with the largest divisor (at least one) is used, so no digit is
+    lost at any angle. At exactly half a turn the sign of the axis is arbitrary; the largest component is made
+    positive.
 
     Args:
         attitude: (..., 3, 3) rotation matrix.
 
     Returns:
-        (..., 4) as ``w x y z``.
+        (..., 4) as ``w x y z``, with ``w >= 0``.
     """
     xp, m = arrays(attitude)
     a, b, c = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
@@ -49,13 +49,14 @@ def from_matrix(attitude: ArrayLike) -> AnyArray:
 
 
 def continuous(attitudes: ArrayLike) -> AnyArray:
-    """Unit quaternions along a motion, without changes of sign.
+    """Unit quaternions along a motion, with signs chosen so that neighbours never jump to the negative.
 
     Args:
-        attitudes: (k, 3, 3), neighbours less than half a turn apart; or a single one, (3, 3).
+        attitudes: (k, 3, 3) rotation matrices, neighbours less than half a turn apart; or a single one, (3,
+            3).
 
     Returns:
-        (k, 4) or (4,) as ``w x y z``; the first scalar part is not negative.
+        (k, 4) or (4,) as ``w x y z``; the scalar part of the first one is not negative.
     """
     found = from_matrix(attitudes)
     if found.ndim == 1:
@@ -72,7 +73,7 @@ def to_matrix(quaternion: ArrayLike) -> AnyArray:
         quaternion: (..., 4) as ``w x y z``; taken to be of unit length.
 
     Returns:
-        (..., 3, 3).
+        (..., 3, 3) rotation matrix.
     """
     xp, q = arrays(quaternion)
     return xp.stack([xp.stack(row, axis=-1) for row in rotations.matrix(components(q))], axis=-2)
@@ -82,10 +83,11 @@ def log(quaternion: ArrayLike) -> AnyArray:
     """Rotation vector of a unit quaternion.
 
     Args:
-        quaternion: (..., 4) as ``w x y z``, whose scalar part is not negative.
+        quaternion: (..., 4) as ``w x y z``, with ``w >= 0``.
 
     Returns:
-        (..., 3) rad, of length at most pi; through ``atan2``, so no branch near half a turn.
+        (..., 3) rad, of length at most pi. It is computed with ``atan2``, so no branch is needed near half a
+        turn.
     """
     xp, q = arrays(quaternion)
     cosine, vector = q[..., 0], q[..., 1:]  # of half the angle
@@ -102,24 +104,25 @@ def exp(rotation_vector: ArrayLike) -> AnyArray:
     """Unit quaternion of a rotation vector, the inverse of `log`.
 
     Args:
-        rotation_vector: (..., 3) rad.
+        rotation_vector: (..., 3) rad, of any length.
 
     Returns:
-        (..., 4) as ``w x y z``; the scalar part is negative beyond half a turn.
+        (..., 4) as ``w x y z``. The scalar part is the cosine of half the angle, so it is negative for angles
+        between pi and 3 pi.
     """
     xp, vector = arrays(rotation_vector)
     return xp.stack(xp.broadcast_arrays(*rotations.exp(components(vector))), axis=-1)
 
 
 def product(first: ArrayLike, second: ArrayLike) -> AnyArray:
-    """Quaternion of the rotation ``R(first) @ R(second)``.
+    """Unit quaternion of the rotation ``R(first) @ R(second)``.
 
     Args:
-        first: (..., 4) as ``w x y z``.
-        second: (..., 4), broadcast.
+        first: (..., 4) as ``w x y z``, of any length but zero.
+        second: (..., 4) likewise, broadcast against the first.
 
     Returns:
-        (..., 4) of unit length, so that no error builds up over many products; scalar part >= 0.
+        (..., 4), normalised to unit length so that no error builds up over many products, with ``w >= 0``.
     """
     xp, *factors = arrays(first, second)
     w, *vector = unit(rotations.product(*(components(factor) for factor in factors)))
@@ -130,8 +133,8 @@ def distance(first: ArrayLike, second: ArrayLike) -> AnyArray:
     """Angle of the rotation from one attitude to another.
 
     Args:
-        first: (..., 4) as ``w x y z``, unit.
-        second: (..., 4), broadcast.
+        first: (..., 4) as ``w x y z``, of unit length.
+        second: (..., 4) likewise, broadcast against the first.
 
     Returns:
         (...) rad in [0, pi], whatever the signs of the quaternions.
@@ -141,13 +144,13 @@ def distance(first: ArrayLike, second: ArrayLike) -> AnyArray:
 
 
 def conjugate(quaternion: ArrayLike) -> AnyArray:
-    """Quaternion of the inverse rotation.
+    """Conjugate of a quaternion; of a unit quaternion that is the inverse rotation.
 
     Args:
-        quaternion: (..., 4).
+        quaternion: (..., 4) as ``w x y z``.
 
     Returns:
-        (..., 4).
+        (..., 4) as ``w -x -y -z``.
     """
     xp, q = arrays(quaternion)
     return xp.stack(rotations.conjugate(components(q)), axis=-1)

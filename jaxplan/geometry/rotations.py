@@ -1,8 +1,9 @@
-"""Unit quaternions, components first: the one place where their products and matrices are written out.
+"""Unit quaternions as four separate components, scalar first; their formulas are written out only here.
 
-A quaternion is four components ``w x y z`` as `jaxplan.geometry.vectors` has them, and so are those handed
-out. A quaternion and its negative are the same rotation. `jaxplan.geometry.quaternion` has the same for
-arrays (..., 4), `jaxplan.so3` for matrices and rotation vectors.
+A quaternion is given as its components ``w x y z`` along the first axis (an array (4, ...) or a sequence of
+four arrays, see `jaxplan.geometry.vectors`), and results are tuples of four. A quaternion and its negative
+are the same rotation; ``R(q)`` is the rotation matrix of ``q``. `jaxplan.geometry.quaternion` has the same
+functions for arrays (..., 4), `jaxplan.so3` for matrices and rotation vectors.
 """
 
 from typing import TypeAlias
@@ -12,12 +13,12 @@ from jaxplan.geometry.vectors import AnyArray, Components, array_module, dot, un
 Quaternion: TypeAlias = tuple[AnyArray, ...]
 """``w x y z``."""
 
-_STRAIGHT = 1e-6  # sine of half a turn, below which the chord and the arc are the same to rounding
-_SMALL = 1e-16  # rad^2, below which a sine is its angle
+_STRAIGHT = 1e-6  # sine of half the angle, below which chord and arc agree to rounding
+_SMALL = 1e-16  # rad^2, square of an angle below which its sine equals it to rounding
 
 
 def product(first: Components, second: Components) -> Quaternion:
-    """Quaternion of ``R(first) @ R(second)``."""
+    """Quaternion of the rotation ``R(first) @ R(second)``, not normalised."""
     (a, b, c, d), (w, x, y, z) = first, second
     return (
         a * w - b * x - c * y - d * z,
@@ -28,25 +29,25 @@ def product(first: Components, second: Components) -> Quaternion:
 
 
 def conjugate(quaternion: Components) -> Quaternion:
-    """Quaternion of the inverse rotation."""
+    """Quaternion of the inverse rotation, with the vector part negated."""
     w, x, y, z = quaternion
     return w, -x, -y, -z
 
 
 def relative(first: Components, second: Components) -> Quaternion:
-    """Quaternion of ``R(first)^T @ R(second)``, the turn from the first attitude to the second."""
+    """Quaternion of ``R(first)^T @ R(second)``, the rotation from the first attitude to the second."""
     return product(conjugate(first), second)
 
 
 def angle(quaternion: Components) -> AnyArray:
-    """Angle of the rotation, rad in [0, pi]."""
+    """Angle (...) rad in [0, pi] of the rotation of a quaternion, whatever its sign and length."""
     w, *vector = quaternion
     xp = array_module(w)
     return 2 * xp.arctan2(xp.sqrt(dot(vector, vector)), xp.abs(w))
 
 
 def matrix(quaternion: Components) -> tuple[tuple[AnyArray, AnyArray, AnyArray], ...]:
-    """Rows of the rotation matrix, three components each."""
+    """Rotation matrix of a unit quaternion, as its three rows of three components each."""
     w, x, y, z = quaternion
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -56,12 +57,12 @@ def matrix(quaternion: Components) -> tuple[tuple[AnyArray, AnyArray, AnyArray],
 
 
 def turned_back(quaternion: Components, vector: Components) -> tuple[AnyArray, ...]:
-    """``R(quaternion)^T vector``: of an attitude's quaternion the body coordinates of an inertial vector."""
+    """Return ``R(quaternion)^T vector``, which takes an inertial vector to the body axes of an attitude."""
     return tuple(dot(column, vector) for column in zip(*matrix(quaternion), strict=True))
 
 
 def exp(rotation_vector: Components) -> Quaternion:
-    """Quaternion of a rotation vector, rad."""
+    """Unit quaternion of a rotation vector, given as three components (...) in rad."""
     square = dot(rotation_vector, rotation_vector)
     xp = array_module(square)
     small = square < _SMALL
@@ -71,12 +72,13 @@ def exp(rotation_vector: Components) -> Quaternion:
 
 
 def slerp(first: Components, second: Components, fraction: AnyArray) -> Quaternion:
-    """Quaternion on the shortest rotation from one attitude to another, at constant speed.
+    """Unit quaternion on the shortest rotation from one attitude to another, at constant speed.
 
     Args:
-        first: at fraction 0.
-        second: at fraction 1, of either sign; half a turn away, either way round is the shortest.
-        fraction: in [0, 1].
+        first: unit quaternion at fraction 0.
+        second: unit quaternion at fraction 1, of either sign. Half a turn away, both ways round are shortest,
+            and one of them is taken.
+        fraction: (...) in [0, 1].
     """
     turn = relative(first, second)
     xp = array_module(turn[0])

@@ -1,18 +1,18 @@
-"""Vectors and directions, components first, of numpy or JAX alike.
+"""Vectors and directions, for numpy and JAX alike.
 
-**The module to compute with**: numpy, or JAX as soon as one argument is an array of JAX or is traced. So one
-line of code serves both. Plain numbers are computed in float64 whatever precision JAX is set to, and come
-back as arrays of numpy; inside ``jit``, ``vmap`` and ``grad`` the same line is traced.
+**The array module**: functions compute with numpy, or with JAX as soon as one argument is a JAX array or is
+traced, so that one line of code serves both. Plain numbers are computed in float64 whatever precision JAX is
+set to, and come back as numpy arrays; inside ``jit``, ``vmap`` and ``grad`` the same line is traced.
 
-**Small vectors**: one formula for kernels, which keep components apart, and for arrays. A vector is anything
-whose leading axis are its components: an array (3, ...), or a tuple of arrays of any shapes that broadcast.
-What comes back are components again, as a tuple, which the caller stacks where it wants them; so all loops
-run over many vectors. Of ``(..., 3)`` arrays `components` are the way in, and a stack along the last axis is
-the way out.
+**Small vectors, components first**: the same formula serves kernels, which keep components apart, and arrays.
+A vector is anything whose first axis runs over its components: an array (3, ...), or a sequence of three
+arrays whose shapes broadcast. So each operation works on many vectors at once. Results are tuples of
+components, which the caller stacks where needed. `components` turns an array (..., 3) into this form, and
+stacking along the last axis turns it back.
 
-**Directions**: angles between them, and their azimuth and elevation. A direction at azimuth ``a`` and
-elevation ``b`` is ``v(a, b) = (cos b cos a, cos b sin a, sin b)``, equation (13). Arrays are (..., 3).
-Radians.
+**Directions**: angles between them, and their azimuth and elevation in radians. The direction at azimuth
+``a`` and elevation ``b`` is ``v(a, b) = (cos b cos a, cos b sin a, sin b)``, equation (13). `separation`,
+`pointing` and `azimuth_elevation` work on arrays (..., 3).
 """
 
 from functools import reduce
@@ -29,7 +29,7 @@ AnyArray: TypeAlias = Any
 
 
 def array_module(*values: Any) -> Any:
-    """`jax.numpy` if any of the values is an array of JAX or is traced, else `numpy`."""
+    """Return `jax.numpy` if any of the values is a JAX array or is traced, else `numpy`."""
     for value in values:
         if type(value) is not np.ndarray and isinstance(value, jax.Array):
             return jnp
@@ -37,15 +37,15 @@ def array_module(*values: Any) -> Any:
 
 
 def arrays(*values: Any) -> tuple[Any, ...]:
-    """The module to compute with, and the values as floating-point arrays of it.
+    """Return the module to compute with, followed by the values as its floating-point arrays.
 
     Args:
         values: arrays, lists of numbers, or numbers.
 
     Returns:
-        `array_module` of the values, then each of them. Floating-point arrays keep their dtype. For numpy
-        a list or an array of integers becomes float64, and a number of Python takes the dtype of the others;
-        for JAX both are of the precision that it is set to.
+        `array_module` of the values, then each value. Floating-point arrays keep their dtype. With numpy,
+        lists and integer arrays become float64, and Python numbers take the common dtype of the other values;
+        with JAX both get the precision that JAX is set to.
     """
     for value in values:
         if type(value) is not np.ndarray or value.dtype.kind != "f":
@@ -62,7 +62,7 @@ def arrays(*values: Any) -> tuple[Any, ...]:
 
 
 def _is_floating(value: Any) -> bool:
-    """Whether a value is an array or scalar of numpy of a floating-point type."""
+    """Tell whether a value is a numpy array or scalar of a floating-point (or complex) type."""
     return isinstance(value, np.ndarray | np.generic) and bool(np.issubdtype(value.dtype, np.inexact))
 
 
@@ -71,23 +71,26 @@ Components: TypeAlias = AnyArray
 
 
 def components(vector: AnyArray) -> AnyArray:
-    """The components (k, ...) of an array (..., k)."""
+    """Move the last axis of an array (..., k) to the front, so that components (k, ...) come first."""
     return vector.transpose(-1, *range(vector.ndim - 1))
 
 
 def dot(first: Components, second: Components) -> AnyArray:
-    """Scalar product of vectors of three components."""
+    """Scalar product (...) of two vectors, given as three components each."""
     return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
 
 
 def cross(first: Components, second: Components) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Cross product of vectors of three components."""
+    """Cross product ``first x second`` of two vectors, given as three components each."""
     (a, b, c), (x, y, z) = first, second
     return b * z - c * y, c * x - a * z, a * y - b * x
 
 
 def norm(vector: Components) -> AnyArray:
-    """Euclidean length of a vector; at zero, where it has no derivative, the derivative is taken as zero."""
+    """Euclidean length (...) of a vector of any number of components.
+
+    At zero, where the length has no derivative, the derivative is taken as zero.
+    """
     square = reduce(add, [component * component for component in vector])
     xp = array_module(square)
     zero = square == 0
@@ -95,20 +98,20 @@ def norm(vector: Components) -> AnyArray:
 
 
 def unit(vector: Components) -> tuple[AnyArray, ...]:
-    """The vector divided by its length; NaN for a zero vector."""
+    """Divide a vector by its length; the components are NaN for a zero vector."""
     square = reduce(add, [component * component for component in vector])
     size = array_module(square).sqrt(square)
     return tuple(component / size for component in vector)
 
 
 def length(vector: ArrayLike) -> AnyArray:
-    """Euclidean length of an array of vectors, with a derivative everywhere.
+    """Euclidean length of arrays of vectors.
 
     Args:
         vector: (..., k).
 
     Returns:
-        (...); see `norm`.
+        (...); the derivative at zero is taken as zero.
     """
     _, v = arrays(vector)
     return norm(components(v))
@@ -119,11 +122,11 @@ Vector: TypeAlias = tuple[AnyArray, AnyArray, AnyArray]
 
 
 def separation(first: ArrayLike, second: ArrayLike) -> AnyArray:
-    """Angle between directions, exact near 0 and pi.
+    """Angle between directions, accurate near 0 and pi too.
 
     Args:
-        first: (..., 3) of any length but zero.
-        second: (..., 3), broadcast.
+        first: (..., 3) vectors of any length but zero.
+        second: (..., 3) likewise, broadcast against the first.
 
     Returns:
         (...) rad in [0, pi]; its derivative at 0 and pi is taken as zero.
@@ -134,30 +137,43 @@ def separation(first: ArrayLike, second: ArrayLike) -> AnyArray:
 
 
 def outward(ca: AnyArray, sa: AnyArray, cb: AnyArray, sb: AnyArray) -> Vector:
-    """Components of ``v(a, b)`` from cosine and sine of the azimuth, cosine and sine of the elevation."""
+    """Components of ``v(a, b)``, given the cosine and sine of azimuth ``a`` and of elevation ``b``."""
     return cb * ca, cb * sa, sb
 
 
 def frame(ca: AnyArray, sa: AnyArray, cb: AnyArray, sb: AnyArray) -> tuple[Vector, Vector, Vector]:
-    """Components of ``v(a, b)``, of the horizontal unit vector to its left, and of the one upward from it.
+    """Three orthonormal vectors at azimuth ``a`` and elevation ``b``: ahead, left and up.
 
-    Arguments are cosine and sine of the azimuth, then of the elevation.
+    Args:
+        ca: cosine of the azimuth.
+        sa: sine of the azimuth.
+        cb: cosine of the elevation.
+        sb: sine of the elevation.
+
+    Returns:
+        ``v(a, b)``; the horizontal unit vector to its left, toward rising azimuth; and the unit vector across
+        both, toward rising elevation. Each is three components.
     """
     left = -sa, ca, array_module(sa).zeros_like(sa)
     return outward(ca, sa, cb, sb), left, (-sb * ca, -sb * sa, cb)
 
 
 def carried(vector: Components, ca: AnyArray, sa: AnyArray, cb: AnyArray, sb: AnyArray) -> Vector:
-    """Components of the vector that has the components `vector` in the axes of `frame`: ahead, left, up.
+    """Convert a vector from the axes of `frame` (ahead, left, up) to those in which the angles are measured.
 
-    The other arguments are those of `frame`.
+    Args:
+        vector: its components ahead, left and up.
+        ca: cosine of the azimuth.
+        sa: sine of the azimuth.
+        cb: cosine of the elevation.
+        sb: sine of the elevation.
     """
     x, y, z = (dot(vector, column) for column in zip(*frame(ca, sa, cb, sb), strict=True))
     return x, y, z
 
 
 def pointing(azimuth: ArrayLike, elevation: ArrayLike) -> AnyArray:
-    """Unit vector of an azimuth and an elevation, ``v(a, b)`` of equation (13).
+    """Unit vector at an azimuth and an elevation, ``v(a, b)`` of equation (13).
 
     Args:
         azimuth: (...) rad.
@@ -177,8 +193,8 @@ def azimuth_elevation(direction: ArrayLike) -> tuple[AnyArray, AnyArray]:
         direction: (..., 3) of any length.
 
     Returns:
-        (...) rad in [-pi, pi] and (...) rad in [-pi / 2, pi / 2]. The azimuth of the z axis means nothing;
-        derivatives are finite there, too.
+        Azimuth (...) rad in [-pi, pi] and elevation (...) rad in [-pi / 2, pi / 2]. Along the z axis the
+        azimuth is arbitrary, but derivatives are finite there, too.
     """
     xp, vector = arrays(direction)
     x, y, z = components(vector)

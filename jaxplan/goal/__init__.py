@@ -1,17 +1,31 @@
 """Step 1: compute the attitudes from which all devices can point at their targets, the nearest first.
 
-Problem (7) of section 3.1, with equations (3) and (4) as in the errata: the ``R_d = R0 exp(eta^)`` of least
-``|eta| <= pi`` at which every joint is within its limits and every constraint holds that the attitude decides
-on, such as a zone that binds a body-fixed instrument. It has up to a dozen local minima; the first goal is
-the global one, the others are the next best. With the criterion of the least time it is instead the ``R_d``
-that platform and joints reach soonest.
+This solves problem (7) of section 3.1, with equations (3) and (4) as in the errata. A goal is an attitude
+``R_d = R0 exp(eta^)``, with ``R0`` the start and ``|eta| <= pi``, at which every joint is within its limits
+and every constraint holds that the attitude decides on, such as a zone that binds a body-fixed instrument.
+Goals are local minima of ``|eta|``, up to a dozen; the first one returned is the global minimum, the others
+are the next best. With the criterion of the least time they are instead the ``R_d`` that platform and joints
+reach soonest.
 
-`aims` tells what must point where and what is known then; `caps` writes what the attitude decides on in one
-form; `descent` finds local minima from many
-starts at once; `multistart` rules out where there is no solution, and makes the global minimum of the local
-ones; `least_time` finds those that are reached soonest, by the descents of `minimax`; `open_constraints`
-finds goals beside what the attitude does not decide on. `derivative` has the goals'
-derivatives. Attitudes are body to inertial, angles in radians, joints as of `jaxplan.model.spacecraft`.
+Terms of this package, beside those of `jaxplan.model.constraints` (a *row* is a cone, a *sight* a direction
+that it binds):
+
+- *slew*: the angle of the rotation from the start to the goal.
+- *aim*: a device that must point at its target, with ranges of azimuth and elevation (`aims`).
+- *pair*: a row and a sight that it binds. It is *settled* if its margin is the same at every attitude, a cap
+  if the attitude decides on it, and *open* if the joints do (`pairs`).
+- *cap*: a cone about a body axis that an inertial direction must stay out of (`caps`).
+- *wish*: a direction that a device without a target shall come near to (`Targets.prefer`).
+- *free*: of a device with joints, without a target and not held still.
+- *make way*: of a free device, to move its joints until the constraints hold (`free_devices`).
+- *covering*: points on SO(3) such that every attitude is near one of them (`multistart`).
+
+The modules: `aims` tells what must point where and what is known then; `caps` writes what the attitude
+decides on in one form; `descent` finds local minima from many starts at once; `multistart` proves where there
+is no solution, and takes the global minimum of the local ones; `least_time` finds those that are reached
+soonest, by the descents of `minimax`; `open_constraints` finds goals that keep the open pairs, too.
+`derivative` has the goals' derivatives. Attitudes are body to inertial, angles in radians, joints as in
+`jaxplan.model.spacecraft`.
 """
 
 from collections.abc import Callable
@@ -54,28 +68,32 @@ _BROKEN = -1e-9  # rad; a constraint whose margin is below this is broken
 class Decomposition:
     """The goals of a problem, nearest first; where it has none, by how much the best attitude misses.
 
-    All but the goals describes one attitude, the best there is. Where the joints' ranges and the zones can be
-    met, it is the nearest at which they are, if need be beyond the bound of the slew. Where some joint must
-    leave its range, it is the one at which the worst joint does so least, zones left aside; else the one
-    within the joints' ranges at which the worst sight is least deep in a zone.
+    All attributes but `goals` describe one attitude, the best there is. Where the joints' ranges and the
+    zones can be met, it is the nearest attitude at which they are, even if that is beyond the bound of the
+    slew. Where some joint must leave its range, it is the attitude at which the worst joint leaves it least,
+    without regard to zones. Otherwise it is, of the attitudes that keep the joints' ranges, the one at which
+    the worst sight is least deep in a zone.
 
     Attributes:
-        goals: distinct local minima of the slew, nearest first and none beyond its bound; with the criterion
-            of the least time those of the time, the soonest first, and the nearest of all. Where something is
-            left open and the first breaks it, others that keep it are among them.
+        goals: distinct local minima of the slew, nearest first and none beyond its bound. With the criterion
+            of the least time they are local minima of the time, the soonest first, and the goal of least
+            slew. Where pairs are left open and the first goal breaks one, goals that keep them are among the
+            others. Empty where the problem has no solution.
         slew_angle: rad, rotation from the start to the best attitude. Where there are no goals though neither
             excess is above zero, it is the slew that would be needed.
         aim_excess: rad, how far the worst device is from pointing at its target: the angle by which its joint
-            would have to leave its range or, of an angle that no joint sets, by which the boresight is off;
-            -inf where nothing has a target.
-        worst_aim: the device's number among those with targets, and 0 for its azimuth or 1 for its elevation;
-            None where nothing has a target.
-        aim_excesses: (n, 2) rad, the same of azimuth and elevation of each of the n devices with a target.
-        zone_excess: rad, how deep the worst sight (boresight or body axis) is in a zone; -inf where no zone
-            is decided on by the attitude.
-        worst_zone: row of that zone among the cones; None where no zone matters.
-        worst_device: number of that sight: of a device, or beyond these of an axis of the body; None where no
-            zone matters.
+            would have to leave its range or, for an angle that no joint sets, by which the boresight is off;
+            -inf where no device has a target.
+        worst_aim: number of that device among those with targets, and 0 for its azimuth or 1 for its
+            elevation; None where no device has a target.
+        zone_excess: rad, how deep the worst sight (boresight or body axis) is in a zone; negative where it is
+            clear, and -inf where the attitude decides on no zone.
+        worst_zone: number of that zone's row among the constraints; None where the attitude decides on no
+            zone.
+        worst_device: number of that sight, which is a device's or, beyond the devices, that of a body axis;
+            None where the attitude decides on no zone.
+        aim_excesses: (n, 2) rad, the aim excess of azimuth and elevation of each of the n devices with a
+            target.
     """
 
     goals: tuple[Goal, ...]
@@ -102,28 +120,29 @@ def decompose(
 ) -> Decomposition:
     """Solve problem (7), corrected, for its global minimum and the next-best local ones.
 
-    What is least is the slew, unless the targets' criterion is the least time (`jaxplan.goal.least_time`).
+    The slew is minimised, unless the targets' criterion is the least time (`jaxplan.goal.least_time`).
 
-    What the targets settle is left to the caller, such as zones that only bind terminals: these point at
-    their targets whatever the attitude. What depends on joints in another way than by a boresight's direction
-    or a bound of one joint is left open (`problem.leaves_open`): goals may break it, see
-    `Decomposition.goals`.
+    What the targets alone settle is left to the caller, such as zones that only bind terminals: these point
+    at their targets whatever the attitude. Constraints that depend on joints in any other way than through a
+    boresight's direction or a bound of one joint are left open (`problem.leaves_open`): goals may break
+    these, see `Decomposition.goals`.
 
     Args:
         spacecraft: its devices, any number of each sort.
         start_attitude: (3, 3) ``R0``, body to inertial.
-        targets: directions for devices, and limits at the goal where those are tighter.
-        cones: all constraints, for the devices of the spacecraft.
+        targets: directions for devices, and limits of joints at the goal where those are tighter.
+        cones: all constraints, for the devices of the spacecraft, at an instant.
         start_joints: (J,) rad, joint angles that devices without a target keep; zero by default.
         max_slew: rad, bound of ``|eta|`` (equations 5 and 6).
         max_goals: how many goals are wanted at most, at least 1; their attitudes are 2 deg apart or more.
-            Where something is left open there may be more, to choose from.
-        seed: of the random rotation of the set of starting attitudes; the same seed gives the same goals to
-            the last bit.
-        told: called with the goal of least rotation before goals of the least time are looked for.
+            Where pairs are left open there may be more, to choose from.
+        seed: seed of the random rotation of the set of starting attitudes; the same seed gives the same goals
+            to the last bit.
+        told: called with the goal of least rotation before goals of the least time are looked for; None to
+            call nothing.
 
     Returns:
-        The goals, stationary to 1e-10 and within all of these constraints, or why there are none.
+        The goals, stationary to 1e-10 and within all constraints but the open ones, or why there are none.
     """
     problem = GoalProblem.of(spacecraft, start_attitude, targets, cones, start_joints)
     if targets.clearance:
@@ -138,7 +157,9 @@ def decompose(
             solutions = met
         if not len(solutions):
             best = _least_broken(problem, seed)
-            missed = multistart.minimum_near(caps, best)  # by the descents from the covering
+            missed = multistart.minimum_near(
+                caps, best
+            )  # a solution that the descents from the covering missed
             if len(missed):
                 problem, solutions = with_wishes(problem, wishes, seed, missed)
                 caps = assemble(problem)
@@ -177,20 +198,20 @@ def descend_once(
     *,
     start_joints: np.ndarray | None = None,
 ) -> None:
-    """Call what looks for goals of the least time, so that it is compiled; arguments as of `decompose`."""
+    """Run a search for goals of the least time once, so that it is compiled; arguments as for `decompose`."""
     problem = GoalProblem.of(spacecraft, start_attitude, targets, cones, start_joints)
     with jax.enable_x64(True):
         wishes = Wished.all_of(spacecraft, targets, problem.ranges)
-        met = tuple(wish._replace(reach=SPARE) for wish in wishes)  # as if all could be
+        met = tuple(wish._replace(reach=SPARE) for wish in wishes)  # as if all wishes could be met
         problem = replace(problem, wishes=met)
         least_time.descended(problem, assemble(problem), quaternion.exp(np.zeros((1, 3))))
 
 
 def _goal(problem: GoalProblem, turn: np.ndarray) -> Goal:
-    """The goal at ``R0 E``: its attitude, its joints with those of free devices chosen, and its slew angle.
+    """Return the goal at the attitude ``R0 E``, with the joints of free devices chosen.
 
     Args:
-        problem: what is asked.
+        problem: the problem of step 1.
         turn: (4,) unit quaternion of ``E``, the rotation from the start.
     """
     attitude = problem.start @ quaternion.to_matrix(turn)
@@ -199,16 +220,19 @@ def _goal(problem: GoalProblem, turn: np.ndarray) -> Goal:
 
 
 def _breaks(problem: GoalProblem, goal: Goal) -> bool:
-    """Whether any constraint of the problem has a margin below `_BROKEN` at a goal."""
+    """Tell whether any constraint of the problem has a margin below `_BROKEN` at a goal."""
     margins = constraint_margins(problem.rows, problem.margins(goal.attitude, goal.joints))
     return not np.all(margins >= _BROKEN)
 
 
 def _least_broken(problem: GoalProblem, seed: int) -> np.ndarray:
-    """Quaternion (4,) of the rotation from the start at which a problem without solution is broken least.
+    """Return the attitude at which a problem without a solution is violated least.
 
-    What is widened is the zones, where devices can point at their targets without them; else the ranges of
-    azimuth and elevation, without zones. One at which nothing is broken needs no widening.
+    Where devices can point at their targets once zones are left aside, the zones are relaxed until there is a
+    solution; otherwise the ranges of azimuth and elevation are relaxed, without zones.
+
+    Returns:
+        (4,) unit quaternion of the rotation from the start.
     """
 
     def easier_zones(by: float) -> Caps:
@@ -238,22 +262,22 @@ def tracking_rates(
     target_rates: np.ndarray,
     axis_rates: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rates of platform and joints at a goal with which devices follow moving targets.
+    """Return the rates of platform and joints with which devices follow moving targets at a goal.
 
     Args:
         goal: one that `decompose` found for this problem.
-        spacecraft: terminals and instruments.
+        spacecraft: its devices, J joints in all.
         start_attitude: (3, 3) ``R0``, body to inertial.
-        start_joints: (J,) rad, joint angles that devices without a target keep.
         targets: where they are when the manoeuvre ends, with limits.
-        cones: all constraints at that instant.
-        target_rates: (n, 3) 1/s, derivatives of the targets' directions.
-        axis_rates: (Z, 3) 1/s, those of the cones' axes; zero for all that are not inertial.
+        cones: all Z rows of constraints at that instant.
+        start_joints: (J,) rad, joint angles that devices without a target keep.
+        target_rates: (n, 3) 1/s, time derivatives of the directions of the n targets, inertial.
+        axis_rates: (Z, 3) 1/s, time derivatives of the cones' axes; zero for all axes that are not inertial.
 
     Returns:
-        (3,) angular velocity, rad/s, body axes, and (J,) joint rates, rad/s: together they turn every
-        boresight as its target turns, exactly. Where the optimum has no derivative, the platform's is
-        the one that `differentiable_goal` chooses.
+        (3,) angular velocity, rad/s, body axes, and (J,) joint rates, rad/s. Together they turn every
+        boresight exactly as its target turns. Where the optimum has no derivative, the platform's rate is the
+        one that `differentiable_goal` chooses.
     """
     place = Goal(attitude=goal.attitude, joints=goal.joints, slew_angle=goal.slew_angle)
     with jax.enable_x64(True):

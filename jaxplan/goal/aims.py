@@ -1,16 +1,18 @@
-"""Aims of a goal (which device must point where, within which ranges), and sights known before its attitude.
+"""Aims of a goal: which device must point where within which ranges, and what that tells of directions.
 
-Each device with a target is treated alike: in axes of its own, `jaxplan.model.gimbals`, the target must lie
-in a range of azimuth and one of elevation. A terminal's are the ranges of its joints at the goal. A drive has
-a range of azimuth, and of elevation none but its tilt; an instrument has neither, in axes whose first one is
-its boresight. What has no range is an equation, met to a tolerance.
+Every device with a target is treated alike: in axes of its own, see `jaxplan.model.gimbals`, the target must
+lie in a range of azimuth and a range of elevation. A terminal's ranges are those of its joints at the goal. A
+drive has a range of azimuth, but its elevation must equal its tilt; for an instrument both angles must be
+zero, in axes whose first one is its boresight. An angle without a range is an *equation*, which is met to a
+tolerance.
 
-A device without a target either stays as it is, *held*, so that its boresight is an axis of the body; or it
-is *free* to move, and nothing is known of it before its joints are chosen (`jaxplan.goal.free_devices`).
+A device without a target is either *held*: it keeps its joints, so that its boresight is an axis of the body.
+Or it is *free* to move, and nothing is known of it before its joints are chosen
+(`jaxplan.goal.free_devices`).
 
 A *sight* is a direction that constraints bind, such as a device's boresight or an axis of the body, numbered
-as in `jaxplan.model.directions.Sights`. Shapes: k devices with targets, J joints, S sights. All of it
-computes with numpy or JAX.
+as in `jaxplan.model.directions.Sights`: the boresights of the devices come first, in the order of the
+devices. Shapes: k devices with targets, J joints, S sights. All of it computes with numpy or JAX.
 """
 
 from dataclasses import dataclass, field
@@ -27,21 +29,23 @@ from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
 
 AZIMUTH, ELEVATION = 0, 1
-_SHARE = 0.5  # of the tolerance that either angle of an equation may take
+_SHARE = 0.5  # share of the tolerance that either angle of an equation may take
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Aims:
-    """The devices that have targets, with the azimuths and elevations at which each must see its own.
+    """The k devices that have targets, with the azimuths and elevations at which each must see its own.
 
     Attributes:
-        devices: numbers (k) of the devices with targets, as of sights.
+        devices: numbers of the devices with targets, which are also the numbers of their boresights as
+            sights.
         held: numbers of the gimbals that keep their joints.
-        equations: (k) of each, whether azimuth and elevation are equations.
-        directions: (k, 3) inertial, of the targets.
+        equations: for each device with a target, whether its azimuth is an equation, and whether its
+            elevation is.
+        directions: (k, 3) inertial directions of the targets.
         frames: (k, 3, 3) rotations from each device's axes, in which azimuth and elevation are, to body axes.
-        ranges: (k, 2, 2) rad, least and largest azimuth, then elevation.
+        ranges: (k, 2, 2) rad, least and largest azimuth, then least and largest elevation.
     """
 
     devices: tuple[int, ...] = field(metadata={"static": True})
@@ -53,27 +57,39 @@ class Aims:
 
     @property
     def has_equations(self) -> bool:
-        """Whether azimuth or elevation of any device is an equation."""
+        """Whether the azimuth or elevation of any device is an equation."""
         return any(any(own) for own in self.equations)
 
     def free(self, gimbals: Gimbals) -> list[int]:
-        """Numbers of the gimbals that have no target and are not held."""
+        """Return the numbers of the gimbals that have no target and are not held."""
         return [number for number in range(gimbals.count) if number not in (*self.devices, *self.held)]
 
     def angles(self, attitude: ArrayLike) -> tuple[AnyArray, AnyArray]:
-        """Azimuths and elevations (..., k) rad of targets in the devices' axes, at attitudes (..., 3, 3)."""
+        """Return azimuths and elevations of the k targets in the devices' axes, each (..., k) rad.
+
+        Azimuths are moved by whole turns to within half a turn of the middle of their ranges.
+
+        Args:
+            attitude: (..., 3, 3) body to inertial.
+        """
         _, turn, directions, frames, ranges = arrays(attitude, self.directions, self.frames, self.ranges)
         azimuth, elevation = angles_toward(frames, turn, directions)
         return in_range(azimuth, ranges[:, AZIMUTH]), elevation
 
     def excess(self, attitude: np.ndarray) -> np.ndarray:
-        """(..., k, 2) rad, how far azimuths and elevations are out of their ranges; below zero inside."""
+        """Return how far azimuths and elevations of the k targets are out of their ranges, (..., k, 2) rad.
+
+        Values are positive outside a range and negative inside.
+
+        Args:
+            attitude: (..., 3, 3) body to inertial.
+        """
         angles = np.stack(self.angles(attitude), axis=-1)
         return np.maximum(self.ranges[..., 0] - angles, angles - self.ranges[..., 1])
 
 
 def goal_ranges(craft: Spacecraft, targets: Targets) -> AnyArray:
-    """Ranges (J, 2) rad of the joints at the goal: the spacecraft's, or the targets' limits where tighter."""
+    """Return the joint ranges (J, 2) rad at the goal: the spacecraft's, or the targets' limits if tighter."""
     n, drives = len(craft.terminals), len(craft.drives)
     given = [np.inf if limit is None else limit for limit in (targets.yaw_limit, targets.pitch_limit)]
     most = stacked([*[given[0]] * n, *[given[1]] * n, *[np.inf] * drives])
@@ -85,13 +101,13 @@ def goal_ranges(craft: Spacecraft, targets: Targets) -> AnyArray:
 
 
 def aims_of(craft: Spacecraft, targets: Targets, ranges: AnyArray, tolerance: float = 0.0) -> Aims:
-    """The aims that targets set for the devices of a spacecraft.
+    """Make the aims that targets set for the devices of a spacecraft.
 
     Args:
         craft: terminals, drives and instruments.
         targets: where they are at the goal.
         ranges: (J, 2) rad, joint ranges at the goal, see `goal_ranges`.
-        tolerance: rad, to which equations are met; zero for exactly.
+        tolerance: rad, within which equations are met; zero for exactly.
     """
     names, gimbals = craft.device_names, craft.gimbals.count
     devices = targets.numbers(craft)
@@ -111,13 +127,17 @@ def aims_of(craft: Spacecraft, targets: Targets, ranges: AnyArray, tolerance: fl
 
 
 def box_of(craft: Spacecraft, number: int, ranges: AnyArray, share: float) -> tuple[AnyArray, AnyArray]:
-    """Axes (3, 3) of a device, and where in them it can point: azimuth and elevation, (2, 2) rad.
+    """Return the axes of a device, and the range of azimuth and elevation in which it can point.
 
     Args:
         craft: the spacecraft.
-        number: of the device.
+        number: number of the device.
         ranges: (J, 2) rad, of the joints at the goal.
-        share: rad, by which an angle without a range may be off.
+        share: rad, by which an angle without a range may be off to either side.
+
+    Returns:
+        (3, 3) rotation from the device's axes to body axes, and (2, 2) rad, least and largest azimuth, then
+        elevation.
     """
     gimbals, around = craft.gimbals, np.array([-share, share])
     if number >= gimbals.count:
@@ -132,7 +152,7 @@ def box_of(craft: Spacecraft, number: int, ranges: AnyArray, share: float) -> tu
 
 
 def _across(boresight: AnyArray) -> AnyArray:
-    """Some vector (3,) perpendicular to a unit boresight (3,), not of unit length; which one is arbitrary."""
+    """Return some vector (3,), not of unit length, perpendicular to a unit boresight (3,)."""
     xp, ahead = arrays(boresight)
     flat = jax.lax.stop_gradient(ahead) if xp is not np else ahead
     least = xp.eye(3)[xp.argmin(xp.abs(flat))]
@@ -140,14 +160,16 @@ def _across(boresight: AnyArray) -> AnyArray:
 
 
 def pointed(gimbals: Gimbals, aims: Aims, attitude: ArrayLike, rest: ArrayLike) -> AnyArray:
-    """Joints (..., J) rad with which devices with targets point along them, at attitudes (..., 3, 3).
+    """Return joints (..., J) rad with which devices point at their targets, at attitudes (..., 3, 3).
+
+    Pitches are not clipped to their ranges.
 
     Args:
         gimbals: of the spacecraft.
         aims: what must point where.
-        attitude: body to inertial.
-        rest: (J,) rad, joints of the other devices, which keep them; a yaw is taken within its range at the
-            turn nearest to its angle here.
+        attitude: (..., 3, 3) body to inertial.
+        rest: (J,) rad, joints that devices without a target keep; of the angles that differ by whole turns a
+            yaw takes the one within its range that is nearest to its angle here.
     """
     xp, turn, others = arrays(attitude, rest)
     joints = xp.broadcast_to(others, (*turn.shape[:-2], *others.shape))
@@ -171,15 +193,15 @@ def pointed(gimbals: Gimbals, aims: Aims, attitude: ArrayLike, rest: ArrayLike) 
 
 
 class Known(NamedTuple):
-    """Directions of the sights at a goal that are known whatever the attitude, and in which frame.
+    """Directions of the S sights that are known at a goal whatever the attitude, and in which frame.
 
     Attributes:
         inertial: (S,) bool, sights whose inertial direction is known.
         in_body: (S,) bool, sights whose direction in body axes is known.
-        toward: (S, 3) inertial unit vectors of sights known there; zero for the others.
-        along: (S, 3) unit vectors in body axes of sights known there; zero for the others.
+        toward: (S, 3) inertial unit vectors of the sights known in the inertial frame; zero for the others.
+        along: (S, 3) unit vectors in body axes of the sights known there; zero for the others.
         angles: (S,) bool, sights that are boresights of gimbals that keep their joints.
-        winds: (S,) bool, sights with a target whose azimuth may go round more than once.
+        winds: (S,) bool, sights with a target whose range of azimuth is wider than a whole turn.
     """
 
     inertial: np.ndarray
@@ -191,11 +213,11 @@ class Known(NamedTuple):
 
 
 def known_sights(aims: Aims, sights: Sights, rest: ArrayLike) -> Known:
-    """What the aims of a goal tell of the directions of sights, whatever the attitude.
+    """Tell which directions of sights are known at a goal, whatever the attitude.
 
     Args:
-        aims: of the goal.
-        sights: that the constraints bind.
+        aims: the aims of the goal.
+        sights: the sights that the constraints bind.
         rest: (J,) rad, joints that held devices keep.
     """
     count, gimbals, carriers = sights.count, sights.gimbals.count, sights.carriers

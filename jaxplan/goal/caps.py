@@ -1,7 +1,7 @@
 """The constraints of problem (7) in one form: caps (cones about body axes) that directions must stay out of.
 
-At a goal a device points along its target ``z``, so along ``R^T z`` in the body. Of most directions it is
-known, then, in which frame they stand still, and a pair of a row and a sight that do so in different ones is
+At a goal a device points along its target ``z``, which is ``R^T z`` in body axes. So of most directions it is
+known in which frame they stand still, and a pair of a row and a sight that stand still in different frames is
 a cap (`jaxplan.goal.pairs`).
 
 With ``R = R0 E`` an inertial direction ``z`` has the body components ``E^T R0^T z``. Every constraint on the
@@ -14,12 +14,13 @@ goal keeps one such vector out of a cap of the unit sphere in body axes, of axis
                      ``h`` is its half-angle
     keep-in cone     around the opposite; ``h`` is pi less its half-angle
 
-So the angle between ``a`` and ``E^T R0^T z`` is at least ``h``, and what is missing is the excess, in rad.
-Constraints of which one is enough (a yaw range wider than half a turn, entries of one constraint) are members
-of a group: it asks for one of its members, a member for all of its caps. An entry that a settled pair breaks
-is left out; where a constraint has an entry that no cap can break, the constraint gives no cap at all.
+So the angle between ``a`` and ``E^T R0^T z`` must be at least ``h``. The *excess* of a cap is ``h`` less that
+angle, in rad: positive where the direction is inside the cap. Some constraints leave a choice (a yaw range
+wider than half a turn, the entries of one constraint). The alternatives are the *members* of a *group*: a
+group holds if one of its members does, and a member if all of its caps do. An entry that a settled pair
+breaks is left out; where a constraint has an entry that no cap can break, the constraint gives no cap at all.
 
-Shapes: Z rows, S sights, m caps; in kernels lanes are the last axis.
+Shapes: Z rows, S sights, m caps; in kernels the last axis runs over K lanes, which are problems side by side.
 """
 
 from collections.abc import Iterator
@@ -55,15 +56,15 @@ ALTERNATIVES = 16
 
 
 def group_excess(excess: np.ndarray, member: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Excess of each group, that of the worst cap of its best member; of each cap where no group has several.
+    """Return the excess of each group, which is that of the worst cap of its best member.
 
     Args:
-        excess: (m, K) of every cap.
+        excess: (m, K) excess of m caps in K lanes, rad.
         member: (m,) number of each cap's member, ascending.
         group: (m,) number of each cap's group, ascending.
 
     Returns:
-        (groups, K), or (m, K).
+        (groups, K); or `excess` itself, (m, K), where no group has several members.
     """
     members, groups = (np.flatnonzero(np.diff(numbers, prepend=-1)) for numbers in (member, group))
     if len(groups) == len(members):
@@ -75,10 +76,10 @@ def group_excess(excess: np.ndarray, member: np.ndarray, group: np.ndarray) -> n
 
 
 def applies(excess: Array, member: Array, group: Array) -> Array:
-    """Which caps belong to the best member of their group, the first one where several are as good.
+    """Tell which caps belong to the best member of their group, the first one where several are equally good.
 
     Args:
-        excess: (m, K) of every cap.
+        excess: (m, K) excess of m caps in K lanes, rad.
         member: (m,) number of each cap's member, ascending.
         group: (m,) number of each cap's group.
 
@@ -100,17 +101,18 @@ def applies(excess: Array, member: Array, group: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Caps:
-    """All caps of a problem, padded with empty ones; sorted by group, then by member.
+    """All m caps of a problem, padded with empty ones; sorted by group, then by member.
 
     Attributes:
         axis: (m, 3) unit vectors in body axes; zero for an empty cap.
-        direction: (m, 3) unit vectors that stay out of the caps, in the body axes of the start.
+        direction: (m, 3) unit vectors that must stay out of the caps, in the body axes of the start.
         half_angle: (m,) rad, -1 for an empty cap.
         member: (m,) number of the member that the cap belongs to, ascending.
         group: (m,) number of the group that the member belongs to.
-        row: (m,) the row of the constraints that the cap is of; -1 for aims and empty ones.
-        sight: (m,) number of the sight; -1 for empty ones.
-        open: whether step 1 leaves something open.
+        row: (m,) number of the constraints' row from which the cap comes; -1 for caps of aims and wishes, and
+            empty ones.
+        sight: (m,) number of the sight that the cap is about; -1 for empty ones.
+        open: whether step 1 leaves pairs open, see `problem.leaves_open`.
     """
 
     axis: np.ndarray
@@ -123,17 +125,25 @@ class Caps:
     open: bool
 
     def excess(self, rotation: np.ndarray) -> np.ndarray:
-        """Excess (m,) rad, how deep the directions are inside the caps, after a rotation ``E`` (3, 3)."""
+        """Return how deep the directions of all m caps are inside them, (m,) rad.
+
+        Args:
+            rotation: (3, 3) rotation ``E`` from the start.
+        """
         return np.asarray(self.half_angle - separation(self.axis, self.direction @ rotation))
 
     def clear(self, rotation: np.ndarray) -> bool:
-        """True if a rotation ``E`` (3, 3) keeps all directions out of the caps, by half of `HAIR` or more."""
+        """Tell whether all groups hold after a rotation from the start, with half of `HAIR` to spare.
+
+        Args:
+            rotation: (3, 3) rotation ``E`` from the start.
+        """
         excess = group_excess(self.excess(rotation)[:, None], self.member, self.group)
         return bool(np.all(excess <= HAIR / 2))
 
 
 class _Cap(NamedTuple):
-    """One cap of a row, its direction inertial."""
+    """One cap, as in `Caps`, but with its direction in the inertial frame."""
 
     row: int
     sight: int
@@ -148,14 +158,15 @@ _Group = list[_Member]
 
 
 def assemble(problem: GoalProblem, widening: float = 0.0) -> Caps:
-    """The caps of a problem, padded.
+    """Return the caps of a problem, padded to a few fixed numbers.
 
-    Pairs that are settled or open give no cap. A constraint of several entries gives none either when one of
-    these holds for that reason or may hold, or when none can.
+    Pairs that are settled or open give no cap. Nor does a constraint with several entries if one of them has
+    no caps: it may hold whatever the attitude, or depends on open pairs. If every entry is broken by a
+    settled pair, there is no cap either.
 
     Args:
-        problem: what is asked.
-        widening: rad by which the bound of every row is widened.
+        problem: the problem of step 1.
+        widening: rad by which the bound of every row is relaxed.
     """
     rows, pairs = problem.rows, problem.pairs
     fails = np.any(pairs.settled & (pairs.margin < 0), axis=-1)
@@ -184,10 +195,10 @@ def assemble(problem: GoalProblem, widening: float = 0.0) -> Caps:
 
 
 def _of_rows(problem: GoalProblem, fails: np.ndarray) -> Iterator[_Group]:
-    """Yield the groups of caps that all rows give, in the order of their constraints.
+    """Yield the groups of caps that all Z rows give, in the order of their constraints.
 
     Args:
-        problem: what is asked.
+        problem: the problem of step 1.
         fails: (Z,) bool, rows that cannot hold, since one of their settled pairs has a negative margin.
     """
     rows, pairs = problem.rows, problem.pairs
@@ -204,9 +215,9 @@ def _of_rows(problem: GoalProblem, fails: np.ndarray) -> Iterator[_Group]:
 
 
 def _of_row(row: int, problem: GoalProblem) -> Iterator[_Group]:
-    """Yield for each pair of a row, by number, that is a cap its members: one, or two of which one is enough.
+    """Yield, for each pair of a row that is a cap, its members: one, or two of which one is enough.
 
-    A bound of a yaw is met on the arc from the bound to the end of the joint's range.
+    A bound of a yaw is met where the yaw lies on the arc from the bound to the end of the joint's range.
     """
     rows, pairs, aims = problem.rows, problem.pairs, problem.aims
     of_yaw = single_yaws(rows)[row]
@@ -221,26 +232,26 @@ def _of_row(row: int, problem: GoalProblem) -> Iterator[_Group]:
         low, high = aims.ranges[number, AZIMUTH]
         arc = (bound, high) if sign > 0 else (low, -bound)
         if arc == (low, high) or arc[0] < low or arc[1] > high:
-            continue  # the range is narrower
+            continue  # the range of the joint itself is narrower
         ways = _of_arc(*arc, cap, aims.frames[number])
         if ways:
             yield ways
 
 
 def _of_arc(low: float, high: float, cap: _Cap, frame: np.ndarray) -> _Group:
-    """The members that keep an azimuth within `low` to `high` rad, of which one is enough.
-
-    There is none where the two span a whole turn.
+    """Return the members, of which one is enough, that keep an azimuth within `low` to `high` rad.
 
     Args:
         low: rad, the least azimuth.
-        high: rad, the largest.
-        cap: whose row, sight and direction the caps get.
-        frame: (3, 3) body from the device's axes.
+        high: rad, the largest azimuth.
+        cap: a cap whose row, sight and direction the members get.
+        frame: (3, 3) rotation from the device's axes to body axes.
 
-    More than half a turn is the union of two half-spaces, so one of their caps is enough. Less is their
-    intersection. Of a narrow one the point right behind is nearly clear of both caps, too; the cap over the
-    whole back tells it apart.
+    Returns:
+        One or two members; none where the arc spans a whole turn. An arc of more than half a turn is the
+        union of two half-spaces, so one of their caps is enough. A shorter one is their intersection, one
+        member with both caps. For a narrow arc the point right behind it is nearly clear of both caps, so a
+        third cap covers the opposite side.
     """
 
     def at(azimuth: float, half_angle: float = np.pi / 2) -> _Cap:
@@ -258,11 +269,11 @@ def _of_arc(low: float, high: float, cap: _Cap, frame: np.ndarray) -> _Group:
 
 
 def _groups(asked: list[list[list[_Member]]]) -> Iterator[_Group]:
-    """Yield alternatives that together say the same as one constraint: of each, one member must hold.
+    """Yield the groups that together say the same as one constraint.
 
     Args:
-        asked: the constraint as entries, of which one must hold; each as pairs, which must all hold; and each
-            pair as lists of caps, of one of which all must be avoided.
+        asked: the entries of the constraint, of which one must hold; each is a list of pairs, which must all
+            hold; each pair is a list of members, one of which must have all its caps avoided.
     """
     if len(asked) == 1:  # each of its pairs must hold, so those with two members are groups by themselves
         (entry,) = asked
@@ -282,7 +293,7 @@ def _groups(asked: list[list[list[_Member]]]) -> Iterator[_Group]:
 
 
 def _of_aims(aims: Aims) -> Iterator[_Group]:
-    """Yield the groups of caps that the ranges of azimuth and elevation of devices with targets give."""
+    """Yield the groups of caps that come from the ranges of azimuth and elevation of devices with targets."""
     for device, frame, direction, ranges in zip(
         aims.devices, aims.frames, aims.directions, aims.ranges, strict=True
     ):
@@ -296,12 +307,12 @@ def _of_aims(aims: Aims) -> Iterator[_Group]:
 
 
 def _of_wish(wish: Wished) -> _Group:
-    """The group of caps that keeps a wish within its `reach`; empty where every attitude does."""
+    """Return the group of caps that keeps a wish within its `reach`; empty where every attitude does."""
     reach, frame = wish.reach, wish.frame
     cap = _Cap(-1, wish.device, np.zeros(3), wish.direction, 0.0)
 
     def near(azimuth: float, elevation: float) -> _Member:
-        """The cap outside a cone about a direction in the device's axes."""
+        """Return the member that keeps to a cone about a direction in the device's axes."""
         axis = -frame @ pointing(azimuth, elevation)
         return [cap._replace(axis=axis, half_angle=np.pi - reach)]
 
@@ -334,17 +345,18 @@ def _of_wish(wish: Wished) -> _Group:
 def deepest_row(
     caps: Caps, problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray
 ) -> tuple[float, int | None, int | None]:
-    """The row that a state breaks most, or is nearest to breaking, of the rows that give caps.
+    """Return the row that a state breaks most, or is nearest to breaking, of the rows that give caps.
 
     Args:
         caps: all caps of the problem.
-        problem: what is asked.
+        problem: the problem of step 1.
         attitude: (3, 3) of the state, body to inertial.
         joints: (J,) rad, of the state.
 
     Returns:
-        How deep a sight is inside, rad, negative when it is clear; the row and the sight. Of a constraint it
-        is the entry broken least. Without such caps ``(-inf, None, None)``.
+        How deep the worst sight is inside a zone, rad, negative where it is clear; the number of the row; and
+        that of the sight. Of each constraint the entry that is broken least counts. Without caps of rows the
+        result is ``(-inf, None, None)``.
     """
     rows, used = problem.rows, caps.row >= 0
     if not np.any(used):

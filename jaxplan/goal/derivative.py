@@ -1,18 +1,18 @@
 """Derivatives of a goal of step 1 by its problem: those of the optimum of problem (7).
 
-What is held fixed is every choice: which local minimum the goal is, and which limits and zones are active
-there ("leant on").
-The rest is the implicit function theorem. Along ``E exp(d^)``, where ``E = R0^T R`` is the turn to the goal
+Every choice is held fixed: which local minimum the goal is, and which limits and zones are active there. The
+rest is the implicit function theorem. Along ``E exp(d^)``, where ``E = R0^T R`` is the turn to the goal
 found, and with the caps of `caps` and the terms of `descent`, the optimum is where
 
     eta + sum of m_i n_i = 0        n_i the gradient of the excess over cap i, m_i its multiplier
-    excess_i = 0                    of all caps that are leant on, at most three
+    excess_i = 0                    of all active caps, at most three
 
-At the goal found ``d`` is zero, and Newton's method changes nothing but rounding. The curvature of objective
-and caps is in the equations' matrix. As the goal is followed in time, so are its rates (`goal_in_time`): they
-are derivatives already, and have first ones themselves.
+At the goal found ``d`` is zero, so a step of Newton's method changes nothing but rounding. The curvature of
+objective and caps is in the equations' matrix. For a goal that follows moving targets the rates are
+derivatives already (`goal_in_time`), and have first derivatives themselves.
 
-Attitudes are body to inertial, angles in radians, joints as of `jaxplan.model.spacecraft`.
+Attitudes are body to inertial, angles in radians, joints as in `jaxplan.model.spacecraft`. Shapes: J joints,
+Z rows, m caps, k devices with targets.
 """
 
 from collections.abc import Sequence
@@ -54,35 +54,37 @@ def differentiable_goal(
     moves: Sequence[MadeWay] | None = None,
     met: Sequence[int] = (),
 ) -> Goal:
-    """A goal of step 1 as a function of the problem that it solves.
+    """Return a goal of step 1 as a differentiable function of the problem that it solves.
 
-    Its first derivatives, forward and backward, are those of the optimum: by the start, the targets, the
-    limits at the goal, how devices are mounted and their ranges, the boresights of instruments, axes of
-    the body, the axes and half-angles of cones, and the bounds of rows of joints. There are no second ones.
-    It composes with ``jit`` and ``vmap``: scenes with as many devices and rows can be stacked, whatever
-    their goals lean on. What step 1 leaves open is held by nothing here either.
+    First derivatives, forward and backward, are those of the optimum, with respect to: the start, the
+    targets, the limits at the goal, the mounting and ranges of devices, the boresights of instruments, axes
+    of the body, the axes and half-angles of cones, and the bounds of rows of joints. There are no second
+    derivatives. The function composes with ``jit`` and ``vmap``: problems with equally many devices and rows
+    can be stacked, whatever is active at their goals. Pairs that step 1 leaves open are ignored here, too.
 
     Args:
-        goal: one that `decompose` found for this problem; a constant. For a problem slightly off the one it
-            was found for, the answer is right to first order.
+        goal: one that `decompose` found for this problem, taken as a constant. For a problem slightly off the
+            one it was found for, the answer is right to first order.
         spacecraft: its devices.
-        start_attitude: (3, 3) ``R0``, body to inertial; only its derivatives along rotations mean something.
-        targets: directions for devices, of any length, and limits at the goal. Where such a limit is
-            equal to the joint's own, the derivative is by the joint's own. Instruments and drives meet their
-            targets exactly here.
+        start_attitude: (3, 3) ``R0``, body to inertial; only derivatives along rotations are meaningful.
+        targets: directions for devices, of any length, and limits at the goal. Where such a limit equals the
+            joint's own, the derivative goes to the joint's own. Instruments and drives meet their targets
+            exactly here.
         cones: all constraints, for the devices of the spacecraft; axes of any length.
-        start_joints: (J,) rad, that devices without a target have, those of the goal by default; from which
-            all others move to a goal of least time, zero by default.
-        moves: how devices without a target make way, of `free_devices.settled`, so that they follow what they
-            prefer and what is in their way; None where they stay as they are at the goal.
+        start_joints: (J,) rad, joints of devices without a target, those of the goal by default; also where
+            all joints start from for a goal of least time, zero by default.
+        moves: how devices without a target make way, from `free_devices.settled`, so that they follow what
+            they prefer and what is in their way; None where they stay as they are at the goal.
         met: places in `targets.prefer` of the wishes that the goal meets, which then bind the attitude as
-            targets do: an instrument's by two equations, a drive's by one, and ranges of joints.
+            targets do: an instrument's by two equations, a drive's by one and a range, a terminal's by
+            ranges.
 
     Returns:
-        The goal as jax arrays, its joints not clipped. Where the optimum has no derivative, a finite one is
-        returned: where a limit is touched but not leant on, it is the one from the side that stays clear of
-        it. So where the start is the goal, the goal follows the start and the slew has derivative zero. Where
-        nearby attitudes are as good, as at half a turn, it is the one that moves the goal least.
+        The goal as JAX arrays, its joints not clipped. Where the optimum has no derivative, a finite one is
+        returned. Where a limit is touched but its multiplier is zero, it is the one-sided derivative that
+        stays clear of the limit; so where the start is the goal, the goal follows the start and the slew has
+        derivative zero. Where nearby attitudes are as good, as at half a turn, it is the derivative that
+        moves the goal least.
 
     Example:
         >>> goal = decompose(spacecraft, start, targets, cones).goals[0]
@@ -106,22 +108,24 @@ def goal_in_time(
     target_rates: ArrayLike,
     axis_rates: ArrayLike,
 ) -> Goal:
-    """A goal at which targets or zones move, with its rates, as a function of the problem that it solves.
+    """Return a goal at which targets or zones move, with its rates, as a function of its problem.
+
+    Arguments not described here are those of `differentiable_goal`.
 
     Args:
-        goal: as of `differentiable_goal`, and so are all others.
+        goal: as for `differentiable_goal`.
         spacecraft: its devices.
         start_attitude: (3, 3) ``R0``, body to inertial.
         targets: where they are when the manoeuvre ends, with limits.
-        cones: all constraints at that instant.
+        cones: all Z rows of constraints at that instant.
         start_joints: (J,) rad, joint angles that devices without a target keep.
-        moves: as of `differentiable_goal`.
-        target_rates: (k, 3) 1/s, derivatives of the targets' directions.
-        axis_rates: (Z, 3) 1/s, those of the cones' axes; zero for all that are not inertial.
+        moves: as for `differentiable_goal`.
+        target_rates: (k, 3) 1/s, time derivatives of the directions of the k targets, inertial.
+        axis_rates: (Z, 3) 1/s, time derivatives of the cones' axes; zero for all axes that are not inertial.
 
     Returns:
-        The goal as of `differentiable_goal`, with the platform's angular velocity and the joints' rates that
-        keep every device on its target, others at rest; these have first derivatives, too.
+        The goal as from `differentiable_goal`, with the angular velocity of the platform and the joint rates
+        that keep every device on its target; free devices are at rest. The rates have first derivatives, too.
     """
 
     def at(directions: Array, axes: Array) -> Goal:
@@ -151,9 +155,9 @@ def _optimum(
     moves: Sequence[MadeWay] | None,
     met: Sequence[int] = (),
 ) -> Goal:
-    """The goal as `differentiable_goal` describes it, with its arguments.
+    """Return the goal as `differentiable_goal` describes it, with its arguments.
 
-    The equations are `_ONCE` for first derivatives, or `_AGAIN` where the result is differentiated twice.
+    `equations` is `_ONCE` for first derivatives, or `_AGAIN` where the result is differentiated twice.
 
     Raises:
         NotImplementedError: for a goal of least time with `_AGAIN`.
@@ -200,15 +204,15 @@ def _made_way(
     joints: Array,
     start_joints: ArrayLike | None,
 ) -> Array:
-    """The joints (J,) rad with free devices where they prefer to be, or out of the way as `moves` says.
+    """Return the joints (J,) rad with free devices where they prefer to be, or out of the way.
 
     Args:
-        state: what is asked, as JAX arrays.
+        state: what is asked at the goal, as JAX arrays.
         spacecraft: its devices.
         targets: with what devices prefer.
         moves: how devices made way.
         attitude: (3, 3) of the goal, body to inertial.
-        joints: (J,) rad, with those of devices that have targets.
+        joints: (J,) rad, with those of devices that have targets set.
         start_joints: (J,) rad, from which free devices move; None for `joints`.
     """
     gimbals, dtype = state.sights.gimbals, joints.dtype
@@ -226,7 +230,11 @@ def _made_way(
 
 
 def _rest(goal: Goal, start_joints: ArrayLike | None, dtype: jnp.dtype) -> Array:
-    """Joints (J,) rad of devices without a target: of the start where they have stayed, else of the goal."""
+    """Return joints (J,) rad for devices without a target.
+
+    Each is the start's, with its derivative, where the goal has the same value, and the goal's, as a
+    constant, where the device has moved.
+    """
     at_goal = jax.lax.stop_gradient(jnp.asarray(goal.joints, dtype))
     if start_joints is None:
         return at_goal
@@ -238,10 +246,10 @@ class _State(NamedTuple):
     """What is asked at the goal, as JAX arrays.
 
     Attributes:
-        aims: of devices with targets, without tolerance.
-        asked: the same, and those of wishes that are met.
+        aims: of devices with targets, with equations met exactly.
+        asked: `aims` and those of wishes that are met.
         rows: all constraints.
-        sights: that they bind.
+        sights: the directions that the rows bind.
         rest: (J,) rad, joints of devices without a target.
     """
 
@@ -261,15 +269,15 @@ class _State(NamedTuple):
         dtype: jnp.dtype,
         met: Sequence[int] = (),
     ) -> "_State":
-        """Make the arrays that a goal is differentiated by, with directions of unit length.
+        """Make the arrays by which a goal is differentiated, with all directions brought to unit length.
 
         Args:
             spacecraft: with the devices that point.
             targets: their directions.
             cones: the constraints.
             rest: (J,) rad, joints of devices without a target.
-            dtype: of all numbers.
-            met: places of the wishes that are met.
+            dtype: type of all numbers.
+            met: places in `targets.prefer` of the wishes that are met.
         """
 
         def aims_at(targets: Targets) -> Aims:
@@ -294,18 +302,18 @@ class _State(NamedTuple):
 
     @property
     def known(self) -> Known:
-        """The directions of the sights that are known whatever the attitude."""
+        """The directions of sights that are known whatever the attitude."""
         return known_sights(self.aims, self.sights, self.rest)
 
     def cleared(self, clearance: ArrayLike) -> "_State":
-        """The same with rows tightened by the goal's clearance, rad, as in step 1."""
+        """Return the state with its rows tightened by the goal's clearance, rad, as in step 1."""
         pairs = pairs_at_goal(self.rows, self.sights, self.known, self.rest)
         wanted = jnp.asarray(clearance, self.rest.dtype)
         return self._replace(rows=cleared(self.rows, pairs, wanted))
 
     @property
     def columns(self) -> slice | np.ndarray:
-        """The numbers of the sights with which rows may make caps."""
+        """The numbers of the sights that may make caps with rows."""
         count = self.sights.gimbals.count
         if self.rows.inner or self.aims.held:
             return slice(None)
@@ -314,10 +322,10 @@ class _State(NamedTuple):
 
 
 class _Caps(NamedTuple):
-    """Every cap that may be active at a goal, in the form of `caps.Caps`, and an empty one at the end.
+    """The m caps that may be active at a goal, in the form of `caps.Caps`, with an empty one at the end.
 
-    First those of the largest azimuths (k,) and elevations, then likewise of the least, then for each row
-    one a sight of `_State.columns`.
+    First come the caps of the k largest azimuths, then of the k largest elevations, likewise of the least
+    ones; then for each row one cap for each sight of `_State.columns`.
     """
 
     axis: Array  # (m, 3) unit vectors in body axes
@@ -329,9 +337,9 @@ class _Conditions(NamedTuple):
     """What the conditions of optimality depend on.
 
     Attributes:
-        turn: (4, 1) quaternion of the turn from the start to the goal found.
+        turn: (4, 1) unit quaternion, scalar first, of the turn from the start to the goal found.
         caps: three of the caps, among them the active ones.
-        used: (3,) bool, whether each is active.
+        used: (3,) bool, whether each of the three is active.
     """
 
     turn: Array
@@ -340,23 +348,26 @@ class _Conditions(NamedTuple):
 
 
 def _of_equations(aims: Aims) -> np.ndarray:
-    """(2, e) numbers in `_Caps` of the upper and lower caps of azimuths and elevations that are equations."""
+    """Return the numbers in `_Caps` of the upper and lower caps of the e equations, as rows (2, e)."""
     above = np.flatnonzero(np.array(aims.equations, bool).reshape(-1, 2).T)
     return np.stack([above, above + 2 * len(aims.devices)])
 
 
 def _active_caps(turn: Array, caps: _Caps, matter: Array, aims: Aims) -> tuple[Array, Array]:
-    """Numbers (3,) of the caps that are active at the goal found, -1 for none, and their multipliers (3,).
+    """Find the caps that are active at the goal found, with their multipliers.
 
     They come from the quadratic program of the least turn with the caps taken as linear. At an optimum its
-    solution is zero; where more than three caps are touched, it chooses. Of an equation the cap on the side
-    to which the turn would leave it is active, if any; else the upper one, with multiplier zero.
+    solution is zero; where more than three caps are touched, it chooses. Of an equation the active cap is the
+    one on the side to which the turn would leave it, if any, else the upper one, with multiplier zero.
 
     Args:
         turn: (4, 1) quaternion of the turn from the start to the goal found.
-        caps: all caps.
+        caps: all m caps.
         matter: (m,) bool, which caps must be kept.
         aims: with the equations.
+
+    Returns:
+        Their numbers (3,), -1 for a free slot, and multipliers (3,).
     """
     _, eta, _ = angle_terms(turn)
     _, excess, gradients = cap_terms(turn, *caps)
@@ -375,9 +386,9 @@ def _active_caps(turn: Array, caps: _Caps, matter: Array, aims: Aims) -> tuple[A
 
 
 def _gradient(own: _Conditions, z: Array) -> Array:
-    """Residual (6,) of the conditions of optimality.
+    """Return the residual (6,) of the conditions of optimality.
 
-    ``z`` is the turn (3,) rad from the goal found and the multipliers (3,).
+    ``z`` is the turn (3,) rad from the goal found, then the multipliers (3,).
     """
     turn = turned(own.turn, z[:3, None])
     _, eta, _ = angle_terms(turn)
@@ -387,7 +398,10 @@ def _gradient(own: _Conditions, z: Array) -> Array:
 
 
 def _inverse_curvature(own: _Conditions, z: Array) -> Array:
-    """Pseudoinverse (6, 6) of the derivative of `_gradient` by ``z``, zero along undetermined directions."""
+    """Return the pseudoinverse (6, 6) of the derivative of `_gradient` by ``z``.
+
+    It is zero along directions that are not determined, as where nearby attitudes are equally good.
+    """
     turn = turned(own.turn, z[:3, None])
     _, _, hessian = angle_terms(turn)
     body, depth, slope = cap_terms(turn, *own.caps)
@@ -404,7 +418,7 @@ _AGAIN = replace(_ONCE, again=True)
 
 
 def _caps(state: _State, start: Array) -> _Caps:
-    """All caps of a problem, for a start attitude (3, 3)."""
+    """Return all caps of a problem, for a start attitude (3, 3), body to inertial."""
     aims, dtype, own = state.asked, start.dtype, state.columns
     frames, (low, high) = jnp.asarray(aims.frames), jnp.moveaxis(jnp.asarray(aims.ranges), -1, 0)
     edges = jnp.stack([high[:, AZIMUTH] + jnp.pi / 2, low[:, AZIMUTH] - jnp.pi / 2])  # (2, k)
@@ -424,9 +438,9 @@ def _caps(state: _State, start: Array) -> _Caps:
 
 
 def _matter(attitude: Array, state: _State) -> Array:
-    """Which caps (m,) bool must be kept at an attitude (3, 3).
+    """Tell which of the m caps must be kept at an attitude (3, 3), body to inertial, as (m,) bool.
 
-    Of a range it is that of the nearer end, of a constraint those of its best entry.
+    Of a range it is the cap of the nearer end, of a constraint those of its best entry.
     """
     aims, rows = state.asked, state.rows
     ranges, angles = jnp.asarray(aims.ranges), jnp.stack(aims.angles(attitude), axis=-1)  # (k, 2)
@@ -449,7 +463,7 @@ def _matter(attitude: Array, state: _State) -> Array:
 
 
 def with_met(targets: Targets, spacecraft: Spacecraft, met: Sequence[int]) -> Targets:
-    """Targets at an instant, with wishes that are met, by their places, as further ones."""
+    """Return targets at an instant with the wishes in places `met` of `targets.prefer` as further targets."""
     wishes = [targets.prefer[place] for place in met]
     directions = [*targets.directions, *(as_path(wish.direction).at(0.0) for wish in wishes)]
     names = (*targets.names(spacecraft), *(wish.device for wish in wishes))
@@ -457,5 +471,5 @@ def with_met(targets: Targets, spacecraft: Spacecraft, met: Sequence[int]) -> Ta
 
 
 def _unit(vectors: Array) -> Array:
-    """Vectors (..., 3) brought to unit length."""
+    """Return vectors (..., 3) brought to unit length."""
     return vectors / length(vectors)[..., None]

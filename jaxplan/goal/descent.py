@@ -1,27 +1,27 @@
 """Descent of step 1 from many starts at once, to the least rotation among caps.
 
-**Lanes**: many problems side by side. The lane is the last axis and the component the first, so that the
-processor's vector units work across lanes: vectors are (3, K), or (3, m, K) where each lane has several;
-matrices, all symmetric, are (3, 3, K).
+**Lanes**: many problems are solved side by side. The last axis of arrays runs over the K lanes and the first
+over components, so that the processor's vector units work across lanes: vectors are (3, K), or (3, m, K)
+where each lane has m of them, one for each cap; matrices, all symmetric, are (3, 3, K).
 
-**The quadratic program** of a step, in n unknowns, three or four, by the dual method of Goldfarb and Idnani
-(1983):
+**The quadratic program** of a step has n unknowns ``d``, three or four, and m constraints; it is solved by
+the dual method of Goldfarb and Idnani (1983):
 
     minimise  gradient . d + d . H d / 2   such that  excess + gradients . d <= 0
 
-From the free minimum the most violated constraint is brought to its bound; one whose multiplier gets to
-zero on the way leaves. At most n are active. K programs of m constraints.
+From the unconstrained minimum the most violated constraint is brought to its bound; an active one whose
+multiplier reaches zero on the way leaves. At most n constraints are active.
 
-**Local minima** of problem (7) by sequential quadratic programming. The variable is ``E = R0^T R_d`` as a
-unit quaternion; the objective is half the square of its angle ``theta``. Along ``E exp(d^)`` that has the
-gradient ``eta = theta u``, for ``D(eta)^T eta = eta`` in equation (2), and the Hessian ``k I + (1 - k) u
-u^T`` with ``k = (theta / 2) cot(theta / 2)``. The excess over a cap, ``h - angle(a, b)`` with ``b = E^T z``,
-has the gradient ``n = a x b / s``, where ``s = |a x b|``, and the Hessian ``((a b^T + b a^T) / 2 - c I + c n
-n^T) / s`` with ``c = a . b``. Each step solves the quadratic program of these exactly; where that has no
+**Local minima** of problem (7) are found by sequential quadratic programming. The variable is ``E = R0^T
+R_d`` as a unit quaternion; the objective is half the square of its angle ``theta``. Along ``E exp(d^)`` that
+has the gradient ``eta = theta u``, for ``D(eta)^T eta = eta`` in equation (2), and the Hessian ``k I + (1 -
+k) u u^T`` with ``k = (theta / 2) cot(theta / 2)``. The excess over a cap, ``h - angle(a, b)`` with ``b = E^T
+z``, has the gradient ``n = a x b / s``, where ``s = |a x b|``, and the Hessian ``((a b^T + b a^T) / 2 - c I +
+c n n^T) / s`` with ``c = a . b``. Each step solves the quadratic program of these exactly; where that has no
 solution, the step restores feasibility instead.
 
-Beyond half a turn the angle is that of the longer way round: the quaternion keeps its sign, so nothing
-jumps on the way. One start a lane, m caps.
+Quaternions have the scalar first. Beyond half a turn the angle is that of the longer way round: the
+quaternion keeps its sign, so nothing jumps on the way. Each lane is one descent from one start.
 """
 
 from functools import reduce
@@ -40,28 +40,31 @@ from jaxplan.runtime.jit import materialise, quick_jit
 
 
 def inner(first: Array, second: Array) -> Array:
-    """Scalar product (...) of vectors (n, ...), the component first."""
+    """Return scalar products (...) of vectors (n, ...), whose n components come first."""
     return reduce(add, [one * other for one, other in zip(first, second, strict=True)])
 
 
 def apply(matrix: Array, vector: Array) -> Array:
-    """Products (n, ...) of symmetric matrices (n, n, ...) and vectors (n, ...)."""
+    """Return products (n, ...) of symmetric n by n matrices (n, n, ...) and vectors (n, ...)."""
     return inner(matrix, vector[:, None])
 
 
 def identity(matrix: Array) -> Array:
-    """Identity (n, n, 1, ...) with the type and number of axes of a matrix (n, n, ...)."""
+    """Return the n by n identity (n, n, 1, ...) with the dtype and number of axes of a matrix (n, n, ...)."""
     size = matrix.shape[0]
     return jnp.eye(size, dtype=matrix.dtype).reshape(size, size, *[1] * (matrix.ndim - 2))
 
 
 def sum_of_squares(vectors: Array) -> Array:
-    """Matrix ``sum n n^T`` over each lane's vectors (3, m, K)."""
+    """Return the matrix ``sum n n^T`` (3, 3, K) over the m vectors ``n`` (3, m, K) of each of K lanes."""
     return jnp.sum(vectors[:, None] * vectors[None], axis=2)
 
 
 def inverse(matrix: Array) -> Array:
-    """Inverse of (3, 3, ..., K) by the adjugate; of (4, 4, ..., K) by `bordered_inverse`."""
+    """Return the inverses of symmetric matrices in K lanes, (3, 3, ..., K) or (4, 4, ..., K).
+
+    The former come from the adjugate, the latter from `bordered_inverse`.
+    """
     if len(matrix) > 3:
         border, corner = matrix[:3, 3], matrix[3, 3]
         return bordered_inverse(matrix[:3, :3] - border[:, None] * border[None] / corner, border, corner)
@@ -72,7 +75,10 @@ def inverse(matrix: Array) -> Array:
 
 
 def bordered_inverse(rest: Array, border: Array, corner: Array) -> Array:
-    """Inverse (4, 4, ..., K) of ``[[rest + border border^T / corner, border], [border^T, corner]]``."""
+    """Return ``[[rest + border border^T / corner, border], [border^T, corner]]``, inverted: (4, 4, ..., K).
+
+    `rest` is (3, 3, ..., K) and symmetric, `border` (3, ..., K), and `corner` (..., K) is not zero.
+    """
     own = inverse(rest)
     share = border / corner
     across = -apply(own, share)
@@ -82,7 +88,10 @@ def bordered_inverse(rest: Array, border: Array, corner: Array) -> Array:
 
 
 def least_eigenvalue(matrix: Array) -> Array:
-    """Least eigenvalue (..., K) of (3, 3, ..., K), by the cosine formula for the roots of a cubic."""
+    """Return the least eigenvalue (..., K) of symmetric matrices (3, 3, ..., K), K lanes of them.
+
+    It uses the cosine formula for the roots of a cubic.
+    """
     mean = jnp.trace(matrix) / 3
     rest = matrix - mean * identity(matrix)
     square = jnp.sum(rest * rest, axis=(0, 1)) / 6
@@ -92,7 +101,7 @@ def least_eigenvalue(matrix: Array) -> Array:
     return mean + jnp.where(square > 0, 2 * spread, 0) * jnp.cos(angle + 2 * jnp.pi / 3)
 
 
-CHANGES = 64  # of the active set at most; most programs take three to eight
+CHANGES = 64  # most changes of the active set; most programs need three to eight
 ROUNDING = 1e-13  # rad, a violation that counts as none
 REGULARISATION = 1e-6  # added to the diagonal of a restoration's normal equations, which makes them regular
 DEPENDENT = 1e-12  # squared sine below which a constraint's gradient lies in the span of the active ones
@@ -100,11 +109,11 @@ MET = -1e3  # excess given to a constraint that is to be ignored
 
 
 class Active(NamedTuple):
-    """Up to n active constraints of each program.
+    """Up to n active constraints of each of K programs, in n slots.
 
     Attributes:
-        number: (n, K) index of the constraint in each slot, -1 where the slot is free.
-        multiplier: (n, K) its multiplier, 0 where free.
+        number: (n, K) number of the constraint in each slot, -1 where the slot is free.
+        multiplier: (n, K) its multiplier, 0 where the slot is free.
     """
 
     number: Array
@@ -112,14 +121,14 @@ class Active(NamedTuple):
 
 
 def none_active(lanes: int, dtype: jnp.dtype, unknowns: int = 3) -> Active:
-    """The active sets of `lanes` programs of `unknowns` variables, all empty."""
+    """Return empty active sets for `lanes` programs of `unknowns` variables."""
     return Active(number=jnp.full((unknowns, lanes), -1), multiplier=jnp.zeros((unknowns, lanes), dtype))
 
 
 class _Progress(NamedTuple):
-    """State of the dual method; n unknowns, K programs."""
+    """State of the dual method, for K programs with n unknowns."""
 
-    changes: Array | int  # of the active set so far
+    changes: Array | int  # number of changes of the active set so far
     move: Array  # (n, K) d so far
     active: Active
     normals: Array  # (n, n, K) gradients of the active constraints, the component first
@@ -132,17 +141,17 @@ class _Progress(NamedTuple):
 def solve(
     inverse_hessian: Array, gradient: Array, gradients: Array, excess: Array
 ) -> tuple[Array, Active, Array]:
-    """Solve K quadratic programs, in the notation of the module.
+    """Solve K quadratic programs with n unknowns and m constraints, in the notation of the module.
 
     Args:
         inverse_hessian: (n, n, K) inverse of ``H``, positive definite.
         gradient: (n, K) of the objective at ``d = 0``.
         gradients: (n, m, K) of the constraints.
-        excess: (m, K) of the constraints at ``d = 0``, above zero where broken.
+        excess: (m, K) of the constraints at ``d = 0``, above zero where violated.
 
     Returns:
-        ``d`` (n, K), the active constraints, and which programs (K,) have no solution: in these no constraint
-        is active and ``d`` means nothing.
+        The solutions ``d`` (n, K), the active constraints, and (K,) bool, which programs have no solution: in
+        these no constraint is active and ``d`` is meaningless.
     """
     lanes, dtype, unknowns = excess.shape[1], excess.dtype, len(gradient)
     start = _Progress(
@@ -167,9 +176,10 @@ def solve(
 
 
 def _change(progress: _Progress, inverse_hessian: Array, gradients: Array, excess: Array) -> _Progress:
-    """The state after one step of the dual method: the entering constraint arrives, or an active one leaves.
+    """Return the state after one step of the dual method.
 
-    Where none is entering, the most violated one starts to; where none is violated, the program is done.
+    The entering constraint arrives at its bound, or an active one leaves. Where no constraint is entering,
+    the most violated one starts to; where none is violated, the program is done.
     """
     _, move, active, normals, entering, pressure, lost, done = progress
     violation = excess + inner(gradients, move[:, None])
@@ -216,17 +226,21 @@ def _change(progress: _Progress, inverse_hessian: Array, gradients: Array, exces
 def _directions(
     inverse_hessian: Array, normals: Array, used: Array, normal: Array
 ) -> tuple[Array, Array, Array]:
-    """How ``d``, multipliers and violation change while a constraint enters, per unit of its multiplier.
+    """Return how ``d``, multipliers and violation change while a constraint enters.
+
+    All changes are per unit of the entering constraint's multiplier. There are K programs with n unknowns and
+    n slots for active constraints.
 
     Args:
         inverse_hessian: (n, n, K) inverse of ``H``.
-        normals: (n, n, K) gradients of the active constraints.
-        used: (n, K) bool, slots that have one.
+        normals: (n, n, K) gradients of the active constraints, the component first.
+        used: (n, K) bool, slots that hold a constraint.
         normal: (n, K) gradient of the entering constraint.
 
     Returns:
-        The way (n, K) that ``d`` moves against, along which the active constraints keep their bounds; how
-        fast their multipliers shrink (n, K); and how fast the violation shrinks (K,), 0 where it cannot.
+        The direction (n, K), against which ``d`` moves and along which the active constraints keep their
+        bounds; the rates (n, K) at which their multipliers shrink; and the rate (K,) at which the violation
+        shrinks, 0 where it cannot.
     """
     solved = jnp.stack([apply(inverse_hessian, normals[:, slot]) for slot in range(len(normal))], axis=1)
     gram = inner(normals[:, :, None], solved[:, None]) + jnp.where(used, 0, identity(normals))
@@ -239,9 +253,10 @@ def _directions(
 
 
 def restoration(gradients: Array, excess: Array) -> tuple[Array, Array]:
-    """Normal equations of the least squares of the violations: ``M`` (3, 3, K) and ``b`` (3, K).
+    """Return ``M`` (3, 3, K) and ``b`` (3, K) for the step ``d = -M^-1 b`` that restores feasibility.
 
-    The step that restores feasibility is ``d = -M^-1 b``. Gradients are (3, m, K), excess (m, K).
+    These are the regularised normal equations of the least squares of the violations. The m constraints in K
+    lanes have gradients (3, m, K) and excess (m, K), above zero where violated.
     """
     violated = excess > 0
     matrix = sum_of_squares(jnp.where(violated, gradients, 0))
@@ -255,25 +270,26 @@ CLEAR = 5e-13
 """rad; an excess over caps that counts as none, half of what caps are wider than their constraints."""
 FLAT = 1e-5
 """Curvature that counts as none: at half a turn of an instrument a tolerance leaves a few millionths."""
-STEPS = 10  # of each descent
-LONGEST_STEP = 0.5  # rad
+STEPS = 10  # number of steps of each descent
+LONGEST_STEP = 0.5  # rad; longer steps are shortened to this
 LEAST_CURVATURE = 0.01  # least eigenvalue that the Hessian is shifted to have
 TINY = 1e-20  # least square of the sine of an angle to a cap's axis, where the angle has no derivative
-# The Hessian is that of the Lagrangian plus this times the squares of the active caps, which change nothing
-# where these are at their bounds; relative to the multipliers.
+# The Hessian is that of the Lagrangian plus the squares of the active caps times this weight, relative to the
+# multipliers. Where these caps are at their bounds, the squares do not change the solution.
 PROXIMITY = 100.0
 WITHIN = 1e6  # likewise, so large that the least curvature is that of a motion along the active caps
 
 
 class Minima(NamedTuple):
-    """End points of the descents; K lanes.
+    """End points of K descents.
 
     Attributes:
-        quaternion: (K, 4) of ``E``, scalar first and below zero beyond half a turn.
+        quaternion: (K, 4) of ``E``, scalar first, with the scalar below zero beyond half a turn.
         slew: (K,) rad, angle of ``E`` in [0, 2 pi].
-        excess: (K,) rad, depth in the worst cap that applies.
-        residual: (K,) of the conditions of optimality, rad, over one plus the sum of the multipliers.
-        curvature: (K,) least curvature of the Lagrangian within the active caps.
+        excess: (K,) rad, depth in the worst cap that applies, negative if clear of all.
+        residual: (K,) rad, violation of the conditions of optimality, relative to one plus the sum of the
+            multipliers.
+        curvature: (K,) least curvature of the Lagrangian along the active caps.
     """
 
     quaternion: np.ndarray
@@ -283,18 +299,18 @@ class Minima(NamedTuple):
     curvature: np.ndarray
 
     def good(self, tolerance: float) -> np.ndarray:
-        """(...) bool, ends that are local minima: feasible, stationary to `tolerance` rad, not concave."""
+        """Tell which ends are local minima: feasible, stationary to `tolerance` rad, not concave."""
         within = (self.excess <= CLEAR) & (self.residual <= tolerance)
         # the longer way round is no minimum, and bends by about one
         return within & (self.curvature >= -FLAT) & (self.slew <= np.pi + 1e-9)
 
 
 def descend(caps: Caps, starts: np.ndarray) -> Minima:
-    """Run a descent from each start, and return where they end.
+    """Run a descent from each start and return the `LANES` ends.
 
     Args:
         caps: what directions must stay out of.
-        starts: (at most LANES, 4) unit quaternions of ``E``; they are repeated to fill the batch.
+        starts: (at most LANES, 4) unit quaternions of ``E``, scalar first; repeated to fill the batch.
     """
     arguments = (caps.axis, caps.direction, caps.half_angle, caps.member, caps.group)
     starts = np.resize(starts, (LANES, 4))
@@ -303,7 +319,7 @@ def descend(caps: Caps, starts: np.ndarray) -> Minima:
 
 
 class _Point(NamedTuple):
-    """Point of a descent that was evaluated last, with the fields of `Minima`, lanes last."""
+    """The point of a descent that was evaluated last, with the fields of `Minima`, lanes last."""
 
     quaternion: Array  # (4, K)
     slew: Array  # (K,)
@@ -316,7 +332,10 @@ class _Point(NamedTuple):
 def descent_ends(
     starts: Array, axis: Array, direction: Array, half_angle: Array, member: Array, group: Array
 ) -> Array:
-    """Where descents from starts (4, K) among the arrays of `Caps` end: rows (8, K), fields of `Minima`."""
+    """Run K descents from starts (4, K), and return where they end as rows (8, K): the fields of `Minima`.
+
+    The other arguments are arrays of `Caps`.
+    """
 
     def step(_count: int, state: tuple[Array, Active, _Point]) -> tuple[Array, Active, _Point]:
         quaternion, active, _ = state
@@ -351,7 +370,14 @@ def descent_ends(
 
 
 def angle_terms(quaternion: Array) -> tuple[Array, Array, Array]:
-    """Angle (K,) rad of quaternions (4, K), and gradient (3, K) and Hessian (3, 3, K) of half its square."""
+    """Return the angle of quaternions, and gradient and Hessian of half its square along ``E exp(d^)``.
+
+    Args:
+        quaternion: (4, K) unit quaternions of ``E`` in K lanes, scalar first.
+
+    Returns:
+        Angle (K,) rad in [0, 2 pi]; gradient (3, K), which is the rotation vector ``eta``; Hessian (3, 3, K).
+    """
     scalar, vector = quaternion[0], quaternion[1:]
     square = dot(vector, vector)
     small = square < 1e-16
@@ -367,13 +393,16 @@ def angle_terms(quaternion: Array) -> tuple[Array, Array, Array]:
 def cap_terms(
     quaternion: Array, axis: Array, direction: Array, half_angle: Array
 ) -> tuple[Array, Array, Array]:
-    """Directions in body axes (3, m, K), excess over the caps (m, K) rad, and its gradients (3, m, K).
+    """Return directions in body axes, their excess over the caps, and its gradients along ``E exp(d^)``.
 
     Args:
-        quaternion: (4, K) of ``E``.
-        axis: (m, 3) of the caps, body axes.
+        quaternion: (4, K) unit quaternions of ``E`` in K lanes.
+        axis: (m, 3) axes of the m caps, in body axes.
         direction: (m, 3) in the body axes of the start.
         half_angle: (m,) rad.
+
+    Returns:
+        Directions (3, m, K), excess (m, K) rad and gradients (3, m, K).
     """
     a, d = axis.T[:, :, None], direction.T[:, :, None]
     body = jnp.stack(rotations.turned_back(quaternion, d))
@@ -385,17 +414,18 @@ def cap_terms(
 def active_terms(
     active: Active, axis: Array, body: Array, excess: Array, gradients: Array
 ) -> tuple[Array, Array, Array]:
-    """Curvature, gradients and excess of the active caps that still apply; zero in other slots.
+    """Return curvature, gradients and excess of the active caps; zero in free slots and of ignored caps.
 
     Args:
-        active: numbers (n, K) of caps and their multipliers.
-        axis: (m, 3) of all caps.
-        body: (3, m, K), with the next two as of `cap_terms`.
-        excess: (m, K) rad.
+        active: numbers and multipliers (n, K) of up to n active caps in each of K lanes.
+        axis: (m, 3) axes of all m caps.
+        body: (3, m, K) directions in body axes, which with the next two come from `cap_terms`.
+        excess: (m, K) rad, `MET` for a cap that is ignored.
         gradients: (3, m, K).
 
     Returns:
-        The sum (3, 3, K) of their Hessians times their multipliers, gradients (3, n, K), excess (n, K) rad.
+        The sum (3, 3, K) of the caps' Hessians times their multipliers, gradients (3, n, K), excess (n, K)
+        rad.
     """
     cap = jnp.maximum(active.number, 0)
     depth = jnp.take_along_axis(excess, cap, axis=0)
@@ -412,5 +442,5 @@ def active_terms(
 
 
 def turned(quaternion: Array, move: Array) -> Array:
-    """Unit quaternions (4, K) of ``E exp(move^)``, of quaternions (4, K) of ``E`` and rad (3, K)."""
+    """Return unit quaternions (4, K) of ``E exp(move^)``, from those of ``E`` (4, K) and moves (3, K) rad."""
     return jnp.stack(unit(rotations.product(quaternion, rotations.exp(move))))

@@ -1,14 +1,16 @@
-"""Distances that platform and joints go from the start, with two derivatives, for goals of least time.
+"""Distances that platform and joints travel from the start, with two derivatives, for goals of least time.
 
-A *way* is such a distance: of a joint its change of angle, rad, taken with either sign; of the platform the
-angle of its turn, rad, the angle between a body axis before and after it, or a length of the turn by
-`jaxplan.model.turn_table`. Along ``E exp(d^)`` a way ``w``
-has the first derivatives, or *slopes*, ``dw / dd`` and the second ones, *bends*, ``d^2 w / dd^2``, both at
-``d = 0``. They are written out here: with those of nested derivatives of JAX the descents took five times as
-long to compile. An angle with target ``b`` in body axes has the slopes ``g x b``, with ``g`` its gradient by
-``b``. The turn's ways follow from its rotation vector ``eta``, whose slopes are ``J = k I + (1 - k) u u^T +
-eta^ / 2`` with ``k = (theta / 2) cot(theta / 2)``. Shapes: p pointers (devices whose joints follow a
-direction), b tables of turns, w = 4 + 3 b + 4 p ways, K lanes (problems side by side), the last axis.
+A *way* is such a distance. For a joint it is its change of angle, rad, taken with either sign; for the
+platform it is the angle of its turn, rad, the angle between a body axis before and after the turn, or a
+length of the turn from `jaxplan.model.turn_table`. Along ``E exp(d^)`` a way ``w`` has the first derivatives,
+or *slopes*, ``dw / dd`` and the second derivatives, or *bends*, ``d^2 w / dd^2``, both at ``d = 0``. They are
+written out here, since with nested derivatives of JAX the descents took five times as long to compile. An
+angle that depends on a target's body components ``b``, with gradient ``g`` by ``b``, has the slopes ``g x
+b``. The ways of the turn follow from its rotation vector ``eta``, whose slopes are ``J = k I + (1 - k) u u^T
++ eta^ / 2`` with ``k = (theta / 2) cot(theta / 2)``, ``theta`` its length and ``u`` its direction.
+
+Shapes: p pointers (devices whose joints follow a direction), b tables of turns, w = 4 + 3 b + 4 p ways, K
+lanes (problems side by side, the last axis).
 """
 
 from collections.abc import Callable, Sequence
@@ -37,15 +39,15 @@ _TWICE = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
 
 
 class Pointers(NamedTuple):
-    """Devices whose joints follow directions, azimuth and elevation of each.
+    """The p devices whose joints follow directions, with azimuth and elevation of each.
 
     Attributes:
         direction: (p, 3) unit vectors in the body axes of the start.
-        frame: (p, 3, 3) body from the device's axes.
+        frame: (p, 3, 3) rotations from the device's axes to body axes.
         ranges: (p, 2, 2) rad, least and largest azimuth, then elevation.
-        cut: (p,) bool, whether angles beyond the ranges are clipped to their ends, as of wishes.
-        rest: (p, 2) rad, angles at the start.
-        moves: (p, 2) bool, whether there is such a joint.
+        cut: (p,) bool, whether angles beyond the ranges are clipped to their ends, as for wishes.
+        rest: (p, 2) rad, azimuth and elevation at the start.
+        moves: (p, 2) bool, whether the device has a joint for that angle.
         rate: (p, 2) rad per unit of time, limit of the joint's rate.
         acceleration: (p, 2) rad per unit of time squared, limit of its acceleration.
     """
@@ -61,21 +63,21 @@ class Pointers(NamedTuple):
 
 
 class Platform(NamedTuple):
-    """Lengths of a turn of the platform, its angles and those by tables, with limits of their speeds.
+    """Lengths of turns of the platform by b tables, and limits of the speed along its ways.
 
-    There are b tables of lengths, i, j and k coefficients along each of their places.
-
-    A length is the largest ``q_f`` times its share, see `jaxplan.model.turn_table`; the share is here a
-    polynomial near the tabulated one, which is smooth. The three that it may be are ways of their own, each
-    with its share as of the edge where it is not the largest: so a program sees both sides of an edge.
+    A length is the largest ``q_f`` times its share, see `jaxplan.model.turn_table`. Here the share is a
+    smooth polynomial near the tabulated one. Each of the three axes ``f`` gives a way of its own, also where
+    its ``q_f`` is not the largest, with the share then taken at the edge; so the quadratic program sees both
+    sides of an edge between two axes.
 
     Attributes:
-        axes: (b, 3, 3) body from the axes of each table, in the order of its rates.
-        rates: (b, 3) of the table, rad/s.
-        shares: (b, 3, i, j, k) coefficients of Legendre polynomials of |r| and of the two others' ``q``.
+        axes: (b, 3, 3) rotations from the axes of each table, ordered as its rates, to body axes.
+        rates: (b, 3) rates of each table, rad/s.
+        shares: (b, 3, i, j, k) coefficients of Legendre polynomials: by table and axis ``f``, with i, j and k
+            terms in ``|r|`` and in the two ratios of ``q``.
         top: (4 + b,) largest speed along each way, per unit of time: the angles of body axes x, y and z, the
             turn's angle, and the lengths by tables.
-        growth: (4 + b,) largest acceleration along each, per unit of time squared.
+        growth: (4 + b,) largest acceleration along each way, per unit of time squared.
     """
 
     axes: np.ndarray
@@ -86,9 +88,17 @@ class Platform(NamedTuple):
 
 
 def reach(time: Array, top: Array, growth: Array) -> tuple[Array, Array, Array]:
-    """The longest ways (w, K) from rest to rest in times (K,), with first and second derivatives by time.
+    """Return the longest ways from rest to rest in given times, with two derivatives by time.
 
-    The speed is a trapezoid, or a triangle, of largest speeds `top` (w,) and accelerations `growth` (w,).
+    The profile of the speed is a trapezoid, or a triangle for short times.
+
+    Args:
+        time: (K,) units of time, one for each of K lanes.
+        top: (w,) largest speed along each of w ways.
+        growth: (w,) largest acceleration along each way.
+
+    Returns:
+        The ways, their first and their second derivatives by time, each (w, K).
     """
     own, most = growth[:, None], top[:, None]
     rises = own * time < 2 * most
@@ -97,7 +107,7 @@ def reach(time: Array, top: Array, growth: Array) -> tuple[Array, Array, Array]:
 
 
 class Course(NamedTuple):
-    """Functions of the attitude with their derivatives by ``d``, n of them in K lanes.
+    """Functions of the attitude with their derivatives by ``d``, n functions in K lanes.
 
     Attributes:
         values: (n, K).
@@ -113,11 +123,16 @@ class Course(NamedTuple):
 def ways(
     quaternion: Array, pointers: Pointers, platform: Platform
 ) -> tuple[Array, Array, Callable[[Array], Array]]:
-    """Ways of the platform, and of joints with either sign, at quaternions (4, K) of ``E``.
+    """Return the w ways of the platform and of joints with either sign, in K lanes.
+
+    Args:
+        quaternion: (4, K) unit quaternions of ``E``.
+        pointers: the devices whose joints follow directions.
+        platform: lengths of the platform's turns.
 
     Returns:
-        The ways (w, K), their slopes (3, w, K), and the sum (3, 3, K) of their bends as a function of weights
-        (w, K).
+        The ways (w, K), their slopes (3, w, K), and a function that takes weights (w, K) and returns the
+        weighted sum (3, 3, K) of the bends.
     """
     turning, moved = _of_attitude(quaternion, platform), joint_angles(quaternion, pointers)
     there = jnp.concatenate([pointers.moves[:, 0], pointers.moves[:, 1]])[:, None]
@@ -132,14 +147,18 @@ def ways(
 
 
 def _joined(courses: Sequence[Course]) -> Course:
-    """All functions of several courses in one."""
+    """Join the functions of several courses into one course."""
     return Course(*(jnp.concatenate(parts, axis=-2) for parts in zip(*courses, strict=True)))
 
 
 def joint_angles(quaternion: Array, pointers: Pointers) -> Course:
-    """Signed changes (2 p, K) rad of joint angles from the start, azimuths first, at quaternions (4, K).
+    """Return signed changes (2 p, K) rad of joint angles from the start, azimuths first, with derivatives.
 
-    Zero, with zero derivatives, where there is no such joint.
+    They are zero, with zero derivatives, where there is no such joint.
+
+    Args:
+        quaternion: (4, K) unit quaternions of ``E`` in K lanes.
+        pointers: the p devices whose joints follow directions.
     """
     direction = jnp.moveaxis(pointers.direction, -1, 0)[:, :, None]
     frame = jnp.moveaxis(pointers.frame, 0, -1)[..., None]  # (3, 3, p, 1)
@@ -169,7 +188,10 @@ def joint_angles(quaternion: Array, pointers: Pointers) -> Course:
 
 
 def axis_angles(quaternion: Array) -> Course:
-    """Angles (3, K) rad between each body axis before and after turns (4, K)."""
+    """Return the angle between each body axis before and after a turn, with derivatives, (3, K) rad.
+
+    The turns are unit quaternions (4, K), K lanes of them.
+    """
     axes = jnp.eye(3, dtype=quaternion.dtype)
     seen = jnp.stack(
         rotations.turned_back(quaternion, axes[:, :, None])
@@ -185,7 +207,10 @@ def axis_angles(quaternion: Array) -> Course:
 
 
 def _of_attitude(quaternion: Array, platform: Platform) -> Course:
-    """The ways of the platform at quaternions (4, K), those of `axis_angles` first."""
+    """Return the ways (4 + 3 b, K) of the platform with b tables of turns, those of `axis_angles` first.
+
+    The turns are unit quaternions (4, K), K lanes of them.
+    """
     angle, eta, hessian = angle_terms(quaternion)
     by_turn = turn_ways(eta, platform)
     nearness = jnp.trace(hessian) / 2 - 0.5  # k
@@ -195,7 +220,7 @@ def _of_attitude(quaternion: Array, platform: Platform) -> Course:
     uneven = nearness * (1 - nearness) / size
 
     def back(vectors: Array) -> Array:
-        """``J^T`` times vectors (3, ..., K)."""
+        """Return ``J^T`` times vectors (3, ..., K), with ``J`` the slopes of ``eta`` (see the module)."""
         between = [1] * (vectors.ndim - 2)
         matrix = hessian.reshape(3, 3, *between, -1)
         turn = eta.reshape(3, *between, -1)
@@ -211,9 +236,14 @@ def _of_attitude(quaternion: Array, platform: Platform) -> Course:
 
 
 def turn_ways(eta: Array, platform: Platform) -> Course:
-    """Ways (1 + 3 b, K) of the platform, with derivatives by its rotation vector ``eta`` (3, K) rad.
+    """Return ways (1 + 3 b, K) of the platform, with derivatives by its rotation vector ``eta``.
 
-    The first is the angle; then for each axis taken as that of the largest ``q_f`` the lengths by b tables.
+    The first is the turn's angle. Then come, for each axis ``f`` taken as that of the largest ``q_f``, the
+    lengths by the b tables.
+
+    Args:
+        eta: (3, K) rad, rotation vectors in K lanes.
+        platform: the tables of lengths.
     """
     square = dot(eta, eta)
     small = square < _NO_TURN
@@ -249,20 +279,24 @@ def turn_ways(eta: Array, platform: Platform) -> Course:
 
 
 def _symmetric(first: Array, other: Array) -> Array:
-    """Symmetric part (3, 3, ...) of the outer products of two vectors (3, ...)."""
+    """Return the symmetric part (3, 3, ...) of the outer products of two vectors (3, ...)."""
     return (first[:, None] * other[None] + other[:, None] * first[None]) / 2
 
 
 def _identity(vectors: Array) -> Array:
-    """Identity (3, 3, 1, ...) for vectors (3, ...)."""
+    """Return the identity (3, 3, 1, ...) with as many trailing axes as vectors (3, ...) have."""
     return jnp.eye(3, dtype=vectors.dtype).reshape(3, 3, *[1] * (vectors.ndim - 1))
 
 
 def _shares(coefficients: Array, places: Array) -> tuple[Array, Array, Array]:
-    """Polynomials (b, f, i, j, l) at three places (f, 3, b, K) in [0, 1], with first and second derivatives.
+    """Evaluate polynomials at three places in [0, 1], with first and second derivatives by the places.
+
+    Args:
+        coefficients: (b, f, i, j, l) for b tables and f axes, with i, j and l terms along the three places.
+        places: (f, 3, b, K), in K lanes.
 
     Returns:
-        (f, b, K), (f, 3, b, K) and (f, 3, 3, b, K).
+        Values (f, b, K), first derivatives (f, 3, b, K) and second ones (f, 3, 3, b, K).
     """
     terms, every = [], coefficients
     for number, count in enumerate(coefficients.shape[2:]):
@@ -279,9 +313,10 @@ def _shares(coefficients: Array, places: Array) -> tuple[Array, Array, Array]:
 
 
 def _derivative(count: int) -> np.ndarray:
-    """Matrix (count, count) from the coefficients of a Legendre series, its rows, to those of its derivative.
+    """Return the matrix that takes coefficients of a Legendre series to those of its derivative.
 
-    The derivative is by a place in [0, 1].
+    The matrix (count, count) is multiplied by the coefficients as a row from the left. The derivative is by a
+    place in [0, 1].
     """
     once = np.zeros((count, count))
     once[:, :-1] = 2 * np.polynomial.legendre.legder(np.eye(count), axis=1)
@@ -289,7 +324,7 @@ def _derivative(count: int) -> np.ndarray:
 
 
 def legendre(place: AnyArray, count: int) -> list[AnyArray]:
-    """The first `count` Legendre polynomials, shifted to [0, 1], at places of any shape."""
+    """Return the first `count` Legendre polynomials, shifted to [0, 1], at places of any shape."""
     x = 2 * place - 1
     terms = [0 * x + 1, x]
     for degree in range(1, count - 1):
@@ -298,7 +333,7 @@ def legendre(place: AnyArray, count: int) -> list[AnyArray]:
 
 
 def speed_limits(pointers: Pointers, platform: Platform) -> tuple[Array, Array]:
-    """Largest speeds and accelerations (w,) along the ways, w = 4 + 3 b + 4 p, in the order of `ways`."""
+    """Return the largest speeds and accelerations along the w ways, each (w,), in the order of `ways`."""
     found = []
     for of_turn, of_joint in ((platform.top, pointers.rate), (platform.growth, pointers.acceleration)):
         own = jnp.where(pointers.moves, of_joint, 1).T.reshape(-1)

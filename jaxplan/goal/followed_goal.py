@@ -1,7 +1,7 @@
 """How the goal of a plan follows its scenario, or why it has no derivative that is known.
 
-Goals are held to be the optimum of step 1 that `jaxplan.goal.derivative` differentiates; whether one is that
-optimum is checked here.
+A goal can be followed if it is the optimum of step 1 that `jaxplan.goal.derivative` differentiates. Whether
+it is that optimum is checked here.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,7 +33,7 @@ _NEAR_WISHES = 1e-5  # rad, as `_OPTIMAL`, where wishes are met no better than t
 
 
 def _short_of(devices: Sequence[str]) -> str:
-    """The doubt about a goal as near as can be to what some devices prefer, which does not reach it."""
+    """Return the doubt about a goal that comes near what some devices prefer, but does not reach it."""
     whose = " and ".join(dict.fromkeys(devices))
     return (
         f"its goal is as near as can be to what {whose} would look at, and does not reach it: leave the wish "
@@ -43,7 +43,10 @@ def _short_of(devices: Sequence[str]) -> str:
 
 @cache
 def _optima_near(met: tuple[int, ...]) -> Callable[..., Goal]:
-    """The compiled `differentiable_goal` for wishes, by their places, that are met."""
+    """Return the compiled `differentiable_goal` for goals that meet the wishes in given places.
+
+    `met` holds these places in `Targets.prefer`.
+    """
     return quick_jit(partial(differentiable_goal, met=met))
 
 
@@ -52,10 +55,12 @@ class Followed:
     """How a goal follows its scenario.
 
     Attributes:
-        moves: how devices without a target made way at it.
-        met: places in `Targets.prefer` of the wishes that it meets.
-        criterion: that it is an optimum of; None for a goal that is given as a state.
-        doubts: why it is not the optimum that `differentiable_goal` takes it for.
+        moves: how devices without a target made way at the goal.
+        met: places in `Targets.prefer` of the wishes that the goal meets.
+        criterion: the criterion of which the goal is an optimum; None for a goal that is given as a state,
+            and where there are doubts.
+        doubts: reasons why the goal is not the optimum that `differentiable_goal` takes it for; empty if it
+            is.
     """
 
     moves: tuple[MadeWay, ...] = ()
@@ -65,11 +70,11 @@ class Followed:
 
 
 def followed_by(scenario: Scenario, goal: Goal) -> Followed:
-    """How the goal of a plan follows its scenario, or why it does not.
+    """Tell how the goal of a plan follows its scenario, or why it does not (`Followed.doubts`).
 
     Args:
-        scenario: the plan's.
-        goal: the plan's.
+        scenario: that of the plan.
+        goal: that of the plan.
     """
     asked, craft, rows = scenario.asked, scenario.usable, scenario.constraints.at(goal.time)
     if isinstance(asked, GivenState):
@@ -117,7 +122,10 @@ def followed_by(scenario: Scenario, goal: Goal) -> Followed:
 
 
 def least_time_doubt(asked: Targets) -> str:
-    """Why a goal of least time with targets that move, wishes or devices that make way is not followed."""
+    """Return the reason why a goal of least time is not followed.
+
+    Its targets move, or it has wishes or devices that make way.
+    """
     why = "targets that move" if asked.moves else "wishes, or with devices that make way"
     return f'its goal is one of least time with {why}: set goal.criterion = "least_rotation"'
 
@@ -130,18 +138,18 @@ def with_wishes_met(
     rows: Constraints,
     start_joints: np.ndarray,
 ) -> Goal:
-    """A goal of step 1 brought to where the wishes that it nearly meets are met exactly.
+    """Move a goal of step 1 slightly, to where the wishes that it nearly meets are met exactly.
 
     Step 1 leaves wishes a little room, so that its goals are no smooth function of what they depend on. Where
-    no wish is met, or the optimum is not as near, it is the goal itself.
+    no wish is met, or the optimum is farther away than that room, the goal itself is returned.
 
     Args:
-        goal: that step 1 found.
+        goal: the goal that step 1 found.
         craft: the spacecraft.
         start_attitude: (3, 3) body to inertial.
-        targets: at an instant.
+        targets: the targets at an instant.
         rows: the constraints then.
-        start_joints: (J,) rad.
+        start_joints: (J,) rad, joints at the start.
     """
     problem = GoalProblem.of(craft, start_attitude, targets, rows, start_joints)
     if targets.clearance:
@@ -160,6 +168,6 @@ def with_wishes_met(
 
 
 def _met(problem: GoalProblem, attitude: np.ndarray) -> tuple[int, ...]:
-    """Places of the wishes that are met at an attitude (3, 3)."""
+    """Return the places of the wishes that are met at an attitude (3, 3), body to inertial."""
     near = [wish.distance(attitude) <= _NEAR for wish in problem.wishes]
     return tuple(np.flatnonzero(near).tolist())

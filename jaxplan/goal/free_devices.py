@@ -1,16 +1,16 @@
 """Joints of devices that have no target and are not held: where a goal leaves them.
 
-A device with a wish points as near to it as its range lets it. Any other stays as it is at the start, within
-its range at the goal. Where that breaks a zone, such as the beam of a device that has a target, or a cone of
-the sky that it must look into, the device makes way: its joints are laid out on a grid, of the clear ones
-those are taken that are reached in the least time, and brought back toward where it would rather be as far as
-everything stays clear. Devices take their turns in the order of their numbers, twice where two are free,
-since each may be in the other's way.
+A free device with a wish points as near to the wished direction as its range lets it. Any other stays as it
+is at the start, within its range at the goal. Where that breaks a zone, such as the beam of a device that has
+a target, or a cone of the sky that it must look into, the device *makes way*: of the clear places on a grid
+of its joint angles the one reached in the least time is taken, and the joints are then brought back toward
+where they would rather be as far as everything stays clear. Devices take turns in the order of their numbers,
+twice where several are free, since each may be in the other's way.
 
-So a device that *makes way* ends on the straight line of its joint angles from where it would rather be
-(share 0) to that clear place (share 1), where one pair of a constraint's row and a sight has a margin of
-`SPARE`. With line and pair held fixed that is a differentiable function of all that a goal depends on
-(`places`). Shapes: J joints, o joints of one device (1 or 2), Z rows.
+So a device that makes way ends on the straight line of its joint angles from where it would rather be (share
+0) to that clear place (share 1), where the margin of one pair of a constraint's row and a sight is `SPARE`.
+With line and pair held fixed that is a differentiable function of all that a goal depends on (`places`).
+Shapes: J joints, o joints of one device (1 or 2), Z rows.
 """
 
 from collections.abc import Sequence
@@ -30,10 +30,10 @@ from jaxplan.runtime.display import shown
 
 SPARE = 2e-5
 """rad by which zones are kept: a motion that ends there may swing a little on the way."""
-_GRIDS = (121, 41)  # places of a drive's angle, and of each of a terminal's
-_HALVINGS = 40  # bisections of the share of the way
+_GRIDS = (121, 41)  # grid points over a drive's angle, and over each of a terminal's two angles
+_HALVINGS = 40  # bisections that find the share of the line
 _CLOSER = 3  # further grids, each four spacings of the one before wide
-_TIE = 1e-8  # rad; pairs whose margins differ by less from the least one are as near
+_TIE = 1e-8  # rad; pairs whose margins are within this of the least one are ties
 
 
 @shown("joints", "share", "row", "sight", "ties")
@@ -43,11 +43,12 @@ class MadeWay:
     """How a device without a target moved out of the way: along which line, how far, and what stopped it.
 
     Attributes:
-        joints: numbers of its joints.
-        toward: (o,) the clear place toward which it moved, as shares of the joints' ranges.
-        share: () of the line from where it would rather be (0) to that place (1).
-        row: () int, row of the constraints whose margin with `sight` is just `SPARE` there.
-        sight: () int, number of the sight.
+        joints: numbers of its o joints.
+        toward: (o,) the clear place toward which it moved, as fractions of the joints' ranges (0 least, 1
+            largest angle).
+        share: () where it stopped on the line from where it would rather be (0) to that place (1).
+        row: () int, the row of the constraints whose margin with `sight` is just `SPARE` there.
+        sight: () int, number of that sight.
         ties: whether other pairs have the same margin, so that it is unknown which of them will bind.
     """
 
@@ -62,17 +63,17 @@ class MadeWay:
 def settled(
     problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray
 ) -> tuple[np.ndarray, tuple[MadeWay, ...]]:
-    """Joints at a goal, with free devices as near to what they prefer as constraints let them.
+    """Return the joints at a goal, with free devices as near to what they prefer as constraints allow.
 
     Args:
-        problem: what is asked.
-        attitude: (3, 3) of the goal.
-        joints: (J,) rad, of devices with targets and held ones as they are to be, of free ones as at the
-            start.
+        problem: the problem of step 1.
+        attitude: (3, 3) of the goal, body to inertial.
+        joints: (J,) rad; those of devices with targets and held ones as they shall be, those of free ones as
+            at the start.
 
     Returns:
-        (J,) rad, and how devices made way, in the order in which they did. Where no place of a device is
-        clear it is left where it would rather be.
+        (J,) rad, and how devices made way, in the order in which they did. A device for which no place is
+        clear is left where it would rather be.
     """
     gimbals = problem.spacecraft.gimbals
     free = problem.aims.free(gimbals)
@@ -97,15 +98,15 @@ def preferred(
     attitude: AnyArray,
     joints: AnyArray,
 ) -> AnyArray:
-    """Joints (J,) rad, free devices where they would be without zones: as they are, or nearest a wish.
+    """Return joints (J,) rad with free devices where they would be without zones: at rest or nearest a wish.
 
     Args:
         gimbals: of the spacecraft.
         ranges: (J, 2) rad, at the goal.
         free: numbers of the free devices.
-        wishes: pairs of a device's number and an inertial direction (3,); of a device the first counts.
+        wishes: pairs of a device's number and an inertial direction (3,); the first one of a device counts.
         attitude: (3, 3) of the goal, body to inertial.
-        joints: (J,) rad.
+        joints: (J,) rad, which devices without a wish keep, clipped to their ranges.
     """
     for number in free:
         own = gimbals.joints_of(number)
@@ -130,16 +131,16 @@ def places(
     attitude: AnyArray,
     joints: AnyArray,
 ) -> AnyArray:
-    """Joints (J,) rad, with each device that makes way where its pair has a margin of just `SPARE`.
+    """Return joints (J,) rad in which each device that makes way stops at a margin of `SPARE` of its pair.
 
-    One step of Newton's method along each device's line: at what was found it changes nothing, and its
-    first derivatives are those of the place.
+    It takes one step of Newton's method along each device's line. Where a device was found to stop that
+    changes nothing, and it gives the place its first derivatives.
 
     Args:
         moves: how devices made way, in the order in which they did.
         ranges: (J, 2) rad, at the goal.
         rows: all constraints.
-        sights: that they bind.
+        sights: the directions that they bind.
         attitude: (3, 3) of the goal, body to inertial.
         joints: (J,) rad, of free devices as `preferred` has them.
     """
@@ -157,14 +158,17 @@ def places(
 
 
 def _place(move: MadeWay, joints: AnyArray, ranges: AnyArray, share: AnyArray) -> AnyArray:
-    """Joints (o,) rad of a device at a share of its line, which begins where `joints` (J,) has them."""
+    """Return the o joints of a device, rad, at a share of its line.
+
+    The line begins at the device's angles in `joints` (J,).
+    """
     own = np.array(move.joints)
     low, high = ranges[own].T
     return joints[own] + share * (low + move.toward * (high - low) - joints[own])
 
 
 def _concerned(problem: GoalProblem, number: int) -> np.ndarray:
-    """(Z,) bool, the rows of all constraints that bind a sight carried by a device, or have one as axis."""
+    """Tell which of Z rows are of constraints that bind a sight of a device or have one as axis."""
     rows = problem.rows
     takes_part = problem.sights.carriers == number
     concerned = np.any(rows.bound[:, takes_part], axis=1) | ((rows.frame == SIGHT) & takes_part[rows.partner])
@@ -172,9 +176,15 @@ def _concerned(problem: GoalProblem, number: int) -> np.ndarray:
 
 
 def _least(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> np.ndarray:
-    """Least margin (...) rad, less `SPARE`, of the constraints that concern device `number`.
+    """Return the least margin (...) of the constraints that concern device `number`, less `SPARE`, in rad.
 
-    It is taken at an attitude (3, 3) and joints (..., J); infinite where nothing concerns the device.
+    It is negative where the device must make way, and infinite where nothing concerns the device.
+
+    Args:
+        problem: the problem of step 1.
+        attitude: (3, 3) body to inertial.
+        joints: (..., J) rad.
+        number: number of the device.
     """
     attitudes = np.broadcast_to(attitude, (*joints.shape[:-1], 3, 3))
     margins = constraint_margins(problem.rows, problem.margins(attitudes, joints))
@@ -182,7 +192,7 @@ def _least(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, numbe
 
 
 def _moved(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, number: int) -> MadeWay | None:
-    """How device `number` makes way to where all constraints that concern it hold; None if it cannot."""
+    """Return how device `number` makes way so that all constraints about it hold; None if it cannot."""
     own = problem.spacecraft.gimbals.joints_of(number)
     wanted, ranges = joints[own], problem.ranges[own]
     rates = problem.spacecraft.joint_rate_limits[own]
@@ -202,7 +212,7 @@ def _moved(problem: GoalProblem, attitude: np.ndarray, joints: np.ndarray, numbe
         window = np.clip(np.stack([best - around, best + around], axis=-1), ranges[:, :1], ranges[:, 1:])
     if best is None:
         return None
-    share, step = 1.0, 0.5  # of the way from where it would rather be
+    share, step = 1.0, 0.5  # of the line from where it would rather be
     for _ in range(_HALVINGS):
         tried = share - step
         place = wanted + tried * (best - wanted)
@@ -224,15 +234,15 @@ def _with_nearest_pair(
     toward: np.ndarray,
     share: float,
 ) -> MadeWay:
-    """The `MadeWay` of device `number`, with the pair of row and sight whose margin is the least one.
+    """Make the `MadeWay` of device `number`, with the pair of row and sight whose margin is the least one.
 
     Args:
-        problem: what is asked.
-        attitude: (3, 3) of the goal.
-        joints: (J,) rad, with the device's where it ends.
-        number: of the device.
-        toward: (o,) as of `MadeWay`.
-        share: as of `MadeWay`.
+        problem: the problem of step 1.
+        attitude: (3, 3) of the goal, body to inertial.
+        joints: (J,) rad, with the device's where it stops.
+        number: number of the device.
+        toward: fractions of the ranges of the device's joints, as in `MadeWay`.
+        share: as in `MadeWay`.
     """
     margins = problem.margins(attitude, joints)
     least = float(_least(problem, attitude, joints, number)) + SPARE
@@ -251,7 +261,10 @@ def _with_nearest_pair(
 
 
 def _put(joints: AnyArray, own: Sequence[int] | np.ndarray, values: AnyArray) -> AnyArray:
-    """A copy of joints (J,) with `values` (o,) for those of numbers `own` (o,); of JAX where either is."""
+    """Return a copy of joints (J,) in which the o joints numbered `own` have `values` (o,).
+
+    It is an array of numpy, or of JAX where either argument is.
+    """
     which = np.asarray(own)
     if array_module(joints, values) is jnp:
         return jnp.asarray(joints).at[which].set(values)
@@ -261,7 +274,7 @@ def _put(joints: AnyArray, own: Sequence[int] | np.ndarray, values: AnyArray) ->
 
 
 def _each(joints: np.ndarray, own: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Joints (k, J): k copies of joints (J,), in which those of numbers `own` (o,) are `places` (k, o)."""
+    """Return k copies (k, J) of joints (J,), in which the o joints numbered `own` have `places` (k, o)."""
     found = np.repeat(joints[None], len(places), axis=0)
     found[:, own] = places
     return found

@@ -1,10 +1,11 @@
 """Find goals of least time: the attitudes that meet a problem and that platform and joints reach soonest.
 
-What is made least is the strict bound of the time from rest to rest, `jaxplan.model.duration_bound`: what the
-slowest of platform and joints takes by itself. Least rotation leaves all the way to the joints; where these
-are the slower ones, the platform turns toward them until both take as long. Descents (`minimax`) start from
-the points of the covering at which that time is least, as far as a solution may lie near them, and from the
-goals of least rotation, which are among the answers; so no answer is slower than these.
+What is minimised is a strict lower bound of the time from rest to rest, `jaxplan.model.duration_bound`: the
+time that the slowest of platform and joints takes by itself. Least rotation leaves as much motion as possible
+to the joints; where these are the slower ones, the platform turns toward them until both take equally long.
+Descents (`minimax`) start from the points of the covering (`multistart`) at which that time is least, as far
+as a solution may lie near them, and from the goals of least rotation. These are among the answers, so no
+answer is slower than they are.
 """
 
 from collections.abc import Sequence
@@ -45,16 +46,22 @@ INSTANT = 1e-9
 
 
 def times(problem: GoalProblem, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Strict lower bounds (N,) s of the time from rest at the start to rest at attitudes and joints.
+    """Return strict lower bounds (N,) s of the time from rest at the start to rest at N states.
 
-    Attitudes are (N, 3, 3), body to inertial, joints (N, J) rad.
+    Args:
+        problem: the problem of step 1, with its start.
+        attitudes: (N, 3, 3) body to inertial.
+        joints: (N, J) rad.
     """
     turns = np.asarray(so3.log(problem.start.T @ attitudes))
     return np.asarray(rest_bounds(problem.spacecraft, turns, joints - problem.rest))
 
 
 def likely_joints(problem: GoalProblem, attitudes: np.ndarray) -> np.ndarray:
-    """Joints (N, J) rad at attitudes (N, 3, 3), without zones: toward targets and wishes, others at rest."""
+    """Return likely joints (N, J) rad at N attitudes (N, 3, 3), regardless of zones.
+
+    Devices point toward targets and wishes as far as their ranges allow; the others are at rest.
+    """
     joints = np.clip(problem.joints(attitudes), *problem.ranges.T)
     for wish in problem.wishes:
         if wish.kind != "instrument":
@@ -69,19 +76,20 @@ def likely_joints(problem: GoalProblem, attitudes: np.ndarray) -> np.ndarray:
 def soonest(
     problem: GoalProblem, caps: Caps, nearest: np.ndarray, count: int, max_slew: float, seed: int
 ) -> np.ndarray:
-    """Attitudes that are reached soonest.
+    """Find the attitudes that are reached soonest.
 
     Args:
-        problem: what is asked.
-        caps: of the problem.
-        nearest: (k, 4) unit quaternions from the start, the local minima of the rotation, at least one.
-        count: how many are wanted at most.
+        problem: the problem of step 1.
+        caps: the caps of the problem.
+        nearest: (k, 4) unit quaternions from the start, the k local minima of the rotation, nearest first, at
+            least one.
+        count: how many attitudes are wanted at most.
         max_slew: rad, bound of the rotation.
-        seed: of the covering of SO(3), see `multistart.covering_points`.
+        seed: seed of the covering of SO(3), see `multistart.covering_points`.
 
     Returns:
-        (at most count, 4) unit quaternions of the rotation from the start, scalar part >= 0, 2 deg or more
-        apart, the quickest first. The nearest of all is among them where more than one is wanted.
+        (at most count, 4) unit quaternions of the rotation from the start, scalar first and not negative, 2
+        deg or more apart, the quickest first. The nearest of all is among them where more than one is wanted.
     """
     if _times(problem, nearest)[0] <= INSTANT:
         return nearest
@@ -96,7 +104,7 @@ def soonest(
 
 
 def by_time(problem: GoalProblem, goals: list[Goal]) -> list[Goal]:
-    """The goals in the order of their least times (`times`) with their joints, then of their slews."""
+    """Sort goals by their least times (`times`) with their joints, and equal times by their slews."""
     if not goals:
         return goals
     after = times(
@@ -107,7 +115,7 @@ def by_time(problem: GoalProblem, goals: list[Goal]) -> list[Goal]:
 
 
 def descended(problem: GoalProblem, caps: Caps, starts: np.ndarray) -> Soonest:
-    """Run the descents of `minimax` from unit quaternions (at most `LANES`, 4), and return where they end."""
+    """Run the descents of `minimax` from unit quaternions (at most `LANES`, 4) and return where they end."""
     unit = float(time_unit(problem.spacecraft))
     starts = np.resize(starts, (LANES, 4))
     asked = (caps.axis, caps.direction, caps.half_angle, caps.member, caps.group)
@@ -119,7 +127,7 @@ def descended(problem: GoalProblem, caps: Caps, starts: np.ndarray) -> Soonest:
 
 
 def time_unit(craft: Spacecraft) -> AnyArray:
-    """The unit of time of the descents, s: about what half a turn takes."""
+    """Return the unit of time of the descents, s, which is about the time of half a turn."""
     rate, acceleration = longest(craft, 1), longest(craft, 2)
     return np.pi / rate + rate / acceleration
 
@@ -132,12 +140,12 @@ def pointers(
     rest: AnyArray,
     unit: AnyArray,
 ) -> Pointers:
-    """The devices whose joints follow directions, padded with such that do not move.
+    """Return the devices whose joints follow directions, padded with some that do not move.
 
     Args:
         craft: its devices and limits.
         aims: what must point where.
-        wishes: what devices without a target are near to.
+        wishes: directions that devices without a target are to be near to.
         start: (3, 3) attitude at the start, body to inertial.
         rest: (J,) rad, joints at the start.
         unit: s, unit of time of the rates and accelerations.
@@ -151,7 +159,7 @@ def pointers(
     _, directions, frames, ranges, cut = zip(*each, *[_NOBODY] * spare, strict=True)
 
     def by_angle(values: AnyArray, other: float) -> AnyArray:
-        """Values (J,) of joints as (p, 2), azimuth and elevation of each device; `other` for no joint."""
+        """Return values (J,) of joints by device, azimuth then elevation (p, 2); `other` for no joint."""
         found = [[values[which[0]], values[which[1]] if len(which) > 1 else other] for which in own]
         flat = [value for pair in [*found, *[[other, other]] * spare] for value in pair]
         return stacked(flat).reshape(-1, 2)
@@ -172,10 +180,10 @@ _NOBODY = (-1, np.array([1.0, 0.0, 0.0]), np.eye(3), np.array([[-1.0, 1.0], [-1.
 
 
 def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
-    """Lengths of turns of the platform and limits of their speeds, with times in units of `unit` s.
+    """Return the lengths of turns of the platform and limits of their speeds, with `unit` s as unit of time.
 
-    Torque and momentum, those of wheels too, count as limits of acceleration and rate of each axis, as of a
-    body at rest with its joints at zero, and of wheels that hold nothing at the start.
+    Limits of torque and momentum, those of wheels too, are converted to limits of acceleration and rate of
+    each axis, for a body at rest with its joints at zero and wheels without momentum at the start.
     """
     given = {limit.quantity.name: limit.bound for limit in limits(craft)}
     xp, rate, acceleration = arrays(given["angular_velocity"], given["angular_acceleration"])
@@ -228,9 +236,13 @@ def platform(craft: Spacecraft, unit: AnyArray) -> Platform:
 
 
 def _smooth(shares: AnyArray) -> AnyArray:
-    """Coefficients (3, i, j, k) of Legendre polynomials, fitted by least squares to shares (3, A, L, L).
+    """Fit tabulated shares of `turn_table` by polynomials, in the sense of least squares.
 
-    i, j and k are `_TERMS`; the shares are tabulated by A angles and twice L ratios, see `turn_table`.
+    Args:
+        shares: (3, A, L, L), tabulated at A angles and twice L ratios for each of three axes.
+
+    Returns:
+        (3, i, j, k) coefficients of Legendre polynomials; i, j and k are `_TERMS`.
     """
     for count, terms in zip(shares.shape[1:], _TERMS, strict=True):
         shares = array_module(shares).tensordot(shares, _fit(count, terms), axes=(1, 1))
@@ -239,18 +251,24 @@ def _smooth(shares: AnyArray) -> AnyArray:
 
 @cache
 def _fit(count: int, terms: int) -> np.ndarray:
-    """Matrix (terms, count) from values at `count` even places in [0, 1] to Legendre coefficients."""
+    """Return the matrix (terms, count) from values at `count` places to Legendre coefficients.
+
+    The places are evenly spaced from 0 to 1, ends included.
+    """
     return np.linalg.pinv(np.stack(legendre(np.linspace(0, 1, count), terms), axis=1))
 
 
 def _times(problem: GoalProblem, quaternions: np.ndarray) -> np.ndarray:
-    """Least times (K,) s of rotations from the start, quaternions (K, 4), with joints of `likely_joints`."""
+    """Return least times (K,) s of K rotations from the start, with joints from `likely_joints`.
+
+    `quaternions` (K, 4) are of unit length, scalar first.
+    """
     attitudes = problem.start @ quaternion.to_matrix(quaternions)
     return times(problem, attitudes, likely_joints(problem, attitudes))
 
 
 def _starts(problem: GoalProblem, caps: Caps, count: int, seed: int) -> np.ndarray:
-    """Points (at most count, 4) of the covering near which a solution may lie, those of least time first."""
+    """Return points (at most count, 4) of the covering near which a solution may lie, the quickest first."""
     points = multistart.covering_points(seed)
     possible = np.flatnonzero(multistart.depths(caps, seed) <= 0)
     first = np.argsort(_times(problem, points[possible]), kind="stable")[:count]
@@ -258,11 +276,11 @@ def _starts(problem: GoalProblem, caps: Caps, count: int, seed: int) -> np.ndarr
 
 
 def _distinct(quaternions: np.ndarray, times: np.ndarray, nearest: np.ndarray, count: int) -> np.ndarray:
-    """The quickest (at most count, 4) of quaternions (K, 4), `multistart.APART` or more from each other.
+    """Return the quickest quaternions (at most count, 4) that are `multistart.APART` or more from each other.
 
     Args:
-        quaternions: (K, 4) of the rotations from the start.
-        times: (K,) s.
+        quaternions: (K, 4) unit quaternions of K rotations from the start.
+        times: (K,) s, least times of these.
         nearest: (4,) of the goal of least rotation, which takes the last place where it is not among them.
         count: how many are wanted at most.
     """

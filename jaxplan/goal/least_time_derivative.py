@@ -1,12 +1,14 @@
 """Derivatives of a goal of least time by its problem: those of the optimum of `jaxplan.goal.minimax`.
 
-With ``E exp(d^)`` and the time ``t`` it is where, with the ways and caps that bind, at most four,
+The unknowns are the turn ``d`` in ``E exp(d^)`` and the time ``t``. With the ways and caps that bind, at most
+four, the optimum is where
 
     slopes by d and t of  t^2 / 2 + STILLNESS theta^2 / 2 + sum of m_i c_i = 0       and      c_i = 0
 
-with ``c`` the way less its reach, or the excess over a cap. Which bind is held fixed, as in `derivative`.
-A *way* is the distance that a joint or the platform has to go (`jaxplan.goal.distances`). Shapes: m caps, w
-ways.
+with ``theta`` the angle of the turn, ``c`` a way less its reach or the excess over a cap, and ``m`` its
+multiplier. Which of them bind is held fixed, as in `derivative`. A *way* is the distance that a joint or the
+platform has to go, its *reach* the longest distance that it can go in time ``t`` (`jaxplan.goal.distances`).
+Shapes: m caps, w ways.
 """
 
 from typing import Any, NamedTuple
@@ -27,11 +29,11 @@ class Conditions(NamedTuple):
     """A goal of least time with its active ways and caps, from which the conditions of optimality follow.
 
     Attributes:
-        turn: (4, 1) quaternion of the turn from the start to the goal found.
-        caps: axes (m, 3), directions (m, 3) and half-angles (m,) rad of all caps that may be active.
+        turn: (4, 1) unit quaternion, scalar first, of the turn from the start to the goal found.
+        caps: axes (m, 3), directions (m, 3) and half-angles (m,) rad of all m caps that may be active.
         pointers: devices whose joints follow directions.
         platform: lengths of the platform's turns, with limits of their speeds.
-        number: (4,) numbers of the caps, and m on of the ways, that are active; -1 for none.
+        number: (4,) which caps and ways are active: caps from 0, ways from m on, -1 for a free slot.
     """
 
     turn: Array
@@ -42,12 +44,12 @@ class Conditions(NamedTuple):
 
 
 def soonest_turn(conditions: Conditions, matter: Array, equations: np.ndarray) -> Array:
-    """Quaternion (4, 1) of the turn of least time near the one found, differentiable once.
+    """Return the quaternion (4, 1) of the turn of least time near the one found, differentiable once.
 
     Args:
-        conditions: whose `number` is ignored, since it is found here.
-        matter: (m,) bool, which caps must be kept.
-        equations: (2, k) numbers of the caps on either side of what is met exactly.
+        conditions: the goal found; its `number` is ignored, since what is active is found here.
+        matter: (m,) bool, which of the m caps must be kept.
+        equations: (2, e) numbers of the upper and lower caps of each of e angles that are met exactly.
     """
     still = jax.lax.stop_gradient(conditions)
     way, *_ = ways(still.turn, still.pointers, still.platform)
@@ -73,13 +75,13 @@ def soonest_turn(conditions: Conditions, matter: Array, equations: np.ndarray) -
 
 
 def _times(way: Array, top: Array, growth: Array) -> Array:
-    """Least times (w,) from rest to rest over ways (w,), with limits (w,) of rate and acceleration."""
+    """Return least times from rest to rest over w ways (w,), with limits (w,) of rate and acceleration."""
     way = jnp.maximum(way, 0)
     return jnp.where(way * growth < top**2, 2 * jnp.sqrt(way / growth), way / top + top / growth)
 
 
 def _beyond(own: Conditions, at: Array) -> Array:
-    """Excess (m,) over the caps, and ways less their reach (w,), in one array (m + w,).
+    """Return the excess over the m caps and then the w ways less their reach, (m + w,).
 
     `at` (4,) is the turn from the goal found, rad, and the time.
     """
@@ -91,13 +93,16 @@ def _beyond(own: Conditions, at: Array) -> Array:
 
 
 def _least(own: Conditions, at: Array) -> Array:
-    """Objective: half the square of the time and, so that the optimum is unique, a little of the turn's."""
+    """Return the objective: half the square of the time plus a little of that of the turn.
+
+    The second term makes the optimum unique. `at` is as for `_beyond`.
+    """
     _, eta, _ = angle_terms(turned(own.turn, at[:3, None]))
     return at[3] ** 2 / 2 + STILLNESS * jnp.sum(eta**2) / 2
 
 
 def _gradient(own: Conditions, z: Array) -> Array:
-    """Residual (8,) of the conditions of optimality.
+    """Return the residual (8,) of the conditions of optimality.
 
     ``z`` is the turn (3,) rad from the goal found, the time, and the multipliers (4,).
     """
@@ -112,7 +117,10 @@ def _gradient(own: Conditions, z: Array) -> Array:
 
 
 def _inverse(own: Conditions, z: Array) -> Array:
-    """Pseudoinverse (8, 8) of the derivative of `_gradient` by ``z``, zero along undetermined directions."""
+    """Return the pseudoinverse (8, 8) of the derivative of `_gradient` by ``z``.
+
+    It is zero along directions that are not determined.
+    """
     derivative: Any = jax.jacfwd(lambda z: _gradient(own, z))(z)
     return jnp.linalg.pinv(derivative, rtol=float(jnp.finfo(z.dtype).eps) ** (2 / 3))
 

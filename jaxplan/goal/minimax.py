@@ -1,19 +1,20 @@
-"""Descent to goals of least time among caps: the slowest of platform and joints as quick as can be.
+"""Descent to goals of least time among caps: make the slowest of platform and joints as quick as possible.
 
-From rest to rest a joint goes at most ``reach(t)`` within the time ``t``, a trapezoid of its rate, and so
-does the platform along its turn. With the *way* ``w``, the distance that each has to go from the start, the
-least time is
+From rest to rest a joint travels at most its *reach* ``reach(t)`` within the time ``t``, at a speed that
+follows a trapezoid, and so does the platform along its turn. With the *way* ``w``, the distance that each has
+to travel from the start, the least time is
 
     minimise  t^2 / 2 + STILLNESS theta^2 / 2   over E and t
     such that  w(E) <= reach(t)  for platform and joints to either side, and  excess(E) <= 0  for all caps
 
-which has smooth constraints, where the time of each as a function of its way has a root at zero. Of attitudes
-that are as quick the small second term prefers the one nearest to the start. It is solved by sequential
-quadratic programming in four unknowns, as in `jaxplan.goal.descent`, with which it shares caps, lanes and
-programs; ``E = R0^T R`` is a unit quaternion that is turned by ``exp(d^)``.
+where ``theta`` is the angle of ``E``. These constraints are smooth, whereas the time of each as a function of
+its way behaves as a square root at zero. Of attitudes that are equally quick the small second term prefers
+the one nearest to the start. The problem is solved by sequential quadratic programming in four unknowns, as
+in `jaxplan.goal.descent`, with which it shares caps, lanes and programs; ``E = R0^T R`` is a unit quaternion
+that is turned by ``exp(d^)``.
 
-Ways with their slopes and bends are those of `jaxplan.goal.distances`. Time is in units of about that of half
-a turn. Shapes: w ways, m caps, K lanes (problems side by side, the last axis).
+Ways with their slopes and bends come from `jaxplan.goal.distances`. Time is in units of about that of half a
+turn. Shapes: w ways, m caps, K lanes (problems side by side, the last axis).
 """
 
 from functools import partial
@@ -49,14 +50,14 @@ from jaxplan.goal.descent import (
 from jaxplan.goal.distances import Platform, Pointers, reach, speed_limits, ways
 from jaxplan.runtime.jit import quick_jit
 
-STEPS = 14  # of each descent
+STEPS = 14  # number of steps of each descent
 STILLNESS = 1e-4
 """Weight of the square of the turn, rad^2, beside that of the time, in units."""
-TIMES = 0.01, 50.0  # units of time, least and largest that a step may lead to; outside is clipped
+TIMES = 0.01, 50.0  # units of time, least and largest; steps are clipped to these
 
 
 class _Point(NamedTuple):
-    """Point of a descent that was evaluated last, with the fields of `Soonest`, lanes last."""
+    """The point of a descent that was evaluated last, with the fields of `Soonest`, lanes last."""
 
     quaternion: Array  # (4, K)
     time: Array  # (K,)
@@ -65,13 +66,13 @@ class _Point(NamedTuple):
 
 
 class Soonest(NamedTuple):
-    """End points of the descents; K lanes.
+    """End points of K descents.
 
     Attributes:
-        quaternion: (K, 4) of ``E``, scalar first and below zero beyond half a turn.
-        time: (K,) units.
-        excess: (K,) rad, depth in the worst cap that applies.
-        residual: (K,) of the conditions of optimality.
+        quaternion: (K, 4) of ``E``, scalar first, with the scalar below zero beyond half a turn.
+        time: (K,) units of time.
+        excess: (K,) rad, depth in the worst cap that applies, negative if clear of all.
+        residual: (K,) violation of the conditions of optimality.
     """
 
     quaternion: np.ndarray
@@ -92,9 +93,13 @@ def soonest_ends(
     pointers: Pointers,
     platform: Platform,
 ) -> Array:
-    """Where the descents from starts (4, K) and times (K,) end: the fields of `Soonest` as rows (7, K).
+    """Run K descents from starts (4, K) and times (K,), and return where they end.
 
-    Axis to group are the arrays of `Caps`; pointers and platform are what moves (`jaxplan.goal.distances`).
+    `axis` to `group` are the arrays of `Caps`; `pointers` and `platform` are what moves
+    (`jaxplan.goal.distances`).
+
+    Returns:
+        The fields of `Soonest` as rows (7, K).
     """
     rates = speed_limits(pointers, platform)
     caps, count = len(axis), len(rates[0])
@@ -156,12 +161,15 @@ def soonest_ends(
 
 
 def _inverse(hessian: Array, corner: Array, normals: Array, proximity: Array) -> Array:
-    """Inverse (4, 4, K) of the Hessian with the squares of the active constraints, made positive definite.
+    """Return the inverse (4, 4, K) of the augmented Hessian, shifted to be positive definite.
+
+    The augmented Hessian is that of the Lagrangian plus the squares of the active constraints. There are K
+    lanes.
 
     Args:
-        hessian: (3, 3, K) along turns.
-        corner: (K,) along time, positive.
-        normals: (4, 4, K) gradients of the active constraints.
+        hessian: (3, 3, K) part along turns.
+        corner: (K,) part along time, positive.
+        normals: (4, 4, K) gradients of the active constraints, the component first.
         proximity: (K,) weight of their squares.
     """
     along, time = normals[:3], normals[3]

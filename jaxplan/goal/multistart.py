@@ -1,16 +1,19 @@
 """All minima of problem (7) from many starts, and the least change that makes the problem solvable.
 
-The starts are points of a covering of SO(3), a super-Fibonacci spiral on the unit quaternions: any attitude
+The starts are points of a *covering* of SO(3), a super-Fibonacci spiral on the unit quaternions: any attitude
 is within `RADIUS` of one of them. A direction in body axes moves by no more than the attitude turns, so an
 attitude clear of all caps is within `RADIUS` of a point that is inside no cap by more than `RADIUS`. Points
-that are, are ruled out; where all are, the problem is proved to have no solution.
+that are deeper inside are ruled out; where all are, the problem is proved to have no solution.
 
 The descents start from the points left, those of the least slew first: a solution of slew ``theta`` lies near
 a point of slew below ``theta + RADIUS``, so once all of those have been started from, nothing better is left
 to find. Starts spread over the others find further minima.
 
-For many satellites at once, without zones, `nearest_attitudes` starts from four attitudes only, quarter turns
-about the body's z axis from the start; what has no answer then is left to `decompose`.
+For many satellites at once, without zones, `nearest_attitudes` starts from four attitudes only: the start,
+and that turned about the body's z axis by a quarter turn either way and by half a turn. Problems without an
+answer then are left to `decompose`.
+
+Quaternions are those of ``E``, the rotation from the start to an attitude, scalar first.
 """
 
 from collections.abc import Callable
@@ -63,13 +66,14 @@ _STARTS = np.array([[1.0, 0.0, 0.0, 0.0], [_HALF, 0, 0, _HALF], [_HALF, 0, 0, -_
 
 @lru_cache(maxsize=8)
 def covering_points(seed: int) -> np.ndarray:
-    """Points of the covering of SO(3): unit quaternions (N, 4) by rising angle, the identity first.
+    """Return the N points of the covering of SO(3) as unit quaternions (N, 4), by rising angle from zero.
 
-    The scalar part is above zero up to half a turn. The last points, below zero, are those near half a turn
-    once more, the longer way round: a solution near half a turn has a point near it on its own side, too.
+    The scalar part is positive up to half a turn. The last points, with a negative scalar part, are those
+    near half a turn once more, taken as the longer way round: so a solution near half a turn has a point near
+    it on its own side, too.
 
     Args:
-        seed: of a random rotation of the whole covering.
+        seed: seed of a random rotation of the whole covering.
     """
     step = np.arange(POINTS) + 0.5
     share = step / POINTS
@@ -90,20 +94,20 @@ def covering_points(seed: int) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _rotations(seed: int) -> np.ndarray:
-    """Entries (9, N) of the rotation matrices of `covering_points`, single precision."""
+    """Return the rotation matrices of the N `covering_points`, as entries (9, N) in single precision."""
     return np.array(rotations.matrix(covering_points(seed).T), dtype=np.float32).reshape(9, -1)
 
 
 def depths(caps: Caps, seed: int) -> np.ndarray:
-    """For each point of the covering, whether a solution may lie near it, and how far from that it is.
+    """Tell for each of the N points of the covering whether a solution may lie near it, or how far it is off.
 
     Args:
         caps: what directions must stay out of.
-        seed: of the covering.
+        seed: seed of the covering.
 
     Returns:
-        (N,) differences of cosines: zero or less where a solution may lie within `RADIUS` of the point; the
-        larger, the deeper the point is inside a cap.
+        (N,) differences of cosines: zero or less where a solution may lie within `RADIUS` of the point;
+        otherwise the larger, the deeper the point is inside a cap.
     """
     # a . E^T z is the sum of these times the entries of E
     entries = np.einsum("mi,mj->mji", caps.axis, caps.direction).reshape(-1, 9)
@@ -116,17 +120,17 @@ def depths(caps: Caps, seed: int) -> np.ndarray:
 
 
 def minima(caps: Caps, count: int, seed: int) -> np.ndarray:
-    """Distinct local minima of the slew, the global one first.
+    """Find distinct local minima of the slew, the global one first.
 
     Args:
         caps: what directions must stay out of.
         count: how many are wanted at most.
-        seed: of the covering.
+        seed: seed of the covering.
 
     Returns:
-        (at most count, 4) unit quaternions of ``E`` with scalar part >= 0, by slew; none without a solution.
-        Where no descent gets to a minimum, as where caps leave hardly any room, the nearest end of one that
-        is clear of all caps.
+        (at most count, 4) unit quaternions of ``E`` with scalar part >= 0, by rising slew; (0, 4) without a
+        solution. Where no descent reaches a minimum, as where caps leave hardly any room, it is the nearest
+        end of a descent that is clear of all caps.
     """
     points = covering_points(seed)
     possible = np.flatnonzero(depths(caps, seed) <= 0)
@@ -143,14 +147,14 @@ def minima(caps: Caps, count: int, seed: int) -> np.ndarray:
 
 
 def minimum_near(caps: Caps, start: np.ndarray) -> np.ndarray:
-    """The local minimum that descents get to from a unit quaternion (4,), or else what is clear on the way.
+    """Return the local minimum that descents reach from a start, or else an attitude clear of all caps.
 
     Args:
         caps: what directions must stay out of.
-        start: where to begin; it counts itself where it is clear of all caps.
+        start: (4,) unit quaternion to begin at; it counts itself where it is clear of all caps.
 
     Returns:
-        (1, 4) unit quaternion of ``E`` with scalar part >= 0, or none (0, 4).
+        (1, 4) unit quaternion of ``E`` with scalar part >= 0; (0, 4) if nothing was found.
     """
     found, clear = _minima_from(caps, start[None])
     if not len(found) and caps.clear(quaternion.to_matrix(start)):
@@ -159,17 +163,17 @@ def minimum_near(caps: Caps, start: np.ndarray) -> np.ndarray:
 
 
 def slew(quaternions: np.ndarray) -> np.ndarray:
-    """Angle (K,) rad of the rotations of unit quaternions (K, 4), the short way round."""
+    """Return the angles (K,) rad in [0, pi] of K rotations given as unit quaternions (K, 4)."""
     return np.asarray(rotations.angle(quaternions.T))
 
 
 def _minima_from(caps: Caps, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ends (at most K, 4) of the descents from at most one batch of starts that are local minima.
+    """Run descents from at most one batch of starts, and return those of their ends that are local minima.
 
     Where none is, as in a curved valley near half a turn, the descents go on from where they ended.
 
     Returns:
-        The minima, and all ends (L, 4) that are clear of all caps.
+        The minima among the K ends, (at most K, 4), and all L ends that are clear of all caps, (L, 4).
     """
     good, clear = np.empty((0, 4)), np.empty((0, 4))
     for round_ in range(ROUNDS if len(starts) else 0):
@@ -183,7 +187,7 @@ def _minima_from(caps: Caps, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _distinct(quaternions: np.ndarray, count: int) -> np.ndarray:
-    """The quaternions (at most count, 4) of least slew that are `APART` or more from each other."""
+    """Return the quaternions (at most count, 4) of least slew that are `APART` or more from each other."""
     slews = slew(quaternions)
     left = np.argsort(slews, kind="stable")
     kept = np.empty((0, 4))
@@ -198,16 +202,16 @@ def _distinct(quaternions: np.ndarray, count: int) -> np.ndarray:
 def least_widening(
     widened: Callable[[float], Caps], enough: float, seed: int, near: np.ndarray | None = None
 ) -> tuple[np.ndarray, float]:
-    """The attitude that needs the least widening of a problem's constraints, and that widening.
+    """Return the attitude that needs the least widening of a problem's constraints, and that widening.
 
     The least widening with which the problem has a solution is found by bisection. Every trial starts from
     the points that are least deep in the caps as they are, and from the last solution.
 
     Args:
-        widened: the caps when the constraints are made easier by so many radians.
+        widened: function that returns the caps when the constraints are relaxed by the given angle, rad.
         enough: rad; a widening with which there is a solution.
-        seed: of the covering.
-        near: (4,) unit quaternion of a further start; None for no further one.
+        seed: seed of the covering.
+        near: (4,) unit quaternion of a further start; None for none.
 
     Returns:
         (4,) unit quaternion of ``E``, and a widening with which it is a solution, rad.
@@ -231,16 +235,16 @@ def least_widening(
 def nearest_attitudes(
     spacecraft: Spacecraft, start_attitudes: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """For each satellite the attitude nearest to a given one at which its terminals see their targets.
+    """Return for each satellite the attitude nearest to a given one with its terminals on their targets.
 
     Args:
-        spacecraft: the same for all.
-        start_attitudes: (N, 3, 3) body to inertial, to which the answers are near.
-        directions: (N, n, 3) inertial unit vectors, one a terminal.
+        spacecraft: the same for all N satellites.
+        start_attitudes: (N, 3, 3) body to inertial, to which the answers shall be near.
+        directions: (N, n, 3) inertial unit vectors, one for each of n terminals.
 
     Returns:
-        Attitudes (N, 3, 3), joints (N, J) rad within their ranges, and (N,) bool whether they were found:
-        where not, an attitude may still exist.
+        Attitudes (N, 3, 3), body to inertial; joints (N, J) rad within their ranges; and (N,) bool, whether
+        an attitude was found: where not, one may still exist.
     """
     count = len(start_attitudes)
     ranges = spacecraft.joint_ranges
@@ -257,7 +261,7 @@ def nearest_attitudes(
 def _nearest(
     spacecraft: Spacecraft, starts: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`nearest_attitudes` of one batch of `TOGETHER` satellites, its joints not clipped to their ranges."""
+    """Compute `nearest_attitudes` for one batch of `TOGETHER` satellites, with joints not clipped."""
     first = GoalProblem.of(spacecraft, starts[0], Targets(directions=directions[0]))
     caps = assemble(first)  # the same for all
     toward = np.take(directions, np.maximum(caps.sight, 0), axis=1) @ starts
@@ -280,7 +284,10 @@ def _nearest(
 def _descents(
     starts: Array, axis: Array, directions: Array, half_angle: Array, member: Array, group: Array
 ) -> Array:
-    """`descent_ends` (N, 8, K) of N satellites, of directions (N, m, 3); all else is the same for all."""
+    """Run `descent_ends` for N satellites at once, K starts each and m caps.
+
+    Only the directions (N, m, 3) differ from satellite to satellite. The result is (N, 8, K).
+    """
     return jax.vmap(descent_ends, (None, None, 0, None, None, None))(
         starts, axis, directions, half_angle, member, group
     )

@@ -1,14 +1,12 @@
 """Find goals that keep what step 1 leaves open: oblique bounds of joints, and vectors that joints turn.
 
-At a goal every joint is a function of the attitude, so all that is asked of a state is asked of three
-numbers, the rotation vector ``eta`` of equation (2). Random attitudes around goals that break something, or
-else everywhere, show where all of it holds, and by which entries. From the nearest of these, sequential
-quadratic programming (SLSQP of scipy) goes to the least ``|eta|`` beside the same entries; wishes come before
-that, one after the other. It proves nothing: there may be a goal that is nearer. What concerns a device
-without a target is left aside until the attitude is found, since the device makes way
-(`jaxplan.goal.free_devices`).
-
-Here ``eta`` is the rotation vector from the start, rad, as in ``R = R0 exp(eta^)``.
+At a goal every joint is a function of the attitude, so every demand on a state is one on three numbers, the
+rotation vector ``eta`` of equation (2), rad, from the start: ``R = R0 exp(eta^)``. Random attitudes around
+goals that break something, or else everywhere, show where all constraints hold, and by which entries. From
+the nearest of these, sequential quadratic programming (SLSQP of scipy) goes to the least ``|eta|`` while it
+keeps the same entries; wishes come before that, one after the other. It proves nothing: there may be a goal
+that is nearer. What concerns a device without a target is left aside until the attitude is found, since the
+device makes way (`jaxplan.goal.free_devices`).
 """
 
 from collections.abc import Callable
@@ -40,21 +38,24 @@ AS_NEAR = 1e-6
 """rad; goals whose distances to a wish differ by less are as near to it."""
 _COARSE = np.deg2rad(1.0)
 """rad; starts whose distances to a wish differ by less are as near to it."""
-_STEP = 1e-5  # rad, of central differences
-_ITERATIONS = 60  # of SLSQP at most
+_STEP = 1e-5  # rad, step of central differences
+_ITERATIONS = 60  # most iterations of SLSQP
 _NEWTON = 6  # steps of Newton's method onto the equations; each squares the residual
 _CHANGES = 4  # descents at most, each with the entries that hold best where the one before ended
 
 
 def _equations(problem: GoalProblem, eta: np.ndarray) -> np.ndarray:
-    """Residuals (..., e) rad, at ``eta`` (..., 3), of the e azimuths and elevations that are equations."""
+    """Return how far the e equations of azimuth and elevation are off at ``eta`` (..., 3), (..., e) rad."""
     aims, attitudes = problem.aims, problem.start @ np.asarray(so3.exp(eta))
     off = np.stack(aims.angles(attitudes), axis=-1) - np.mean(aims.ranges, axis=-1)
     return off[..., np.array(aims.equations, bool).reshape(-1, 2)]
 
 
 def _met(problem: GoalProblem, eta: np.ndarray) -> np.ndarray:
-    """Rotation vectors (..., 3) rad near ``eta`` (..., 3) at which all equations hold, by Newton's method."""
+    """Return rotation vectors (..., 3) rad near ``eta`` (..., 3) at which all equations hold.
+
+    They are found by a few steps of Newton's method.
+    """
     for _ in range(_NEWTON if problem.aims.has_equations else 0):
         slopes = _slopes(lambda moved: _equations(problem, moved), eta)
         off = _equations(problem, eta)
@@ -63,23 +64,24 @@ def _met(problem: GoalProblem, eta: np.ndarray) -> np.ndarray:
 
 
 def _slopes(function: Callable[[np.ndarray], np.ndarray], eta: np.ndarray) -> np.ndarray:
-    """Central differences (..., c, 3) of a function of ``eta`` (..., 3)."""
+    """Return central differences (..., c, 3) of a function of ``eta`` (..., 3) with c values."""
     steps = _STEP * np.eye(3)
     ahead, behind = (function(eta[..., None, :] + way * steps) for way in (1, -1))
     return np.swapaxes((ahead - behind) / (2 * _STEP), -1, -2)
 
 
 def goals_beside(problem: GoalProblem, around: np.ndarray, max_slew: float, seed: int) -> list[Goal]:
-    """Goals that keep all constraints, in the order of their slews.
+    """Find goals that keep all constraints, by rising slew.
 
     Args:
-        problem: what is asked.
-        around: (k, 3, 3) attitudes of goals that break some constraint, at least one.
+        problem: the problem of step 1.
+        around: (k, 3, 3) attitudes of k goals that break some constraint, body to inertial, at least one.
         max_slew: rad, bound of ``|eta|``.
-        seed: of the random attitudes.
+        seed: seed of the random attitudes.
 
     Returns:
-        As many as were found, perhaps none, 2 deg or more apart; with wishes the nearest to these first.
+        As many as were found, perhaps none, 2 deg or more apart; with wishes, those nearest to these come
+        first.
     """
     for widest in (WIDEST, np.pi):
         tried = _met(problem, _around(problem.start, around, widest, seed))
@@ -98,7 +100,7 @@ def goals_beside(problem: GoalProblem, around: np.ndarray, max_slew: float, seed
 
 
 def _goal(problem: GoalProblem, eta: np.ndarray) -> Goal:
-    """The goal at a rotation vector (3,), its devices without a target where they prefer to be."""
+    """Return the goal at a rotation vector (3,) rad, with free devices where they prefer to be."""
     attitude = problem.start @ np.asarray(so3.exp(eta))
     joints, _ = settled(problem, attitude, problem.joints(attitude))
     slew = float(so3.distance(problem.start, attitude))
@@ -106,10 +108,10 @@ def _goal(problem: GoalProblem, eta: np.ndarray) -> Goal:
 
 
 def beyond(problem: GoalProblem, attitudes: np.ndarray, as_near: float = AS_NEAR) -> np.ndarray:
-    """How much farther than within its reach each of w wishes is, at attitudes (..., 3, 3), body to inertial.
+    """Return how much farther than its reach each of w wishes is, at attitudes (..., 3, 3), body to inertial.
 
     Returns:
-        (..., w) whole multiples of `as_near` rad.
+        (..., w) whole multiples of `as_near` rad, zero within reach.
     """
     wishes = problem.wishes
     off = [np.round(np.maximum(one.distance(attitudes) - one.reach, 0) / as_near) for one in wishes]
@@ -117,11 +119,12 @@ def beyond(problem: GoalProblem, attitudes: np.ndarray, as_near: float = AS_NEAR
 
 
 def _spare(problem: GoalProblem, eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What is left of the ranges of aims, and the margins of all pairs, at ``eta`` (..., 3).
+    """Return how far aims are inside their ranges, and the margins of all pairs, at ``eta`` (..., 3).
 
     Returns:
-        (..., r) rad, distances of azimuths and elevations from the nearer ends of their r ranges, and margins
-        (..., Z, S) rad; below zero where something is broken, infinite where a free device can make way.
+        (..., r) rad, distances of azimuths and elevations from the nearer ends of their r ranges; and margins
+        (..., Z, S) rad of the pairs of Z rows and S sights. Both are negative where something is broken;
+        margins are infinite where a free device can make way.
     """
     attitudes = problem.start @ np.asarray(so3.exp(eta))
     ranged = ~np.array(problem.aims.equations, bool).reshape(-1, 2)
@@ -131,20 +134,23 @@ def _spare(problem: GoalProblem, eta: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _aside(problem: GoalProblem) -> np.ndarray:
-    """(Z, S) bool, the pairs in which a sight, or the one that is the axis, is carried by a free device."""
+    """Tell in which pairs a free device carries the sight, or the sight that is the row's axis.
+
+    The result is (Z, S) bool, Z rows by S sights.
+    """
     rows, sights = problem.rows, problem.sights
     free = np.isin(sights.carriers, problem.aims.free(problem.spacecraft.gimbals))
     return free | ((rows.frame == SIGHT) & free[rows.partner])[:, None]
 
 
 def _around(start: np.ndarray, around: np.ndarray, widest: float, seed: int) -> np.ndarray:
-    """Draw `TRIES` random attitudes, each up to `widest` rad from one of some given ones.
+    """Draw `TRIES` random attitudes, each up to `widest` rad from one of the given ones.
 
     Args:
-        start: (3, 3) attitude at the start.
-        around: (k, 3, 3) the attitudes that they are drawn around.
-        widest: rad.
-        seed: of the draw.
+        start: (3, 3) attitude at the start, body to inertial.
+        around: (k, 3, 3) the k attitudes to draw around.
+        widest: rad, largest rotation from these.
+        seed: seed of the draw.
 
     Returns:
         (TRIES, 3) rad, rotation vectors from the start.
@@ -157,10 +163,10 @@ def _around(start: np.ndarray, around: np.ndarray, widest: float, seed: int) -> 
 
 
 def _distinct(problem: GoalProblem, etas: np.ndarray, apart: float, as_near: float) -> list[int]:
-    """Indices of the best of rotation vectors (k, 3) from the start, `STARTS` at most.
+    """Return the indices of the best of k rotation vectors (k, 3) rad from the start, `STARTS` at most.
 
-    The nearest to the wishes are best, see `beyond`, and of these the shortest. Their attitudes are more than
-    `apart` rad from each other.
+    The best are those nearest to the wishes, see `beyond`, and among equals the shortest. Their attitudes are
+    more than `apart` rad from each other; wishes closer than `as_near` rad count as equally near.
     """
     attitudes, found = problem.start @ np.asarray(so3.exp(etas)), list[int]()
     off = beyond(problem, attitudes, as_near)
@@ -179,10 +185,10 @@ def _nearest(problem: GoalProblem, eta: np.ndarray) -> np.ndarray | None:
 
     Args:
         problem: with the constraints.
-        eta: (3,) rad, a rotation vector at which every constraint holds.
+        eta: (3,) rad, a rotation vector from the start at which every constraint holds.
 
     Returns:
-        The rotation vector (3,) rad; None if a constraint is not kept there.
+        The rotation vector (3,) rad; None if a constraint does not hold there.
     """
     before: np.ndarray | None = None
     for _ in range(_CHANGES):
@@ -198,10 +204,10 @@ def _nearest(problem: GoalProblem, eta: np.ndarray) -> np.ndarray | None:
 
 
 def _descended(problem: GoalProblem, eta: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Where SLSQP ends (3,) that brings wishes near, one after the other, then minimises ``|eta|``.
+    """Bring wishes near, one after the other, then minimise ``|eta|``; return where SLSQP ends, (3,) rad.
 
-    From ``eta`` (3,) on it keeps the ranges and equations of the aims, and the margins of the pairs in
-    `which`, (Z, S) bool.
+    It starts at ``eta`` (3,) and keeps the ranges and equations of the aims, and the margins of the pairs in
+    `which`, a mask of Z rows by S sights.
     """
     from scipy.optimize import minimize  # slow to import, and seldom needed
 

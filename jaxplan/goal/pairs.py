@@ -1,11 +1,11 @@
 """Pairs of a row and a sight at a goal: which are settled, and which the attitude decides on as caps.
 
-Of most directions it is known at a goal where they are in one of two frames (`jaxplan.goal.aims`): targets
-and inertial axes in the inertial one, boresights of instruments, axes of the body and held devices in the
-body's. A pair of a row and a sight in the same frame is *settled* whatever the attitude; one of either is a
-cap, see `jaxplan.goal.caps`. So is a row of joints that bounds a yaw or a pitch alone. All other pairs depend
-on what the joints are: step 1 leaves them *open*. It computes with numpy or JAX, as its arguments do. Shapes:
-Z rows, S sights.
+Most directions are known at a goal in one of two frames (`jaxplan.goal.aims`): targets and inertial axes in
+the inertial one; boresights of instruments, axes of the body and held devices in the body's. A pair of a row
+and a sight in the same frame is *settled*: its margin is the same at every attitude. A pair with one of
+either is a *cap*, see `jaxplan.goal.caps`, and so is a row of joints that bounds a yaw or a pitch alone. All
+other pairs depend on the joint angles: step 1 leaves them *open*. Everything computes with numpy or JAX, as
+its arguments do. Shapes: Z rows, S sights, J joints.
 """
 
 from dataclasses import replace
@@ -24,15 +24,16 @@ _SOMEWHERE = np.array([0.0, 0.0, 1.0])  # stands for a direction that is not kno
 
 
 class Pairs(NamedTuple):
-    """Every pair of a row and a sight at a goal: whether it is settled or a cap, with its margin and its cap.
+    """All pairs of Z rows and S sights at a goal: settled or cap, with the margin or the cap of each.
 
     Attributes:
         settled: (Z, S) bool, pairs whose margin is the same at every attitude.
-        margin: (Z, S) rad, of those that are settled.
-        capped: (Z, S) bool, pairs that are caps. A bound of a yaw is one beside others, see `caps`.
-        axis: (Z, S, 3) of the cap, unit vectors in body axes.
-        direction: (Z, S, 3) unit vectors that stay out of the caps, inertial.
-        half_angle: (Z, S) rad.
+        margin: (Z, S) rad, margins of the settled pairs, positive where kept; meaningless for the others.
+        capped: (Z, S) bool, pairs that are caps. The cap of a bound of a yaw needs others beside it, see
+            `caps`.
+        axis: (Z, S, 3) axes of the caps, unit vectors in body axes.
+        direction: (Z, S, 3) inertial unit vectors that must stay out of the caps.
+        half_angle: (Z, S) rad, of the caps.
     """
 
     settled: AnyArray
@@ -44,12 +45,12 @@ class Pairs(NamedTuple):
 
 
 def pairs_at_goal(rows: Constraints, sights: Sights, known: Known, rest: ArrayLike) -> Pairs:
-    """All pairs of a scene as they are at a goal.
+    """Return all pairs of a scene as they are at a goal.
 
     Args:
         rows: the constraints, at an instant.
-        sights: what they bind.
-        known: the directions of these that are known.
+        sights: the directions that they bind.
+        known: which of these directions are known, and where.
         rest: (J,) rad, joints that held devices keep.
     """
     xp, toward, along, axis = arrays(known.toward, known.along, rows.axis)
@@ -88,13 +89,13 @@ def pairs_at_goal(rows: Constraints, sights: Sights, known: Known, rest: ArrayLi
 
 
 def _is_known(vectors: AnyArray) -> AnyArray:
-    """(..., 1) bool, which vectors (..., 3) are not zero."""
+    """Tell which vectors (..., 3) are not zero, as (..., 1) bool; zero stands for a direction not known."""
     known: AnyArray = array_module(vectors).any(vectors != 0, axis=-1, keepdims=True)
     return known
 
 
 def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, known: Known, rest: ArrayLike) -> Pairs:
-    """The pairs with those of rows of joints put in, arguments as of `pairs_at_goal`.
+    """Return the pairs with those of rows of joints filled in, for arguments as in `pairs_at_goal`.
 
     Such a pair is settled for a held device, and a cap where the row bounds a yaw or a pitch alone.
     """
@@ -122,20 +123,20 @@ def _with_joints(pairs: Pairs, rows: Constraints, sights: Sights, known: Known, 
 
 
 def single_yaws(rows: Constraints) -> AnyArray:
-    """(Z,) bool, which rows are of joints and bound a yaw alone."""
+    """Tell which of Z rows are of joints and bound a yaw alone, as (Z,) bool."""
     return (rows.frame == JOINTS) & (rows.axis[:, 1] == 0)
 
 
 def cleared(rows: Constraints, pairs: Pairs, clearance: ArrayLike) -> Constraints:
-    """The constraints, each tightened by a clearance as far as the attitude can keep it.
+    """Return the constraints, each tightened by a clearance as far as the attitude can keep it.
 
-    A row is tightened by at most half of the room that it leaves (`room`), and no more than the least margin
-    of its pairs that are settled, since no attitude helps these.
+    A row is tightened by at most half of the room that it leaves (`room`), and by no more than the least
+    margin of its settled pairs, since no attitude helps these.
 
     Args:
         rows: the constraints, at an instant.
-        pairs: of these rows and their sights.
-        clearance: rad, wanted.
+        pairs: the pairs of these rows and their sights.
+        clearance: rad, the clearance wanted.
     """
     xp, margin, half_angle, side, wanted = arrays(pairs.margin, rows.half_angle, rows.side, clearance)
     settled = xp.min(xp.where(pairs.settled, margin, xp.inf), axis=-1, initial=xp.inf)
@@ -146,5 +147,8 @@ def cleared(rows: Constraints, pairs: Pairs, clearance: ArrayLike) -> Constraint
 
 
 def open_pairs(rows: Constraints, pairs: Pairs) -> AnyArray:
-    """(Z, S) bool, bound pairs that are neither settled nor caps, so that joints at a goal decide on them."""
+    """Tell which pairs are bound but neither settled nor caps, so that joints decide on them.
+
+    The result is (Z, S) bool, Z rows by S sights.
+    """
     return rows.bound & ~pairs.settled & ~pairs.capped

@@ -1,9 +1,9 @@
 """Compute a start state in which devices point along their targets, at the rates at which these move.
 
-It is the start of a manoeuvre that begins while a telescope looks at one thing and an antenna follows
-another, so that no attitude need be computed by hand. Of all attitudes the one is taken that comes nearest to
-the wishes, and then that which is turned least from a given one. Rates are the least of the platform with
-which all devices follow.
+Such a state begins a manoeuvre while a telescope looks at one thing and an antenna follows another, so that
+no attitude need be computed by hand. Of all attitudes the one nearest to the wishes is taken, and among those
+the one turned least from a given attitude. The platform turns at the least rates with which all devices
+follow. Spacecraft have n terminals and d drives, with 2n + d joints.
 """
 
 from collections.abc import Mapping, Sequence
@@ -47,26 +47,29 @@ def point(
     joint_bounds: Sequence[JointBound] = (),
     robust: Robust | None = None,
 ) -> GivenState:
-    """The state in which devices point along their targets at the start, and follow them.
+    """Return a state in which devices point along their targets at the start, and follow them.
 
     Args:
         spacecraft: its devices.
-        targets: by names of devices inertial unit vectors (3,), or paths of what moves; or `Targets`.
-        prefer: what devices without a target shall come near to, in order.
-        attitude: (3, 3) body to inertial, from which the platform is turned least; the identity by default.
-        joints: (2n + d,) rad, which devices without a target or a wish have then; by default zero, or the
-            nearest to it that is in range and clear of zones.
-        keep_out: zones that hold at the start, likewise the next two.
-        keep_in: zones to stay in.
-        joint_bounds: bounds of joint angles.
-        robust: errors for which zones and ranges must hold; None for none.
+        targets: inertial unit vectors (3,), or paths of moving directions, by names of devices; or `Targets`.
+        prefer: wishes: directions that devices without a target shall come near to, in the order of priority.
+        attitude: (3, 3) body to inertial, from which the platform is turned as little as possible; the
+            identity by default.
+        joints: (2n + d,) rad for n terminals and d drives, which devices without a target or a wish have
+            then, whatever is in their way; by default zero, or the nearest angles that are in range and clear
+            of zones.
+        keep_out: zones to stay out of at the start.
+        keep_in: zones to stay in at the start.
+        joint_bounds: bounds of joint angles at the start.
+        robust: errors of the state in spite of which zones and ranges must hold; None for none.
 
     Returns:
-        A start for scenarios.
+        A start for scenarios, with the rates of platform and joints.
 
     Raises:
-        NotPointingError: if there is none, or a target is hidden then, with what is in the way.
-        ScenarioError: for what no scenario may have, such as a device that there is not.
+        NotPointingError: if there is no such state, or a target is hidden then; the message says what is in
+            the way.
+        ScenarioError: for values that no scenario may have, such as a device that does not exist.
 
     Example:
         >>> start = jp.point(spacecraft, {"telescope": [0.0, 0.0, 1.0]})
@@ -100,16 +103,17 @@ def point(
 def pointing_state(
     scenario: Scenario, asked: Targets, *, attitude: ArrayLike | None = None, joints: ArrayLike | None = None
 ) -> GivenState:
-    """The state of `point`, for the spacecraft and zones of a scenario.
+    """Return the state of `point` for the spacecraft and zones of a scenario.
 
     Args:
         scenario: whose spacecraft and zones count.
-        asked: targets at the start; devices on hold have the given joints.
-        attitude: (3, 3) body to inertial, as of `point`.
-        joints: (2n + d,) rad, as of `point`.
+        asked: targets at the start; devices in `hold` keep the given joints.
+        attitude: (3, 3) body to inertial, as for `point`.
+        joints: all joint angles, rad, as for `point`.
 
     Raises:
-        NotPointingError: if there is none, or a target is hidden then, with what is in the way.
+        NotPointingError: if there is no such state, or a target is hidden then; the message says what is in
+            the way.
     """
     spacecraft, rows = scenario.usable, scenario.constraints
     near = np.eye(3) if attitude is None else np.asarray(attitude, float)
@@ -143,13 +147,13 @@ def pointing_state(
 
 
 def _check_range(craft: Spacecraft, held: Sequence[str], given: np.ndarray, near: np.ndarray) -> None:
-    """Raise `NotPointingError` if a device on hold is given a joint angle out of its range.
+    """Raise `NotPointingError` if a held device is given a joint angle out of its range.
 
     Args:
         craft: the spacecraft.
-        held: names of the devices on hold.
-        given: (2n + d,) rad, the joint angles.
-        near: (2n + d,) rad, these clipped to their ranges.
+        held: names of the held devices.
+        given: the joint angles of all devices, rad.
+        near: the same clipped to their ranges, rad.
     """
     for number, name in enumerate(craft.device_names[: craft.gimbals.count]):
         for joint in (craft.gimbals.yaws[number], *craft.gimbals.pitches[number : number + 1]):
@@ -171,15 +175,16 @@ def _expect_seen(craft: Spacecraft, asked: Targets) -> None:
 
 
 def _unreachable(craft: Spacecraft, asked: Targets, found: Decomposition) -> str:
-    """Text that no attitude lets devices point at their targets, and which miss them at best."""
+    """Return text saying that no attitude has all devices on target, and which devices miss at best."""
     words = "no attitude lets all devices point at their targets at the start"
     return f"{words}: {apart(craft, asked) or 'at best ' + off(craft, asked, found.aim_excesses)}"
 
 
 def _in_the_way(scenario: Scenario, asked: Targets, broken: Sequence[Sequence[str]]) -> str:
-    """Text that zones leave no attitude from which devices point at their targets, and what is in the way.
+    """Return text saying that zones leave no attitude with all devices on target, and what is in the way.
 
-    `broken` has the phrases of what some of these attitudes break, the nearest first.
+    `broken` holds, for some of the attitudes with all devices on target, the nearest first, phrases of what
+    each breaks.
     """
     certain = in_own_zone(scenario.spacecraft, scenario.cones, asked, 0.0)
     if certain is not None:
@@ -191,7 +196,7 @@ def _in_the_way(scenario: Scenario, asked: Targets, broken: Sequence[Sequence[st
 
 
 def _broken(scenario: Scenario, rows: Constraints, goal: Goal) -> list[str]:
-    """A phrase for each of the rows' constraints that a goal breaks."""
+    """Return a phrase for each of the rows' constraints that a goal breaks."""
     zones = [scenario.zones[zone] for zone in rows.zone if zone >= 0]
     state = scenario.spacecraft, goal.attitude, goal.joints
     return list(constraint_breaches(rows, *state, zones, scenario.sight_names))

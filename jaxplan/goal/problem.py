@@ -1,4 +1,7 @@
-"""The problem of step 1 as data: aims of a goal, constraints, and wishes of devices without a target."""
+"""The problem of step 1 as data: aims of a goal, constraints, and wishes of devices without a target.
+
+Attitudes are body to inertial. Shapes: J joints, Z rows, S sights.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,9 +28,11 @@ class Wished(NamedTuple):
         device: number of the device.
         kind: "instrument", "drive" or "terminal".
         direction: (3,) inertial unit vector.
-        frame: (3, 3) body from the device's axes.
-        box: (2, 2) rad, azimuths and elevations in these axes at which it can point, see `aims.box_of`.
-        reach: rad, largest distance allowed from where the device can point to the direction.
+        frame: (3, 3) rotation from the device's axes to body axes.
+        box: (2, 2) rad, ranges of azimuth and elevation in these axes in which it can point, see
+            `aims.box_of`.
+        reach: rad, the largest angle allowed between the direction and the nearest one that the device can
+            point in.
     """
 
     device: int
@@ -39,7 +44,10 @@ class Wished(NamedTuple):
 
     @classmethod
     def all_of(cls, craft: Spacecraft, targets: Targets, ranges: np.ndarray) -> list[Self]:
-        """All wishes of targets at an instant, in order; `ranges` (J, 2) rad are the joints' at the goal."""
+        """Return all wishes of targets at an instant, in order.
+
+        `ranges` (J, 2) rad are those of the joints at the goal.
+        """
         found = []
         for wish in targets.prefer:
             number = craft.device_names.index(wish.device)
@@ -51,9 +59,13 @@ class Wished(NamedTuple):
         return found
 
     def distance(self, attitudes: np.ndarray) -> np.ndarray:
-        """Angles (...) rad from where the device can point to the direction, at attitudes (..., 3, 3).
+        """Return the angle (...) rad by which the device fails to reach the direction, zero if it does.
 
-        Of a terminal it is the larger angle by which a joint would have to leave its range.
+        For a terminal it is the larger of the angles by which its two joints would have to leave their
+        ranges.
+
+        Args:
+            attitudes: (..., 3, 3) body to inertial.
         """
         body = self.direction @ attitudes
         if self.kind == "instrument":
@@ -77,12 +89,12 @@ class GoalProblem:
     Attributes:
         spacecraft: its devices.
         start: (3, 3) attitude at the start, body to inertial, ``R0``.
-        rest: (J,) rad, joints of devices without a target unless they make way; the others' yaws are taken at
-            the turns nearest to theirs here.
+        rest: (J,) rad, joints of devices without a target unless they make way. Yaws of the others are taken,
+            among angles that differ by whole turns, nearest to theirs here.
         aims: what must point where.
-        ranges: (J, 2) rad, of the joints at the goal.
+        ranges: (J, 2) rad, ranges of the joints at the goal.
         rows: all constraints, at an instant.
-        wishes: what devices without a target are near to, each with how near.
+        wishes: directions that devices without a target must be near to, each with its `reach`.
     """
 
     spacecraft: Spacecraft
@@ -102,12 +114,12 @@ class GoalProblem:
         rows: Constraints | None = None,
         rest: ArrayLike | None = None,
     ) -> Self:
-        """The problem that targets state.
+        """Make the problem that targets state.
 
         Args:
             spacecraft: its devices.
             start: (3, 3) attitude at the start, body to inertial.
-            targets: at an instant.
+            targets: targets at an instant.
             rows: the constraints; None for none.
             rest: (J,) rad, joints of devices without a target; None for zero.
         """
@@ -128,24 +140,32 @@ class GoalProblem:
 
     @cached_property
     def known(self) -> Known:
-        """The directions of the sights that are known whatever the attitude."""
+        """The directions of sights that are known whatever the attitude."""
         return known_sights(self.aims, self.sights, self.rest)
 
     @cached_property
     def pairs(self) -> "Pairs":
-        """All pairs of the rows and the sights."""
+        """All pairs of a row and a sight, with what is settled and what the attitude decides on."""
         return pairs_at_goal(self.rows, self.sights, self.known, self.rest)
 
     def joints(self, attitudes: np.ndarray) -> np.ndarray:
-        """Joints (..., J) rad with which devices point along their targets, at attitudes (..., 3, 3)."""
+        """Return joints (..., J) rad with devices pointing at their targets, at attitudes (..., 3, 3)."""
         return np.asarray(pointed(self.spacecraft.gimbals, self.aims, attitudes, self.rest))
 
     def margins(self, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """Margins (..., Z, S) rad of every pair, at attitudes (..., 3, 3) and joints (..., J) rad."""
+        """Return margins (..., Z, S) rad of all pairs of Z rows and S sights, positive where kept.
+
+        Args:
+            attitudes: (..., 3, 3) body to inertial.
+            joints: (..., J) rad.
+        """
         return np.asarray(state_margins(self.rows, self.sights, attitudes, joints))
 
     def wider(self, by: float) -> "GoalProblem":
-        """The problem without constraints, its ranges of aims and joints wider by `by` rad on either side."""
+        """Return the problem without constraints and with ranges of aims and joints wider on both sides.
+
+        `by` is the widening on either side, rad.
+        """
         around = np.array([-by, by])
         nowhere = tabulate((), (), self.spacecraft)
         return replace(
@@ -157,5 +177,5 @@ class GoalProblem:
 
 
 def leaves_open(problem: GoalProblem) -> bool:
-    """Whether there are open pairs (`pairs.open_pairs`), which a goal found may break."""
+    """Tell whether there are open pairs (`pairs.open_pairs`), which a goal found may break."""
     return bool(np.any(open_pairs(problem.rows, problem.pairs)))

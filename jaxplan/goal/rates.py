@@ -1,9 +1,11 @@
 """The least rates of the platform with which devices follow targets that move.
 
 A boresight ``u`` follows its direction ``z`` where ``R (omega x u + y' Y x u + p' P x u) = z'``, with the
-axes ``Y`` and ``P`` about which its joints turn. A terminal can do so whatever the platform does. An
-instrument asks two numbers of ``omega``, a drive one, across what its joint can do; of all that meet these
-the shortest ``omega`` is taken, so that nothing turns about a boresight that need not.
+axes ``Y`` and ``P`` about which its joints turn at the rates ``y'`` and ``p'``, all vectors but ``z`` in body
+axes. A terminal can do so whatever the platform's angular velocity ``omega`` is. An instrument fixes two
+components of ``omega``, and a drive one, across what its joint can do; of all ``omega`` that meet these
+conditions the shortest is taken, so that nothing turns about a boresight without need. Shapes: k devices with
+targets, J joints.
 """
 
 from typing import Any
@@ -17,19 +19,19 @@ from jaxplan.model.goals import Targets
 from jaxplan.model.path import Goal
 from jaxplan.model.spacecraft import Spacecraft
 
-_ALIKE = 1e-9  # share of the largest singular value below which one counts as zero
+_ALIKE = 1e-9  # singular values below this share of the largest one count as zero
 
 
 def least_rates(
     craft: Spacecraft, targets: Targets, state: Goal, target_rates: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rates with which devices follow their targets.
+    """Return rates with which devices follow their targets.
 
     Args:
         craft: the spacecraft.
-        targets: which devices have them.
+        targets: which devices have targets.
         state: attitude and joints at which these devices point along their targets.
-        target_rates: (k, 3) 1/s, how fast the directions turn, inertial.
+        target_rates: (k, 3) 1/s, time derivatives of the inertial directions of k targets.
 
     Returns:
         (3,) angular velocity, rad/s, body axes, and (J,) joint rates, rad/s; those of other devices are zero.
@@ -65,18 +67,18 @@ def least_rates(
 def differentiable_rates(
     craft: Spacecraft, targets: Targets, attitude: Array, joints: Array, target_rates: Array
 ) -> tuple[Array, Array]:
-    """The rates of `least_rates` as arrays of JAX, with derivatives.
+    """Return the rates of `least_rates` as JAX arrays, with derivatives.
 
     Args:
         craft: the spacecraft.
-        targets: which devices have them.
+        targets: which devices have targets.
         attitude: (3, 3) body to inertial, at which these devices point along their targets.
         joints: (J,) rad, likewise.
-        target_rates: (k, 3) 1/s, how fast the directions turn, inertial.
+        target_rates: (k, 3) 1/s, time derivatives of the inertial directions of k targets.
 
     Returns:
-        (3,) angular velocity, rad/s, body axes, and (J,) joint rates, rad/s. Where a terminal points along
-        its yaw axis they are no numbers.
+        (3,) angular velocity, rad/s, body axes, and (J,) joint rates, rad/s. The rates of a terminal that
+        points along its yaw axis are NaN or infinite.
     """
     gimbals = craft.gimbals
     turned = jnp.asarray(target_rates).reshape(-1, 3) @ attitude  # in body axes
@@ -112,12 +114,12 @@ def differentiable_rates(
 
 
 def _unit(vector: Array) -> Array:
-    """A vector (3,) brought to unit length."""
+    """Return a vector (3,) brought to unit length."""
     return jnp.asarray(vector / length(vector))
 
 
 def _beyond(directions: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Orthonormal basis (c, 3) of the part of a plane in which joints cannot move a beam.
+    """Return a basis of the part of a plane in which joints cannot move a beam: c orthonormal rows (c, 3).
 
     Args:
         directions: (2, 3) orthonormal vectors that span the plane across the beam.

@@ -1,6 +1,6 @@
 """Messages that say why no attitude lets devices point at their targets.
 
-They describe the best attitude there is, see `Decomposition`, with angles in degrees.
+They describe the best attitude there is, see `jaxplan.goal.Decomposition`, with angles in degrees.
 """
 
 from itertools import combinations
@@ -12,13 +12,14 @@ from jaxplan.goal.aims import AZIMUTH, goal_ranges
 from jaxplan.model.goals import Targets
 from jaxplan.model.spacecraft import Spacecraft
 
-_AS_BAD = 0.5  # share of the worst excess from which on others are named, too: often several are as bad
+_AS_BAD = 0.5  # devices off by this share of the worst excess or more are named, too
 
 
 def apart(craft: Spacecraft, asked: Targets) -> str | None:
-    """Text on two instruments that cannot both see their targets: the angles between boresights and targets.
+    """Return text on two instruments that cannot both see their targets; None if there are no such two.
 
-    They differ by more than the tolerance allows; None where those of no two instruments do.
+    It compares the angle between their boresights with that between their targets, which must agree within
+    the tolerance.
     """
     first, names = craft.gimbals.count, craft.device_names
     fixed = [(place, number) for place, number in enumerate(asked.numbers(craft)) if number >= first]
@@ -34,12 +35,12 @@ def apart(craft: Spacecraft, asked: Targets) -> str | None:
 
 
 def off(craft: Spacecraft, asked: Targets, excesses: np.ndarray) -> str:
-    """Text on the devices that miss their targets most: joints beyond limits, boresights off their targets.
+    """Return text on the devices that miss their targets most: joints beyond limits, boresights off targets.
 
     Args:
         craft: with the devices.
         asked: their targets, at an instant.
-        excesses: (n, 2) rad, `Decomposition.aim_excesses`.
+        excesses: (n, 2) rad, `Decomposition.aim_excesses` of the n devices with targets.
     """
     told: dict[str, str] = {}
     gimbals, ranges = craft.gimbals, goal_ranges(craft, asked)
@@ -57,6 +58,6 @@ def off(craft: Spacecraft, asked: Targets, excesses: np.ndarray) -> str:
 
 
 def _limits(ends: np.ndarray) -> str:
-    """Text for a joint's range (2,) rad, in degrees."""
+    """Return text for a joint's range (2,) rad, in degrees."""
     low, high = np.rad2deg(ends)
     return f"its limit of {high:.6g} deg" if low == -high else f"its range of {low:.6g} to {high:.6g} deg"

@@ -1,10 +1,11 @@
-"""Meet the wishes of a goal: of all attitudes that meet the targets, those nearest to what devices prefer.
+"""Meet the wishes of a goal: of attitudes that meet the targets, find those nearest to the wishes.
 
-Each wish in turn is made as near as the ones before allow: the least angle within which there is an attitude
-that meets all targets, zones and former wishes is found by bisection, as the caps of `jaxplan.goal.caps` have
-it. A search of the whole covering a little nearer then either proves that this is the least, as far as its
-descents go, or finds something nearer, from which the bisection goes on. Where many attitudes are as near, as
-where the wish is parallel to what the targets fix, nothing is preferred and the least turn decides.
+A wish is a direction that a device without a target shall come near to. Each wish in turn is made as near as
+the ones before allow: the least angle within which there is an attitude that meets all targets, zones and
+former wishes is found by bisection, with all of these as caps (`jaxplan.goal.caps`). A search of the whole
+covering for an angle a little less then either proves that this is the least, as far as its descents go, or
+finds something nearer, from which the bisection goes on. Where many attitudes are equally near, as where the
+wish is parallel to what the targets fix, the one of least slew is taken.
 """
 
 from dataclasses import replace
@@ -17,25 +18,25 @@ from jaxplan.goal.problem import GoalProblem, Wished
 
 SPARE = 4e-7
 """rad, by which a wish is met less than it might be, so that the next ones have room."""
-_NEARER = 6e-7  # rad; a wish is not searched for anything nearer by less than this
-_LOOKS = 6  # searches of the whole covering at most, for each wish
+_NEARER = 6e-7  # rad; a smaller gain in nearness is not searched for
+_LOOKS = 6  # most searches of the whole covering for each wish
 
 
 def with_wishes(
     problem: GoalProblem, wishes: list[Wished], seed: int, found: np.ndarray | None = None
 ) -> tuple[GoalProblem, np.ndarray]:
-    """The problem with its wishes as near as can be, one after the other.
+    """Return the problem with its wishes as near as can be, one after the other.
 
     Args:
-        problem: what is asked; one without solution is handed back as it is.
+        problem: the problem of step 1; it is returned as it is where it has no solution.
         wishes: in the order of their priority.
-        seed: of the covering.
+        seed: seed of the covering.
         found: (1, 4) unit quaternion of a rotation from the start that solves the problem; None to look for
             one where there are wishes.
 
     Returns:
         The problem, and a quaternion (1, 4) of a rotation from the start that solves it, or none (0, 4).
-        Where the wishes leave hardly any room that may be all that there is to be found.
+        Where the wishes leave hardly any room, that may be the only solution that can be found.
     """
     if found is None:
         found = multistart.minima(assemble(problem), 1, seed) if wishes else np.empty((0, 4))
@@ -49,16 +50,16 @@ def with_wishes(
 
 
 def _least(problem: GoalProblem, wish: Wished, seed: int, near: np.ndarray) -> tuple[np.ndarray, float]:
-    """Quaternion (4,) of the rotation from the start at which a wish is nearest, and its distance, rad.
+    """Return the rotation from the start at which a wish is nearest, and how near it is.
 
     Args:
         problem: with the wishes before, each within its reach.
         wish: the next one.
-        seed: of the covering.
-        near: (4,) a solution of the problem to start from.
+        seed: seed of the covering.
+        near: (4,) unit quaternion of a solution of the problem to start from.
 
     Returns:
-        The quaternion, and the least reach with which there is a solution, plus `SPARE`.
+        Unit quaternion (4,), and the least reach with which there is a solution plus `SPARE`, rad.
     """
 
     def within(reach: float) -> Caps:

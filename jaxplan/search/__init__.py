@@ -1,8 +1,21 @@
-"""Step 2: a sequence of clear states from start to goal. Every planner has the same call and result.
+"""Step 2: find a sequence of clear states from start to goal. All planners have the same call and result.
 
-`search_batch` takes many scenes at once, and each search method those of its scenes that have one layout. A
-method has a few stages, such as straight motions, elastic bands, searches and smoothing; each stage is run
-for all scenes that have no result yet.
+Terms of this package:
+
+- *state*: attitude relative to the start, as a unit quaternion with the scalar first, and all joints: a row
+  of 4 + 2n numbers, where 2n stands for the number of joints, drives counted too.
+- *scene*: one search problem as numbers (`scene`).
+- *step*: unit of cost, a number of rad of the platform's rotation or of a joint (`SearchSettings`). A motion
+  costs the largest number of steps over platform and joints.
+- *straight*: of a motion, with platform and joints turning at constant rates from one state to the other.
+- *edge*: a straight motion between neighbouring nodes of a path.
+- *clear*: of a motion, along which all constraints hold with the clearance that is wanted there.
+- *expansion*: computing the children of one node, the unit of a search's effort.
+- *run*: a search under way, which asks for one kernel *call* after the other (`kernel_calls`).
+
+`search_batch` takes many scenes at once, and each search method handles together its scenes that have the
+same array shapes. A method has a few stages, such as straight motions, elastic bands, searches and smoothing;
+each stage is run for all scenes that have no result yet.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,7 +49,7 @@ _METHODS: dict[str, Method | str] = {
 
 
 def _method(name: str) -> Method:
-    """The search function of a method's name, imported if it has not been yet."""
+    """Return the search function of the method of a name, imported if it has not been yet."""
     known = _METHODS[name]
     if not isinstance(known, str):
         return known
@@ -46,7 +59,7 @@ def _method(name: str) -> Method:
 
 
 def _search(method: str, scene: Scene, settings: SearchSettings) -> SearchResult:
-    """Search one scene by the method named, whatever the settings name."""
+    """Search one scene by the method of the given name, whatever method the settings name."""
     return search_batch([scene], [replace(settings, method=method)])[0]
 
 
@@ -55,13 +68,14 @@ PLANNERS: dict[str, Planner] = {method: partial(_search, method) for method in _
 
 
 def add_planner(method: str, search: Callable[[Scene, SearchSettings], SearchResult | SearchRun]) -> None:
-    """Let scenarios of this process name a planner of one's own in ``search.method``.
+    """Add a search method of one's own, which scenarios of this process can then name in ``search.method``.
 
     Args:
         method: its name.
-        search: from a scene and settings to the result; or to a `jaxplan.runtime.batching.Run` with
-            ``result()``, which asks for one `jaxplan.search.kernel_calls.Call` after the other, so that the
-            calls of many searches are answered together.
+        search: function from a scene and settings to the result. It may instead return a
+            `jaxplan.runtime.batching.Run` that also has ``result()``, and which asks for one
+            `jaxplan.search.kernel_calls.Call` after the other, so that the calls of many searches are
+            answered together.
 
     Raises:
         ValueError: if there is a planner of that name.
@@ -73,7 +87,7 @@ def add_planner(method: str, search: Callable[[Scene, SearchSettings], SearchRes
 
 
 def remove_planner(method: str) -> None:
-    """Forget a planner that `add_planner` added."""
+    """Remove a planner that `add_planner` added."""
     del _METHODS[method], PLANNERS[method]
     SEARCH_METHODS.remove(method)
 
@@ -83,7 +97,7 @@ def _search_with(
     scenes: Scenes,
     settings: Sequence[SearchSettings],
 ) -> list[SearchResult]:
-    """Search scenes by an added planner; where its `search` gives a run, drive that to its end."""
+    """Search scenes by an added planner; where its `search` returns a run, drive that to its end."""
     answers = []
     for number, (scene, own) in enumerate(zip(scenes.scenes, settings, strict=True)):
         with scenes.seconds.shared([number]):
@@ -97,17 +111,19 @@ def _search_with(
 def search_batch(
     scenes: Sequence[Scene], settings: Sequence[SearchSettings], seconds: Seconds | None = None
 ) -> list[SearchResult]:
-    """Search many scenes, each by the method of its settings; those of one method and layout together.
+    """Search many scenes, each by the method of its settings.
 
     Args:
-        scenes: the problems; those of one method and equal padded sizes share their kernel calls.
-        settings: of each search. A time limit is a scene's share of the whole: a search ends after as many
-            times that long as there are scenes.
-        seconds: where the time of each search is added, s; calls answered together count in equal shares.
+        scenes: the problems; those with the same method and equal array shapes share their kernel calls.
+        settings: the settings of each search. A time limit is a scene's share of the whole: a search ends
+            after that time multiplied by the number of scenes.
+        seconds: an object to which the time of each search is added, s; the time of calls answered together
+            is shared out equally. None to measure nothing.
 
     Returns:
-        Results that agree with those one by one, as long as no time limit ends a search. Where an end of a
-        scene is not made of finite numbers, there is no path.
+        The results in the order of the scenes. They agree with those of searches one by one, as long as no
+        time limit ends a search. A scene whose start or goal is not made of finite numbers gets the status
+        NODE_LIMIT and no path.
 
     Raises:
         ValueError: if there are not as many settings as scenes.

@@ -1,11 +1,15 @@
 """The multi-heuristic A* of the paper's section 3.2.2: one anchor queue and any number of others.
 
-Plain Python around the jitted expansion. A `Rules` object says how children are proposed and priced, so the
-printed method and the default planner are two sets of rules over this loop. Queue 0 is the anchor; queue
-i is keyed by ``g + w1 h_i``, with the cost ``g`` from the start and the heuristic ``h_i``. The others take
-turns, and each is followed while its best key is at most ``w2`` times the anchor's; else the anchor is.
-Queues are shared (a node leaves all of them when it is expanded) or, as printed, independent. The search ends
-when the best path found to the goal costs no more than the next key. A node is *open* while in a queue.
+It is plain Python around the jitted expansion. A `Rules` object says how children are proposed and priced;
+the method as printed in the paper and the default planner are two sets of rules for the same loop. Queue 0 is
+the anchor; queue i is keyed by ``g + w1 h_i``, with the cost ``g`` from the start and the heuristic ``h_i``.
+The other queues take turns. The one whose turn it is gives the next node if its best key is at most ``w2``
+times the anchor's; otherwise the anchor does. Queues are shared (a node leaves all of them when it is
+expanded) or, as printed, independent. The search ends when the best path found to the goal costs no more than
+the next key. A node is *open* while it is in a queue.
+
+Costs are in steps, and 2n stands for the number of all joints, see `jaxplan.search`. An expansion tries A
+attitude moves with M joint moves.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,7 +36,7 @@ from jaxplan.search.paths import ARRIVED, subdivide
 from jaxplan.search.queues import Block, ExplorationQueue, LazyQueue
 from jaxplan.search.scene import Scene, SearchResult, tapered
 
-# Every so many turns the exploration queue has its own.
+# Every so many turns the exploration queue gives the node to expand.
 EXPLORE_EVERY = 6
 
 _EDGE = np.arange(EDGE_INTERVALS + 1) / EDGE_INTERVALS
@@ -41,11 +45,11 @@ _ONWARD = np.arange(ONWARD_INTERVALS + 1) / ONWARD_INTERVALS
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Node:
-    """A state of the search.
+    """A node of the search: a state, how it was reached, and what is ahead.
 
     Attributes:
-        packed: (7 + 2n,) attitude relative to the start as a unit quaternion, rotation vector to the goal in
-            body axes, joints, as the kernel takes it.
+        packed: (7 + 2n,) the state as the kernel takes it: attitude relative to the start as a unit
+            quaternion (4), rotation vector to the goal in body axes, rad (3), joints, rad.
         cost: ``g``, steps from the start along the path to the node.
         ahead: cost in steps of the straight motion to the goal, ``h_max``.
         parent: the node before, None for the start.
@@ -58,33 +62,33 @@ class Node:
 
     @property
     def since(self) -> np.ndarray:
-        """(4,) unit quaternion of the attitude relative to the start."""
+        """The unit quaternion (4,), scalar first, of the attitude relative to the start."""
         return self.packed[:4]
 
     @property
     def to_goal(self) -> np.ndarray:
-        """(3,) rotation vector to the goal, body axes."""
+        """The rotation vector (3,) rad to the goal, in body axes."""
         return self.packed[4:7]
 
     @property
     def joints(self) -> np.ndarray:
-        """(2n,) rad."""
+        """The joint angles (2n,) rad."""
         return self.packed[7:]
 
     def state(self) -> bytes:
-        """A key that nodes share if attitudes (as rotation vectors to the goal) and joints agree to 1e-9."""
+        """Return a key that nodes share if rotations to the goal and joints agree to about 1e-9 rad."""
         return (np.rint(self.packed[4:] * 1e9) + 0.0).tobytes()  # + 0.0: no negative zero
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Children:
-    """The children of a node, before any of them is made a node.
+    """The children of a node, A attitude moves by M joint moves, before any of them is made a node.
 
     Attributes:
         parent: their parent.
-        moves: those that were tried.
+        moves: the moves that were tried.
         expansion: their places, slacks, costs and heuristics, from the kernel.
-        costs: (A, M) ``g``, steps.
+        costs: (A, M) ``g``, steps from the start.
     """
 
     parent: Node
@@ -93,7 +97,7 @@ class Children:
     costs: np.ndarray
 
     def make(self, child: int) -> Node:
-        """The node of one child, numbered ``attitude move * M + joint move``."""
+        """Return the node of the child numbered ``attitude move * M + joint move``."""
         attitude_move, joint_move = divmod(child, len(self.moves.choice))
         options = self.moves.options[attitude_move if len(self.moves.options) > 1 else 0]
         change = chosen(options, self.moves.choice[joint_move])
@@ -113,24 +117,24 @@ _PRODUCTS = np.array(
 
 
 def unrotated(quaternions: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """(..., k, 3) vectors (k, 3) turned by the inverses of unit quaternions (..., 4)."""
+    """Return k vectors (k, 3) rotated by the inverses of unit quaternions (..., 4), as (..., k, 3)."""
     across = (quaternions[..., 1:] @ _PRODUCTS).reshape(*quaternions.shape[:-1], 3, 3)
     twice = 2 * (vectors @ across)
     return vectors + quaternions[..., :1, None] * twice + twice @ across
 
 
 def make_root(scene: Scene) -> Node:
-    """The start as a node."""
+    """Return the start of a scene as a node."""
     packed = np.concatenate([[1.0, 0.0, 0.0, 0.0], scene.goal_coordinates, scene.start_joints])
     return Node(packed, 0.0, scene.straight_steps, None)
 
 
 def trace(scene: Scene, arrival: Node) -> Path:
-    """The path from the start through a node's ancestors, and straight on to the goal.
+    """Return the path from the start through a node's ancestors to the node, and straight on to the goal.
 
     Args:
         scene: the problem.
-        arrival: the node from which the straight motion is clear, or the goal itself.
+        arrival: the node from which the straight motion to the goal is clear, or the goal itself.
     """
     corners = [scene.ends[1]] if arrival.ahead > ARRIVED else []
     node: Node | None = arrival
@@ -145,15 +149,15 @@ class Rules:
     """How one variant of the search proposes and prices children.
 
     Attributes:
-        propose: (scene, node, random generator, settings, number of the expansion) -> Moves.
-        price: (scene, expansion, fields) -> (A, M) costs of the moves and (queues, A, M) heuristics, the
-            anchor's first.
-        edges: whether zones hold along edges, or at nodes alone.
+        propose: function (scene, node, random generator, settings, number of the expansion) -> Moves.
+        price: function (scene, expansion, fields) -> costs of the moves in steps (A, M), for A attitude moves
+            and M joint moves, and heuristics (queues, A, M), the anchor's first.
+        edges: True to check zones along whole edges, False to check them at nodes alone.
         shared: whether the queues share their nodes.
         direct: whether the straight motion from every child to the goal is tried.
         queues: number of queues, the anchor included.
-        informed: whether distance fields are computed once the first expansion has not arrived, and
-            every few turns any child is expanded, whatever its key.
+        informed: whether distance fields are computed if the first expansion does not reach the goal, and a
+            random child is expanded every few turns, whatever its key.
     """
 
     propose: Callable[[Scene, Node, np.random.Generator, SearchSettings, int], Moves]
@@ -171,10 +175,10 @@ def search_by(rules: Rules, scenes: Scenes, settings: Sequence[SearchSettings]) 
     Args:
         rules: the variant.
         scenes: the problems.
-        settings: of each: weights, limits of the effort, seed.
+        settings: those of each search: weights, limits of the effort, seed.
 
     Returns:
-        OK with the path, or NODE_LIMIT or TIME_LIMIT without.
+        For each scene OK with the path, or NODE_LIMIT or TIME_LIMIT without one.
     """
     runs = [Search(scene, own, rules) for scene, own in zip(scenes.scenes, settings, strict=True)]
     scenes.run(runs)
@@ -182,13 +186,13 @@ def search_by(rules: Rules, scenes: Scenes, settings: Sequence[SearchSettings]) 
 
 
 class Search:
-    """A search under way: the queues, what has been expanded, and the best way to the goal so far.
+    """A search under way: the queues, what has been expanded, and the best path to the goal so far.
 
     It is a `jaxplan.runtime.batching.Run` that asks for one expansion after the other.
 
     Attributes:
-        expanded: the nodes, one after the other.
-        asked: the queue that asked for each, the anchor being 0.
+        expanded: the nodes expanded, in this order.
+        asked: for each of them the queue that asked for it, the anchor being 0.
     """
 
     def __init__(self, scene: Scene, settings: SearchSettings, rules: Rules) -> None:
@@ -203,7 +207,9 @@ class Search:
         self.goal_cost = float("inf")
         self.arrival: Node | None = None
         self._root = make_root(scene)
-        self._root_queues = list(range(1 if rules.shared else rules.queues))  # that have yet to expand it
+        self._root_queues = list(
+            range(1 if rules.shared else rules.queues)
+        )  # queues that have yet to expand it
         self._uninformed = rules.informed  # the distance fields are still to be computed
         self._turn = 0
         self._pending: tuple[Node, int, Moves] | None = None  # node, queue and moves that are being expanded
@@ -211,7 +217,7 @@ class Search:
         self._deadline = working_time() + settings.time_limit
 
     def next_request(self) -> Call | None:
-        """The call that expands the next node; None once there is a path, or the effort is spent."""
+        """Return the call that expands the next node; None once there is a path, or a limit is reached."""
         if self._root.ahead <= ARRIVED:
             self.arrival, self._status = self._root, Status.OK
         while self._status is None:
@@ -221,7 +227,7 @@ class Search:
         return None
 
     def result(self) -> SearchResult:
-        """OK with the path, or NODE_LIMIT or TIME_LIMIT without."""
+        """Return OK with the path, or NODE_LIMIT or TIME_LIMIT without one."""
         assert self._status is not None, "the search is under way"
         found = self._status is Status.OK and self.arrival is not None
         path = trace(self.scene, self.arrival) if found and self.arrival is not None else None
@@ -251,7 +257,7 @@ class Search:
         return None if node is None else (node, queue)
 
     def _ending(self, key: float) -> Status | None:
-        """The status with which the search ends before it expands a node of this key, if it does."""
+        """Return the status with which the search ends before it expands a node of this key, or None."""
         if self.arrival is not None and self.goal_cost <= key:
             return Status.OK
         if self._spent():
@@ -260,11 +266,11 @@ class Search:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Expansions that each queue has asked for, the anchor's first."""
+        """The number of expansions that each queue has asked for, the anchor's first."""
         return tuple(self.asked.count(queue) for queue in range(len(self.queues)))
 
     def _spent(self) -> bool:
-        """Whether all expansions have been made."""
+        """Tell whether the allowed number of expansions has been made."""
         return len(self.expanded) >= self.settings.max_expansions
 
     def _any(self) -> Node | None:
@@ -273,21 +279,22 @@ class Search:
         return None if drawn is None else self._open(*drawn, 0)
 
     def _next(self, queue: int) -> Node | None:
-        """The open node of least key, taken from a queue; None if its state was expanded at no higher cost.
+        """Take the open node of least key from a queue; None if its state was reached before as cheaply.
 
-        If nothing is open, a random node that was expanded before, to try new moves from it.
+        If nothing is open, it is a random node that was expanded before, to try new moves from it.
         """
         if self.queues[queue].min_key() == np.inf:  # nothing open: try new moves from an old node
             return self.expanded[self.rng.integers(len(self.expanded))]
         return self._open(*self.queues[queue].pop(), 0 if self.rules.shared else queue)
 
     def _open(self, block: Block, child: int, closed: int) -> Node | None:
-        """Make a child's node, and note its cost; None if its state was expanded before at no higher cost.
+        """Make a child's node and record its cost; None if its state was expanded before at no higher cost.
 
         Args:
-            block: of the child.
+            block: the block that holds the child.
             child: its number there.
-            closed: index of the table of costs of expanded states: 0, or of the queue if it has its own.
+            closed: index of the table that holds the costs of expanded states: 0, or that of the queue if
+                each queue has its own.
         """
         node = block.content.make(child)
         best = self.best_costs[closed]
@@ -298,7 +305,7 @@ class Search:
         return node
 
     def _expansion(self, node: Node, queue: int) -> Call:
-        """Propose moves from a node, for the queue that asks; returns the call that computes its children."""
+        """Propose moves from a node, for the queue that asks; return the call that computes its children."""
         moves = self.rules.propose(self.scene, node, self.rng, self.settings, len(self.expanded))
         self._pending = node, queue, moves
         return expansion_call(
@@ -306,7 +313,7 @@ class Search:
         )
 
     def accept(self, answer: np.ndarray) -> None:
-        """Push the clear children of the node being expanded onto the queues; remember a path to the goal."""
+        """Push the clear children of the node being expanded onto the queues, and keep a path to the goal."""
         assert self._pending is not None
         (node, queue, moves), self._pending = self._pending, None
         made = expansion(answer, moves, edges=self.rules.edges)
@@ -315,7 +322,7 @@ class Search:
         ahead = made.heuristics[0]
         self.expanded.append(node)
         self.asked.append(queue)
-        valid = (made.slacks >= 0) & (made.steps > 0)  # staying altogether leads nowhere
+        valid = (made.slacks >= 0) & (made.steps > 0)  # a move of zero length leads nowhere
         if moves.allowed is not None:
             valid &= moves.allowed
         arrived = ahead <= ARRIVED
@@ -332,12 +339,12 @@ class Search:
         self.exploration.push(block, (int(node.cost), int(node.ahead)))
 
     def _arrive(self, node: Node) -> None:
-        """Remember a node if the path through it and straight on to the goal is the cheapest so far."""
+        """Keep a node if the path through it and straight on to the goal is the cheapest so far."""
         if node.cost + node.ahead < self.goal_cost:
             self.goal_cost, self.arrival = node.cost + node.ahead, node
 
     def _clearance(self, node: Node, moves: Moves) -> np.ndarray:
-        """Clearance wanted on the intervals of the moves from a node and of the motions onward, rad."""
+        """Return the clearance, rad, wanted on the intervals of a node's moves, then of motions onward."""
         if not self.rules.edges:  # the printed method knows no clearance
             return np.zeros(EDGE_INTERVALS + ONWARD_INTERVALS)
         # the longest move stands for all, and the node's own way to the goal for its children's
@@ -347,16 +354,18 @@ class Search:
 
 
 def _taper(settings: SearchSettings, node: Node, fraction: np.ndarray, length: float) -> np.ndarray:
-    """Clearance wanted between fractions of a straight way from a node, rad; none at start and goal.
+    """Return the clearance, rad, wanted on intervals of a straight motion from a node.
+
+    It shrinks to zero near start and goal.
 
     Args:
-        settings: gives the clearance wanted elsewhere.
-        node: where the way begins.
-        fraction: (k + 1,) ends of the intervals.
-        length: steps of the whole way.
+        settings: gives the clearance wanted far from start and goal.
+        node: where the motion begins.
+        fraction: (k + 1,) ends of the k intervals, as fractions of the motion.
+        length: steps of the whole motion.
 
     Returns:
-        (k,).
+        (k,) rad.
     """
     steps = np.minimum(node.cost + fraction[:-1] * length, node.ahead - fraction[1:] * length)
     return np.asarray(tapered(settings.clearance, steps))

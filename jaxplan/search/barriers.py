@@ -1,26 +1,26 @@
-"""Proof that no path exists: zones that part a device's start direction from its goal direction.
+"""Proof that no path exists: zones that separate a device's start direction from its goal direction.
 
 However the platform and the joints move, the boresight of a device draws a continuous curve on the unit
 sphere of inertial directions. A keep-out zone forbids it an open cap, a keep-in zone the cap around the
-opposite direction that is left outside the cone. Where a closed ring of overlapping caps runs between
-the directions at start and goal, every curve from one to the other enters the ring, and so no motion exists.
+opposite direction that is left outside the cone. Where a closed ring of overlapping caps runs between the
+directions at start and goal, every curve from one to the other enters the ring, and so no motion exists.
 
 Whether there is such a ring is decided exactly. Seen by stereographic projection from the start direction,
-which no cap holds, all caps are discs of the plane, small or large: convex, so that the segment between the
+which lies in no cap, all caps are discs of the plane, small or large: convex, so that the segment between the
 centres of two discs that overlap lies within these two. A ring is a closed polygon of such segments which
-winds around the image of the goal. By the nerve theorem the cycles of the graph of overlaps generate
-all loops within a union of convex sets: where none of them winds around the goal no loop of forbidden
-directions does, and the two directions are connected. Any ring is therefore a proof, and no ring means that
-these zones alone do not part the two.
+winds around the image of the goal. By the nerve theorem the cycles of the graph of overlaps generate all
+loops within a union of convex sets: where none of them winds around the goal no loop of forbidden directions
+does, and the two directions are connected. Any ring is therefore a proof, and no ring means that these zones
+alone do not separate the two.
 
-To sum integers instead of angles, each segment is given the number of times that it crosses a fixed ray
-from the goal, counted with sign; in the plane the ray ends at infinity, which is the start. A polygon winds
-around the goal when its crossings do not add up to zero.
+To sum integers instead of angles, each segment is given the number of times that it crosses a fixed ray from
+the goal, counted with sign; in the plane the ray ends at infinity, which is the start. A polygon winds around
+the goal when its crossings do not add up to zero.
 
-Touching caps leave a free point between them, and rounding must never make a proof: caps are first
-shrunk by `TOLERANCE`, and count as overlapping when they still do so by as much. Rounding moves them by some
-1e-15 rad. What is proved is thus a little more: no motion exists even if margins may fall to -4e-9 rad,
-which is beyond the -1e-9 rad that a certificate allows.
+Touching caps leave a free point between them, and rounding must never make a proof: caps are first shrunk by
+`TOLERANCE`, and count as overlapping when they still do so by as much. Rounding moves them by some 1e-15 rad.
+What is proved is thus a little more: no motion exists even if margins may fall to -4e-9 rad, which is beyond
+the -1e-9 rad that a certificate allows.
 
 A row of a constraint with several entries need not hold by itself, and one whose axis turns with the body is
 no cap of the sphere: no proof may use either, and both are left out.
@@ -46,12 +46,11 @@ TOGETHER = 1e-7
 @shown("device", "zones")
 @dataclass(frozen=True, kw_only=True)
 class Barrier:
-    """Zones that part the directions of a device at start and goal.
+    """Zones that separate the directions of a device at start and goal.
 
     Attributes:
-        device: index on the device axis.
-        zones: rows of `Scene.cones` (the keep-out zones, then the keep-in zones without group), ascending;
-            of these alone, none can be left out.
+        device: number of the device, or of another bound direction beyond the devices (a sight of the scene).
+        zones: numbers of rows of `Scene.cones`, ascending; all of them are needed for this proof.
     """
 
     device: int
@@ -61,15 +60,16 @@ class Barrier:
 def find_barrier(scene: Scene) -> Barrier | None:
     """Look for a device that no motion brings from its start direction to its goal direction.
 
-    A terminal's direction at the goal is its target, the same for all goals; that of an instrument, or of
-    any device without target, depends on this goal's attitude and joints.
+    A terminal's direction at the goal is its target, the same for all goals; that of an instrument, or of any
+    device without target, depends on this goal's attitude and joints.
 
     Args:
         scene: a search problem; groups of zones are left out.
 
     Returns:
-        The first such device with the fewest zones that are enough to stop it. None where every device by
-        itself could pass, or where start or goal break a zone: that tells nothing of the devices together.
+        The first such device, with the fewest zones that suffice to stop it. None where every device by
+        itself could pass, or where start or goal break a zone; this proves nothing about the devices
+        together.
     """
     for device, (start, goal) in enumerate(zip(*scene.seen, strict=True)):
         rows = separating_zones(scene.cones, device, start, goal)
@@ -79,14 +79,14 @@ def find_barrier(scene: Scene) -> Barrier | None:
 
 
 def most_obstructive(scene: Scene) -> tuple[Constraints, int] | None:
-    """The zone or group that the straight motion from start to goal breaks most.
+    """Find the constraint that the straight motion from start to goal breaks most.
 
     Args:
         scene: a search problem.
 
     Returns:
-        The one of `scene.tables` that it is in, and the index of its first row there; None where the
-        straight motion breaks nothing.
+        The one of `scene.tables` that it is in, and the index of its first row there; None where the straight
+        motion breaks nothing.
     """
     left = scene.goal_joints - scene.start_joints
     attitudes, joints = motion(
@@ -103,16 +103,16 @@ def most_obstructive(scene: Scene) -> tuple[Constraints, int] | None:
 def separating_zones(
     cones: Constraints, device: int, start: np.ndarray, goal: np.ndarray
 ) -> tuple[int, ...] | None:
-    """The fewest zones that part two directions of a device, see `separating_caps`.
+    """Find the fewest zones that separate two directions of a device, see `separating_caps`.
 
     Args:
         cones: the zones; those of a group of several are left out.
-        device: index on the device axis.
+        device: number of the device (or other sight).
         start: (3,) inertial unit vector.
         goal: (3,) inertial unit vector.
 
     Returns:
-        Rows of the cones, ascending; None where the two are connected, or one of them breaks a zone.
+        Row numbers of the cones, ascending; None where the two are connected, or one of them breaks a zone.
     """
     rows = np.flatnonzero(cones.single & (cones.frame == INERTIAL) & cones.bound[:, device])
     side, half_angle = cones.side[rows], cones.half_angle[rows]
@@ -128,17 +128,18 @@ def separating_zones(
 def separating_caps(
     axes: np.ndarray, half_angles: np.ndarray, start: np.ndarray, goal: np.ndarray
 ) -> tuple[int, ...] | None:
-    """The fewest open caps of the sphere that part two directions outside all of them.
+    """Find the fewest open caps of the sphere that separate two directions outside all of them.
 
     Args:
-        axes: (Z, 3) unit vectors.
+        axes: (Z, 3) unit vectors, axes of Z caps.
         half_angles: (Z,) rad, in (0, pi).
         start: (3,) unit vector.
         goal: (3,) unit vector.
 
     Returns:
-        Indices of the caps, ascending, at least three; where several sets are as small, one of them. None
-        where the two are connected outside the caps (touching caps let pass), or one of them lies in a cap.
+        Indices of the caps, ascending, at least three; where several sets are equally small, one of them.
+        None where the two are connected outside the caps (there is a way between touching caps), or one of
+        them lies in a cap.
     """
     if len(axes) < 3 or separation(start, goal) < TOGETHER:  # two discs of the plane enclose nothing
         return None
@@ -152,7 +153,7 @@ def separating_caps(
     if np.count_nonzero(overlap) < 6:  # each pair counts twice
         return None
     bearings = _bearings(axes, radius, to_start, start, goal)
-    cut = np.angle(bearings)  # of the ray: where this jumps by a whole turn
+    cut = np.angle(bearings)  # of the ray, which lies where this angle jumps by a whole turn
     turned = np.angle(bearings.conj()[:, None] * bearings)
     crossings = np.rint((turned - (cut - cut[:, None])) / (2 * np.pi)).astype(int) * overlap
     # a ring crosses the ray somewhere, and forward in one of its two senses
@@ -166,11 +167,11 @@ def separating_caps(
 def _bearings(
     axes: np.ndarray, radius: np.ndarray, to_start: np.ndarray, start: np.ndarray, goal: np.ndarray
 ) -> np.ndarray:
-    """(Z,) vectors from the image of the goal to the centres of the caps' discs, as complex numbers.
+    """Return vectors (Z,), as complex numbers, from the image of the goal to the centres of the caps' discs.
 
-    Stereographic projection from the start takes caps of unit `axes` (Z, 3) and half-angles `radius` (Z,) rad
-    to discs of the plane; `to_start` (Z,) rad are the angles from the axes to the start, which no cap holds.
-    Each vector has a positive factor of its own, as only the phases are used.
+    Stereographic projection from the start takes the Z caps of unit `axes` (Z, 3) and half-angles `radius`
+    (Z,) rad to discs of the plane; `to_start` (Z,) rad are the angles from the axes to the start, which lies
+    in no cap. Each vector is multiplied by a positive factor of its own, as only the phases are used.
 
     From the start direction ``a``, a cap of axis ``d`` and half-angle ``h`` is projected to the disc of
     centre ``d' / (cos h - a.d)`` and radius ``sin h / (cos h - a.d)``, the goal ``b`` to ``b' / (1 - a.b)``,
@@ -190,14 +191,14 @@ def _bearings(
 def _shortest_ring(
     neighbours: list[list[int]], crossings: list[list[int]], roots: list[int]
 ) -> tuple[int, ...] | None:
-    """A ring of the fewest caps around the goal.
+    """Find a ring of the fewest caps around the goal.
 
-    From a root on such a ring, breadth first, each of its caps is reached over no more caps than along
-    the ring, either way round. So the edge of the ring whose crossings contradict those of the tree closes a
-    ring which is no longer.
+    The search is breadth first from a root. If the root lies on a shortest ring, each cap of the ring is
+    reached over no more caps than along the ring, either way round. So the edge of the ring whose crossings
+    contradict those of the tree closes a ring that is no longer.
 
     Args:
-        neighbours: of each cap, those that it overlaps.
+        neighbours: for each cap, those that it overlaps.
         crossings: [i][j] signed crossings of the ray from cap i to cap j.
         roots: caps to start from; at least one lies on each ring.
 

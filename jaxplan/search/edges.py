@@ -1,18 +1,19 @@
-"""THE edge check: whether straight motions keep clear of all constraints over their whole length.
+"""The edge check: whether straight motions keep clear of all constraints over their whole length.
 
-A motion is cut into intervals. At the ends of each the scores of `jaxplan.model.constraints` are taken, and a
-bound of their second derivative makes these speak for what lies between. A *slack* is what a score has left
-to the threshold at which the wanted clearance is just kept: >= 0 where it is kept, about a difference of
-cosines. Searches ask for slacks, smoothing for margins in rad.
+A motion is cut into intervals. The scores of `jaxplan.model.constraints` are taken at the ends of each
+interval, and a bound of their second derivative covers what lies between. A *slack* is what a score has left
+to the threshold at which the wanted clearance is just kept: zero or more where it is kept, in about the unit
+of a difference of cosines. Searches ask for slacks, smoothing for margins in rad.
 
 What turns with the platform and what moves with the joints are tabulated apart (`LinesOfSight`): the axes of
 the rows in body coordinates along the turn, and the sights in body coordinates under each option of the
-joints. So an expansion, which combines many turns with many joint moves, looks at each of either once.
+joints. So an expansion, which combines many turns with many joint moves, evaluates each of them once.
 
-Letters of axes: a motions (of an expansion attitude moves), o options of the joints of a device, k interval,
-or sample with one more, d sight, z row. Components of vectors come first and small products are written out,
-so that loops run over the batch. Attitudes are unit quaternions relative to the start; a state is a row of
-``4 + 2n`` numbers, attitude and joints. (2n stands for the number of all joints, drives counted too.)
+Letters of axes: a motions (of an expansion attitude moves); o options, which are changes of the joints of a
+device; k intervals, with k + 1 samples at their ends; d sights; z rows. Components of vectors come first and
+small products are written out, so that loops run over the batch. Attitudes are unit quaternions relative to
+the start; a state is a row of ``4 + 2n`` numbers, attitude and joints, where 2n stands for the number of all
+joints, drives counted too. The two *tables* of rows are those of `Scene.tables`.
 """
 
 from collections.abc import Callable
@@ -39,14 +40,17 @@ Tables = tuple[Array, Array]
 class LinesOfSight:
     """Sights and axes of rows, sampled along motions, and how fast they turn.
 
+    There are ``a`` motions of ``k`` intervals (``k + 1`` samples), ``o`` options of the joints, ``d`` sights
+    and ``z`` rows.
+
     Attributes:
-        axes: (3, a, k + 1, z) axes of the rows of each table in body coordinates; meaningless where a sight
+        axes: for each table (3, a, k + 1, z), axes of its rows in body coordinates; meaningless where a sight
             is the axis.
         body: (3, a or 1, o, k + 1, d) sights in body coordinates.
         joints: (a or 1, o, k + 1, 2n) rad.
         turn: (a,) rad, angle by which the platform turns on each interval.
-        rate: (a or 1, o, d) first of `Sights.bounds` for the joints' change on an interval.
-        bend: (a or 1, o, d) second of them.
+        rate: (a or 1, o, d) first bound of `Sights.bounds` for the joints' change on an interval.
+        bend: (a or 1, o, d) second bound of `Sights.bounds`.
     """
 
     axes: Tables
@@ -57,13 +61,16 @@ class LinesOfSight:
     bend: Array
 
     def chord_error(self, rows: Constraints) -> Array:
-        """(a, o, d, z or 1) bound ``C h^2 / 2`` of `edge_bound`, which holds for each interval."""
+        """Return the bound ``C h^2 / 2`` of `edge_bound`, which holds for each interval: (a, o, d, z or 1).
+
+        The axes are ``a`` motions, ``o`` options, ``d`` sights and ``z`` rows.
+        """
         half: Array = score_curvature(rows, self.turn[:, None], self.rate, self.bend) / 2
         return half
 
 
 def fold(combine: Callable[[Array, Array], Array], values: Array, axis: int, empty: float) -> Array:
-    """`values` with a short axis reduced by elementwise `combine`, which XLA fuses, and which keeps NaN.
+    """Reduce a short axis of `values` by an elementwise function, which XLA fuses and which keeps NaN.
 
     Where the axis has length 0 the result is filled with `empty`.
     """
@@ -74,7 +81,10 @@ def fold(combine: Callable[[Array, Array], Array], values: Array, axis: int, emp
 
 
 def axes_at(scene: Scene, attitudes: Array) -> Tables:
-    """(3, a, z) axes of each table's rows, each as if it were inertial, in body axes at attitudes (a, 4)."""
+    """Return the axes of each table's rows in body axes, as if all were inertial: (3, a, z) for each table.
+
+    `attitudes` (a, 4) are unit quaternions relative to the start, ``a`` of them; there are ``z`` rows.
+    """
     rotation = jnp.moveaxis(quaternion.to_matrix(attitudes), 0, -1)[..., None]
 
     def of_table(rows: Constraints) -> Array:
@@ -88,18 +98,19 @@ def axes_at(scene: Scene, attitudes: Array) -> Tables:
 def lines_of_sight(
     scene: Scene, axes: Tables, joints: Array, turns: Array, changes: Array, intervals: int
 ) -> tuple[LinesOfSight, Array]:
-    """Lines of sight along motions, and the unit quaternions of the whole turns.
+    """Return lines of sight along motions, and the unit quaternions of the whole turns.
 
     Args:
         scene: the problem.
-        axes: (3, a or 1, z) axes of the rows of each table in body coordinates where the motions start.
-        joints: (a or 1, o or 1, 2n) rad, there.
-        turns: (a, 3) rotation vectors, body axes.
-        changes: (a or 1, o, 2n) rad, of the joints.
-        intervals: of equal length, static.
+        axes: for each table (3, a or 1, z), axes of its ``z`` rows in body coordinates where the motions
+            start.
+        joints: (a or 1, o or 1, 2n) rad, where the ``a`` motions start.
+        turns: (a, 3) rotation vectors of the platform, rad, body axes.
+        changes: (a or 1, o, 2n) rad, changes of the joints under ``o`` options.
+        intervals: number of intervals, of equal length; static.
 
     Returns:
-        The lines of sight; (4, a).
+        The lines of sight; the quaternions (4, a).
     """
     fraction = jnp.arange(intervals + 1) / intervals
     vectors = turns.T
@@ -109,7 +120,7 @@ def lines_of_sight(
     cosines, sines = materialise(scene.attitude_step, (jnp.cos(angles), jnp.sin(angles)))
 
     def turned(rows: Constraints, start: Array) -> Array:
-        """(3, a, k + 1, z) axes of rows in body axes along the turns, from (3, a, z) at their start."""
+        """Return row axes in body axes along the turns, (3, a, k + 1, z), from (3, a, z) at their start."""
         across = jnp.stack(cross(axis[:, :, None], start))
         along = axis[:, :, None] * dot(axis[:, :, None], start)
         rest = start - along
@@ -133,7 +144,10 @@ def lines_of_sight(
 
 
 def straight_lines(scene: Scene, first: Array, second: Array, intervals: int) -> LinesOfSight:
-    """Lines of sight, with one option, on the intervals of straight motions between states (a, 4 + 2n)."""
+    """Return lines of sight, with one option, along straight motions between states (a, 4 + 2n).
+
+    There are ``a`` motions. `intervals` is the number of intervals of each, static.
+    """
     turns = turns_between(first, second)
     joints, change = first[:, None, 4:], (second - first)[:, None, 4:]
     lines, _ = lines_of_sight(scene, axes_at(scene, first[:, :4]), joints, turns, change, intervals)
@@ -142,17 +156,20 @@ def straight_lines(scene: Scene, first: Array, second: Array, intervals: int) ->
 
 
 def turns_between(first: Array, second: Array) -> Array:
-    """(a, 3) rotation vectors of the turns between states (a, 4 + 2n), body axes."""
+    """Return the rotation vectors (a, 3) rad, in body axes, of motions between states (a, 4 + 2n)."""
     turn: Array = quaternion.log(quaternion.product(quaternion.conjugate(first[:, :4]), second[:, :4]))
     return turn
 
 
 def interval_scores(scene: Scene, lines: LinesOfSight) -> Tables:
-    """Largest score of each row over its sights on each interval, (a, k, z) of each table.
+    """Return for each table the largest score of each row over its sights on each interval.
 
     Args:
         scene: the problem.
-        lines: of motions with one option.
+        lines: lines of sight of motions with one option.
+
+    Returns:
+        (a, k, z) for each table: ``a`` motions, ``k`` intervals, ``z`` rows.
     """
     body, joints = lines.body[:, :, 0], lines.joints[:, 0]
 
@@ -168,12 +185,15 @@ def interval_scores(scene: Scene, lines: LinesOfSight) -> Tables:
 
 
 def interval_slacks(scene: Scene, lines: LinesOfSight, clearance: Array) -> Array:
-    """Smallest slack on each interval of motions with one option, (a, k); +inf without constraints.
+    """Return the smallest slack on each interval of motions with one option; +inf without constraints.
 
     Args:
         scene: the problem.
-        lines: see `straight_lines`.
+        lines: lines of sight, see `straight_lines`, of ``a`` motions with ``k`` intervals.
         clearance: (a or 1, k or 1) rad wanted.
+
+    Returns:
+        (a, k).
     """
     slacks, coupled = (
         thresholds(rows, clearance) - score
@@ -184,16 +204,16 @@ def interval_slacks(scene: Scene, lines: LinesOfSight, clearance: Array) -> Arra
 
 
 def motion_margins(scene: Scene, lines: LinesOfSight, wanted: Array) -> tuple[Array, Array]:
-    """Lower bounds of the smallest margin over whole motions with one option.
+    """Return lower bounds of the smallest margin over whole motions with one option.
 
     Args:
         scene: the problem.
-        lines: see `straight_lines`.
-        wanted: (a,) rad of clearance; of a row no more is wanted than its `room`.
+        lines: lines of sight, see `straight_lines`.
+        wanted: (a,) rad of clearance for each of ``a`` motions; of a row no more is wanted than its `room`.
 
     Returns:
-        (a,) smallest margin, and (a,) smallest margin less the clearance wanted, rad; +inf without
-        constraints, -inf where a score is NaN.
+        (a,) smallest margin, and (a,) smallest margin less the clearance wanted, rad, both positive where
+        kept; +inf without constraints, -inf where a score is NaN.
     """
     least = [jnp.full_like(wanted, jnp.inf)] * 2
     for rows, score in zip(scene.tables, interval_scores(scene, lines), strict=True):

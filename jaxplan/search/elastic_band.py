@@ -1,29 +1,28 @@
 """An elastic band: a path that descends to less energy, pulled tight but held off by zones and joint limits.
 
-It is a path of `PIECES` pieces of equal time.
-With ``a`` the steps that the platform and each joint make on a piece, in a unit in which the largest is about
-one, its energy is
+The path has `PIECES` pieces of equal time. With ``a`` the steps that the platform and each joint make on a
+piece, in a unit in which the largest is about one, its energy is
 
     mean over pieces of (sum a^4)^(1/2) + TRAVEL sum a^2
     + PENALTY * sum over nodes of (what clearance and joint limits lack, rad)^2
 
-The first term is a smooth stand-in for the square of the largest ``a``, which is the time the piece takes;
-as with every energy, equal pieces are the best. The second keeps joints from travelling for nothing while
+The first term is a smooth stand-in for the square of the largest ``a``, which is the time the piece takes; as
+with every energy, equal pieces are the best. The second keeps joints from travelling for nothing while
 another is the slowest. Both are convex in the pieces.
 
 The band descends by damped Newton steps. The energy is taken to second order; clearances are linearised
 (Gauss-Newton). A step is sought among smooth displacements, K shapes (`_basis`) for each of the C components
 of a motion, so that a band bends as a whole and the system to solve has K C unknowns. Of several fractions of
-a step the best is taken. Nothing is promised of the result: whether it is clear and shorter is for others to
+a step the best is taken. The result carries no promise: whether it is clear and shorter is for others to
 check. The elements of the system are sums over nodes, or pieces, of the product of two shapes and a second
 derivative. They are formed for the pairs p of shapes that overlap, and then put in their places.
 
 A *slack* of a row (a condition on one or two directions, or on joints) is what its score has left to the
 threshold at which the wanted clearance is just kept, negative where it is broken; here scaled to about rad.
 
-Axes: components first (of a quaternion, a vector, the J joints; C = 3 + J of a motion, rotation first), then
-row z and sight d, then f of bands tried at once, last the node s along the band. Attitudes are unit
-quaternions relative to the start, neighbours of the same sign.
+Axes of arrays: components first (4 of a quaternion, 3 of a vector, the J joints, or the C = 3 + J components
+of a motion, rotation first), then rows z and sights d, then the f bands tried at once, last the s nodes along
+the band. Attitudes are unit quaternions relative to the start, scalar first, neighbours of the same sign.
 """
 
 from dataclasses import dataclass, field, replace
@@ -47,12 +46,12 @@ from jaxplan.search.scene import JOINT_RESERVE, Scene, tapered
 PIECES = 24
 TRAVEL = 0.2
 PENALTY = 700.0
-# Clearance that a band is given beyond what is wanted, rad, for what lies between its nodes.
+# rad, added to the clearance wanted at the nodes of a band, to cover what lies between them.
 BUFFER = 0.012
 FAR = 0.15
 """Slack, rad, given to what no row binds; at more than this a row adds no curvature to the system."""
 FRACTIONS = (1.0, 0.4, 0.12, 0.03)
-# Curvature added to that of the energy, to keep steps short: of any motion, and toward zones nearer than FAR.
+# Curvature added to that of the energy, to keep steps short: for all motion, and near zones (within FAR).
 DAMPING, NEAR_DAMPING = 0.2, 0.005
 _SHAPES = 8
 _TINY = 1e-12
@@ -65,13 +64,13 @@ class Problem:
 
     Attributes:
         sights: the directions that the rows bind.
-        rows: all constraints; where two sights must keep apart, each is the axis of a row.
+        rows: all constraints; where two sights must keep apart, each of the two is the axis of a row.
         grouped: whether any constraint has several entries.
-        steps: (C,) rad a step, of rotation (3 times) and joints.
+        steps: (C,) rad, length of a step of each component of motion: rotation (three times) and each joint.
         ranges: (2, J) rad, least and largest angle of each joint.
-        axes: (3, z) unit axes of all rows, each as if it were inertial, in the body axes at the start.
+        axes: (3, z) unit axes of all z rows, each as if it were inertial, in the body axes at the start.
         scale: (z,) rad for a unit of the score, near the row's edge.
-        wanted: (z, s) score at which a row just keeps the clearance wanted at each node.
+        wanted: (z, s) score at which a row just keeps the clearance wanted at each of s nodes.
         unit: () factor from steps on a piece to the unit of the energy.
     """
 
@@ -87,7 +86,7 @@ class Problem:
 
 
 def spread(values: Array, axes: int) -> Array:
-    """Values with further axes of length one at the end."""
+    """Append so many axes of length one to the shape of an array."""
     return values.reshape(*values.shape, *(1,) * axes)
 
 
@@ -97,7 +96,7 @@ def total(values: Array) -> Array:
 
 
 def make_problem(scene: Scene, length: Array, clearance: Array) -> Problem:
-    """The problem of a band of `length` steps in a scene; `clearance` rad is wanted away from both ends."""
+    """Make the problem of a band of `length` steps, with `clearance` rad wanted away from both ends."""
     rows = _all_rows(scene)
     at = jnp.arange(PIECES + 1) / PIECES
     # at most ten: near the axis of a narrow cone the cosine tells little
@@ -120,7 +119,7 @@ def make_problem(scene: Scene, length: Array, clearance: Array) -> Problem:
 
 
 def _all_rows(scene: Scene) -> Constraints:
-    """The rows of both tables, and the second's between two sights once more with these exchanged."""
+    """Return the rows of both tables, and those between two sights once more with these exchanged."""
     tables = list(scene.tables)
     if scene.grouped_cones.inner:
         tables.append(_exchanged(scene.grouped_cones))
@@ -146,7 +145,7 @@ def _all_rows(scene: Scene) -> Constraints:
 
 
 def _exchanged(rows: Constraints) -> Constraints:
-    """Rows between two sights with axis and sight exchanged; the others bind nothing."""
+    """Return rows between two sights with axis and sight exchanged; the other rows bind nothing."""
     bound = jnp.asarray(rows.bound)
     between = (jnp.asarray(rows.frame) == SIGHT) & jnp.any(bound, axis=1)
     axis = jnp.arange(bound.shape[1]) == jnp.asarray(rows.partner)[:, None]
@@ -155,7 +154,11 @@ def _exchanged(rows: Constraints) -> Constraints:
 
 
 def pieces(problem: Problem, quaternions: Array, joints: Array) -> Array:
-    """(C, f, s - 1) motion on each piece of bands (4, f, s) and (J, f, s), in the unit of the energy."""
+    """Return the motion on each piece of f bands with s nodes, (C, f, s - 1), in the unit of the energy.
+
+    The C components are those of rotation and the J joints. `quaternions` are (4, f, s), `joints` (J, f, s)
+    rad.
+    """
     vector = jnp.stack(rotations.relative(quaternions[..., :-1], quaternions[..., 1:])[1:])
     square = dot(vector, vector)
     # the arc sine's series, good to 1e-6 up to 0.7 rad
@@ -165,12 +168,12 @@ def pieces(problem: Problem, quaternions: Array, joints: Array) -> Array:
 
 
 def squares_of(motion: Array) -> Array:
-    """(1 + J, f, s) squares of the size of rotations and of joint motions, from motions (C, f, s)."""
+    """Return squares of the sizes of rotations and joint motions, (1 + J, f, s), of motions (C, f, s)."""
     return jnp.concatenate([dot(motion[:3], motion[:3])[None], motion[3:] * motion[3:]])
 
 
 def nodes_seen(problem: Problem, quaternions: Array, joints: Array) -> tuple[Array, Array]:
-    """Unit axes of the rows (3, z, f, s), and sights (3, d, f, s), at the nodes of bands, in body axes."""
+    """Return axes of z rows (3, z, f, s) and d sights (3, d, f, s) in body axes at s nodes of f bands."""
     behind = quaternions.ndim - 1
     turned = rotations.turned_back(quaternions[:, None], spread(problem.axes, behind))
     sights = problem.sights.in_body(jnp.moveaxis(joints, 0, -1))  # (f, s, d, 3)
@@ -181,11 +184,13 @@ def nodes_seen(problem: Problem, quaternions: Array, joints: Array) -> tuple[Arr
 
 
 def zone_slacks(problem: Problem, axes: Array, body: Array, joints: Array) -> Array:
-    """(z, d, f, s) slack of each sight to each row at the nodes, about rad; FAR where the row does not count.
+    """Return the slack of d sights to z rows at the s nodes of f bands, (z, d, f, s) in about rad.
+
+    It is `FAR` where the row does not bind the sight, or another entry of the constraint holds better.
 
     Args:
         problem: the scene.
-        axes: (3, z, f, s) of the rows, body axes, by `nodes_seen`.
+        axes: (3, z, f, s) of the rows, body axes, from `nodes_seen`.
         body: (3, d, f, s) of the sights, likewise.
         joints: (J, f, s) rad.
     """
@@ -207,19 +212,25 @@ def zone_slacks(problem: Problem, axes: Array, body: Array, joints: Array) -> Ar
 
 
 def _same(number: ArrayLike) -> Array:
-    """(z, z, 1, 1) whether two rows have the same number, such as that of their entry or group (z,)."""
+    """Tell for every two of z rows whether they have the same number (z,), as of their entry or group.
+
+    The result is (z, z, 1, 1) bool.
+    """
     own = jnp.asarray(number)
     return spread(own[:, None] == own, 2)
 
 
 def beyond_limits(problem: Problem, joints: Array) -> Array:
-    """(J, f, s) rad by which joints are above (positive) or below (negative) their ranges; 0 inside."""
+    """Return how far joints are above (positive) or below (negative) their ranges, or 0 inside.
+
+    Joints and result are (J, f, s) rad, at s nodes of f bands.
+    """
     low, high = (spread(bound, 2) for bound in problem.ranges)
     return joints - jnp.clip(joints, low, high)
 
 
 def energy(problem: Problem, quaternions: Array, joints: Array) -> Array:
-    """(f,) the energy of bands, quaternions (4, f, s) and joints (J, f, s) rad."""
+    """Return the energy (f,) of f bands with s nodes, of quaternions (4, f, s) and joints (J, f, s) rad."""
     squares = squares_of(pieces(problem, quaternions, joints))
     tension = jnp.mean(jnp.sqrt(total(squares * squares)) + TRAVEL * total(squares), axis=-1)
     axes, body = nodes_seen(problem, quaternions, joints)
@@ -230,7 +241,10 @@ def energy(problem: Problem, quaternions: Array, joints: Array) -> Array:
 
 
 def _basis() -> np.ndarray:
-    """(PIECES + 1, K) shapes of displacement at nodes: cubic B-splines on even knots, zero at both ends."""
+    """Return K shapes of displacement at the nodes, (PIECES + 1, K).
+
+    They are cubic B-splines on even knots, zero at both ends.
+    """
     at = np.linspace(0, _SHAPES - 1, PIECES + 1)[:, None]
     knots = np.concatenate([np.zeros(3), np.arange(_SHAPES), np.full(3, _SHAPES - 1.0)])
     values = ((at >= knots[:-1]) & (at < knots[1:])).astype(float)
@@ -258,11 +272,11 @@ _NODE_PAIRS, _PIECE_PAIRS = (
 
 
 def _zone_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Array, Array, Array, Array]:
-    """First and second derivatives of the energy's penalty at the nodes of a band (4, s) and (J, s).
+    """Return first and second derivatives of the energy's penalty at the s nodes of a band (4, s) and (J, s).
 
     Returns:
-        (5, d, s) and (5, 5, d, s) first and second ones of the rows' part, by rotation (3), yaw and pitch of
-        each device d; (J, s) and (J, s) first and second ones of the joint limits' part.
+        Of the rows' part the first (5, d, s) and second (5, 5, d, s) derivatives, by rotation (3), yaw and
+        pitch of each device d; of the joint limits' part the first (J, s) and second (J, s) derivatives.
     """
     constraints = problem.rows
     axes, body = nodes_seen(problem, quaternions[:, None], joints[:, None])
@@ -290,11 +304,11 @@ def _zone_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Ar
 
 
 def _by_joints(sights: Sights, body: Array, joints: Array) -> list[Array]:
-    """Derivatives of sights (body axes) by the yaw and by the pitch of their devices, (3, d, s) each.
+    """Return derivatives of d sights by the yaw and by the pitch of their devices, (3, d, s) each.
 
     Args:
         sights: the directions that the rows bind.
-        body: (3, d, s) the sights at the nodes, body axes.
+        body: (3, d, s) the sights at the s nodes, body axes.
         joints: (J, s) rad.
     """
     gimbals = sights.gimbals
@@ -309,7 +323,7 @@ def _by_joints(sights: Sights, body: Array, joints: Array) -> list[Array]:
 
 
 def _of_devices(sights: Sights, terms: Array) -> Array:
-    """Terms by device, from terms (..., d, s) by sight: those of vectors a device carries join its own."""
+    """Sum terms (..., d, s) by sight to terms by device, whose carried vectors count with it."""
     if not sights.carried.shape[0]:
         return terms
     count = sights.gimbals.count + sights.fixed.shape[0]
@@ -318,9 +332,17 @@ def _of_devices(sights: Sights, terms: Array) -> Array:
 
 
 def _piece_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[Array, Array]:
-    """First (C, s - 1), second (C, C, s - 1) derivatives of the energy's mean over pieces, by their motions.
+    """Return derivatives of the energy's mean over pieces by the motions on the pieces, in rad.
 
-    Of a band (4, s) and (J, s); motions in rad. `DAMPING` is in the second derivatives.
+    `DAMPING` is included in the second derivatives.
+
+    Args:
+        problem: the scene.
+        quaternions: (4, s) of one band with s nodes.
+        joints: (J, s) rad.
+
+    Returns:
+        First (C, s - 1) and second (C, C, s - 1) derivatives by the C components of motion.
     """
     u = pieces(problem, quaternions[:, None], joints[:, None])[:, 0]
     squares = squares_of(u)
@@ -336,11 +358,12 @@ def _piece_terms(problem: Problem, quaternions: Array, joints: Array) -> tuple[A
 
 
 def _places(terminals: int, drives: int, devices: int) -> tuple[np.ndarray, np.ndarray]:
-    """Index of each element of the Newton system among the packed terms (`_step`).
+    """Return the index of each element of the Newton system among the packed terms (`_step`).
 
     Returns:
-        (K C, K C) indices of the terms of the pieces and joint limits, then of those of the zones. Packed one
-        after the other are the terms (C, C, p), (5, 5, devices, p), (3, 3, p) summed over devices, p zeros.
+        Indices (K C, K C) of the terms of the pieces and joint limits, then of those of the zones. The packed
+        array holds, one after the other, the terms (C, C, p), (5, 5, devices, p), (3, 3, p) summed over
+        devices, and p zeros.
     """
     size = 3 + 2 * terminals + drives
     row = [0, 1, 2] + [3] * terminals + [4] * terminals + [3] * drives
@@ -368,7 +391,7 @@ def _places(terminals: int, drives: int, devices: int) -> tuple[np.ndarray, np.n
 
 
 def _step(problem: Problem, quaternions: Array, joints: Array) -> Array:
-    """The damped Newton step: displacement (C, s), rad, of the nodes of a band (4, s) and (J, s)."""
+    """Return the damped Newton step of a band (4, s) and (J, s): displacements of its s nodes, (C, s) rad."""
     gimbals = problem.sights.gimbals
     terminals, drives = gimbals.terminals, gimbals.tilts.shape[0]
     devices = gimbals.count + problem.sights.fixed.shape[0]
@@ -392,13 +415,13 @@ def _step(problem: Problem, quaternions: Array, joints: Array) -> Array:
 
 
 def _moved(quaternions: Array, joints: Array, displacement: Array) -> tuple[Array, Array]:
-    """A band moved by displacements (C, ..., s) rad; the first three are rotations about body axes."""
+    """Return a band moved by displacements (C, ..., s) rad, of which the first three are body rotations."""
     turn = jnp.concatenate([jnp.ones_like(displacement[:1]), displacement[:3] / 2])
     return jnp.stack(unit(rotations.product(quaternions, turn))), joints + displacement[3:]
 
 
 def descend(problem: Problem, quaternions: Array, joints: Array, iterations: int) -> tuple[Array, Array]:
-    """The band after damped Newton steps of its energy.
+    """Return the band after damped Newton steps of its energy.
 
     Args:
         problem: the scene.

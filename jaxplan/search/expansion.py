@@ -1,11 +1,12 @@
 """The jitted expansion: all children of a search node with their slack, cost and heuristics, in one call.
 
 A child is one of ``A`` attitude moves combined with one of ``M`` joint moves. What a device sees depends only
-on the attitude move and on its own one or two joints, each of which has three options. So zones are
-looked at once for every (attitude move, option pair, device) and the children read the result: nine entries a
-device instead of one a joint move. Attitude moves and joint moves are priced apart, too. Edges are checked
-whole by `jaxplan.search.edges`, which has the letters of axes; besides, m is a joint move, and the option
-pair of a device is 3 * yaw option + pitch option, of a drive 3 * the option of its angle.
+on the attitude move and on its own one or two joints, each of which has three options. So zones are checked
+once for every (attitude move, option pair, device) and the children read the result: nine entries a device
+instead of one for each joint move. Attitude moves and joint moves are priced apart, too. Edges are checked
+whole by `jaxplan.search.edges`, which defines the letters of axes (a, o, k, d, z); besides, m is a joint
+move. The option pair of a device is 3 * yaw option + pitch option, that of a drive 3 * the option of its
+angle. 2n stands for the number of all joints.
 """
 
 from dataclasses import dataclass
@@ -37,13 +38,13 @@ HEURISTICS = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moves:
-    """What an expansion tries: every attitude move with every joint move.
+    """What an expansion tries: every one of A attitude moves with every one of M joint moves.
 
     Attributes:
-        turns: (A, 3) rotation vectors, body axes.
+        turns: (A, 3) rotation vectors of the attitude moves, rad, body axes.
         options: (A or 1, 3, 2n) change of each joint under its three options, rad.
         choice: (M, 2n) int32, the option of each joint in each joint move.
-        allowed: (A, M) bool, or None where nothing is ruled out beforehand.
+        allowed: (A, M) bool, combinations that may be used; None for all.
     """
 
     turns: np.ndarray
@@ -53,24 +54,29 @@ class Moves:
 
 
 def chosen(options: np.ndarray, choice: np.ndarray) -> np.ndarray:
-    """Changes of joints (..., 2n), rad, from the option chosen of each (..., 2n) among options (3, 2n)."""
+    """Return changes of joints (..., 2n), rad, given the option chosen for each (..., 2n).
+
+    `options` (3, 2n) holds the three options of each joint, rad.
+    """
     return options[choice, np.arange(options.shape[-1])]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expansion:
-    """The children of a node: every attitude move (A) with every joint move (M).
+    """The children of a node: every one of A attitude moves with every one of M joint moves.
 
     Attributes:
         places: (A, 7) where the attitude moves lead: unit quaternion relative to the start (4), rotation
-            vector from there to the goal in body axes (3).
-        slacks: (A, M) smallest slack (see `jaxplan.search.edges`) on the move, +inf without zones.
+            vector from there to the goal in body axes, rad (3).
+        slacks: (A, M) smallest slack (see `jaxplan.search.edges`) on the move, negative where it is not
+            clear, +inf without zones.
         steps: (A, M) cost of the move, steps.
-        heuristics: (4, A, M) steps of the straight motion on to the goal; equation (15): rotation
-            angle, Euclidean and Manhattan distance, each with the joints', rad.
-        fields: (2, A, M) sum and largest over the devices of the distances to go by the fields, rad.
-        onward: (A, M) smallest slack on the straight motion from the child to the goal; None where it
-            was not asked for.
+        heuristics: (4, A, M) the steps of the straight motion on to the goal; then, as in equation (15),
+            rotation angle, Euclidean and Manhattan distance, each with the joints' added, rad.
+        fields: (2, A, M) distances to go by the distance fields, rad: their sum over the devices and the
+            largest.
+        onward: (A, M) smallest slack on the straight motion from the child to the goal; None where it was not
+            asked for.
     """
 
     places: np.ndarray
@@ -84,14 +90,15 @@ class Expansion:
 def expansion_call(
     node: np.ndarray, moves: Moves, clearance: np.ndarray, fields: np.ndarray, *, edges: bool
 ) -> Call:
-    """The kernel call for all children of a node; `expansion` reads its answer.
+    """Make the kernel call for all children of a node; `expansion` reads its answer.
 
     Args:
-        node: (7 + 2n,) unit quaternion relative to the start (4), rotation vector to the goal in body
-            axes (3), joints.
-        moves: what is tried.
-        clearance: (EDGE_INTERVALS + ONWARD_INTERVALS,) rad wanted on the intervals of the moves, and onward.
-        fields: (D, SIZE, SIZE) of `jaxplan.search.fields`; zeros where there are none.
+        node: (7 + 2n,) unit quaternion relative to the start (4), rotation vector to the goal in body axes,
+            rad (3), joints, rad.
+        moves: the moves to try.
+        clearance: (EDGE_INTERVALS + ONWARD_INTERVALS,) rad wanted on the intervals of the moves, then on
+            those of the motions onward to the goal.
+        fields: (devices, SIZE, SIZE) distance fields of `jaxplan.search.fields`; zeros where there are none.
         edges: True to check zones over the whole edge, and over the straight motion from each child to the
             goal too; False to check them at the children alone.
     """
@@ -99,7 +106,7 @@ def expansion_call(
 
 
 def expansion(answer: np.ndarray, moves: Moves, *, edges: bool) -> Expansion:
-    """The children of a node, unpacked from the answer to its `expansion_call` with these moves and edges."""
+    """Unpack the children of a node from the answer to its `expansion_call` with these moves and edges."""
     first = len(moves.turns) * PLACE_COLUMNS
     numbers = answer[first:].reshape(-1, len(moves.turns), len(moves.choice))
     last = 2 + HEURISTICS
@@ -124,7 +131,10 @@ def _expand(
     *,
     edges: bool,
 ) -> Array:
-    """The children of a node in one flat array for `expansion` to unpack; arguments: see `expansion_call`."""
+    """Compute the children of a node as one flat array, which `expansion` unpacks.
+
+    The arguments are those of `expansion_call`, with the moves as arrays.
+    """
     gimbals = scene.gimbals
     terminals = gimbals.terminals
     since, joints = node[:4], node[None, None, 7:]
@@ -174,16 +184,16 @@ _EXPANSIONS = {edges: Kernel(partial(_expand, edges=edges)) for edges in (False,
 
 
 def _attitude_moves(scene: Scene, since: Array, whole_turns: Array, turns: Array) -> tuple[Array, Array]:
-    """Places (a, 7) to which attitude moves lead, as in `Expansion`, and costs (4, a).
+    """Return the places (a, 7) to which attitude moves lead, as in `Expansion`, and costs (4, a).
 
-    The costs are the steps of the move, and rad to go: angle to the goal, and L2 and L1 distance between the
-    rotation vectors of place and goal relative to the start.
+    The costs are the steps of the move, and three distances that are left, rad: the angle to the goal, and
+    the L2 and L1 distance between the rotation vectors of place and goal relative to the start.
 
     Args:
         scene: the problem.
-        since: (4,) attitude of the node relative to the start.
+        since: (4,) attitude of the node relative to the start, a unit quaternion.
         whole_turns: (4, a) unit quaternions of the moves.
-        turns: (a, 3) their rotation vectors.
+        turns: (a, 3) rotation vectors of the moves, rad.
     """
     ends = quaternion.product(since, whole_turns.T)
     to_goal = quaternion.log(quaternion.product(quaternion.conjugate(ends), scene.goal_quaternion))
@@ -200,7 +210,10 @@ def _attitude_moves(scene: Scene, since: Array, whole_turns: Array, turns: Array
 
 
 def _joint_moves(scene: Scene, joints: Array, changes: Array) -> Array:
-    """(4, a or 1, m) costs of joint moves: steps of the move; to go from its end, steps, L1 and L2 in rad.
+    """Return costs of m joint moves, (4, a or 1, m).
+
+    They are the steps of the move, and three distances from its end to the goal: steps, L1 and L2 in rad. The
+    changes may differ with each of ``a`` attitude moves.
 
     Args:
         scene: the problem.
@@ -218,7 +231,9 @@ def _joint_moves(scene: Scene, joints: Array, changes: Array) -> Array:
 
 
 def _field_values(scene: Scene, places: Array, moved: LinesOfSight, fields: Array, choice: Array) -> Array:
-    """(2, a, m) sum and largest over the devices of the distance fields at every child, rad.
+    """Return the sum over devices and the largest of the distance fields at every child, (2, a, m) rad.
+
+    There are ``a`` attitude moves, ``m`` joint moves and ``d`` sights.
 
     Args:
         scene: the problem.
@@ -237,13 +252,15 @@ def _field_values(scene: Scene, places: Array, moved: LinesOfSight, fields: Arra
 
 
 def _child_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Tables, edges: bool) -> Array:
-    """Smallest slack of every child's motion, (a, m).
+    """Return the smallest slack of every child's motion, (a, m).
+
+    There are ``a`` attitude moves, ``m`` joint moves and ``d`` sights.
 
     Args:
         scene: the problem.
-        lines: of sight along the motions.
-        choice: (m, d) the option pair of each sight's joints.
-        wanted: (k, z) scores asked for by the rows of each table; k is 1 for ends alone.
+        lines: lines of sight along the motions.
+        choice: (m, d) option pair of each sight's joints.
+        wanted: for each table (k, z), scores asked for by its z rows on k intervals; k is 1 for ends alone.
         edges: whether the whole motion counts, or its end alone.
     """
     rows = scene.cones
@@ -267,25 +284,26 @@ def _child_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Tabl
 
 
 def _coupled_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Array, edges: bool) -> Array:
-    """Smallest slack over the rows that couple devices, on each interval, (k, a, m); k is 1 for ends alone.
+    """Return the smallest slack over the rows that couple devices, on each interval, (k, a, m).
 
-    It loops over the samples, since tables of all children at all samples would be large, and a kernel
-    with every interval written out takes a minute to compile. Arguments as of `_child_slacks`, but `wanted`
-    (k, 1, 1, z) of these rows only.
+    The axes are ``k`` intervals, ``a`` attitude moves and ``m`` joint moves. It loops over the samples, since
+    tables of all children at all samples would be large, and a kernel with every interval written out takes a
+    minute to compile. The arguments are those of `_child_slacks`, but `wanted` (k, 1, 1, z) is of these ``z``
+    rows only; ``k`` is 1 for ends alone.
     """
     rows = scene.grouped_cones
     devices = range(choice.shape[1])
     axes, body, joints = (jnp.asarray(part) for part in (lines.axes[1], lines.body, lines.joints))
 
     def chosen(values: Array) -> Array:
-        """Values of devices in joint moves (..., m, d), from those in options of their joints (..., o, d)."""
+        """Return values of d devices in m joint moves (..., m, d), from those under o options (..., o, d)."""
         return jnp.stack([values[..., choice[:, device], device] for device in devices], axis=-1)
 
     def at(sample: ArrayLike) -> tuple[Array, Array | None]:
-        """Scores (`model.constraints`) at a sample of the motions.
+        """Return the scores (`model.constraints`) at a sample of the motions.
 
-        (a, o, d, z) of each sight to the rows, and of each child's sights to each other (a or 1, m, d, z),
-        None where all rows are inertial.
+        They are (a, o, d, z) of each sight to the rows, and (a or 1, m, d, z) of each child's sights to each
+        other, None where all rows are inertial.
         """
         seen = jnp.take(body, sample, axis=3)  # (3, a or 1, o, d)
         values = (
@@ -301,7 +319,10 @@ def _coupled_slacks(scene: Scene, lines: LinesOfSight, choice: Array, wanted: Ar
         return alone, scores(rows, dot(both[..., None], both[..., None, rows.partner]), 0.0)
 
     def slack(alone: Array, between: Array | None, asked: Array) -> Array:
-        """Slack (a, m) of each child's worst constraint, from scores as of `at` and those asked (1, 1, z)."""
+        """Return the slack (a, m) of each child's worst constraint.
+
+        It follows from scores as returned by `at` and from those asked for (1, 1, z).
+        """
         bound = jnp.where(rows.bound.T, alone, -jnp.inf)
         largest = reduce(jnp.maximum, [bound[:, choice[:, device], device] for device in devices])
         if between is not None:

@@ -1,8 +1,8 @@
-"""Obstacle-aware distances to go on the sphere of directions, one field a device.
+"""Distances to go around obstacles on the sphere of directions, one field for each device.
 
 A straight-line heuristic does not see the cones: it leads every device into the nearest wall. A field holds
-for each direction how far the device's boresight has to travel to where it looks at the goal, around the
-keep-out cones and inside the keep-in cones that bind it. It knows nothing of the other devices nor of the
+for each direction how far the device's boresight has to travel from there to its direction at the goal,
+around the keep-out cones and inside the keep-in cones that bind it. It ignores the other devices and the
 limits, and the grid is coarse, so it is a guide and no bound: a further inadmissible heuristic, for which
 multi-heuristic A* has a queue of its own. Zones of groups are left out.
 
@@ -28,9 +28,9 @@ _NEIGHBOURS = 12
 
 @lru_cache(maxsize=1)
 def _grid() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The grid's cells: unit directions (SIZE^2, 3), indices of each cell's neighbours, angles to them.
+    """Return the grid's cells: unit directions (SIZE^2, 3), indices of neighbours, and angles to them, rad.
 
-    Indices and angles, rad, are (SIZE^2, _NEIGHBOURS); the cells are in the order of the map, row by row.
+    Indices and angles are (SIZE^2, _NEIGHBOURS); the cells are in the order of the map, row by row.
     """
     centre = (np.arange(SIZE) + 0.5) / SIZE * 2 - 1
     u, v = np.meshgrid(centre, centre, indexing="ij")
@@ -47,11 +47,11 @@ def _grid() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fields:
-    """The distance fields of a scene.
+    """The distance fields of a scene, one for each device or other direction that is bound.
 
     Attributes:
         table: (devices, SIZE, SIZE) rad to go from each direction of the grid.
-        start: (devices,) rad to go from the start; all zero where the fields are not computed yet.
+        start: (devices,) rad to go from the start; all zero where the fields have not been computed.
     """
 
     table: np.ndarray
@@ -59,22 +59,22 @@ class Fields:
 
     @property
     def known(self) -> bool:
-        """Whether the fields are computed, and any device has a way to go."""
+        """Whether the fields have been computed, and any device has a distance to go."""
         return bool(np.any(self.start > 0))
 
 
 def no_fields(scene: Scene) -> Fields:
-    """Fields of zeros, which stand for a scene's fields until they are computed."""
+    """Return fields of zeros, which stand for a scene's fields until they are computed."""
     devices = scene.cones.bound.shape[1]
     return Fields(table=np.zeros((devices, SIZE, SIZE)), start=np.zeros(devices))
 
 
 @lru_cache(maxsize=16)  # by the scene's identity: the retries of a plan share it
 def distance_fields(scene: Scene) -> Fields:
-    """Distance fields of a scene: how far each device's boresight has to travel to the goal around zones.
+    """Compute the distance fields of a scene: how far boresights have to travel to the goal around zones.
 
     Args:
-        scene: the problem.
+        scene: the problem; the fields of the last 16 scenes are kept.
     """
     from scipy.sparse import csr_array  # only scenes that need it pay for the import
     from scipy.sparse.csgraph import dijkstra
@@ -98,11 +98,11 @@ def distance_fields(scene: Scene) -> Fields:
 
 
 def look_up(fields: Array, directions: Array) -> Array:
-    """Distances to go at directions, interpolated bilinearly between the cells of the fields.
+    """Return distances to go at directions, interpolated bilinearly between the cells of the fields.
 
     Args:
-        fields: (d, SIZE, SIZE) rad.
-        directions: (3, ..., d) inertial unit vectors, of each field its own.
+        fields: (d, SIZE, SIZE) rad, d fields.
+        directions: (3, ..., d) inertial unit vectors, those in the last axis each for its own field.
 
     Returns:
         (..., d) rad.

@@ -1,4 +1,4 @@
-"""Proof that no path exists: constraints that part the joints of a device at start and goal.
+"""Proof that no path exists: constraints that separate the joints of a device at start and goal.
 
 Some constraints depend on one device's own joints alone, wherever the platform and the others are: masks, and
 cones about what is fixed to the body. They forbid a part of the rectangle of its yaw and pitch, or of the
@@ -6,11 +6,11 @@ range of its angle, and where what is left has start and goal in different piece
 device has o of these joints: two, or one if it is a drive; a *place* is a point of their ranges.
 
 The ranges are cut into cells. A motion of joints ``(dy, dp)`` turns nothing by more than ``hypot(dy, dp)``,
-so a margin changes by no more, and a cell whose centre is deeper inside than half a diagonal has no free
-point: it is *closed*. (For a row of joint angles with weights ``f`` the depth needed is the sum of ``|f|``
-times half the edges.) A path visits cells that touch, none of which is closed: where no chain of open cells
-leads from the cell of the start to that of the goal, that is a proof. What is thinner than a cell proves
-nothing. A device without a target may end before what blocks it (`short_of`).
+so a margin changes by no more, and a cell whose centre is deeper inside a zone than half a diagonal has no
+free point: it is *closed*, the others are open. (For a row of joint angles with weights ``f`` the depth
+needed is the sum of ``|f|`` times half the edges.) A path visits cells that touch, none of which is closed:
+where no chain of open cells leads from the cell of the start to that of the goal, that is a proof. What is
+thinner than a cell proves nothing. A device without a target may end before what blocks it (`short_of`).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -42,12 +42,12 @@ _WAY = 1001  # places on the straight line from start to goal
 @shown("device", "zones")
 @dataclass(frozen=True, kw_only=True)
 class JointBarrier:
-    """Constraints that part the joints of a device at start and goal.
+    """Constraints that separate the joints of a device at start and goal.
 
     Attributes:
-        device: number of its gimbal.
+        device: number of the device, one with joints.
         zones: numbers of the scenario's zones, ascending; where one is enough, that alone.
-        reach: (o, 2) rad, the least ranges of its joints that hold all open cells joined to the start.
+        reach: (o, 2) rad, the least ranges of its o joints that hold all open cells connected to the start.
     """
 
     device: int
@@ -60,7 +60,7 @@ def find_joint_barrier(scene: Scene, devices: Iterable[int] | None = None) -> Jo
 
     Args:
         scene: a search problem.
-        devices: numbers of the gimbals to look at; None for all.
+        devices: numbers of the devices with joints to look at; None for all.
 
     Returns:
         The first such device. None where every device by itself could pass, as far as the cells can tell.
@@ -72,9 +72,9 @@ def narrowest(scene: Scene) -> tuple[JointBarrier, float] | None:
     """Look for the device that has to pass the narrowest gap between constraints of its own joints.
 
     Returns:
-        The constraints that would part its joints if each were wider by so many rad to each side, and these
-        rad, the gap's half width at most; None where no widening tried parts a device's joints and leaves
-        start and goal open.
+        The constraints that would separate its joints if each were wider by some angle on each side; and that
+        angle, rad, which is at least half the width of the gap. None where no widening tried separates a
+        device's joints while it leaves start and goal open.
     """
     return min(_barriers(scene, None, _WIDER), key=lambda found: found[1], default=None)
 
@@ -82,15 +82,15 @@ def narrowest(scene: Scene) -> tuple[JointBarrier, float] | None:
 def _barriers(
     scene: Scene, devices: Iterable[int] | None, wider: Sequence[float]
 ) -> Iterator[tuple[JointBarrier, float]]:
-    """For each device, what parts its joints if widened by the first angle of `wider` that makes it do so.
+    """Find, for each device, what separates its joints once widened by the first sufficient angle of `wider`.
 
     Args:
         scene: a search problem.
-        devices: numbers of the gimbals to look at; None for all.
+        devices: numbers of the devices with joints to look at; None for all.
         wider: rad, tried in this order.
 
     Yields:
-        The barrier and the angle, of each device that is parted by one of them.
+        The barrier and the angle, for each device that one of them separates.
     """
     if not any(rows.inner for rows in scene.tables):  # nothing is a matter of joints alone
         return
@@ -117,11 +117,14 @@ def _barriers(
 
 
 def short_of(scene: Scene, device: int) -> np.ndarray:
-    """Joints (o,), rad, of the last place before what blocks a device on the straight line to its goal.
+    """Return the last place before what blocks a device on the straight line to its goal.
 
     Args:
         scene: a search problem.
-        device: number of a gimbal that cannot get there.
+        device: number of a device with joints that cannot get there.
+
+    Returns:
+        Angles of the device's joints, (1,) for a drive or (2,), rad.
     """
     tables, joints = [_own(rows, scene, device) for rows in scene.tables], scene.gimbals.joints_of(device)
     way = np.linspace(scene.start_joints[joints], scene.goal_joints[joints], _WAY)
@@ -130,9 +133,9 @@ def short_of(scene: Scene, device: int) -> np.ndarray:
 
 
 def _own(rows: Constraints, scene: Scene, device: int) -> Constraints:
-    """The rows, binding only the pairs of sight and row that depend on the joints of gimbal `device` alone.
+    """Return the rows, binding only those pairs that depend on the joints of device `device` alone.
 
-    A constraint of several entries keeps its pairs only if all of them are such.
+    A constraint of several entries keeps its pairs of sight and row only if all of them are such.
     """
     carriers = np.asarray(scene.sights.carriers)
     own, still = carriers == device, carriers < 0
@@ -151,17 +154,17 @@ def _depths(
     places: np.ndarray,
     around: np.ndarray | float = 0.0,
 ) -> Iterator[tuple[set[int], np.ndarray]]:
-    """For each constraint its zones, and how deep it is broken at least everywhere near some places.
+    """Return for each constraint its zones, and a lower bound of how deep it is broken near some places.
 
     Args:
         tables: the constraints.
         scene: the problem that they are of.
-        joints: (o,) numbers of the joints.
-        places: (k, o) rad.
-        around: (o,) rad, how far to either side of a place the depth holds.
+        joints: numbers of the device's o joints.
+        places: (k, o) rad, k places.
+        around: (o,) rad, how far to either side of a place the bound holds.
 
     Yields:
-        Numbers of zones, and (k,) least depth in rad, negative where the constraint may hold.
+        The numbers of its zones, and (k,) least depth in rad, negative where the constraint may hold.
     """
     states = np.repeat(scene.start_joints[None], len(places), axis=0)
     states[:, joints] = places
@@ -180,24 +183,24 @@ def _depths(
 
 @dataclass(frozen=True)
 class _Grid:
-    """Cells of the ranges (o, 2), rad, of one or two joints, `counts` of them along each."""
+    """Cells of the ranges (o, 2), rad, of o joints, one or two, with `counts` cells along each."""
 
     ranges: np.ndarray
     counts: tuple[int, ...]
 
     @classmethod
     def of(cls, ranges: np.ndarray) -> "_Grid":
-        """The grid of ranges (o, 2), with the usual number of cells."""
+        """Make the grid of the ranges (o, 2), rad, of o joints, with the usual number of cells."""
         return cls(ranges, (CELLS[0],) if len(ranges) == 1 else CELLS[1])
 
     @property
     def sizes(self) -> np.ndarray:
-        """(o,) rad, edges of a cell."""
+        """The edges of a cell, one for each joint, rad."""
         return np.asarray(np.ptp(self.ranges, axis=1) / self.counts)
 
     @property
     def centres(self) -> np.ndarray:
-        """(cells, o) rad, places in the middle of the cells."""
+        """The centres of the cells, rad, (cells, joints)."""
         axes = [
             low + size * (np.arange(count) + 0.5)
             for (low, _), size, count in zip(self.ranges, self.sizes, self.counts, strict=True)
@@ -205,25 +208,31 @@ class _Grid:
         return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=-1)
 
     def parts(self, closed: np.ndarray, start: np.ndarray, goal: np.ndarray) -> bool:
-        """Whether closed cells, (cells,) bool, part two places (o,); False where one of these is closed."""
+        """Tell whether closed cells, (cells,) bool, separate two places, angles of the joints in rad.
+
+        It is False where one of the places is in a closed cell.
+        """
         pieces = self._pieces(closed)
         one, other = pieces[self._cell(start)], pieces[self._cell(goal)]
         return bool(one and other and one != other)
 
     def around(self, closed: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Ranges (o, 2), rad, that bound the open cells connected to that of the place `start` (o,)."""
+        """Return the ranges, (joints, 2) rad, of the open cells connected to that of the place `start`.
+
+        `closed` (cells,) is bool.
+        """
         pieces = self._pieces(closed)
         cells = np.argwhere(pieces == pieces[self._cell(start)])
         first, last = np.min(cells, axis=0), np.max(cells, axis=0) + 1
         return self.ranges[:, :1] + np.stack([first, last], axis=1) * self.sizes[:, None]
 
     def _pieces(self, closed: np.ndarray) -> np.ndarray:
-        """The connected piece of open cells that each cell is in, numbered from 1; 0 where it is closed."""
+        """Number the connected pieces of open cells from 1, and return each cell's number; 0 if closed."""
         from scipy.ndimage import label  # slow to import, and seldom needed
 
         return np.asarray(label(~closed.reshape(self.counts), structure=np.ones([3] * len(self.counts)))[0])
 
     def _cell(self, place: np.ndarray) -> tuple[int, ...]:
-        """Indices of the cell that a place (o,) is in, the nearest where it is out of the ranges."""
+        """Return the indices of the cell of a place, or of the nearest cell where it is out of range."""
         cell = (place - self.ranges[:, 0]) // self.sizes
         return tuple(np.clip(cell, 0, np.array(self.counts) - 1).astype(int).tolist())

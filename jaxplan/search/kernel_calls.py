@@ -1,12 +1,12 @@
 """Kernel calls about one scene or many, and the runs that wait for them.
 
-A kernel is a jitted function of a scene and some arrays. `Scenes` are scenes of one layout, whose vectors are
-stacked on the device, so that calls about different scenes are answered in one. Whatever has queues or trees
-is a `jaxplan.runtime.batching.Run` that asks for one `Call` after the other; `Scenes.run` drives one run of
-each scene.
+A *kernel* is a jitted function of a scene and some arrays. `Scenes` holds scenes of one layout (the same
+array shapes), whose vectors are stacked on the device, so that calls about different scenes are answered in
+one. A search with queues or trees is a `jaxplan.runtime.batching.Run` that asks for one `Call` after the
+other; `Scenes.run` drives one run of each scene.
 
-On the CPU the calls of a batch are a loop over the code of a single one, which saves what a call costs by
-itself and keeps its working set in the cache. On an accelerator they are computed side by side, where last
+On the CPU the calls of a batch are a loop over the code of a single one, which saves the overhead of each
+call and keeps its working set in the cache. On an accelerator they are computed side by side, where last
 digits may differ.
 """
 
@@ -25,10 +25,11 @@ from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
 from jaxplan.search.scene import Layout, Scene
 
-# Calls that are answered in one: on the CPU few, since few mostly wait and room for more takes time; on an
-# accelerator as many as it computes side by side without taking longer. Fixed, so that kernels compile once.
+# Number of calls that are answered in one: few on the CPU, since few mostly wait and room for more costs
+# time; on an accelerator as many as it computes side by side without taking longer. Fixed, so that kernels
+# compile once.
 CPU_CALLS, ACCELERATOR_CALLS = 8, 32
-# The most scenes that are stacked, fixed likewise.
+# Number of scenes that a stack has room for, fixed likewise.
 POOL = 256
 
 Item = TypeVar("Item")
@@ -36,7 +37,7 @@ Answer = TypeVar("Answer")
 
 
 class Kernel:
-    """A pure function of (scene, arrays ...) that answers with one array, jitted for several calls."""
+    """A pure function of a scene and arrays to one array, jitted to answer several calls at once."""
 
     def __init__(self, function: Callable[..., Array]) -> None:
         self.__wrapped__ = function
@@ -46,7 +47,7 @@ class Kernel:
 
 
 def _name(function: Any) -> str:
-    """The name of a function, also where arguments have been given beforehand."""
+    """Return the name of a function, also if it is a partial one."""
     return str(function.func.__name__ if isinstance(function, partial) else function.__name__)
 
 
@@ -58,15 +59,16 @@ def _answers(
     count: Array,
     *arguments: Array,
 ) -> Array:
-    """The answers (c, ...) of a kernel to c calls.
+    """Return the answers (c, ...) of a kernel to c calls.
 
     Args:
-        function: of the kernel.
-        layout: of the scenes.
-        scenes: (s, numbers) their vectors.
+        function: the function of the kernel.
+        layout: layout of the scenes.
+        scenes: (s, numbers) vectors of the s scenes.
         places: (c,) index of the scene that each call is about.
-        count: how many of the calls, the first ones, are to be answered; on the CPU zero for the others.
-        arguments: of the calls, (c, ...) each.
+        count: how many of the calls, the first ones, are to be answered; on the CPU the answers to the others
+            are zero.
+        arguments: arguments of the calls, (c, ...) each.
     """
 
     def one(call: Array) -> Array:
@@ -88,7 +90,7 @@ class Call:
     """A kernel call about some scene.
 
     Attributes:
-        kernel: the one to be called.
+        kernel: the kernel to be called.
         arguments: numpy arrays or floats that the kernel takes beside the scene.
     """
 
@@ -97,7 +99,7 @@ class Call:
 
     @property
     def kind(self) -> Hashable:
-        """The kernel and the shapes of its arguments: calls with equal kinds are evaluated in one batch."""
+        """The kernel and the shapes of its arguments; calls of equal kinds are evaluated in one batch."""
         return self.kernel, tuple(np.shape(argument) for argument in self.arguments)
 
 
@@ -105,7 +107,7 @@ class SearchRun(Run, Protocol):
     """A search that asks for one kernel call after the other, and has its result once it asks for no more."""
 
     def result(self) -> Any:
-        """The `SearchResult`, once there is no next request."""
+        """Return the `SearchResult`, once there is no next request."""
 
 
 class Scenes:
@@ -113,7 +115,7 @@ class Scenes:
 
     Attributes:
         scenes: all or some (see `part`) of the stacked scenes, in the order in which answers are given.
-        seconds: time that each of all stacked scenes has taken.
+        seconds: computation time, s, that each of all stacked scenes has taken.
     """
 
     def __init__(self, scenes: Sequence[Scene]) -> None:
@@ -131,20 +133,20 @@ class Scenes:
             self._vectors = vectors if alone else jnp.asarray(vectors)
 
     def part(self, numbers: Sequence[int]) -> "Scenes":
-        """The scenes of these numbers, sharing the stack and the seconds of all."""
+        """Return the scenes of these numbers, which share the stack and the seconds of all."""
         some = object.__new__(Scenes)
         some.__dict__ |= self.__dict__
         some.scenes, some._places = picked(self.scenes, numbers), picked(self._places, numbers)
         return some
 
     def answers(self, calls: Sequence[Call]) -> list[np.ndarray]:
-        """Answer one call about each scene; each scene's share of the time is added to `seconds`."""
+        """Answer one call about each scene, in order; each scene's share of the time goes to `seconds`."""
         asked = list(zip(self._places, calls, strict=True))
         with jax.enable_x64(True), self.seconds.shared(self._places):
             return in_groups(asked, lambda one: one[1].kind, self._answered, most=self._most)
 
     def run(self, runs: Sequence[Run]) -> None:
-        """Drive one run of each scene to its end."""
+        """Drive runs to their ends, one for each of `scenes` in order; each run keeps its own result."""
         with jax.enable_x64(True):
             if len(runs) == 1:  # needs no order of calls, nor to share out the time
                 with self.seconds.shared(self._places):
@@ -170,18 +172,22 @@ class Scenes:
 
 
 def picked(items: Sequence[Item], numbers: Sequence[int]) -> list[Item]:
-    """The items at these indices."""
+    """Return the items at these indices, as a list."""
     return [items[number] for number in numbers]
 
 
 def completed(
     answers: Sequence[Answer | None], answer: Callable[[list[int]], Sequence[Answer]]
 ) -> list[Answer]:
-    """Answers, of which those that are None are filled in by one call of `answer`.
+    """Fill in the missing ones of some answers, by one call of a function.
 
     Args:
-        answers: those known, None where one is missing.
-        answer: from the indices of the missing ones to as many answers; not called where none is missing.
+        answers: the known ones, None where one is missing.
+        answer: function from the indices of the missing ones to as many answers; not called where none is
+            missing.
+
+    Returns:
+        All answers, in a new list.
     """
     missing = [number for number, one in enumerate(answers) if one is None]
     further = dict(zip(missing, answer(missing), strict=True)) if missing else {}

@@ -2,29 +2,30 @@
 
 1. The straight motion to the goal.
 2. An elastic band that descends from it (`smoothing`): near the shortest, and often all that is needed.
-3. Multi-heuristic A* (`astar`, with the moves and heuristics below), which tries the
-   straight motion again from every child (analytic expansion) and, from time to time, expands any node,
-   whatever its key. All edges are checked whole.
+3. Multi-heuristic A* (`astar`, with the moves and heuristics below), which tries the straight motion again
+   from every child (analytic expansion) and, from time to time, expands a random open node, whatever its
+   key. All edges are checked whole.
 4. Where that takes long, RRT-Connect takes turns with it until one of the two has a path. Heuristics lead a
    search well or, now and then, long astray; trees that grow at random are seldom quick and seldom astray.
-   Side by side, call by call, they are never much slower than the better of the two.
+   Call by call in turn, the race is never much slower than the better of the two.
 
-Each is a stage, run for all scenes that those before left without a path. The paths of 3 and 4 are smoothed.
-If one is a long way round, or if it is asked for, 3 and 4 are then repeated with other random moves, for
-paths that pass the zones on other sides, and the shortest is kept.
+Each is a stage, run for all scenes that the stages before left without a path. The paths of 3 and 4 are
+smoothed. If a path is a long way round, or if it is asked for, 3 and 4 are then repeated with other random
+moves, for paths that pass the zones on other sides, and the shortest is kept.
 
-**Moves**: an expansion that can leave the goal's values again. Attitude moves: toward the goal, stay, and
-random directions; each joint goes toward its goal, stays or goes away, of which a sample of combinations is
-tried. The joints of a terminal that a keep-in zone holds follow the zone instead of staying. Moves are
-`SCALES` steps long in turn, and clipped at goal and limits, not dropped.
+**Moves**: each expansion offers moves toward the goal and moves that leave the goal's values again. Attitude
+moves go toward the goal, stay, or go in random directions; each joint goes toward its goal, stays or goes
+away from it, and a sample of the combinations is tried. The joints of a terminal that a keep-in zone holds
+(`scene`) follow the zone instead of staying. Moves are `SCALES` steps long in turn, and clipped at goal and
+limits, not dropped.
 
-**Heuristics**: the cost of a move is the steps it takes, the largest over platform and joints, so the cost
-of the straight motion, ``h_max``, never exceeds the true remaining cost and satisfies the triangle
-inequality: it is the anchor. (``h_0`` of equation 15 is admissible for the printed cost only.) With the
+**Heuristics**: the cost of a move is the steps it takes, the largest over platform and joints, so the cost of
+the straight motion, ``h_max``, never exceeds the true remaining cost and satisfies the triangle inequality:
+it is the anchor's heuristic. (``h_0`` of equation 15 is admissible for the printed cost only.) With the
 anchor consistent, a path found by the queues costs at most ``w1 w2`` times the cheapest in the graph of the
-moves that were drawn; of the continuous problem that graph is a sample, so there it is no bound. The further
-queues are the three heuristics of equation (15), and two that see the zones (`fields`), each scaled to agree
-with the anchor at the start, so that the weight ``w2`` compares like with like.
+moves that were drawn; that graph is a sample of the continuous problem, for which this is no bound. The
+further queues are the three heuristics of equation (15), and two that see the zones (`fields`), each scaled
+to agree with the anchor at the start, so that the weight ``w2`` compares like with like.
 """
 
 import math
@@ -58,12 +59,13 @@ SCALES = (8.0, 4.0, 8.0, 2.0)
 # The anchor, the three heuristics of equation (15), and two that see the zones.
 QUEUES = 6
 _TOWARD, _STAY, _AWAY = 0, 1, 2
-# No improvement is looked for of a path within this factor of the straight motion's length.
+# A path within this factor of the straight motion's length is not improved further.
 SHORT_ENOUGH = 1.001
 # A clear band from the straight motion within this factor of its length is taken without a search.
 BAND_ENOUGH = 1.05
-# Instead of a path beyond this factor of its length others are looked for, so many times the factor, and not
-# for long: which way round zones a search goes first is a matter of luck.
+# Where a path is longer than DETOUR times the straight motion, further searches look for a shorter one, as
+# many as DETOUR_LOOKS times the ratio of the lengths, each of few expansions: which way round zones a search
+# goes first is a matter of luck.
 DETOUR, DETOUR_LOOKS, DETOUR_EXPANSIONS = 1.25, 3, 48
 # Expansions after which trees join in.
 HEAD_START = 48
@@ -72,7 +74,7 @@ Bands = Sequence[Band | None]
 
 
 def rules(scene: Scene) -> Rules:
-    """The rules by which the default planner proposes and prices children."""
+    """Return the rules by which the default planner proposes and prices children."""
     return Rules(
         propose=propose,
         price=partial(price, scale=_scale_to_anchor(scene)),
@@ -85,7 +87,7 @@ def rules(scene: Scene) -> Rules:
 
 
 def _scale_to_anchor(scene: Scene) -> np.ndarray:
-    """(3,) factors that make the heuristics of equation (15) equal the anchor at the start."""
+    """Return factors (3,) that make the heuristics of equation (15) equal the anchor's at the start."""
     turn = scene.goal_coordinates  # of the goal about the start, where all of them are taken
     left = np.abs(scene.goal_joints - scene.start_joints)
     joints, angle = np.sum(left), np.linalg.norm(turn)
@@ -96,14 +98,14 @@ def _scale_to_anchor(scene: Scene) -> np.ndarray:
 def propose(
     scene: Scene, node: Node, rng: np.random.Generator, settings: SearchSettings, number: int
 ) -> Moves:
-    """Draw the moves to try from a node, see the module's text.
+    """Draw the moves to try from a node, see the module's docstring.
 
     Args:
         scene: the problem.
-        node: to be expanded.
+        node: the node to be expanded.
         rng: where random numbers come from.
-        settings: gives the number of attitude moves.
-        number: of the expansion, from 0; it picks the length of the moves from `SCALES`.
+        settings: gives the number of random attitude moves.
+        number: number of the expansion, from 0; it picks the length of the moves from `SCALES`.
     """
     scale = SCALES[number % len(SCALES)]
     attitude_step, joint_steps = scale * scene.attitude_step, scale * scene.joint_steps
@@ -132,13 +134,16 @@ def propose(
 def _following(
     scene: Scene, node: Node, turns: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
-    """Joint changes (A, J), rad, that turn held terminals onto the axis of their keep-in cone; else zero.
+    """Return joint changes that turn held terminals onto the axis of their keep-in cone.
 
     Args:
         scene: the problem, with at least one held terminal.
         node: where the moves begin.
-        turns: (A, 3) rotation vectors of the attitude moves after which the terminals are to point so.
+        turns: (A, 3) rotation vectors of the A attitude moves after which the terminals are to point so, rad.
         bounds: (J,) least and (J,) largest joint angles, rad, to which the changes are clipped.
+
+    Returns:
+        (A, J) rad; zero for joints of other devices.
     """
     held, axes = np.array(list(scene.held_axes)), np.stack(list(scene.held_axes.values()))
     now = unrotated(node.since, axes @ scene.start_attitude)  # (held, 3), body axes
@@ -152,7 +157,10 @@ def _following(
 
 
 def _joint_moves(scene: Scene, rng: np.random.Generator) -> np.ndarray:
-    """(M, 2n) option of each joint in each joint move: all combinations where they are few, else drawn."""
+    """Return the option of each joint in each of M joint moves, (M, 2n).
+
+    These are all combinations where they are few, else a random sample.
+    """
     joints = len(scene.joint_ranges)
     if 3**joints <= JOINT_MOVES:
         return np.array(list(product(range(3), repeat=joints)), dtype=np.int32)
@@ -166,13 +174,13 @@ def _joint_moves(scene: Scene, rng: np.random.Generator) -> np.ndarray:
 def price(
     scene: Scene, expansion: Expansion, fields: Fields, *, scale: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Costs (A, M) and heuristics (6, A, M) of the children in steps, the anchor first.
+    """Return costs (A, M) and heuristics (6, A, M) of A by M children in steps, the anchor's first.
 
     Args:
         scene: the problem.
         expansion: the children.
         fields: the distance fields; while they are not computed their two heuristics are infinite.
-        scale: (3,) factors of the printed heuristics, by `_scale_to_anchor`.
+        scale: (3,) factors of the printed heuristics, from `_scale_to_anchor`.
     """
     heuristics = np.empty((QUEUES, *expansion.steps.shape))
     heuristics[0] = ahead = expansion.heuristics[0]
@@ -188,22 +196,22 @@ def price(
 
 
 class Race:
-    """A run made of two searches, whose calls are answered in turn: the first to find a path wins.
+    """A run made of two searches, whose calls are answered in turn; the first to find a path wins.
 
     Args:
         first: a search.
-        second: another of the same scene.
+        second: another search of the same scene.
         head_start: how many calls of the first are answered before the second begins.
     """
 
     def __init__(self, first: SearchRun, second: SearchRun, *, head_start: int) -> None:
         self._runs = first, second
-        self._calls: dict[int, Any] = {}  # that those under way wait for, None at their ends
-        self._results: dict[int, SearchResult] = {}  # of those that have ended
+        self._calls: dict[int, Any] = {}  # calls that the searches wait for, None once ended
+        self._results: dict[int, SearchResult] = {}  # results of those that have ended
         self._turn, self._head_start = 0, head_start
 
     def next_request(self) -> Any:
-        """The call of the search whose turn it is; None once one has a path, or both have ended."""
+        """Return the call of the search whose turn it is; None once one has a path, or both have ended."""
         if self._head_start > 0 and self._call(0) is not None:
             self._head_start -= 1
             return self._call(0)
@@ -222,11 +230,11 @@ class Race:
         self._go_on(self._turn)
 
     def result(self) -> SearchResult:
-        """The result of the search that found a path; where neither has, that of the first."""
+        """Return the result of the search that found a path; where neither has, that of the first."""
         return self._results[1 if self._has_path(1) else 0]
 
     def _call(self, one: int) -> Any:
-        """The call that search 0 or 1 waits for, None if it has ended; the first such call starts it."""
+        """Return the call that search 0 or 1 waits for, None if it has ended; the first time, start it."""
         if one not in self._calls:
             self._go_on(one)
         return self._calls[one]
@@ -238,7 +246,7 @@ class Race:
             self._results[one] = self._runs[one].result()
 
     def _has_path(self, one: int) -> bool:
-        """Whether search 0 or 1 has ended with a path."""
+        """Tell whether search 0 or 1 has ended with a path."""
         return one in self._results and self._results[one].path is not None
 
 
@@ -247,15 +255,15 @@ def search(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchRes
 
     Args:
         scenes: the problems.
-        settings: of each.
+        settings: those of each search.
 
     Returns:
-        OK with a path whose every edge is clear, or why there is none.
+        For each scene OK with a path whose every edge is clear, or a status that says why there is none.
     """
     begin = working_time()
 
     def past_zones(rest: list[int]) -> list[SearchResult]:
-        """Results of the scenes of these numbers: bands near the straight motion in length, or searches."""
+        """Return results of the scenes of these numbers, from bands that are short enough or searches."""
         some, own = scenes.part(rest), picked(settings, rest)
         bands = straight_bands(some, own)
 
@@ -270,14 +278,14 @@ def search(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchRes
 
 
 def _near_straight(scene: Scene, settings: SearchSettings, band: Band | None) -> SearchResult | None:
-    """The result of a band that is clear and nearly as short as the straight motion; None for any other."""
+    """Return the result of a clear band nearly as short as the straight motion; None for any other."""
     enough = (SHORT_ENOUGH if settings.improvements else BAND_ENOUGH) * scene.straight_steps
     near = band is not None and band.clear and band.length <= enough
     return _without_expansion(band.path(scene)) if near and band is not None else None
 
 
 def _without_expansion(path: Path | None) -> SearchResult | None:
-    """The result OK of a path found without expansions; None for none."""
+    """Return the result OK of a path found without expansions; None for None."""
     if path is None:
         return None
     return SearchResult(status=Status.OK, path=path, expansions=0, queue_expansions=(0,) * (QUEUES + 1))
@@ -286,12 +294,14 @@ def _without_expansion(path: Path | None) -> SearchResult | None:
 def _searched(
     scenes: Scenes, settings: Sequence[SearchSettings], bands: Bands, begin: float
 ) -> list[SearchResult]:
-    """Search each scene, some a few times, for its shortest path; a clear band where the first finds none.
+    """Search each scene, some repeatedly, for its shortest path.
+
+    Where the first search finds no path, a clear band is taken.
 
     Args:
         scenes: the problems.
-        settings: of each.
-        bands: of each, descended from the straight motion.
+        settings: those of each search.
+        bands: for each scene the band that descended from the straight motion, None without one.
         begin: `working_time` when the whole search began, s.
     """
     best = _race(scenes, settings, bands)
@@ -317,11 +327,11 @@ def _searched(
 def _further_effort(
     scene: Scene, settings: SearchSettings, best: SearchResult, attempt: int, spent: float
 ) -> SearchSettings | None:
-    """Settings of a further search for a shorter path, None where the best one is left as it is.
+    """Return settings of a further search for a shorter path; None where the best one is left as it is.
 
     Args:
         scene: the problem.
-        settings: of the whole search of the scene.
+        settings: those of the whole search of the scene.
         best: the result so far.
         attempt: number of the further search, from 1.
         spent: working time so far, s.
@@ -342,7 +352,7 @@ def _further_effort(
 
 
 def _shorter(best: SearchResult, found: SearchResult) -> SearchResult:
-    """The result with the shorter path, and the expansions of both."""
+    """Return the result with the shorter path, and the expansions of both added up."""
     assert best.path is not None
     shorter = found.path is not None and found.path.length < best.path.length
     return replace(
@@ -354,12 +364,12 @@ def _shorter(best: SearchResult, found: SearchResult) -> SearchResult:
 
 
 def _race(scenes: Scenes, settings: Sequence[SearchSettings], bands: Bands) -> list[SearchResult]:
-    """Search each scene by multi-heuristic A*, after a head start in a race with trees, and smooth the paths.
+    """Search each scene by multi-heuristic A* and trees in a race, and smooth the paths.
 
     Args:
         scenes: the problems.
-        settings: effort and seed of each.
-        bands: those that descended from the straight motions.
+        settings: effort and seed of each search.
+        bands: for each scene the band that descended from the straight motion, None without one.
     """
     runs = [_Race(*one) for one in zip(scenes.scenes, settings, strict=True)]
     scenes.run(runs)
@@ -367,7 +377,7 @@ def _race(scenes: Scenes, settings: Sequence[SearchSettings], bands: Bands) -> l
 
 
 class _Race(Race):
-    """Multi-heuristic A* and trees, with half of the expansions after the head start for the trees."""
+    """Race of multi-heuristic A* and trees; trees get half of the expansions after the head start."""
 
     def __init__(self, scene: Scene, settings: SearchSettings) -> None:
         for_trees = max(settings.max_expansions - HEAD_START, 0) // 2
@@ -377,6 +387,6 @@ class _Race(Race):
         super().__init__(self.informed, Connect(self.trees), head_start=HEAD_START)
 
     def result(self) -> SearchResult:
-        """The result of the race, with the expansions of both."""
+        """Return the result of the race, with the expansions of both."""
         counts = (*self.informed.counts, self.trees.extensions)
         return replace(super().result(), expansions=sum(counts), queue_expansions=counts)

@@ -1,10 +1,10 @@
 """Paths along straight motions: from corners to nodes, the straight motion itself, and chains of shortcuts.
 
-A state is a row of ``4 + 2n`` numbers: the attitude relative to the start as a unit quaternion, and the
-joints in radians. Motions between *corners* are straight; the path along them is cut into edges of at most
-one step between its *nodes*. To cut a path short, straight motions between
-all pairs of some of its nodes are checked in one call, and a dynamic programme takes the cheapest chain of
-those that are clear. In kernels a path is its states (k, 4 + 2n), neighbours of the same sign.
+A state is a row of ``4 + 2n`` numbers: the attitude relative to the start as a unit quaternion, scalar first,
+and all joints in radians. Motions between *corners* are straight; the path along them is cut into edges of at
+most one step between its *nodes*. To shorten a path, straight motions between all pairs of some of its nodes
+are checked in one call, and dynamic programming takes the cheapest chain of those that are clear. In kernels
+a path is its states (k, 4 + 2n), with quaternions of neighbours of the same sign.
 """
 
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ _TINY = 1e-12  # steps
 
 
 def between(first: AnyArray, second: AnyArray, fraction: AnyArray) -> AnyArray:
-    """States (k, 4 + 2n) at fractions (k,) of straight motions between states (k, 4 + 2n) each."""
+    """Return states at fractions (k,) of k straight motions, given their ends (k, 4 + 2n) each."""
     xp = array_module(first, second, fraction)
     joints = first[:, 4:] + fraction[:, None] * (second[:, 4:] - first[:, 4:])
     turned = rotations.slerp(first[:, :4].T, second[:, :4].T, fraction)
@@ -41,11 +41,12 @@ def between(first: AnyArray, second: AnyArray, fraction: AnyArray) -> AnyArray:
 
 
 def subdivide(scene: Scene, corners: np.ndarray) -> Path:
-    """The path along straight motions between corners, cut into equal parts of at most one step.
+    """Return the path along straight motions between corners, each cut into equal parts of at most one step.
 
     Args:
         scene: gives the steps, and its start and goal, which are the ends of the path to the last bit.
-        corners: (k + 1, 4 + 2n) from start to goal; one alone if these are the same.
+        corners: (k + 1, 4 + 2n) states, ends of k straight motions from start to goal; one if these are the
+            same.
     """
     first, second = corners[:-1], corners[1:]
     rotation = quaternion.distance(first[:, :4], second[:, :4])
@@ -62,11 +63,11 @@ def subdivide(scene: Scene, corners: np.ndarray) -> Path:
 
 
 def make_path(scene: Scene, attitudes: np.ndarray, joints: np.ndarray) -> Path:
-    """A path with the cost of its edges.
+    """Make a path of nodes, with the cost of its m edges.
 
     Args:
         scene: gives the steps.
-        attitudes: (m + 1, 3, 3).
+        attitudes: (m + 1, 3, 3) body to inertial.
         joints: (m + 1, 2n) rad.
     """
     costs = steps_between(scene, edge_rotations(attitudes), np.diff(joints, axis=0))
@@ -74,14 +75,15 @@ def make_path(scene: Scene, attitudes: np.ndarray, joints: np.ndarray) -> Path:
 
 
 def edge_rotations(attitudes: np.ndarray) -> np.ndarray:
-    """Rotation angles (m,), rad, between neighbours of attitudes (m + 1, 3, 3)."""
+    """Return the m rotation angles (m,), rad, between neighbours of attitudes (m + 1, 3, 3)."""
     return np.asarray(so3.distance(attitudes[:-1], attitudes[1:]))
 
 
 def straight_paths(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[Path | None]:
-    """Check the straight motion of each scene; its path if it keeps the settings' clearance, else None.
+    """Check the straight motion of each scene, and return its path where it keeps the settings' clearance.
 
-    Where start and goal are the same, the path is one node.
+    Where it does not, None stands in the path's place. Where start and goal are the same, the path is one
+    node.
     """
     paths = [
         subdivide(scene, scene.ends[:1]) if scene.straight_steps <= ARRIVED else None
@@ -101,27 +103,33 @@ def straight_paths(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[P
 
 
 def straight_call(scene: Scene, clearance: np.ndarray) -> Call:
-    """The call for the smallest slack on each interval of the straight motion from start to goal.
+    """Make the call for the smallest slack on each interval of the straight motion from start to goal.
 
     Args:
         scene: the problem.
         clearance: (STRAIGHT_INTERVALS,) rad wanted.
 
     Returns:
-        Its answer is (STRAIGHT_INTERVALS,), +inf without zones.
+        The call. Its answer is (STRAIGHT_INTERVALS,), +inf without zones.
     """
     return Call(_straight_slacks, (scene.ends, clearance))
 
 
 @Kernel
 def _straight_slacks(scene: Scene, ends: Array, clearance: Array) -> Array:
-    """(STRAIGHT_INTERVALS,) slacks between the states `ends` (2, 4 + 2n), `clearance` rad wanted on each."""
+    """Return slacks (STRAIGHT_INTERVALS,) on the straight motion between the states `ends` (2, 4 + 2n).
+
+    `clearance` (STRAIGHT_INTERVALS,) is wanted on the intervals, rad.
+    """
     lines = straight_lines(scene, ends[:1], ends[1:], STRAIGHT_INTERVALS)
     return interval_slacks(scene, lines, clearance[None])[0]
 
 
 def path_states(scene: Scene, attitudes: AnyArray, joints: AnyArray) -> AnyArray:
-    """States (k, 4 + 2n) of attitudes (k, 3, 3) and joints (k, 2n); neighbours are of the same sign."""
+    """Return the states (k, 4 + 2n) of k attitudes (k, 3, 3), body to inertial, and joints (k, 2n).
+
+    Neighbours have quaternions of the same sign.
+    """
     xp, start, turned = arrays(scene.start_attitude, attitudes)
     # a product and a sum instead of small matrix products
     since = xp.sum(start[:, :, None] * turned[:, :, None, :], axis=1)
@@ -129,7 +137,11 @@ def path_states(scene: Scene, attitudes: AnyArray, joints: AnyArray) -> AnyArray
 
 
 def edge_costs(scene: Scene, states: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Steps (m,) of the edges between states (m + 1, 4 + 2n), and (m,) summed over platform and joints."""
+    """Return costs of the m edges between states (m + 1, 4 + 2n), in steps.
+
+    Returns:
+        (m,) the largest number of steps over platform and joints, and (m,) the sum of all of them.
+    """
     angles = quaternion.distance(states[:-1, :4], states[1:, :4])
     if states.shape[1] == 4:  # no joints; on one core XLA cannot compile a sum over none beside LAPACK
         return angles / scene.attitude_step, angles / scene.attitude_step
@@ -140,10 +152,10 @@ def edge_costs(scene: Scene, states: AnyArray) -> tuple[AnyArray, AnyArray]:
 
 
 def evenly(states: AnyArray, costs: AnyArray, count: AnyArray | int, nodes: int) -> AnyArray:
-    """Nodes at equal costs along a path.
+    """Return nodes at equal distances in cost along a path.
 
     Args:
-        states: (k + 1, 4 + 2n).
+        states: (k + 1, 4 + 2n) nodes of a path with k edges.
         costs: (k,) steps of the edges; zero for padding at the end, which repeats the last state.
         count: () number of equal edges wanted.
         nodes: static, number of nodes returned; those after the last state repeat it.
@@ -161,15 +173,17 @@ def evenly(states: AnyArray, costs: AnyArray, count: AnyArray | int, nodes: int)
 
 
 def edges_of(scene: Scene, states: Array, clearance: Array) -> Array:
-    """(4, m) of the edges between states: margin and slack, rad; cost and sum over all motions, steps.
+    """Return four numbers of each of the m edges between states, (4, m).
 
-    The slack is the margin less the clearance wanted. As in the search, less is wanted near start and goal:
-    the steps behind are counted along the path, those ahead along the straight motion, less the edge itself.
+    They are the margin and the slack, rad, then the cost and the sum over the motions of platform and joints,
+    steps. The slack is the margin less the clearance wanted. As in the search, less clearance is wanted near
+    start and goal: the steps from the start are counted along the path, those to the goal along the straight
+    motion, less the edge itself.
 
     Args:
         scene: the problem.
         states: (m + 1, 4 + 2n).
-        clearance: rad wanted.
+        clearance: rad wanted far from start and goal.
     """
     costs, every = edge_costs(scene, states)
     turn = quaternion.distance(states[:-1, :4], scene.goal_quaternion)
@@ -181,21 +195,21 @@ def edges_of(scene: Scene, states: Array, clearance: Array) -> Array:
 
 @Kernel
 def edge_table(scene: Scene, attitudes: Array, joints: Array, clearance: Array) -> Array:
-    """`edges_of` the path of attitudes (m + 1, 3, 3) and joints (m + 1, 2n), `clearance` rad being wanted."""
+    """Return `edges_of` a path with m edges, attitudes (m + 1, 3, 3) and joints (m + 1, 2n)."""
     return edges_of(scene, path_states(scene, attitudes, joints), clearance)
 
 
 def shortcuts(scenes: Scenes, paths: Sequence[Path], clearances: Sequence[float]) -> list[np.ndarray]:
-    """Indices of the nodes that remain of each path when it is cut short wherever that is clear.
+    """Return the indices of the nodes that remain of each path when it is cut short wherever that is clear.
 
     Args:
         scenes: the problems.
-        paths: of each, with m edges, at least one.
-        clearances: of each, rad, wanted of the motions, less near start and goal.
+        paths: one for each scene, with m edges, at least one.
+        clearances: rad wanted for each scene; less is wanted near start and goal.
 
     Returns:
-        Of each (k,) int, increasing from 0 to m. Between two that follow each other the straight motion is
-        clear by `edges.motion_margins`, or they follow each other on the path.
+        For each path the indices (k,) of the k nodes that remain, increasing from 0 to m. The straight motion
+        between two neighbours among them is clear by `edges.motion_margins`, or is an edge of the path.
     """
     calls = []
     for path, clearance in zip(paths, clearances, strict=True):
@@ -206,18 +220,18 @@ def shortcuts(scenes: Scenes, paths: Sequence[Path], clearances: Sequence[float]
 
 
 def _corners(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """(CORNERS,) indices of nodes between which shortcuts are tried, and the steps from the start to each."""
+    """Return indices (CORNERS,) of nodes between which to try shortcuts, and the steps to each node."""
     tried = np.rint(np.linspace(0, path.edges, CORNERS)).astype(int)
     return tried, np.concatenate([[0.0], np.cumsum(path.edge_costs)])[tried]
 
 
 @Kernel
 def _costs(scene: Scene, attitudes: Array, joints: Array, clearance: Array) -> Array:
-    """(pairs,) steps of the straight motions between all pairs of nodes, +inf where one is not clear.
+    """Return the steps (pairs,) of straight motions between all pairs of nodes, +inf where one is not clear.
 
     Args:
         scene: the problem.
-        attitudes: (CORNERS, 3, 3) of the nodes.
+        attitudes: (CORNERS, 3, 3) of the nodes, body to inertial.
         joints: (CORNERS, 2n) rad.
         clearance: (pairs,) rad wanted.
     """
@@ -230,11 +244,11 @@ def _costs(scene: Scene, attitudes: Array, joints: Array, clearance: Array) -> A
 
 
 def _cheapest(path: Path, costs: np.ndarray) -> np.ndarray:
-    """(k,) indices of the nodes on the cheapest chain of clear shortcuts and pieces of the path.
+    """Return the indices of the nodes on the cheapest chain of clear shortcuts and pieces of the path.
 
     Args:
-        path: to be cut short.
-        costs: (pairs,) steps between its corners, by `_costs`.
+        path: the path to be shortened.
+        costs: (pairs,) steps between its corners, from `_costs`.
     """
     tried, passed = _corners(path)
     table = np.full((CORNERS, CORNERS), np.inf)

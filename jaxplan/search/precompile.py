@@ -1,7 +1,7 @@
 """Tasks that compile, ahead of need, the kernels that a search of the default planner may call.
 
 Compiled kernels depend on the layout of a scene's numbers (`jaxplan.search.scene.Layout`) and on the shapes
-of their arguments. The tasks made here call them with the shapes that searches use; the answers mean nothing.
+of their arguments. The tasks made here call them with the shapes that searches use, and ignore the answers.
 """
 
 from functools import partial
@@ -29,12 +29,12 @@ from jaxplan.search.trees import MANY, Space
 
 
 def usual_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list[Task]:
-    """Tasks that call what nearly every search calls first: the straight motion and the elastic band from it.
+    """Return tasks that call what nearly every search calls first: straight motion and elastic band.
 
     Args:
-        scene: like those to be searched.
-        settings: of the search.
-        many: whether several are searched together, by kernels that answer several calls.
+        scene: a scene like those to be searched.
+        settings: settings of the search.
+        many: whether several scenes are searched together, by kernels that answer several calls.
     """
     scenes = _several(scene, many)
     tasks: list[Task] = [partial(_answer, scenes, straight_call(scene, np.zeros(STRAIGHT_INTERVALS)))]
@@ -44,7 +44,7 @@ def usual_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list[T
 
 
 def band_task(scene: Scene, settings: SearchSettings) -> Task:
-    """A task that calls the straight motion of a scene and, where that is not clear, the elastic band."""
+    """Return a task that checks a scene's straight motion and, where it is not clear, calls the band."""
 
     def search() -> None:
         scenes = Scenes([scene])
@@ -55,11 +55,11 @@ def band_task(scene: Scene, settings: SearchSettings) -> Task:
 
 
 def smoothing_tasks(scene: Scene, *, many: bool) -> list[Task]:
-    """Tasks that call what checks paths found by a search and makes them shorter, which some of many need.
+    """Return tasks that call what checks and shortens paths found by a search; not all searches need it.
 
     Args:
-        scene: like those to be searched.
-        many: as of `usual_tasks`.
+        scene: a scene like those to be searched.
+        many: as for `usual_tasks`.
     """
     scenes = _several(scene, many)
     ends = np.stack([scene.start_attitude] * 2), np.stack([scene.start_joints] * 2)
@@ -70,12 +70,12 @@ def smoothing_tasks(scene: Scene, *, many: bool) -> list[Task]:
 
 
 def further_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list[Task]:
-    """Tasks that call what harder searches call besides: expansions, trees, and the checks of smoothing.
+    """Return tasks that call what harder searches need besides: expansions, trees, and smoothing.
 
     Args:
-        scene: like those to be searched.
-        settings: of the search; they give the number of moves.
-        many: as of `usual_tasks`.
+        scene: a scene like those to be searched.
+        settings: settings of the search; they give the number of moves.
+        many: as for `usual_tasks`.
     """
     scenes, root = _several(scene, many), make_root(scene)
     calls: list[Call] = []
@@ -91,10 +91,10 @@ def further_tasks(scene: Scene, settings: SearchSettings, *, many: bool) -> list
 
 
 def _several(scene: Scene, many: bool) -> Scenes:
-    """The scene once, or twice for the kernels that answer several calls at once."""
+    """Return the scene once, or twice for the kernels that answer several calls at once."""
     return Scenes([scene] * (2 if many else 1))
 
 
 def _answer(scenes: Scenes, call: Call) -> None:
-    """Make the same call about each of the scenes, and forget the answers."""
+    """Make the same call about each of the scenes, and discard the answers."""
     scenes.answers([call] * len(scenes.scenes))

@@ -1,9 +1,9 @@
-"""Priority queues that take the children of an expansion as one lazily opened block.
+"""Priority queues that take the children of an expansion as one block and open it lazily.
 
 Pushing several hundred children onto several heaps costs more than computing them. Here each heap holds one
-entry a block, under the key of the block's best child that is left; once that child is taken, from
-whichever queue, the block goes back under its next best. Ties are broken by the order of insertion, so
-that a search is deterministic.
+entry for each block, under the key of the block's best child that is left; once that child is taken, from
+whichever queue, the block goes back under the key of its next best. Ties are broken by the order of
+insertion, so that a search is deterministic.
 """
 
 import heapq
@@ -20,7 +20,7 @@ class Block:
 
     Attributes:
         content: whatever the search needs to make a child's node.
-        keys: (queues, children), the smallest taken first, +inf for a child that is taken or not valid.
+        keys: (queues, children), the smallest taken first; +inf for a child that is taken or not valid.
     """
 
     content: Any
@@ -32,9 +32,9 @@ class LazyQueue:
     """A priority queue of blocks of children.
 
     Attributes:
-        row: index of the queue in the blocks' keys.
+        row: index of this queue among the rows of the blocks' keys.
         heap: entries (key, number of insertion to break ties, child, block).
-        ties: insertion counter.
+        ties: counter of insertions.
     """
 
     row: int
@@ -42,14 +42,17 @@ class LazyQueue:
     ties: count = field(default_factory=count)
 
     def push(self, block: Block) -> None:
-        """Add the children of a block."""
+        """Add the children of a block; a block without valid children is ignored."""
         best = int(block.keys[self.row].argmin())
         key = float(block.keys[self.row, best])
         if key < np.inf:
             heapq.heappush(self.heap, (key, next(self.ties), best, block))
 
     def min_key(self) -> float:
-        """Smallest key of a child not taken yet, infinity when there is none; brings its block to the top."""
+        """Return the smallest key of a child not taken yet, infinity if there is none.
+
+        The child's block comes to the top of the heap.
+        """
         while self.heap:
             key, tie, child, block = self.heap[0]
             keys = block.keys[self.row]
@@ -63,9 +66,9 @@ class LazyQueue:
         return float("inf")
 
     def pop(self) -> tuple[Block, int]:
-        """Take the child of smallest key, for all queues: its block and number there.
+        """Take the child of smallest key, for all queues; return its block and its number there.
 
-        `min_key` must have been called just before, and its answer been finite.
+        `min_key` must have been called just before, with a finite answer.
         """
         _, _, child, block = self.heap[0]
         block.keys[:, child] = np.inf
@@ -74,11 +77,11 @@ class LazyQueue:
 
 @dataclass(slots=True)
 class ExplorationQueue:
-    """A queue that takes any child, whatever its key: type-based exploration.
+    """A queue that gives any child, whatever its key: type-based exploration.
 
-    Blocks are put into buckets by the cost of their parent and of what is ahead of it; a bucket is drawn
-    uniformly, then a block of it, then a child of that. When all heuristics point the same wrong way, this
-    is what gets the search out.
+    Blocks are put into buckets by their type, the cost of their parent and that of what is ahead of it. A
+    bucket is drawn uniformly, then a block of it, then a child of that. When all heuristics point the same
+    wrong way, this is what gets the search out.
 
     Attributes:
         buckets: blocks by type, the whole steps of their parent's cost and of the cost ahead of it.
@@ -91,7 +94,7 @@ class ExplorationQueue:
         self.buckets.setdefault(kind, []).append(block)
 
     def pop(self, rng: np.random.Generator) -> tuple[Block, int] | None:
-        """Take a random child, for all queues: its block and number; None when there is none."""
+        """Take a random child, for all queues; return its block and number there, None if there is none."""
         while self.buckets:
             kind = list(self.buckets)[rng.integers(len(self.buckets))]
             blocks = self.buckets[kind]

@@ -1,12 +1,12 @@
 """RRT-Connect: two trees that grow towards random states and each other.
 
-Two trees grow from start and goal towards random states and towards each other, after Kuffner and LaValle
-(2000), with batches: in each turn one tree grows towards `SAMPLES` random states, each from its nearest node,
-by at most `RANGE` steps and as far as the motion is clear; then the other tree grows towards all its new
-nodes, as far as it gets, and where it arrives the two ways make a path. Then the trees change places. Long
-motions leave nodes on their way, so that what comes later finds a near one. The straight motion from start to
-goal is tried first, and the path is smoothed at the end (`smoothing`). An expansion is one extension, the
-attempt of either tree to grow towards one state.
+The method is that of Kuffner and LaValle (2000), with batches. One tree grows from the start, the other from
+the goal. In each turn one tree grows towards `SAMPLES` random states, each from its nearest node, by at most
+`RANGE` steps and as far as the motion is clear; then the other tree grows towards all its new nodes, as far
+as it gets, and where it arrives the two branches make a path. Then the trees change places. Long motions
+leave nodes on their way, so that what comes later finds a near one. The straight motion from start to goal is
+tried first, and the path is smoothed at the end (`smoothing`). An expansion counts one extension, the attempt
+of either tree to grow towards one state.
 
 Samples, trees and checks are those of `trees`.
 """
@@ -38,16 +38,17 @@ def search(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchRes
 
     Args:
         scenes: the problems.
-        settings: of each: limits of the effort, clearance and seed; the weights and moves are not used.
+        settings: those of each search: limits of the effort, clearance and seed; the weights and moves are
+            not used.
 
     Returns:
-        OK with a path whose every edge is clear, or why there is none.
+        For each scene OK with a path whose every edge is clear, or a status that says why there is none.
     """
     return search_by_trees(Connect, scenes, settings)
 
 
 class Connect:
-    """Two trees that grow until they meet or the effort is spent.
+    """Two trees that grow until they meet or a limit of the effort is reached.
 
     It is a `jaxplan.runtime.batching.Run`. A turn has two calls: one tree grows towards random states, then
     the other towards the new nodes of the first.
@@ -59,14 +60,14 @@ class Connect:
     def __init__(self, space: Space) -> None:
         self.space = space
         self.trees = Tree(space.start), Tree(space.goal)
-        self._side = 0  # of the tree whose turn it is
+        self._side = 0  # number of the tree whose turn it is
         self._new: np.ndarray | None = None  # its new nodes, which the other tree grows towards next
-        self._growth: _Growth | None = None  # that the last call is about
-        self._corners: np.ndarray | None = None  # of the path
+        self._growth: _Growth | None = None  # the growth that the last call is about
+        self._corners: np.ndarray | None = None  # corners of the path
         self._limit: Status | None = None
 
     def next_request(self) -> Call | None:
-        """The call that tells how far a tree can grow; None once the trees have met, or at a limit."""
+        """Return the call that tells how far a tree can grow; None once the trees have met, or at a limit."""
         space, side = self.space, self._side
         if self._corners is not None:
             return None
@@ -82,7 +83,7 @@ class Connect:
         return self._growth.call
 
     def accept(self, answer: np.ndarray) -> None:
-        """Add nodes along the clear parts of the motions asked about; note the path if the trees have met."""
+        """Add nodes along the clear parts of the motions asked about; keep the path if the trees have met."""
         assert self._growth is not None
         nodes, whole = self._growth.add(answer)
         if self._new is None:
@@ -95,17 +96,17 @@ class Connect:
         self._new, self._side = None, 1 - self._side
 
     def result(self) -> SearchResult:
-        """OK with the path, not smoothed; or the limit that was reached."""
+        """Return OK with the path, not smoothed; or the limit that was reached, without a path."""
         if self._corners is not None:
             return self.space.found(self._corners)
         assert self._limit is not None, "the trees are growing"
         return self.space.result(self._limit)
 
     def _through(self, new: np.ndarray, met: np.ndarray, whole: np.ndarray) -> np.ndarray:
-        """Corners (m, 4 + 2n), from start to goal, of the cheapest path on which the trees have met.
+        """Return the corners (m, 4 + 2n), start to goal, of the cheapest path on which the trees have met.
 
         Args:
-            new: (k,) indices of the new nodes of the tree whose turn it is.
+            new: (k,) indices of the k new nodes of the tree whose turn it is.
             met: (k,) indices of the nodes of the other tree that grew towards these.
             whole: (k,) bool, whether the other tree arrived there.
         """
@@ -119,15 +120,15 @@ class Connect:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Growth:
-    """Motions of a tree towards states, each from the tree's nearest node.
+    """Motions of a tree towards k states, each from the tree's nearest node.
 
     Attributes:
-        tree: the one that grows.
+        tree: the tree that grows.
         near: (k,) indices of the nodes where the motions begin.
         end: (k, 4 + 2n) where they would end.
-        length: (k,) steps.
-        final: (k,) whether the ends are the states themselves.
-        call: that tells how far the motions are clear.
+        length: (k,) steps of the motions.
+        final: (k,) whether the ends are the states themselves, rather than on the way to them.
+        call: the kernel call that tells how far the motions are clear.
     """
 
     tree: Tree
@@ -139,12 +140,12 @@ class _Growth:
 
     @classmethod
     def towards(cls, space: Space, tree: Tree, targets: np.ndarray, longest: float, side: int) -> "_Growth":
-        """The motions towards states; counts them as extensions of the space.
+        """Make the motions towards states, and count them as extensions of the space.
 
         Args:
             space: the problem.
-            tree: the one that grows, from the start or the goal.
-            targets: (k, 4 + 2n) states to grow towards.
+            tree: the tree that grows, from the start or the goal.
+            targets: (k, 4 + 2n) the k states to grow towards.
             longest: most steps of a motion.
             side: 0 if the tree's root is the start, 1 if it is the goal.
         """
@@ -160,11 +161,11 @@ class _Growth:
         return cls(tree, near, end, length, part == 1, call)
 
     def add(self, answer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Add nodes along the clear parts of the motions, which the answer to `call` tells.
+        """Add nodes to the tree along the clear parts of the motions, given the answer to `call`.
 
         Returns:
-            (k,) index of the last new node of each motion, -1 where none was added; (k,) bool, whether the
-            states themselves were reached.
+            For each of k motions the index of its last new node (k,), -1 where none was added; and (k,) bool,
+            whether the state itself was reached.
         """
         tree, clear = self.tree, reached(answer, len(self.near))
         begin, costs = tree.states[self.near], tree.costs[self.near]

@@ -1,10 +1,13 @@
-"""The problem and the answer of step 2: the numbers of one search as kernels take them, and what was found.
+"""The problem and the result of step 2: the numbers of one search as kernels take them, and what was found.
 
-A terminal that a keep-in zone binds by itself must stay in it all the time. One that a zone of a group binds
-need not, as another zone of the group may hold instead; but as long as none does it has to follow its zone,
-and of random motions hardly any would. Both are *held*: a search may keep them on the axis of their zone, of
-a group the one that the terminal looks nearest to at start or goal. This only guides a search; whether a
-motion is clear, the margins say.
+A terminal that a keep-in zone binds by itself must stay in that zone all the time. One that a zone of a group
+binds need not, as another zone of the group may hold instead; but as long as none does it has to follow its
+zone, and hardly any random motion would. Both are *held*: a search may keep them on the axis of their zone;
+of a group it is the zone that the terminal looks nearest to at start or goal. This only guides a search;
+whether a motion is clear is decided by the margins.
+
+2n stands for the number of all joints, J, drives counted too. A step is a unit of cost: `attitude_step` of
+rotation, or the joint's entry of `joint_steps`.
 """
 
 import math
@@ -50,19 +53,20 @@ class Scene:
     """The numbers of a search problem, as the kernels take them.
 
     Attributes:
-        cones: the rows that bind one device at a time, padded.
-        grouped_cones: the rows that couple devices, padded apart: of constraints of which one entry of
-            several must hold, and about another device's boresight.
+        cones: the rows of constraints that bind one device at a time, padded.
+        grouped_cones: the rows that couple devices, padded apart: those of constraints with several entries,
+            of which one must hold, and those about another device's boresight.
         gimbals: how the joints turn devices.
-        fixed_boresights: (i, 3) body axes.
-        joint_ranges: (J, 2) rad, least and largest.
-        attitude_step: rad.
-        joint_steps: (2n,) rad.
-        start_attitude: (3, 3); with the joints, the root of the search.
+        fixed_boresights: (i, 3) unit vectors in body axes, boresights of the i instruments.
+        joint_ranges: (J, 2) rad, least and largest angle of each joint.
+        attitude_step: rad, rotation of the platform in one step.
+        joint_steps: (2n,) rad, change of each joint in one step.
+        start_attitude: (3, 3) body to inertial; with the joints, the root of the search.
         start_joints: (2n,) rad.
-        goal_attitude: (3, 3).
+        goal_attitude: (3, 3) body to inertial.
         goal_joints: (2n,) rad.
-        goal_quaternion: (4,) of the goal relative to the start.
+        goal_quaternion: (4,) unit quaternion of the goal relative to the start, scalar first and not
+            negative.
         goal_coordinates: (3,) rotation vector of the goal relative to the start, rad.
     """
 
@@ -92,13 +96,13 @@ class Scene:
 
     @cached_property
     def ends(self) -> np.ndarray:
-        """(2, 4 + 2n) start and goal as states: attitude relative to the start, a quaternion, and joints."""
+        """Start and goal as states (2, 4 + 2n): unit quaternion relative to the start, and joints."""
         start = np.concatenate([[1.0, 0.0, 0.0, 0.0], self.start_joints])
         return np.stack([start, np.concatenate([self.goal_quaternion, self.goal_joints])])
 
     @cached_property
     def seen(self) -> np.ndarray:
-        """(2, S, 3) inertial directions of all sights at start and goal."""
+        """Inertial directions (2, S, 3) of all S sights at start and goal."""
         joints = np.stack([self.start_joints, self.goal_joints])
         attitudes = np.stack([self.start_attitude, self.goal_attitude])
         return np.asarray(self.sights.in_body(joints) @ np.swapaxes(attitudes, -1, -2))
@@ -119,7 +123,7 @@ class Scene:
         return axes
 
     def within_ranges(self, joints: np.ndarray) -> np.ndarray:
-        """Joints (..., J), rad, clipped to their ranges."""
+        """Return joints (..., J), rad, clipped to their ranges."""
         low, high = self.joint_ranges.T
         return np.maximum(np.minimum(joints, high), low)
 
@@ -131,7 +135,7 @@ class Scene:
 
     @cached_property
     def packed(self) -> tuple["Layout", np.ndarray]:
-        """The layout of the scene's numbers, and all of them in one vector, float64, as kernels take them."""
+        """The layout of the scene's numbers, and all of them in one float64 vector, as kernels take them."""
         leaves, structure = jax.tree.flatten(self)
         arrays = [np.asarray(leaf) for leaf in leaves]
         kinds = "".join(array.dtype.char for array in arrays)
@@ -145,9 +149,9 @@ class Layout:
     """Where the numbers of a scene lie in its vector; vectors of the same layout can be stacked.
 
     Attributes:
-        structure: of the tree that a scene is.
-        shapes: of its leaves.
-        kinds: the letter of each leaf's dtype.
+        structure: structure of the pytree that a scene is.
+        shapes: shapes of its leaves.
+        kinds: the dtype character of each leaf.
     """
 
     structure: Any
@@ -155,7 +159,7 @@ class Layout:
     kinds: str
 
     def scene(self, vector: Array) -> Scene:
-        """The scene whose numbers a vector holds, for use in a kernel."""
+        """Return the scene whose numbers a vector holds, for use in a kernel."""
         ends = np.cumsum([math.prod(shape) for shape in self.shapes])
         parts = zip(jnp.split(vector, ends[:-1]), self.shapes, self.kinds, strict=True)
         leaves = [part.reshape(shape).astype(kind) for part, shape, kind in parts]
@@ -166,14 +170,14 @@ class Layout:
 @shown("status", "expansions", "path.length steps", "path.edges", "queue_expansions")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SearchResult:
-    """The answer of step 2.
+    """The result of step 2.
 
     Attributes:
         status: OK, NODE_LIMIT, TIME_LIMIT or NO_PATH.
-        path: from start to goal, None unless the status is OK.
-        expansions: nodes expanded.
-        queue_expansions: how many of them each queue asked for, the anchor's first; of `mha` the last number
-            is that of the trees.
+        path: the path from start to goal, None unless the status is OK.
+        expansions: number of nodes expanded.
+        queue_expansions: how many of them each queue asked for, the anchor's first; with `mha` the last
+            number is that of the trees.
     """
 
     status: Status
@@ -183,7 +187,7 @@ class SearchResult:
 
 
 def make_scene(scenario: Scenario, goal: Goal, constraints: Constraints | None = None) -> Scene:
-    """The scene of one search from a scenario's start to a goal.
+    """Make the scene of one search from a scenario's start to a goal.
 
     Args:
         scenario: the problem; its settings give the steps.
@@ -212,12 +216,12 @@ def make_scene(scenario: Scenario, goal: Goal, constraints: Constraints | None =
 
 
 def derived_seed(seed: int, *key: int) -> int:
-    """A seed for a further search, independent of the seed itself and of those with other keys."""
+    """Return a seed for a further search, independent of the seed itself and of those with other keys."""
     return int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1)[0])
 
 
 def joint_steps(scenario: Scenario) -> np.ndarray:
-    """(J,) rad that one step of each joint is: the settings' joint step times its device's scale."""
+    """Return the change of each joint in one step, (J,) rad, with the scale of its device."""
     search, craft = scenario.search, scenario.usable
     owners = [one.name for one in craft.terminals] * 2 + [one.name for one in craft.drives]
     scales = [search.terminal_step_scale.get(name, 1.0) for name in owners]
@@ -225,7 +229,9 @@ def joint_steps(scenario: Scenario) -> np.ndarray:
 
 
 def tapered(clearance: AnyArray, steps: AnyArray) -> AnyArray:
-    """(...) rad, clearance wanted at some steps from start or goal: zero there, full after `TAPER_STEPS`.
+    """Return the clearance wanted at some steps from start or goal, (...) rad.
+
+    It is zero there and grows linearly to its full value after `TAPER_STEPS`.
 
     Args:
         clearance: rad, wanted far from both.
@@ -236,11 +242,11 @@ def tapered(clearance: AnyArray, steps: AnyArray) -> AnyArray:
 
 
 def steps_between(scene: Scene, rotation: ArrayLike, joint_change: np.ndarray) -> np.ndarray:
-    """Cost of straight motions in steps, `jaxplan.model.path.step_cost` in numpy.
+    """Return the cost of straight motions in steps, as `jaxplan.model.path.step_cost` does, in numpy.
 
     Args:
         scene: gives the steps.
-        rotation: (...) rad.
+        rotation: (...) rad, rotation of the platform.
         joint_change: (..., 2n) rad.
     """
     joint = np.max(np.abs(joint_change) / scene.joint_steps, axis=-1, initial=0.0)

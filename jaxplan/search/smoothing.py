@@ -1,12 +1,13 @@
 """Path smoothing after the search: shorter paths with smoother nodes, as clear as before.
 
-Elastic bands (`jaxplan.search.elastic_band`) descend from paths. Their ends are cut anew into equal edges of
-at most one step, whose margins are computed from the attitudes and joints that are returned, edge by edge.
+Elastic bands (`jaxplan.search.elastic_band`) descend from paths. The resulting bands are cut anew into equal
+edges of at most one step, whose margins are computed from the attitudes and joints that are returned, edge by
+edge.
 
-The straight motion is the first start, zones or not: the descent often pushes it out of them, and to a
-shorter way than the search has found. Where that fails, or is not near the shortest there can be, the other
-start is the path itself without what can be left out. What comes out of a descent counts only if every edge
-is clear, by as much as is wanted or by as much as in the path that was given.
+The straight motion is the first start, even through zones: the descent often pushes it out of them, and to a
+shorter path than the search has found. Where that fails, or is not near the shortest there can be, the other
+start is the path itself, cut short where that is clear. The result of a descent counts only if every edge is
+clear, by as much as is wanted or by as much as in the path that was given.
 """
 
 import math
@@ -37,9 +38,9 @@ from jaxplan.search.paths import (
 from jaxplan.search.scene import Scene, SearchResult
 
 ITERATIONS = 6
-# Paths are compared by their length and this much of the steps of all their motions added up.
+# Paths are compared by their length plus this share of the steps of platform and joints added up.
 TRAVEL_SHARE = 0.05
-# Nothing longer than so many times the straight motion is looked for where the kernels would grow for it.
+# A path longer than so many times the straight motion is not looked for if it would need larger kernels.
 LONGEST = 1.5
 EDGES = 64  # paths of up to this many share their compiled kernels
 # A length within this factor of the straight motion's is not worth another start.
@@ -53,15 +54,16 @@ Nodes = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Band:
-    """An elastic band after its descent.
+    """An elastic band after its descent, with m edges.
 
     Attributes:
-        attitudes: (m + 1, 3, 3), ends as they were.
+        attitudes: (m + 1, 3, 3) body to inertial; the ends are those of the path it started from.
         joints: (m + 1, 2n) rad.
-        margins: (m,) lower bound of each edge, rad.
+        margins: (m,) lower bound of the margin on each edge, rad, positive where constraints hold.
         slacks: (m,) likewise, less the clearance that is wanted there.
         length: steps.
-        score: what bands are compared by, steps: the length plus `TRAVEL_SHARE` of all motions added up.
+        score: steps, by which bands are compared: the length plus `TRAVEL_SHARE` times the sum over the
+            motions of platform and joints.
     """
 
     attitudes: np.ndarray
@@ -77,7 +79,7 @@ class Band:
         return bool(np.all(self.slacks >= 0))
 
     def path(self, scene: Scene) -> Path:
-        """The path along its nodes."""
+        """Return the path along the nodes of the band."""
         return make_path(scene, self.attitudes, self.joints)
 
 
@@ -88,12 +90,13 @@ def descended_bands(
 
     Args:
         scenes: the problems.
-        starts: of each, at least two nodes.
-        clearances: of each, rad wanted.
-        lengths: of each, steps of the longest path that is looked for.
+        starts: the path of each, at least two nodes.
+        clearances: clearance wanted in each, rad.
+        lengths: steps of the longest path that is looked for in each.
 
     Returns:
-        The band after its descent, clear or not; None where it would take edges of more than a step.
+        For each scene the band after its descent, clear or not; None where it would need edges of more than a
+        step.
     """
     calls = []
     for scene, start, clearance, length in zip(scenes.scenes, starts, clearances, lengths, strict=True):
@@ -106,7 +109,10 @@ def descended_bands(
 
 
 def _band(start: Nodes, answer: np.ndarray) -> Band | None:
-    """The band in an answer of `_descended`, with the ends of `start` put in; None if an edge is too long."""
+    """Read the band in an answer of `_descended`, with the exact ends of `start`.
+
+    The result is None if an edge is too long.
+    """
     if not np.isfinite(answer[-1, 0]):
         return None
     count = int(answer[-1, 0])
@@ -121,7 +127,10 @@ def _band(start: Nodes, answer: np.ndarray) -> Band | None:
 
 
 def padded(attitudes: np.ndarray, joints: np.ndarray, edges: int) -> Nodes:
-    """Nodes for exactly so many edges: the last is repeated; of too many nodes some are picked evenly."""
+    """Return nodes for exactly `edges` edges.
+
+    The last node is repeated as needed; of too many nodes some are picked evenly.
+    """
     kept = np.rint(np.linspace(0, len(joints) - 1, min(len(joints), edges + 1))).astype(int)
     places = kept[np.minimum(np.arange(edges + 1), len(kept) - 1)]
     return attitudes[places], joints[places]
@@ -129,18 +138,18 @@ def padded(attitudes: np.ndarray, joints: np.ndarray, edges: int) -> Nodes:
 
 @Kernel
 def _descended(scene: Scene, states: Array, length: Array, clearance: Array, edges: Array) -> Array:
-    """The band after one descent, cut at equal costs, with margins, slacks and costs of its edges.
+    """Return the band after one descent, cut at equal costs, with margins, slacks and costs of its edges.
 
     Args:
         scene: the problem.
         states: (PIECES + 1, 4 + 2n) of a path, at equal costs.
         length: steps of the path.
         clearance: rad wanted.
-        edges: (m,) of which only the length counts: at most m edges are made.
+        edges: (m,) array of which only the length m counts: at most m edges are made.
 
     Returns:
-        (m + 2, 9 + 2n + 4) attitude and joints of each node, the last repeated, and `edges_of` for the edge
-        that begins there; in the last row the number of edges.
+        (m + 2, 9 + 2n + 4). Each row but the last has the attitude and joints of a node, the last node being
+        repeated, and `edges_of` for the edge that begins there; the last row has the number of edges.
     """
     problem = elastic.make_problem(scene, length, clearance)
     q, j = elastic.descend(problem, states[:, :4].T, states[:, 4:].T, ITERATIONS)
@@ -158,11 +167,11 @@ def _descended(scene: Scene, states: Array, length: Array, clearance: Array, edg
 
 
 def straight_bands(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[Band | None]:
-    """Elastic bands after their descent from the straight motions of scenes, see `descended_bands`.
+    """Return the elastic bands that descend from the straight motions of scenes, see `descended_bands`.
 
     Args:
-        scenes: the problems; start and goal of none are the same.
-        settings: of each; they give the clearance.
+        scenes: the problems; in none of them start and goal are the same.
+        settings: those of each search; they give the clearance.
     """
     starts = [
         (
@@ -180,20 +189,20 @@ def smooth_results(
     results: Sequence[SearchResult],
     bands: Sequence[Band | None] | None = None,
 ) -> list[SearchResult]:
-    """Results whose paths between the same ends are shorter and smoother, where they have one.
+    """Return results with shorter and smoother paths between the same ends, where they have a path.
 
     Args:
         scenes: the problems.
-        settings: of each; its clearance is wanted beyond the zones.
-        results: of each.
-        bands: `straight_bands`, if they are known already.
+        settings: those of each search; the clearance is wanted beyond the zones.
+        results: the result of each search.
+        bands: `straight_bands`, if they are known already; None to compute them.
 
     Returns:
-        Paths with edges of about the same cost, at most one step, that are clear by the exact bound: with
-        the wanted clearance, which tapers to nothing at both ends as in the search; or, where the path given
-        has edges with less than that, with at least what the worst of these has. In steps one is shorter,
-        or longer by up to 0.5 % where platform and joints travel less for it. It is the path given if that
-        is straight, or if no better one was found.
+        Results whose paths have edges of about the same cost, at most one step, that are clear by the exact
+        bound: with the wanted clearance, which tapers to nothing at both ends as in the search; or, where the
+        path given has edges with less than that, with at least the clearance of the worst of these. In steps
+        a new path is shorter than the given one, or longer by up to 0.5 % where platform and joints travel
+        less for it. The given path is kept if it is straight, or if no better one was found.
     """
     detours = {
         number: result.path
@@ -215,13 +224,13 @@ def smooth_results(
 def _smooth_detours(
     scenes: Scenes, clearances: Sequence[float], paths: Sequence[Path], bands: Sequence[Band | None]
 ) -> list[Path]:
-    """The best of each scene's path, its band, and the bands that descend from the path cut short.
+    """Return the best of each scene's path, its band, and the bands that descend from the path cut short.
 
     Args:
         scenes: the problems.
-        clearances: of each, rad wanted.
-        paths: of each, not straight.
-        bands: of each, `straight_bands`.
+        clearances: clearance wanted in each, rad.
+        paths: the path of each, not straight.
+        bands: the band of each from `straight_bands`.
     """
     best: list[Band | None] = [None] * len(paths)
     _enter(scenes, clearances, paths, best, bands, range(len(paths)))
@@ -235,7 +244,7 @@ def _smooth_detours(
         (paths[number].attitudes[nodes], paths[number].joints[nodes])
         for number, nodes in zip(far, kept, strict=True)
     ]
-    for _ in range(2):  # often a little more descent is all that lacks
+    for _ in range(2):  # often a little more descent suffices
         lengths = [LENGTHENING * paths[number].length for number in far]
         descended = descended_bands(scenes.part(far), starts, picked(clearances, far), lengths)
         _enter(scenes, clearances, paths, best, descended, far)
@@ -259,15 +268,15 @@ def _enter(
     bands: Sequence[Band | None],
     numbers: Sequence[int],
 ) -> None:
-    """Put into `best` the bands that are better, and as clear as wanted or as the path given.
+    """Put into `best` those bands that are better, and as clear as wanted or as the path given.
 
     Args:
         scenes: the problems.
-        clearances: of each, rad wanted.
-        paths: of each, to be smoothed.
-        best: of each, None as long as the path itself is the best; is changed.
-        bands: of some scenes, each may be None.
-        numbers: of these scenes.
+        clearances: clearance wanted in each, rad.
+        paths: the path of each, to be smoothed.
+        best: the best band of each, None as long as the path itself is the best; changed in place.
+        bands: bands of some scenes, None for a scene without one.
+        numbers: the numbers of these scenes.
     """
     unsure: list[tuple[int, Band]] = []
     for number, found in zip(numbers, bands, strict=True):
@@ -293,14 +302,14 @@ def _enter(
 
 
 def _score(scene: Scene, path: Path) -> float:
-    """The score of a path, as of `Band`: its length plus a share of all motions added up, steps."""
+    """Return the score of a path as in `Band`, steps: its length plus a share of all motions added up."""
     joints = np.abs(np.diff(path.joints, axis=0)) / scene.joint_steps
     travel = np.sum(edge_rotations(path.attitudes)) / scene.attitude_step + np.sum(joints)
     return path.length + TRAVEL_SHARE * float(travel)
 
 
 def _is_straight(scene: Scene, path: Path) -> bool:
-    """Whether the nodes lie on the straight motion, each as far along it as the costs of the edges say."""
+    """Tell whether the nodes lie on the straight motion, each as far along it as the edges' costs say."""
     straight = scene.straight_steps
     if straight <= ARRIVED:
         return True

@@ -1,13 +1,14 @@
 """Trees that grow by random samples: their nodes, the states drawn for them, and how far motions are clear.
 
-Random states are uniform, or such that terminals are held. A state is a row of ``4 + 2n`` numbers: the
-attitude relative to the start as a unit quaternion, and the joints. The distance between two states is the
-cost of the straight motion, in steps. Straight motions are checked whole, a batch in one jitted call, and the
-answer is how far the motion is clear, so that one call does what many single steps of a tree do.
+Random states are uniform, or such that terminals are held on the axes of their keep-in zones (`scene`). A
+state is a row of ``4 + 2n`` numbers: the attitude relative to the start as a unit quaternion, scalar first,
+and all joints. The distance between two states is the cost of the straight motion, in steps. Straight motions
+are checked whole, a batch in one jitted call, and the answer is how far the motion is clear, so that one call
+does what many single steps of a tree do.
 
 The clearance wanted beyond the zones is less near start and goal, as with the other planners. How far a state
-is from the root is known along its tree; from the other end it is at least the straight distance, which then
-counts.
+is from the root of its tree is known along the tree; from the other end it is at least the straight distance,
+which is then used.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,9 +47,9 @@ HALF_TURN = 1e-6
 def draw(scene: Scene, rng: np.random.Generator, count: int) -> np.ndarray:
     """Draw random states, uniform on SO(3) times the box of the joints' ranges.
 
-    Where terminals are held, which few states satisfy, every second state is chosen among `CANDIDATES`: the
-    one whose held terminals can best be turned onto the axes of their cones, and are. The others
-    remain, so that no part of the space is left out.
+    Where terminals are held, which few random states satisfy, every second state is chosen among `CANDIDATES`
+    random ones: the one whose held terminals can best be turned onto the axes of their cones, with these
+    turned there. The others remain, so that no part of the space is left out.
 
     Args:
         scene: the problem.
@@ -76,7 +77,9 @@ def _uniform(scene: Scene, rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def _turn_to_hold(scene: Scene, states: np.ndarray) -> np.ndarray:
-    """Turn, in place, the held terminals of states (k, 4 + 2n) onto their cones' axes, within the limits.
+    """Turn, in place, the held terminals of k states onto their cones' axes, within the limits.
+
+    `states` is (k, 4 + 2n).
 
     Returns:
         (k,) rad, the most by which a joint would have had to exceed its limits.
@@ -94,12 +97,15 @@ def _turn_to_hold(scene: Scene, states: np.ndarray) -> np.ndarray:
 
 @Kernel
 def _clear_intervals(scene: Scene, first: Array, second: Array, clearance: Array) -> Array:
-    """(b,) number of intervals before the first that is not clear, on straight motions between states.
+    """Return the number (b,) of intervals before the first that is not clear, on b straight motions.
+
+    The last interval of a motion within `HALF_TURN` of half a turn counts as not clear, as it may go either
+    way round.
 
     Args:
         scene: the problem.
-        first: (b, 4 + 2n) where the motions begin.
-        second: (b, 4 + 2n) where they end.
+        first: (b, 4 + 2n) states where the motions begin.
+        second: (b, 4 + 2n) states where they end.
         clearance: (b, INTERVALS) rad wanted.
     """
     clear = interval_slacks(scene, straight_lines(scene, first, second, INTERVALS), clearance) >= 0
@@ -109,10 +115,10 @@ def _clear_intervals(scene: Scene, first: Array, second: Array, clearance: Array
 
 
 def reached(answer: np.ndarray, count: int) -> np.ndarray:
-    """How far straight motions are clear, by the answer to a `Space.reach_call`.
+    """Return how far straight motions are clear, given the answer to a `Space.reach_call`.
 
     Args:
-        answer: of the kernel.
+        answer: answer of the kernel.
         count: number of the motions; the rest of the answer is padding.
 
     Returns:
@@ -125,9 +131,9 @@ class Tree:
     """States with their parents, in arrays that double in size when they are full.
 
     Attributes:
-        size: number of states.
+        size: number of states; entries of the arrays beyond it mean nothing.
         states: (capacity, 4 + 2n).
-        parents: (capacity,) int, -1 for the root.
+        parents: (capacity,) int, index of each state's parent, -1 for the root.
         costs: (capacity,) steps from the root.
     """
 
@@ -139,7 +145,7 @@ class Tree:
         self.add(root, -1, 0.0)
 
     def add(self, state: np.ndarray, parent: int, cost: float) -> int:
-        """Add a state (4 + 2n,), `cost` steps from the root, with its parent's index; returns its index."""
+        """Add a state (4 + 2n,), `cost` steps from the root, with its parent's index; return its index."""
         if self.size == len(self.costs):
             self.states = np.concatenate([self.states, np.empty_like(self.states)])
             self.parents = np.concatenate([self.parents, np.empty_like(self.parents)])
@@ -150,7 +156,7 @@ class Tree:
         return place
 
     def branch(self, place: int) -> list[int]:
-        """Indices of the states from the root to the one at index `place`."""
+        """Return the indices of the states from the root to the one at index `place`."""
         places = []
         while place >= 0:
             places.append(place)
@@ -181,22 +187,25 @@ class Space:
         return self.settings.max_expansions - self.extensions
 
     def spent(self) -> Status | None:
-        """NODE_LIMIT or TIME_LIMIT if that limit is reached, else None."""
+        """Return NODE_LIMIT or TIME_LIMIT if that limit is reached, else None."""
         if self.left <= 0:
             return Status.NODE_LIMIT
         return Status.TIME_LIMIT if working_time() >= self.deadline else None
 
     def draw(self, count: int) -> np.ndarray:
-        """Draw random states, (count, 4 + 2n), see `draw`."""
+        """Draw random states (count, 4 + 2n), see the function `draw`."""
         return draw(self.scene, self.rng, count)
 
     def distance(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """(...) steps between states (..., 4 + 2n)."""
+        """Return the steps (...) of straight motions between states (..., 4 + 2n)."""
         turn = quaternion.distance(first[..., :4], second[..., :4])
         return steps_between(self.scene, turn, second[..., 4:] - first[..., 4:])
 
     def nearest(self, tree: Tree, states: np.ndarray) -> np.ndarray:
-        """(k,) indices of the tree's states nearest to states (k, 4 + 2n), to within some 1e-8 steps."""
+        """Return for each of k states (k, 4 + 2n) the index of the nearest state of the tree.
+
+        The nearest is found to within some 1e-8 steps.
+        """
         known = tree.states[: tree.size]
         cosines = np.minimum(np.abs(states[:, :4] @ known[:, :4].T), 1)  # of half the turns
         away = np.arccos(cosines) * (2 / self.scene.attitude_step)
@@ -207,10 +216,10 @@ class Space:
     def reach(
         self, first: np.ndarray, second: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray
     ) -> np.ndarray:
-        """Compute how far straight motions are clear; arguments as of `reach_call`, for any b.
+        """Compute how far any number of straight motions are clear; arguments as for `reach_call`.
 
         Returns:
-            (b,), see `reached`.
+            A fraction for each motion, see `reached`.
         """
         found = []
         for begin in range(0, len(first), MANY):
@@ -223,13 +232,13 @@ class Space:
     def reach_call(
         self, first: np.ndarray, second: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray
     ) -> Call:
-        """The call that tells how far straight motions are clear, see `reached`.
+        """Make the call that tells how far straight motions are clear, see `reached`.
 
         Args:
-            first: (b, 4 + 2n) where they begin; b is at most MANY.
-            second: (b, 4 + 2n) where they end.
-            from_start: (2, b) steps from the start to both ends, for the clearance.
-            from_goal: (2, b) likewise from the goal.
+            first: (b, 4 + 2n) states where b motions begin, at most MANY.
+            second: (b, 4 + 2n) states where they end.
+            from_start: (2, b) steps from the start of the scene to both ends, for the clearance.
+            from_goal: (2, b) steps likewise from the goal.
 
         Raises:
             ValueError: for more than MANY motions.
@@ -244,12 +253,12 @@ class Space:
         return Call(_clear_intervals, tuple(np.concatenate(part) for part in padded))
 
     def _clearance(self, length: np.ndarray, from_start: np.ndarray, from_goal: np.ndarray) -> np.ndarray:
-        """Clearance wanted on each interval of b motions, (b, INTERVALS) rad.
+        """Return the clearance wanted on each interval of b motions, (b, INTERVALS) rad.
 
         Args:
             length: (b,) steps of the motions.
-            from_start: (2, b) steps from the start to both ends.
-            from_goal: (2, b) likewise from the goal.
+            from_start: (2, b) steps from the start of the scene to both ends.
+            from_goal: (2, b) steps likewise from the goal.
         """
         fraction = np.arange(INTERVALS + 1) / INTERVALS
         along, back = length[:, None] * fraction, length[:, None] * (1 - fraction)
@@ -260,28 +269,28 @@ class Space:
         return np.asarray(tapered(self.settings.clearance, np.minimum(steps[:, :-1], steps[:, 1:])))
 
     def result(self, status: Status, path: Path | None = None) -> SearchResult:
-        """The result of this status and path, with the extensions so far as expansions."""
+        """Return the result of this status and path, with the extensions so far as expansions."""
         return SearchResult(
             status=status, path=path, expansions=self.extensions, queue_expansions=(self.extensions,)
         )
 
     def found(self, corners: np.ndarray) -> SearchResult:
-        """The result OK with the path along corners (k, 4 + 2n)."""
+        """Return the result OK with the path along given corners, states (k, 4 + 2n) from start to goal."""
         return self.result(Status.OK, subdivide(self.scene, corners))
 
 
 def search_by_trees(
     grow: Callable[[Space], SearchRun], scenes: Scenes, settings: Sequence[SearchSettings]
 ) -> list[SearchResult]:
-    """Search paths by trees: the straight motions first, then a run of each scene left, and smoothing.
+    """Search paths by trees: the straight motions first, then a run for each scene left, then smoothing.
 
     Args:
-        grow: makes the run that grows trees in a space.
+        grow: function that makes the run that grows trees in a space.
         scenes: the problems.
-        settings: of each: limits of the effort, clearance and seed.
+        settings: those of each search: limits of the effort, clearance and seed.
 
     Returns:
-        OK with a path whose every edge is clear, or why there is none.
+        For each scene OK with a path whose every edge is clear, or a status that says why there is none.
     """
 
     def grown(rest: list[int]) -> list[SearchResult]:

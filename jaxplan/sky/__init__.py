@@ -8,17 +8,18 @@
 
 Conventions. Axes are those of the GCRS, which are those of J2000 (EME2000) to 1.2e-7 rad; positions are in km
 from the Earth's centre, times in SI seconds after an epoch in UTC. Two-line elements are propagated by SGP4
-in its frame TEME and turned into these axes. A satellite, a point of the ground, a body's name (``"sun"``,
-``"moon"``, ``"earth"``) or a position may stand wherever something is looked at, or looked from. Looked at
-may also be ``"nadir"``, ``"zenith"``, ``"ram"`` and ``"orbit_normal"``, the observer's own directions.
+in its frame TEME and rotated into these axes. The observer and what is looked at may each be a satellite, a
+point of the ground, a body's name (``"sun"``, ``"moon"``, ``"earth"``) or a position. What is looked at may
+also be ``"nadir"``, ``"zenith"``, ``"ram"`` or ``"orbit_normal"``, which are directions that depend on the
+observer's own motion.
 
-Directions are geometric: where the other is at that instant. Left out are light time and aberration, by
-which the Sun appears up to 1.0e-4 rad (0.006 deg) off for the Earth's motion, and everything up to 2.6e-5 rad
+Directions are geometric: where the other is at that instant. Left out are light time and aberration. These
+displace the Sun by up to 1.0e-4 rad (0.006 deg) for the Earth's motion, and everything by up to 2.6e-5 rad
 for that of a satellite in low orbit. The Moon is good to 1e-4 rad, the Sun to 1e-6; a satellite of two-line
-elements to about 1 km at their epoch, and several more for each day since.
+elements to about 1 km at their epoch, and several km more for each day since.
 
-It needs the extra ``orbit``: pyerfa for bodies and frames, sgp4 for two-line elements; and for ephemeris
-messages the extra ``oem``, for kernels of SPICE ``spice``.
+The package needs the extra ``orbit``: pyerfa for bodies and frames, sgp4 for two-line elements; for ephemeris
+messages also the extra ``oem``, for kernels of SPICE ``spice``.
 """
 
 from jaxplan.sky.circular import CircularOrbit

@@ -1,4 +1,4 @@
-"""Satellites on circular orbits, which `jaxplan.sky.orbits` has the mathematics of."""
+"""Satellites on circular orbits; `jaxplan.sky.orbits` has the mathematics."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,15 +18,15 @@ from jaxplan.sky.frames import elapsed
 class CircularOrbit:
     """A satellite on a circular Keplerian orbit, as in `jaxplan.sky.orbits`.
 
-    Its elements are those about the axes of the GCRS: the equator of J2000, not that of date, from which
-    it differs by 0.006 deg a year.
+    Its elements refer to the axes of the GCRS: to the equator of J2000, not that of date, from which it
+    differs by 0.006 deg a year.
 
     Attributes:
-        altitude: km above the equatorial radius, in (0, 1e6].
+        altitude: km above the Earth's equatorial radius, in (0, 1e6].
         inclination: rad, in [-pi, pi].
         node: rad, right ascension of the ascending node.
         latitude: rad, argument of latitude at the orbit's epoch.
-        epoch: UTC in ISO 8601 at which `latitude` holds; None for the epoch that each call gives.
+        epoch: UTC in ISO 8601 at which `latitude` holds; None for the epoch given in each call.
     """
 
     altitude: float
@@ -54,10 +54,10 @@ class CircularOrbit:
 def orbit_state(
     orbit: CircularOrbit, epoch: np.datetime64, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity on a circular orbit.
+    """Return position and velocity on a circular orbit.
 
     Args:
-        orbit: the satellite's.
+        orbit: the orbit of the satellite.
         epoch: UTC.
         times: (...) s after it.
 
@@ -74,7 +74,10 @@ def orbit_state(
 
 @lru_cache(maxsize=4096)
 def _circle(*elements: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """Position (3,) km, velocity (3,) km/s and mean motion, rad/s, of a circular orbit's elements."""
+    """Return position (3,) km, velocity (3,) km/s and mean motion, rad/s, at the epoch of a circular orbit.
+
+    The arguments are altitude, inclination, node and latitude, as in `CircularOrbit`.
+    """
     with jax.enable_x64(True):
         position, velocity = np.asarray(orbits.position(*elements)), np.asarray(orbits.velocity(*elements))
         return position, velocity, float(orbits.mean_motion(elements[0]))

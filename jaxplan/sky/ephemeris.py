@@ -37,8 +37,8 @@ FRAMES = ("GCRS", "GCRF", "ICRF", "EME2000", "J2000")
 """Names of the axes that samples may have."""
 _AHEAD_OF_TAI = {"TAI": 0.0, "TT": TT_MINUS_TAI, "TDB": TT_MINUS_TAI, "GPS": -19.0}  # s, TDB to 0.002 s
 _TIME_SYSTEMS = ("UTC", *_AHEAD_OF_TAI)
-_DEGREE = 7  # of the polynomial between samples
-_FARTHEST = np.deg2rad(45.0)  # rad, most between neighbouring samples, seen from the Earth's centre
+_DEGREE = 7  # degree of the polynomial between samples
+_FARTHEST = np.deg2rad(45.0)  # rad, largest angle between neighbouring samples, seen from the centre
 _LEAST_RADIUS = 6356.7  # km, radius of the Earth at its poles; nothing flies below
 _LARGEST_FILE = 64 * 2**20  # most bytes of a message, some 500,000 samples
 _SECOND = np.timedelta64(1, "s")
@@ -48,20 +48,21 @@ _DATE = re.compile(
 
 
 class EphemerisError(ValueError):
-    """An ephemeris that cannot be used, or is asked for what it does not have."""
+    """Raised for an ephemeris that cannot be used, or that is asked for a time that it does not cover."""
 
 
 @shown("times s", "positions km", "velocities km/s", "first s", "last s")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Samples:
-    """Samples of one smooth motion.
+    """Samples of one smooth motion, GCRS, from the Earth's centre.
 
     Attributes:
         times: (n,) s, rising.
         positions: (n, 3) km.
         velocities: (n, 3) km/s; None where they are not known.
-        first: s, begin of the span in which they may be asked for; earlier samples only serve interpolation.
-        last: s, its end.
+        first: s, begin of the span in which states may be asked for; earlier samples only serve
+            interpolation.
+        last: s, end of that span, likewise.
     """
 
     times: np.ndarray
@@ -71,10 +72,10 @@ class Samples:
     last: float
 
     def state(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (k, 3) km and velocities (k, 3) km/s at times (k,) s between `first` and `last`."""
+        """Return positions (k, 3) km and velocities (k, 3) km/s at times (k,) s, from `first` to `last`."""
         from scipy.interpolate import KroghInterpolator  # slow to import, so not at the top
 
-        each = 1 if self.velocities is None else 2  # conditions a sample
+        each = 1 if self.velocities is None else 2  # conditions for each sample
         count = min((_DEGREE + 1) // each, len(self.times))
         after = np.searchsorted(self.times, times, side="right")
         begin = np.clip(after - count // 2, 0, len(self.times) - count)
@@ -100,9 +101,9 @@ class Ephemeris:
     """A satellite whose positions are known at some times; made by `through` or `read_oem`.
 
     Attributes:
-        name: of what moves; empty if it has none.
-        epoch: UTC from which times count; None for the epoch that each call gives.
-        pieces: motions that are smooth each by itself, in the order of their times.
+        name: name of the satellite; empty if it has none.
+        epoch: UTC from which the times of the samples count; None for the epoch given in each call.
+        pieces: motions, each smooth by itself, in the order of their times.
     """
 
     name: str
@@ -119,17 +120,18 @@ class Ephemeris:
         epoch: str | np.datetime64 | None = None,
         name: str = "",
     ) -> Self:
-        """Make the ephemeris through samples along the axes of the GCRS, from the Earth's centre.
+        """Make the ephemeris through samples, given along the axes of the GCRS from the Earth's centre.
 
         Args:
             times: (n,) s, rising; at least 2 with velocities, and 4 without.
             positions: (n, 3) km.
-            velocities: (n, 3) km/s, if known.
-            epoch: UTC from which times count; None for that which each call gives.
-            name: of what moves.
+            velocities: (n, 3) km/s; None if they are not known.
+            epoch: UTC from which times count; None for the epoch given in each call.
+            name: name of the satellite.
 
         Raises:
-            EphemerisError: if shapes or numbers are wrong, or neighbours more than 45 deg apart.
+            EphemerisError: if shapes or numbers are wrong, or neighbours more than 45 deg apart as seen from
+                the Earth's centre.
         """
         piece = _samples(times, positions, velocities)
         return cls(name=name, epoch=None if epoch is None else parse_epoch(epoch), pieces=(piece,))
@@ -138,10 +140,10 @@ class Ephemeris:
 def ephemeris_state(
     ephemeris: Ephemeris, epoch: np.datetime64, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity of a satellite of an ephemeris, by interpolation.
+    """Return position and velocity of a satellite of an ephemeris, by interpolation.
 
     Args:
-        ephemeris: the satellite's.
+        ephemeris: the ephemeris of the satellite.
         epoch: UTC.
         times: (...) s after it.
 
@@ -149,7 +151,7 @@ def ephemeris_state(
         (..., 3) km and (..., 3) km/s, GCRS.
 
     Raises:
-        EphemerisError: if a time is outside of what is known.
+        EphemerisError: if a time is outside of the spans that the ephemeris covers; nothing is extrapolated.
     """
     asked = times if ephemeris.epoch is None else elapsed(ephemeris.epoch, epoch, times)
     flat = np.ravel(asked)
@@ -174,11 +176,11 @@ def read_oem(path: str | os.PathLike[str]) -> Ephemeris:
     """Read the ephemeris of a CCSDS Orbit Ephemeris Message.
 
     Args:
-        path: of the file, in the notation of keywords (KVN) or XML.
+        path: path of the file, in the notation of keywords (KVN) or XML, of at most 64 MiB.
 
     Raises:
-        EphemerisError: if it is no such message, or one of another centre, of axes that are not inertial, or
-            of a time system that is not known.
+        EphemerisError: if it is no such message, or one about another centre, with axes that are not
+            inertial, or in an unknown time system.
         OSError: if the file cannot be read.
         ImportError: if the extra ``oem`` is not installed.
     """
@@ -201,7 +203,9 @@ def read_oem(path: str | os.PathLike[str]) -> Ephemeris:
 
 
 def _pieces(segments: Sequence[Any]) -> tuple[np.datetime64, tuple[Samples, ...]]:
-    """Check the segments of a message; returns a midnight of UTC from which times count, and their samples.
+    """Check the segments of a message, and return their samples with the epoch from which their times count.
+
+    The epoch is a midnight of UTC.
 
     Raises:
         EphemerisError: if a segment cannot be used.
@@ -233,14 +237,14 @@ def _pieces(segments: Sequence[Any]) -> tuple[np.datetime64, tuple[Samples, ...]
 
 
 def atomic(dates: Sequence[str], system: str) -> tuple[np.ndarray, np.ndarray]:
-    """Dates in International Atomic Time: midnights (n,) and seconds (n,) from there on.
+    """Convert dates to International Atomic Time: midnights (n,), and seconds (n,) from there on.
 
     Args:
-        dates: as CCSDS writes them, by calendar or by day of the year; second 60 is a leap second.
+        dates: n dates as CCSDS writes them, by calendar or by day of the year; second 60 is a leap second.
         system: their time system, one of `_TIME_SYSTEMS`.
 
     Raises:
-        EphemerisError: (a ValueError) for a date that is none.
+        EphemerisError: (a ValueError) for text that is not a date.
     """
     midnights, seconds = [], []
     for date in dates:
@@ -262,7 +266,9 @@ def _samples(
     first: float | None = None,
     last: float | None = None,
 ) -> Samples:
-    """Check samples; `first` and `last` bound the span in which they may be asked for, None for all of it.
+    """Check samples and return them as `Samples`.
+
+    `first` and `last`, s, bound the span in which states may be asked for; None for all of the samples' span.
 
     Raises:
         EphemerisError: if shapes or numbers are wrong.

@@ -1,13 +1,13 @@
 """Instants, frames and bodies: everything that pyerfa computes.
 
-**Instants** are an epoch in UTC and seconds after it. pyerfa counts in Julian dates of several scales, given
-in two parts for the sake of their digits.
+**Instants** are an epoch in UTC and seconds after it. pyerfa takes Julian dates of several time scales, each
+in two parts to keep all digits.
 
 **Frames.** Directions are along the axes of the GCRS. SGP4 computes in TEME, which has its z axis along the
 Earth's true axis of date (Celestial Ephemeris Pole), and its x axis in the true equator where sidereal time
-is the mean one of 1982: it differs from the true equator and equinox of date by a turn about z, the
-equation of the equinoxes. That it goes with GMST of 1982 is how its authors define it (Vallado and others,
-AIAA 2006-6753, appendix C):
+is the mean one of 1982: it differs from the true equator and equinox of date by a turn about z, the equation
+of the equinoxes. That it goes with GMST of 1982 is how its authors define it (Vallado and others, AIAA
+2006-6753, appendix C):
 
     r_Earth = R3(GMST82) r_TEME = R3(GAST) r_true,     r_true = N P B r_GCRS,
 
@@ -45,7 +45,10 @@ _MOST_SECONDS = 4.1e9  # s, which span all years that an epoch may lie in; times
 
 
 def library(module: str) -> Any:
-    """Import a module of an extra: ``erfa`` or one of ``sgp4`` of ``orbit``, ``ccsds_ndm``, or ``spiceypy``.
+    """Import and return a module that comes with one of the extras.
+
+    It is ``erfa`` or a module of ``sgp4`` (extra ``orbit``), ``ccsds_ndm`` (``oem``), or ``spiceypy``
+    (``spice``).
 
     Raises:
         ImportError: if it is not installed; the message names the extra.
@@ -65,7 +68,7 @@ def seconds(times: ArrayLike) -> np.ndarray:
         times: () or (k,) s.
 
     Raises:
-        ValueError: if they are of another shape, not finite, or a century away.
+        ValueError: if they have another shape, are not finite, or are more than 4.1e9 s (130 years) away.
     """
     array = floats("times", times, "a number of seconds, or (k,) of them")
     if array.ndim > 1:
@@ -77,14 +80,14 @@ def seconds(times: ArrayLike) -> np.ndarray:
 
 
 def universal(epoch: np.datetime64, times: np.ndarray) -> tuple[float, np.ndarray]:
-    """UTC as a Julian date in two parts, which stands for UT1 where a second does not matter.
+    """Return UTC as a Julian date in two parts, which stands for UT1 where a second does not matter.
 
     Args:
         epoch: UTC.
         times: (...) s after it.
 
     Returns:
-        Midnight before the epoch, and (...) days from there on.
+        The Julian date of the midnight before the epoch, and (...) days from there on.
     """
     midnight = epoch.astype("datetime64[D]")
     since = float((epoch - midnight) / np.timedelta64(1, "ns")) * 1e-9
@@ -92,30 +95,33 @@ def universal(epoch: np.datetime64, times: np.ndarray) -> tuple[float, np.ndarra
 
 
 def terrestrial(epoch: np.datetime64, times: np.ndarray) -> tuple[float, np.ndarray]:
-    """Terrestrial time as a Julian date in two parts; arguments and parts are those of `universal`.
+    """Return Terrestrial Time as a Julian date in two parts; arguments and parts are those of `universal`.
 
-    TDB is the same to 0.002 s.
+    It also stands for TDB, which is the same to 0.002 s.
     """
     day, since = universal(epoch, times)
     return day, since + (_leaps(epoch) + TT_MINUS_TAI) / _DAY
 
 
 def elapsed(since: np.datetime64, epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
-    """SI seconds (...), leap seconds counted, from `since` to times (...) s after `epoch`, both UTC."""
+    """Return the SI seconds (...) from `since` to times (...) s after `epoch`, leap seconds counted.
+
+    Both instants are UTC.
+    """
     apart = float((epoch - since) / np.timedelta64(1, "ns")) * 1e-9
     return apart + (_leaps(epoch) - _leaps(since) if epoch != since else 0.0) + times
 
 
 def _leaps(epoch: np.datetime64) -> float:
-    """Seconds that TAI is ahead of UTC at an epoch; raises an ImportError without pyerfa."""
+    """Return the seconds by which TAI is ahead of UTC at an epoch; raise an ImportError without pyerfa."""
     library("erfa")  # for the message where it is missing
     return leaps(epoch)
 
 
 def teme_to_gcrs(epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
-    """Rotation that takes TEME of each instant to the axes of the GCRS.
+    """Return the rotation from TEME of each instant to the axes of the GCRS.
 
-    It turns by some 8e-12 rad/s (precession), which a velocity in orbit does not feel.
+    It changes by some 8e-12 rad/s (precession), which is negligible for a velocity in orbit.
 
     Args:
         epoch: UTC.
@@ -137,10 +143,10 @@ def teme_to_gcrs(epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
 def earth_fixed_state(
     place: np.ndarray, epoch: np.datetime64, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity of a place that turns with the Earth.
+    """Return position and velocity of a place that turns with the Earth.
 
     Args:
-        place: (3,) km, along the axes that are fixed to the Earth.
+        place: (3,) km, along the axes that are fixed to the Earth (ITRS).
         epoch: UTC.
         times: (...) s after it.
 
@@ -152,7 +158,7 @@ def earth_fixed_state(
 
 
 def gcrs_to_earth(epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
-    """Rotation that takes the axes of the GCRS to those that are fixed to the Earth.
+    """Return the rotation from the axes of the GCRS to those that are fixed to the Earth (ITRS).
 
     Args:
         epoch: UTC, which stands for UT1.
@@ -170,14 +176,14 @@ def gcrs_to_earth(epoch: np.datetime64, times: np.ndarray) -> np.ndarray:
 
 
 def _pole(day: float, since: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The Celestial Intermediate Pole's X, Y and the locator s, (...) rad, IAU 2006/2000A.
+    """Return the Celestial Intermediate Pole's X, Y and the locator s, each (...) rad, of IAU 2006/2000A.
 
-    They have thousands of terms, and change by 5e-9 rad in an hour, so for many instants of a day they are
-    interpolated, by polynomials that are off by less than rounding.
+    They have thousands of terms, and change by 5e-9 rad in an hour, so for many instants within a day they
+    are interpolated, by polynomials that are off by less than rounding.
 
     Args:
-        day: terrestrial time as a Julian date, first part.
-        since: (...) days, the other.
+        day: Terrestrial Time as a Julian date, its first part.
+        since: (...) days, its second part.
     """
     erfa = library("erfa")
     low, high = float(np.min(since, initial=np.inf)), float(np.max(since, initial=-np.inf))
@@ -192,7 +198,7 @@ def _pole(day: float, since: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def body_state(body: str, epoch: np.datetime64, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity of a body.
+    """Return position and velocity of a body.
 
     Args:
         body: one of `BODIES`.

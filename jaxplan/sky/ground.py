@@ -1,7 +1,8 @@
 """Points of the ground, which turn with the Earth.
 
-Latitude and longitude are geodetic, on the ellipsoid of WGS 84, and altitudes above it: not above the sea,
-from which it differs by up to 110 m. `jaxplan.sky.frames` says what is left out of the Earth's turning.
+Latitude and longitude are geodetic, on the ellipsoid of WGS 84, and altitudes are above the ellipsoid: not
+above the sea, from which it differs by up to 110 m. `jaxplan.sky.frames` says what is left out of the Earth's
+rotation, and calls the axes that are fixed to the Earth ITRS.
 """
 
 from dataclasses import dataclass
@@ -23,10 +24,11 @@ class GroundPoint:
     """A point of the ground, or above it, which turns with the Earth.
 
     Attributes:
-        latitude: rad, geodetic, in [-pi / 2, pi / 2].
-        longitude: rad, to the east, in [-2 pi, 2 pi].
+        latitude: rad, geodetic, positive north, in [-pi / 2, pi / 2].
+        longitude: rad, positive east, in [-2 pi, 2 pi].
         altitude: m above the ellipsoid of WGS 84, in [-1000, 100000].
-        minimum_elevation: rad above its horizon from which on it sees the observer, in [0, pi / 2).
+        minimum_elevation: rad, least elevation above its horizon at which it sees the observer, in [0, pi /
+            2).
     """
 
     latitude: float
@@ -50,7 +52,7 @@ class GroundPoint:
 
     @property
     def up(self) -> np.ndarray:
-        """Unit vector (3,) at right angles to the ellipsoid, along axes that are fixed to the Earth."""
+        """Unit vector (3,) outward, at right angles to the ellipsoid, along axes fixed to the Earth."""
         cos = np.cos(self.latitude)
         return np.array([cos * np.cos(self.longitude), cos * np.sin(self.longitude), np.sin(self.latitude)])
 
@@ -84,13 +86,14 @@ def surface_point(place: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 
 def geodetic(place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Geodetic coordinates on WGS 84; the inverse of `GroundPoint.place`.
+    """Return geodetic coordinates on WGS 84; the inverse of `GroundPoint.place`.
 
     Args:
         place: (..., 3) km along axes that are fixed to the Earth, not at its centre.
 
     Returns:
-        (...) rad latitude, (...) rad longitude to the east in (-pi, pi], (...) km altitude; NaN of a NaN.
+        (...) rad latitude, (...) rad longitude, positive east, in (-pi, pi], and (...) km altitude (not m);
+        NaN where a position is not finite.
     """
     known = np.all(np.isfinite(place), axis=-1, keepdims=True)
     metres = np.where(known, place, [EARTH_RADIUS, 0.0, 0.0]) * 1e3
@@ -102,10 +105,10 @@ def geodetic(place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def ground_state(
     point: GroundPoint, epoch: np.datetime64, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity of a point of the ground.
+    """Return position and velocity of a point of the ground.
 
     Args:
-        point: of the ground.
+        point: the point.
         epoch: UTC.
         times: (...) s after it.
 
@@ -118,11 +121,11 @@ def ground_state(
 def elevation(
     point: GroundPoint, position: np.ndarray, epoch: np.datetime64, times: np.ndarray
 ) -> np.ndarray:
-    """Elevation of something above the horizon of a point of the ground; air does not bend the line.
+    """Return the elevation of something above the horizon of a point of the ground, without refraction.
 
     Args:
-        point: of the ground.
-        position: (..., 3) km of what it looks at, GCRS.
+        point: the point of the ground.
+        position: (..., 3) km of what is seen from there, GCRS.
         epoch: UTC.
         times: (...) s after it.
 

@@ -1,7 +1,7 @@
-"""Keplerian orbits of any shape that does not escape: two-body motion, which nothing disturbs.
+"""Keplerian orbits of any shape that does not escape: undisturbed two-body motion.
 
 Left out are drag, Sun, Moon and the Earth's oblateness, by which the node of a low orbit turns by up to 8 deg
-a day, and the position is off by tens of km after one revolution. For long times take two-line elements or an
+a day, and the position is off by tens of km after one revolution. For long times use two-line elements or an
 ephemeris.
 """
 
@@ -24,16 +24,16 @@ _ANGLES = ("node", "perigee", "anomaly")
 )
 @dataclass(frozen=True, kw_only=True)
 class KeplerOrbit:
-    """A satellite on a Keplerian orbit, whose elements are about the axes of the GCRS (the equator of J2000).
+    """A satellite on a Keplerian orbit, with elements about the axes of the GCRS (the equator of J2000).
 
     Attributes:
-        semi_major_axis: km, at most 1e6, and so long that the perigee is outside the Earth.
+        semi_major_axis: km, at most 1e6, and so large that the perigee is outside the Earth.
         eccentricity: in [0, 1).
         inclination: rad, in [-pi, pi].
         node: rad, right ascension of the ascending node.
-        perigee: rad, argument of the perigee, from the ascending node on.
-        anomaly: rad, true anomaly at the orbit's epoch, from the perigee on.
-        epoch: UTC in ISO 8601 at which the elements hold; None for the epoch that each call gives.
+        perigee: rad, argument of the perigee, measured from the ascending node.
+        anomaly: rad, true anomaly at the orbit's epoch, measured from the perigee.
+        epoch: UTC in ISO 8601 at which the elements hold; None for the epoch given in each call.
     """
 
     semi_major_axis: float
@@ -71,10 +71,10 @@ class KeplerOrbit:
 def kepler_state(
     orbit: KeplerOrbit, epoch: np.datetime64, times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity on a Keplerian orbit.
+    """Return position and velocity on a Keplerian orbit.
 
     Args:
-        orbit: the satellite's.
+        orbit: the orbit of the satellite.
         epoch: UTC.
         times: (...) s after it.
 
@@ -99,14 +99,14 @@ def kepler_state(
 
 
 def eccentric_anomaly(mean: np.ndarray, eccentricity: float) -> np.ndarray:
-    """Solution of Kepler's equation ``E - e sin E = M``.
+    """Solve Kepler's equation ``E - e sin E = M`` for the eccentric anomaly ``E``.
 
     Args:
-        mean: (...) rad, the mean anomaly.
-        eccentricity: in [0, 1).
+        mean: (...) rad, the mean anomaly ``M``, of any number of turns.
+        eccentricity: ``e``, in [0, 1).
 
     Returns:
-        (...) rad.
+        (...) rad, in the same turn as the mean anomaly.
     """
     turns = 2 * np.pi * np.round(np.asarray(mean) / (2 * np.pi))
     wanted = mean - turns  # in [-pi, pi]
@@ -121,7 +121,7 @@ def eccentric_anomaly(mean: np.ndarray, eccentricity: float) -> np.ndarray:
 
 
 def _plane(orbit: KeplerOrbit) -> np.ndarray:
-    """Unit vectors (2, 3), GCRS, from the Earth's centre: to the perigee, and a quarter of a turn on."""
+    """Return unit vectors (2, 3), GCRS, toward the perigee and toward a true anomaly of a quarter turn."""
     ci, si = np.cos(orbit.inclination), np.sin(orbit.inclination)
     co, so = np.cos(orbit.node), np.sin(orbit.node)
     cw, sw = np.cos(orbit.perigee), np.sin(orbit.perigee)

@@ -1,9 +1,9 @@
 """Lines of sight: when a target is hidden by the Earth with its air, by its horizon, or by something else.
 
-Three rules. A line is blocked by a sphere that the segment from observer to target meets; the Earth is
-one, of its equatorial radius and a height that counts as air, and others are named (`Occulter`). A point of
-the ground is seen from its least elevation on, above the plane at right angles to the ellipsoid's normal;
-for it that stands in the place of the Earth's sphere. Bodies and directions such as ``nadir`` are never
+There are three rules. A line is blocked by a sphere that the segment from observer to target meets; the Earth
+is one, with its equatorial radius and a height that counts as air, and others may be added (`Occulter`). A
+point of the ground is seen from its least elevation upward, measured from the plane at right angles to the
+ellipsoid's normal; for it this replaces the Earth's sphere. Bodies and directions such as ``nadir`` are never
 hidden: an array may face the Sun in the Earth's shadow, too.
 
 Light is taken to go straight and at once: refraction, which lifts the horizon by 0.5 deg, is left out.
@@ -41,7 +41,7 @@ class Occulter:
     """A sphere that may hide targets.
 
     Attributes:
-        name: in messages.
+        name: its name in messages.
         thing: what is at its centre: a satellite or a body's name.
         radius: km.
     """
@@ -55,9 +55,9 @@ def occulter(name: str, thing: Thing | None = None, *, radius_km: float | None =
     """Make a sphere that may hide targets, beside the Earth, which always does.
 
     Args:
-        name: of a body, "sun" or "moon", or what messages are to call it.
-        thing: a satellite; None for the body of that name.
-        radius_km: of the sphere, in (0, 1e6]; that of the body unless given.
+        name: the name of a body, "sun" or "moon"; or what messages are to call the satellite given.
+        thing: a satellite at the centre; None for the body of that name.
+        radius_km: radius of the sphere, in (0, 1e6]; None for the body's own, but a satellite needs a number.
 
     Raises:
         ValueError: if it is the Earth, or its radius is not known or out of range.
@@ -82,19 +82,20 @@ def target(
     atmosphere_km: float = 0.0,
     occulters: Sequence[Occulter] = (),
 ) -> DirectionPath:
-    """Find the direction to a target over a manoeuvre, and when it is hidden; plans end where it is seen.
+    """Find the direction to a target over a manoeuvre, and when it is hidden; plans end while it is seen.
 
     Args:
         thing: what is looked at: a satellite, a point of the ground, a body's name, or one of `LOCAL`.
         epoch: UTC of the manoeuvre's start.
-        observer: who looks, a satellite.
+        observer: the satellite that looks.
         duration_s: s, in (0, 86400].
-        name: what messages and figures call it.
-        atmosphere_km: height that counts as the Earth, in [0, 1000]; some 100 km matter to optics.
-        occulters: spheres that may hide it, beside the Earth.
+        name: what messages and figures call the target.
+        atmosphere_km: height of air that counts as the Earth, in [0, 1000]; some 100 km matter to optics.
+        occulters: spheres that may hide the target, beside the Earth.
 
     Returns:
-        The path, as `path` makes it.
+        The path as from `path`, with the spans in which the target is hidden; none for a body or one of
+        `LOCAL`.
 
     Raises:
         ValueError: as `path`, and if the observer is not outside the Earth's air and the occulters.
@@ -127,11 +128,12 @@ def hidden(
 ) -> tuple[Hidden, ...]:
     """Find the spans of time in which a target is hidden; the arguments are those of `target`.
 
-    The clearance of each line is looked at every 10 s or oftener, and its least and greatest values between,
-    so that short spans are found too, unless several fall between two looks.
+    The clearance of each line is evaluated every 10 s or oftener, and its least and greatest values between
+    are found, so that short spans are found too, unless several fall between two evaluations.
 
     Returns:
-        Spans in the order of their beginnings, of each thing that hides it; they may overlap.
+        Spans in the order of their beginnings, for each thing that hides the target; they may overlap. Empty
+        where it is never hidden.
     """
     times = drift_times(observer, duration_s)
     heights = _heights(thing, times, epoch, observer, atmosphere_km, occulters)
@@ -152,15 +154,15 @@ def seen_between(
     atmosphere_km: float = 0.0,
     occulters: Sequence[Occulter] = (),
 ) -> list[tuple[float, float]]:
-    """Find the spans (start, end) s in which nothing hides a target, in their order.
+    """Find the spans (start, end) s in which nothing hides a target, in order.
 
     Args:
         thing: what is looked at: a satellite or a point of the ground.
-        times: (n,) s, rising: over which, and where it is looked at first, as `hidden` does.
+        times: (n,) s, rising: the span to be searched, and where lines are evaluated first, as in `hidden`.
         epoch: UTC, from which times count.
-        observer: who looks.
-        atmosphere_km: as of `hidden`.
-        occulters: as of `hidden`.
+        observer: the satellite that looks.
+        atmosphere_km: as for `hidden`.
+        occulters: as for `hidden`.
     """
     heights = _heights(thing, times, epoch, observer, atmosphere_km, occulters)
     hiding = sorted(span for _, height in heights for span in _spans_below(height, times))
@@ -180,7 +182,7 @@ def _heights(
     atmosphere_km: float,
     occulters: Sequence[Occulter],
 ) -> list[tuple[str, Height]]:
-    """How far the line to a target is above each thing that may hide it, by the names of these.
+    """Return how far the line to a target is above each thing that may hide it, with the names of these.
 
     Raises:
         ValueError: if the air has no such height, or the observer is inside of a sphere at one of the times.
@@ -207,19 +209,28 @@ def _heights(
 def _above_horizon(
     point: GroundPoint, observer: Thing, epoch: np.datetime64, times: np.ndarray
 ) -> np.ndarray:
-    """Elevation (k,) rad of an observer seen from a point of the ground at times (k,) s, less the least."""
+    """Return the elevation of an observer above the least one of a point of the ground, (k,) rad.
+
+    `times` (k,) are in s. The result is negative where the observer is not seen.
+    """
     here = positions(observer, epoch=epoch, times=times)
     return elevation(point, here, epoch, times) - point.minimum_elevation
 
 
 def _beside(sphere: Occulter, thing: Thing, observer: Thing, epoch: Epoch, times: np.ndarray) -> np.ndarray:
-    """Clearance (k,) km of a sphere from the segment observer to thing at times (k,) s; below 0 inside."""
+    """Return the distance (k,) km of the segment from observer to thing from a sphere; negative inside it.
+
+    `times` (k,) are in s after the epoch.
+    """
     places = [positions(one, epoch=epoch, times=times) for one in (sphere.thing, observer, thing)]
     return clearance(*places) - sphere.radius
 
 
 def clearance(centre: np.ndarray, observer: np.ndarray, thing: np.ndarray) -> np.ndarray:
-    """Least distance (...) km from a centre to the segment from observer to thing; positions (..., 3) km."""
+    """Return the least distance (...) km of a centre from the segment from observer to thing.
+
+    All positions are (..., 3) km.
+    """
     start, way = observer - centre, thing - observer
     square = np.sum(way * way, axis=-1)
     along = np.clip(-np.sum(start * way, axis=-1) / np.where(square > 0, square, 1), 0, 1)
@@ -229,7 +240,13 @@ def clearance(centre: np.ndarray, observer: np.ndarray, thing: np.ndarray) -> np
 def least_between(
     function: Callable[[np.ndarray], np.ndarray], low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
-    """Times (k,) s at which a function of time, which falls and then rises between bounds (k,), is least."""
+    """Return the times (k,) s at which a function of time is least between bounds.
+
+    Args:
+        function: function of times (k,) s, which falls and then rises between the bounds.
+        low: (k,) s, lower bounds.
+        high: (k,) s, upper bounds.
+    """
     for _ in range(_THIRDS):
         first, second = low + (high - low) / 3, high - (high - low) / 3
         later = function(first) > function(second)
@@ -238,15 +255,17 @@ def least_between(
 
 
 def _spans_below(height: Callable[[np.ndarray], np.ndarray], times: np.ndarray) -> list[tuple[float, float]]:
-    """Spans (start, end) s in which a smooth function of time is negative, longer by `_GUARD` at both ends.
+    """Return the spans (start, end) s in which a smooth function of time is negative.
+
+    They are longer than found by `_GUARD` at both ends.
 
     Args:
-        height: the function, from times (k,) s to values (k,).
+        height: function from times (k,) s to values (k,).
         times: (n,) s, rising: where it is evaluated first, to find its extrema.
     """
     values = height(times)
     before, middle, after = values[:-2], values[1:-1], values[2:]
-    sign = np.where(middle > 0, 1.0, -1.0)  # looked for is what is lower than a dip, or higher than a peak
+    sign = np.where(middle > 0, 1.0, -1.0)  # dips where positive, peaks where negative, may cross zero
     turning = 1 + np.flatnonzero((sign * middle <= sign * before) & (sign * middle <= sign * after))
     if len(turning):
         side = sign[turning - 1]

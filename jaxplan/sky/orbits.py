@@ -1,10 +1,10 @@
 """Circular Keplerian orbits, and the directions from one satellite to others.
 
 Conventions. The frame is inertial with its origin at the Earth's centre and z along the Earth's axis; right
-ascensions are counted from x. Lengths are in km, angles in rad, times in s. A satellite has an altitude
-above the equatorial radius, an inclination, a right ascension of its ascending node, and at time zero an
-argument of latitude: the angle along the orbit from the ascending node, which is what a true anomaly means
-where there is no perigee (section 5 of the paper). All arguments broadcast against each other.
+ascensions are counted from x. Lengths are in km, angles in rad, times in s. A satellite has an altitude above
+the equatorial radius, an inclination, a right ascension of its ascending node, and at time zero an argument
+of latitude: the angle along the orbit from the ascending node, which is what a true anomaly means where there
+is no perigee (section 5 of the paper). All arguments broadcast against each other.
 
 Left out are the Earth's oblateness, drag, and the time that light takes: over the minutes of a manoeuvre they
 turn a line of sight by some 1e-4 rad, far less than a step of the search.
@@ -22,10 +22,10 @@ EARTH_MU = 398600.4418  # km^3/s^2
 
 
 def mean_motion(altitude: ArrayLike) -> Array:
-    """Angular rate along the orbit.
+    """Angular rate along a circular orbit.
 
     Args:
-        altitude: (...) km.
+        altitude: (...) km above the equatorial radius.
 
     Returns:
         (...) rad/s.
@@ -35,10 +35,10 @@ def mean_motion(altitude: ArrayLike) -> Array:
 
 
 def period(altitude: ArrayLike) -> Array:
-    """Time of one revolution.
+    """Time of one revolution on a circular orbit.
 
     Args:
-        altitude: (...) km.
+        altitude: (...) km above the equatorial radius.
 
     Returns:
         (...) s.
@@ -49,7 +49,10 @@ def period(altitude: ArrayLike) -> Array:
 def _orbit_frame(
     altitude: ArrayLike, inclination: ArrayLike, node: ArrayLike, latitude: ArrayLike, time: ArrayLike
 ) -> tuple[Array, Array]:
-    """Inertial unit vectors (..., 3) up and ahead (along the velocity); arguments are those of `position`."""
+    """Return inertial unit vectors (..., 3) up and ahead, along the velocity.
+
+    The arguments are those of `position`.
+    """
     i, o = jnp.asarray(inclination), jnp.asarray(node)
     u = jnp.asarray(latitude) + mean_motion(altitude) * jnp.asarray(time)
     u, i, o = jnp.broadcast_arrays(u, i, o)
@@ -63,7 +66,7 @@ def _orbit_frame(
 def position(
     altitude: ArrayLike, inclination: ArrayLike, node: ArrayLike, latitude: ArrayLike, time: ArrayLike = 0.0
 ) -> Array:
-    """Position of a satellite.
+    """Position of a satellite on a circular orbit.
 
     The four satellites of section 5, at time zero:
 
@@ -71,11 +74,11 @@ def position(
                  jnp.deg2rad(jnp.array([20.0, 25.0, 15.0, 15.0])))
 
     Args:
-        altitude: (...) km.
+        altitude: (...) km above the equatorial radius.
         inclination: (...) rad.
         node: (...) rad, right ascension of the ascending node.
         latitude: (...) rad, argument of latitude at time zero.
-        time: (...) s.
+        time: (...) s at which the position is wanted.
 
     Returns:
         (..., 3) km, inertial.
@@ -87,7 +90,7 @@ def position(
 def velocity(
     altitude: ArrayLike, inclination: ArrayLike, node: ArrayLike, latitude: ArrayLike, time: ArrayLike = 0.0
 ) -> Array:
-    """Velocity of a satellite; the arguments are those of `position`.
+    """Velocity of a satellite on a circular orbit; the arguments are those of `position`.
 
     Returns:
         (..., 3) km/s, inertial.
@@ -102,10 +105,11 @@ def line_of_sight(observer: ArrayLike, target: ArrayLike) -> Array:
 
     Args:
         observer: (..., 3) km.
-        target: (..., 3) km, broadcast.
+        target: (..., 3) km, broadcast against the observer.
 
     Returns:
-        (..., 3) unit vector, inertial. Of two satellites in one place it is zero, with zero derivative.
+        (..., 3) unit vector from observer to target, inertial. For two satellites in one place it is zero,
+        with zero derivative.
     """
     between = jnp.asarray(target) - jnp.asarray(observer)
     square = jnp.sum(between * between, axis=-1, keepdims=True)
@@ -114,15 +118,15 @@ def line_of_sight(observer: ArrayLike, target: ArrayLike) -> Array:
 
 
 def grazing_altitude(observer: ArrayLike, target: ArrayLike) -> Array:
-    """Lowest altitude that the straight line between two satellites comes to.
+    """Lowest altitude to which the straight line between two satellites descends.
 
     Args:
         observer: (..., 3) km.
-        target: (..., 3) km, broadcast.
+        target: (..., 3) km, broadcast against the observer.
 
     Returns:
-        (...) km above the sphere of the equatorial radius, negative where the line meets it; at most that of
-        the lower satellite.
+        (...) km above the sphere of the equatorial radius, negative where the line meets it; at most the
+        altitude of the lower satellite.
     """
     start, end = jnp.asarray(observer), jnp.asarray(target)
     between = end - start
@@ -133,12 +137,12 @@ def grazing_altitude(observer: ArrayLike, target: ArrayLike) -> Array:
 
 
 def earth_blocks(observer: ArrayLike, target: ArrayLike, lowest_altitude: ArrayLike = 0.0) -> Array:
-    """Whether the Earth, or the air below an altitude, is in the way between two satellites.
+    """Tell whether the Earth, or the air below an altitude, is in the way between two satellites.
 
     Args:
         observer: (..., 3) km.
-        target: (..., 3) km, broadcast.
-        lowest_altitude: (...) km that the line must stay above; a laser wants some 100 km of it.
+        target: (..., 3) km, broadcast against the observer.
+        lowest_altitude: (...) km that the line must stay above; a laser wants some 100 km.
 
     Returns:
         (...) bool, true also where a position is not a number.

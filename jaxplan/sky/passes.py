@@ -1,6 +1,6 @@
 """Passes: when a satellite or a point of the ground can be seen, and how it is seen then.
 
-They are the windows of what is to be done: in them nothing hides the target, see `jaxplan.sky.line_of_sight`.
+A pass is a span of time in which nothing hides the target, see `jaxplan.sky.line_of_sight`.
 """
 
 from collections.abc import Sequence
@@ -18,23 +18,25 @@ from jaxplan.sky.sights import Epoch, Satellite, Thing, directions, positions
 
 LONGEST = 31 * 86400.0
 """s, the longest time over which passes are looked for."""
-_STEP = 10.0  # s between looks at whether something is seen, at most
-_LOOKS = 64  # within a pass, at how it is seen
+_STEP = 10.0  # s, largest time between checks of whether something is seen
+_LOOKS = 64  # number of checks within a pass of how it is seen
 
 
 @shown("target", "start s", "end s", "best s", "elevation deg", "distance km", "off_nadir deg")
 @dataclass(frozen=True, kw_only=True)
 class Pass:
-    """A span of time in which a target can be seen.
+    """A span of time in which a target can be seen; times are in s after the epoch.
 
     Attributes:
-        target: its name.
-        start: s from the epoch on, when it comes into sight, or 0.
-        end: s, when it goes out of sight, or when the looking ends.
-        best: s, when it is highest above the horizon of a point of the ground, or a satellite is nearest.
-        elevation: rad, of the observer above the horizon of a point of the ground then; None of a satellite.
-        distance: km, then.
-        off_nadir: rad, the angle at the observer between the Earth's centre and the target then.
+        target: name of the target.
+        start: s, when it comes into sight, or 0 if it is in sight at the epoch.
+        end: s, when it goes out of sight, or the end of the time searched.
+        best: s, when the observer is highest above the horizon of a point of the ground, or a satellite is
+            nearest.
+        elevation: rad, of the observer above the horizon of a point of the ground at `best`; None for a
+            satellite.
+        distance: km, at `best`.
+        off_nadir: rad, the angle at the observer between the Earth's centre and the target at `best`.
     """
 
     target: str
@@ -47,7 +49,7 @@ class Pass:
 
     @property
     def duration(self) -> float:
-        """How long it lasts, s."""
+        """Duration of the pass, s."""
         return self.end - self.start
 
 
@@ -63,24 +65,24 @@ def passes(
 ) -> tuple[Pass, ...]:
     """Find when a satellite or a point of the ground can be seen.
 
-    A point of the ground is seen from its least elevation on, a satellite past the Earth with its air and
-    past the occulters, as targets of a plan are. The line is looked at every 10 s, and its least and
-    greatest clearance between, so that short passes are found, too.
+    A point of the ground is seen from its least elevation upward, a satellite past the Earth with its air and
+    past the occulters, as targets of a plan are. The line is evaluated every 10 s, and its least and greatest
+    clearance between are found, so that short passes are found, too.
 
     Args:
         thing: what is looked at.
         epoch: UTC, from which times count.
-        observer: who looks.
-        duration_s: s, for how long, in (0, 31 * 86400].
-        name: of the target.
-        atmosphere_km: height that counts as the Earth, in [0, 1000].
-        occulters: spheres that may hide it, beside the Earth.
+        observer: the satellite that looks.
+        duration_s: how long to search from the epoch on, s, in (0, 31 * 86400].
+        name: name of the target.
+        atmosphere_km: height of air that counts as the Earth, in [0, 1000].
+        occulters: spheres that may hide the target, beside the Earth.
 
     Returns:
-        The passes in their order; the first may have begun before, and the last one go on.
+        The passes in order, empty if there are none; the first may have begun before, and the last may go on.
 
     Raises:
-        TypeError: if it is neither a satellite nor a point of the ground.
+        TypeError: if `thing` is neither a satellite nor a point of the ground, or the observer no satellite.
         ValueError: if a number is out of range, or a motion not known for so long.
 
     Example:
@@ -126,7 +128,7 @@ def passes(
 
 
 def _best(thing: Thing, starts: np.ndarray, ends: np.ndarray, epoch: Epoch, observer: Thing) -> np.ndarray:
-    """Times (k,) s within spans when a target is highest, or nearest if it is a satellite."""
+    """Return the times (k,) s within k spans when a point is seen highest, or a satellite is nearest."""
 
     def cost(times: np.ndarray) -> np.ndarray:
         here, flat = positions(observer, epoch=epoch, times=times.ravel()), times.ravel()

@@ -1,10 +1,10 @@
 """Positions of things, directions in which they are seen, how fast these turn, and how large bodies look.
 
-Who looks, and what is looked at, is a satellite (`CircularOrbit`, `KeplerOrbit`, `Tle`, `Ephemeris` or
-`SpkBody`), a `GroundPoint`, a body's name or a position in km from the Earth's centre: (3,), or (k, 3) for
-k times. Times are (...) s after the epoch, a number or (k,).
+The observer and what is looked at are each a satellite (`CircularOrbit`, `KeplerOrbit`, `Tle`, `Ephemeris` or
+`SpkBody`), a `GroundPoint`, a body's name or a position in km from the Earth's centre: (3,), or (k, 3) for k
+times. Times are (...) s after the epoch, a number or (k,).
 
-Directions that go with the observer's own motion have names, too, with ``r`` its position from the Earth's
+Directions that depend on the observer's own motion have names, too, with ``r`` its position from the Earth's
 centre and ``v`` its velocity, both inertial, in the GCRS:
 
     nadir         -r, to the Earth's centre; not at right angles to the ellipsoid (0.19 deg off at most)
@@ -57,7 +57,7 @@ _RATE_STEP = (
 
 
 def positions(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarray:
-    """Positions of a thing at times.
+    """Return positions of a thing at times.
 
     With these, `jaxplan.sky.orbits.earth_blocks` tells whether the Earth is in between two satellites.
 
@@ -70,21 +70,21 @@ def positions(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarr
         (..., 3) km from the Earth's centre, GCRS.
 
     Raises:
-        ValueError: if an argument is no good; a `TleError` where SGP4 has no answer, an `EphemerisError` at a
-            time outside of an ephemeris.
+        ValueError: if an argument is not valid; a `TleError` where SGP4 has no answer, an `EphemerisError` at
+            a time outside of an ephemeris.
         ImportError: if the extra ``orbit`` is needed and not installed.
     """
     return _state(thing, epoch, times)[0]
 
 
 def velocities(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarray:
-    """Velocities of a thing at times; the arguments are those of `positions`.
+    """Return velocities of a thing at times; the arguments are those of `positions`.
 
     Returns:
         (..., 3) km/s relative to the Earth's centre, GCRS.
 
     Raises:
-        ValueError: as `positions`, and for a given position, whose motion is not known.
+        ValueError: as for `positions`, and for a given position, whose motion is not known.
     """
     velocity = _state(thing, epoch, times)[1]
     if velocity is None:
@@ -93,19 +93,19 @@ def velocities(thing: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndar
 
 
 def directions(target: Thing, *, epoch: Epoch, observer: Thing, times: ArrayLike = 0.0) -> np.ndarray:
-    """Directions in which a target is seen: the axis of a zone, or the target of a terminal.
+    """Return directions in which a target is seen, for the axis of a zone or the target of a terminal.
 
     Args:
         target: what is looked at, or one of `LOCAL`.
         epoch: UTC.
-        observer: who looks.
+        observer: who looks, anything with a position.
         times: (...) s after the epoch.
 
     Returns:
-        (..., 3) unit vectors, GCRS; geometric, as the package says.
+        (..., 3) unit vectors from observer to target, GCRS; geometric, as described in `jaxplan.sky`.
 
     Raises:
-        ValueError: as `positions`, and if the two are in one place.
+        ValueError: as for `positions`, and if the two are in one place.
     """
     if isinstance(target, str) and target in LOCAL:
         return _local(target, observer, epoch, times)
@@ -114,7 +114,7 @@ def directions(target: Thing, *, epoch: Epoch, observer: Thing, times: ArrayLike
 
 
 def local_axes(observer: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.ndarray:
-    """Find the rotation that takes inertial directions to the local orbital frame, as the module says.
+    """Return the rotation from inertial axes (GCRS) to the local orbital frame, see the module.
 
     Args:
         observer: a satellite.
@@ -125,7 +125,7 @@ def local_axes(observer: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.n
         (..., 3, 3) whose rows are the frame's axes x, y and z, GCRS.
 
     Raises:
-        ValueError: as `directions`, and if the observer's motion is not known or straight up.
+        ValueError: as for `directions`, and if the observer's motion is not known or straight up.
     """
     down = _local("nadir", observer, epoch, times)
     across = -_local("orbit_normal", observer, epoch, times)
@@ -133,16 +133,16 @@ def local_axes(observer: Thing, *, epoch: Epoch, times: ArrayLike = 0.0) -> np.n
 
 
 def direction_rates(target: Thing, *, epoch: Epoch, observer: Thing, times: ArrayLike = 0.0) -> np.ndarray:
-    """Derivative of `directions` by time: how fast the direction to a target turns; of the same arguments.
+    """Return the time derivative of `directions`, of the same arguments: how fast the direction turns.
 
-    The angular velocity of a line that follows the target, without spin about itself, is the cross product
-    of the direction and this.
+    The angular velocity of a line that follows the target, without spin about itself, is the cross product of
+    the direction and this.
 
     Returns:
-        (..., 3) 1/s, across the direction; its length is the rate of turn in rad/s.
+        (..., 3) 1/s, perpendicular to the direction; its length is the rate of turn in rad/s.
 
     Raises:
-        ValueError: as `directions`, and where either is a given position, whose motion is not known.
+        ValueError: as for `directions`, and where either is a given position, whose motion is not known.
     """
     if isinstance(target, str) and target in LOCAL:
         after = np.asarray(times, float)
@@ -159,20 +159,20 @@ def direction_rates(target: Thing, *, epoch: Epoch, observer: Thing, times: Arra
 def angular_radius(
     body: str, *, epoch: Epoch, observer: Thing, times: ArrayLike = 0.0, atmosphere_km: float = 0.0
 ) -> np.ndarray:
-    """Angle between the centre of a body and its limb.
+    """Return the angle between the centre of a body and its limb.
 
     Args:
         body: ``"sun"``, ``"moon"`` or ``"earth"``.
         epoch: UTC.
-        observer: who looks.
+        observer: who looks, anything with a position.
         times: (...) s after the epoch.
-        atmosphere_km: height that counts as the Earth, in [0, 1000]; some 100 km matter to optics.
+        atmosphere_km: height of air that counts as the Earth, in [0, 1000]; some 100 km matter to optics.
 
     Returns:
         (...) rad, ``asin(radius / distance)``.
 
     Raises:
-        ValueError: as `directions`, and if the observer is not outside the body.
+        ValueError: as for `directions`, and if the observer is not outside the body.
     """
     check_body(body)
     if not 0 <= number("atmosphere_km", atmosphere_km, "a number of km") <= 1000:
@@ -187,19 +187,19 @@ def angular_radius(
 
 
 def drift(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> float:
-    """Largest angle between the direction to a target over a duration and that at the epoch.
+    """Return the largest angle by which the direction to a target departs from that at the epoch.
 
     Args:
         target: what is looked at.
         epoch: UTC.
         observer: who looks, a satellite or a body.
-        duration_s: s, in [0, 86400].
+        duration_s: how long from the epoch on, s, in [0, 86400].
 
     Returns:
-        rad, the largest angle from the first direction, rounded up by what may happen between samples.
+        rad, rounded up by as much as may happen between samples.
 
     Raises:
-        ValueError: as `directions`.
+        ValueError: as for `directions`.
     """
     times = drift_times(observer, duration_s)
     seen = directions(target, epoch=epoch, observer=observer, times=times)
@@ -207,7 +207,7 @@ def drift(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) ->
 
 
 def drift_times(observer: Thing, duration_s: float) -> np.ndarray:
-    """Equidistant times (k,) s over a duration, the middle and both ends among them; a single one for zero.
+    """Return evenly spaced times (k,) s over a duration, with its ends and middle; a single one for zero.
 
     Raises:
         ValueError: if the duration is out of range, or not zero for an observer whose motion is not known.
@@ -225,7 +225,7 @@ def drift_times(observer: Thing, duration_s: float) -> np.ndarray:
 
 
 def half_step(seen: np.ndarray) -> float:
-    """Half of the largest angle, rad, between neighbours among unit vectors (k, 3).
+    """Return half of the largest angle, rad, between neighbours among unit vectors (k, 3).
 
     On the arc between two of them no direction is farther from the nearer one.
     """
@@ -233,10 +233,12 @@ def half_step(seen: np.ndarray) -> float:
 
 
 def _state(thing: Thing, epoch: Epoch, times: ArrayLike) -> tuple[np.ndarray, np.ndarray | None]:
-    """Position (..., 3) km and velocity (..., 3) km/s, GCRS, of a thing; None for that of a given position.
+    """Return position (..., 3) km and velocity (..., 3) km/s of a thing, GCRS.
+
+    The velocity is None for a given position.
 
     Raises:
-        ValueError: as `positions`.
+        ValueError: as for `positions`.
     """
     start, after = parse_epoch(epoch), seconds(times)
     if type(thing) in _STATES:
@@ -260,7 +262,11 @@ def check_body(body: object) -> None:
 
 
 def _between(target: Thing, observer: Thing, epoch: Epoch, times: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Vector from observer to target (..., 3), GCRS, and its length (...), km; ValueError if it is zero."""
+    """Return the vector (..., 3) km from observer to target, GCRS, and its length (...) km.
+
+    Raises:
+        ValueError: as for `positions`, and where the length is zero.
+    """
     between = positions(target, epoch=epoch, times=times) - positions(observer, epoch=epoch, times=times)
     distance = np.linalg.norm(between, axis=-1)
     if not np.all(distance > 0):
@@ -269,7 +275,11 @@ def _between(target: Thing, observer: Thing, epoch: Epoch, times: ArrayLike) -> 
 
 
 def _local(name: str, observer: Thing, epoch: Epoch, times: ArrayLike) -> np.ndarray:
-    """Unit vectors (..., 3), GCRS, of a direction of `LOCAL`, by its name; ValueError where there is none."""
+    """Return unit vectors (..., 3), GCRS, of the direction of `LOCAL` that has a given name.
+
+    Raises:
+        ValueError: as for `positions`, and where there is no such direction.
+    """
     position = positions(observer, epoch=epoch, times=times)
     if name in ("nadir", "zenith"):
         along = position if name == "zenith" else -position

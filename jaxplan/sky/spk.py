@@ -1,13 +1,13 @@
 """Bodies and spacecraft of SPICE's ephemeris kernels (SPK), by their NAIF numbers.
 
-CSPICE itself evaluates each segment at each instant that is asked for (`spkpvn`), so that nothing is
-sampled and nothing is lost: a position is that of ``spkgeo`` to rounding. Kernels are read by handle,
-without SPICE's pool: what a user has loaded there neither counts nor changes. As SPICE has it, of two
-kernels the later one has precedence, and within one the later segment.
+CSPICE itself evaluates each segment at each instant that is asked for (`spkpvn`), so that nothing is sampled
+and no accuracy is lost: a position is that of ``spkgeo`` to rounding. Kernels are read by handle, without
+SPICE's pool: what a user has loaded there neither counts nor changes. As in SPICE, of two kernels the later
+one has precedence, and within one the later segment.
 
-A segment knows its body from some centre, so positions go along a chain of centres, and so do those of the
-Earth (399), until both meet: a spacecraft about the Earth needs its own kernel alone, one about the Sun or a
-planet a planetary one beside it (such as ``de440s.bsp``), which has the Earth.
+A segment gives a body's motion from some centre. So positions are summed along a chain of centres, and so are
+those of the Earth (399), until both chains meet: a spacecraft about the Earth needs its own kernel alone, one
+about the Sun or a planet a planetary one beside it (such as ``de440s.bsp``), which has the Earth.
 
 Times need no kernel: ephemeris time comes from UTC as in `jaxplan.model.epochs`, by the formula of SPICE's
 own leap second kernels, which is right to 3e-5 s (0.2 m in low orbit) against TDB and to rounding against
@@ -29,7 +29,7 @@ from jaxplan.sky.ephemeris import EphemerisError
 from jaxplan.sky.frames import library
 
 _EARTH = 399
-_J2000 = 1  # SPICE's number of the axes
+_J2000 = 1  # SPICE's number of the axes J2000
 _LAST_INERTIAL = 21  # the largest number of axes that SPICE knows to be inertial without a kernel
 _LEAST_RADIUS = 6356.7  # km, radius of the Earth at its poles; nothing is inside
 _ROUNDING = 5e-7  # s, by which an instant may be beyond an end: ephemeris times are rounded to 1e-7 s
@@ -39,15 +39,15 @@ _LONGEST_CHAIN = 10  # centres; a spacecraft about a moon of a planet needs four
 @shown("body", "center", "frame", "first s", "last s")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Segment:
-    """A part of a kernel: a body from a centre over a span.
+    """A part of a kernel: the motion of a body from a centre over a span of time.
 
     Attributes:
-        file: place of its kernel among the files.
-        body: NAIF number.
-        center: NAIF number.
+        file: index of its kernel among the files.
+        body: NAIF number of the body.
+        center: NAIF number of the centre.
         frame: SPICE's number of its axes.
-        first: s of ephemeris time.
-        last: s of ephemeris time.
+        first: begin of the span, s of ephemeris time.
+        last: end of the span, s of ephemeris time.
         summary: its descriptor, as SPICE packs it.
     """
 
@@ -69,7 +69,7 @@ class SpkBody:
         name: SPICE's own name of its number; else "body" and the number.
         number: NAIF number.
         files: paths of the kernels, of which later ones have precedence.
-        segments: of all kernels, in the order of precedence, the first one first.
+        segments: those of all kernels, in order of precedence, the one to be used first coming first.
     """
 
     name: str
@@ -82,14 +82,15 @@ def read_spk(paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], n
     """Read where a body or spacecraft is from SPICE's ephemeris kernels.
 
     Args:
-        paths: of a kernel (``.bsp``), or of several, of which later ones have precedence.
+        paths: path of a kernel (``.bsp``), or of several, of which later ones have precedence.
         number: the NAIF number of the body, such as -170 or 499.
 
     Returns:
-        What may stand for an observer or a target. The files are read again when positions are asked for.
+        The body, which may serve as an observer or a target. The files are read again whenever positions are
+        asked for.
 
     Raises:
-        EphemerisError: if one is no such kernel, or they do not have the number, or not the way from it to
+        EphemerisError: if a file is no such kernel, or the kernels lack the number or the chain from it to
             the Earth's centre.
         OSError: if a file cannot be read.
         ImportError: if the extra ``spice`` is not installed.
@@ -119,14 +120,17 @@ def read_spk(paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], n
 
 
 def _name(spice: Any, number: int) -> str:
-    """SPICE's name of a number, or "body" and the number."""
+    """Return SPICE's name of a number, or "body" and the number."""
     with spice.no_found_check():
         name, found = spice.bodc2n(number)
     return str(name) if found else f"body {number}"
 
 
 def _segments(spice: Any, file: str, place: int) -> list[Segment]:
-    """The segments of a kernel, in its order; raises EphemerisError for what is none."""
+    """Return the segments of a kernel, in its order; raise an EphemerisError for a file that is no kernel.
+
+    `place` is the index of the file.
+    """
     try:
         kind = spice.getfat(file)
     except spice.exceptions.SpiceyError as error:
@@ -155,7 +159,7 @@ def _segments(spice: Any, file: str, place: int) -> list[Segment]:
 
 @contextmanager
 def _opened(spice: Any, files: Sequence[str]) -> Iterator[list[int]]:
-    """Open kernels to read; yields their handles, and raises EphemerisError with SPICE's words."""
+    """Open kernels for reading and yield their handles; raise an EphemerisError with SPICE's words."""
     handles: list[int] = []
     try:
         for file in files:
@@ -169,12 +173,12 @@ def _opened(spice: Any, files: Sequence[str]) -> Iterator[list[int]]:
 
 
 def _words(error: Exception) -> str:
-    """What SPICE says of an error, on one line."""
+    """Return what SPICE says of an error, on one line."""
     return " ".join(str(getattr(error, "long", "") or getattr(error, "short", "") or error).split())
 
 
 def _check_chain(body: SpkBody) -> None:
-    """Raise an EphemerisError if kernels lack a body, or the way from it to the Earth's centre."""
+    """Raise an EphemerisError if kernels lack a body, or the chain from it to the Earth's centre."""
     own = [each for each in body.segments if each.body == body.number]
     where = ", ".join(body.files)
     if not own:
@@ -194,7 +198,7 @@ def _check_chain(body: SpkBody) -> None:
 
 
 def _reached(body: SpkBody, start: int) -> set[int]:
-    """All numbers from which a body may be known, with its own."""
+    """Return the numbers of all centres to which a body's position may be chained, with its own."""
     found, fresh = {start}, {start}
     while fresh:
         fresh = {each.center for each in body.segments if each.body in fresh} - found
@@ -203,10 +207,10 @@ def _reached(body: SpkBody, start: int) -> set[int]:
 
 
 def spk_state(body: SpkBody, epoch: np.datetime64, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity of a body of kernels.
+    """Return position and velocity of a body of kernels.
 
     Args:
-        body: see `read_spk`.
+        body: a body, see `read_spk`.
         epoch: UTC.
         times: (...) s after it.
 
@@ -214,7 +218,8 @@ def spk_state(body: SpkBody, epoch: np.datetime64, times: np.ndarray) -> tuple[n
         (..., 3) km and (..., 3) km/s from the Earth's centre, GCRS.
 
     Raises:
-        EphemerisError: if a time is outside of what kernels know, or the body inside the Earth.
+        EphemerisError: if a time is outside of the spans that the kernels cover, or the body inside the
+            Earth.
         OSError: if a file is gone.
     """
     spice = library("spiceypy")
@@ -235,7 +240,10 @@ def spk_state(body: SpkBody, epoch: np.datetime64, times: np.ndarray) -> tuple[n
 
 
 def _from_earth(spice: Any, body: SpkBody, handles: Sequence[int], moment: float) -> np.ndarray:
-    """State (6,), km and km/s along J2000, of a body from the Earth's centre at an ephemeris time."""
+    """Return the state (6,) of a body from the Earth's centre, km and km/s along J2000.
+
+    `moment` is the ephemeris time, s.
+    """
     own, earth = (_chain(spice, body, handles, start, moment) for start in (body.number, _EARTH))
     for center, state in own.items():  # the first that both are known from
         if center in earth:
@@ -252,7 +260,10 @@ def _from_earth(spice: Any, body: SpkBody, handles: Sequence[int], moment: float
 def _chain(
     spice: Any, body: SpkBody, handles: Sequence[int], start: int, moment: float
 ) -> dict[int, np.ndarray]:
-    """States (6,) of a body from itself, from its centre, from the centre of that, and so on, by number."""
+    """Return the states (6,) of a body from itself, from its centre, from the centre of that, and so on.
+
+    The states are keyed by the numbers of the centres, in km and km/s along J2000.
+    """
     states = {start: np.zeros(6)}
     here = start
     for _ in range(_LONGEST_CHAIN):
@@ -273,5 +284,5 @@ def _chain(
 
 
 def _told(moment: float) -> str:
-    """An ephemeris time as a date of TDB."""
+    """Return an ephemeris time as a date of TDB."""
     return str(np.datetime64("2000-01-01T12:00:00", "s") + np.timedelta64(round(moment), "s"))

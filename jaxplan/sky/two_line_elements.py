@@ -39,10 +39,10 @@ class _Column:
     Attributes:
         first: its first column.
         last: its last column.
-        name: in messages.
-        pattern: regular expression that its text must match.
-        example: of it, in messages.
-        range: least and largest number that it may be.
+        name: its name in messages.
+        pattern: regular expression that the field's text must match.
+        example: a text that matches, for messages.
+        range: least and largest number that it may be; None for any.
     """
 
     first: int
@@ -53,7 +53,10 @@ class _Column:
     range: tuple[float, float] | None = None
 
     def fault(self, here: str, line: str) -> str | None:
-        """Message on what is wrong with the field in a line, after the words `here`; None if nothing is."""
+        """Return a message about what is wrong with the field in a line; None if nothing is.
+
+        The message begins with the words `here`.
+        """
         value = line[self.first - 1 : self.last]
         several = self.last > self.first
         span = f"columns {self.first} to {self.last}" if several else f"column {self.first}"
@@ -92,10 +95,10 @@ _BLANK = {1: (2, 9, 18, 33, 44, 53, 62, 64), 2: (2, 8, 17, 26, 34, 43, 52)}
 
 
 class TleError(ValueError):
-    """Two-line elements that cannot be used.
+    """Raised for two-line elements that cannot be used.
 
     Attributes:
-        faults: one line of text each.
+        faults: messages, one line of text each.
     """
 
     def __init__(self, *faults: str) -> None:
@@ -109,7 +112,7 @@ class TleError(ValueError):
 
 
 class StaleTleWarning(UserWarning):
-    """The time asked for is so far from the epoch of two-line elements that SGP4 is many km off."""
+    """Warns that a time is so far from the epoch of two-line elements that SGP4 is many km off."""
 
 
 @shown("epoch", "line1", "line2")
@@ -118,10 +121,10 @@ class Tle:
     """A satellite of two-line elements; made by `parse_tle`, which checks them.
 
     Attributes:
-        name: of the line above, or else the catalogue number.
+        name: text of the line above the two, or else the catalogue number.
         line1: 69 characters.
         line2: 69 characters.
-        epoch: UTC, ``datetime64[ns]``.
+        epoch: UTC of the elements, ``datetime64[ns]``.
     """
 
     name: str
@@ -135,7 +138,7 @@ def parse_tle(text: str) -> Tle:
 
     Args:
         text: the two lines, perhaps with a line above that has the name. Blank lines and blanks at the end of
-            lines are passed over.
+            lines are ignored.
 
     Raises:
         TleError: if a line has the wrong number, length, characters, value or check sum, or the two are of
@@ -161,12 +164,15 @@ def parse_tle(text: str) -> Tle:
 
 
 def check_sum(line: str) -> int:
-    """The last digit of a line, from the 68 characters before: the sum of its digits, minus signs as one."""
+    """Return the last digit that a line should have, from the 68 characters before it.
+
+    It is the last digit of the sum of the digits, where minus signs count as one.
+    """
     return sum(int(c) if c.isdigit() else c == "-" for c in line[: COLUMNS - 1]) % 10
 
 
 def _faults(number: int, line: str) -> list[str]:
-    """Messages on what is wrong with a line by itself, which should be that of a number, 1 or 2."""
+    """Return messages on what is wrong with a line by itself, which should be line `number`, 1 or 2."""
     here = f"line {number}"
     if not line.isascii():
         place = next(place for place, character in enumerate(line, 1) if not character.isascii())
@@ -191,7 +197,7 @@ def _faults(number: int, line: str) -> list[str]:
 
 
 def _epoch(line: str) -> np.datetime64:
-    """Epoch, UTC, of line 1, to its last digit: 1e-8 days."""
+    """Return the epoch, UTC, of line 1, to its last digit of 1e-8 days."""
     year = int(line[18:20])
     year += 1900 if year >= 57 else 2000  # the first satellite flew in 1957
     whole, fraction = line[20:32].split(".")
@@ -200,7 +206,7 @@ def _epoch(line: str) -> np.datetime64:
 
 
 def tle_state(tle: Tle, epoch: np.datetime64, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity by SGP4, with its constants of WGS 72, to which two-line elements are fitted.
+    """Return position and velocity by SGP4, with the constants of WGS 72 to which elements are fitted.
 
     Args:
         tle: the satellite's elements.
@@ -223,14 +229,16 @@ def tle_state(tle: Tle, epoch: np.datetime64, times: np.ndarray) -> tuple[np.nda
 
 
 def tle_state_teme(tle: Tle, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity by SGP4 in its own frame.
+    """Return position and velocity by SGP4 in its own frame, TEME of each instant.
+
+    It raises and warns as `tle_state` does.
 
     Args:
         tle: the satellite's elements.
-        since: (...) s from their epoch on.
+        since: (...) s after their epoch.
 
     Returns:
-        (..., 3) km and (..., 3) km/s, TEME of each instant; it raises and warns as `tle_state` does.
+        (..., 3) km and (..., 3) km/s, TEME.
     """
     _check_age(tle, since)
     record = library("sgp4.api").Satrec.twoline2rv(tle.line1, tle.line2)
@@ -247,7 +255,10 @@ def tle_state_teme(tle: Tle, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def _check_age(tle: Tle, since: np.ndarray) -> None:
-    """Raise a TleError or warn where times (...) s are too far from the epoch of the elements."""
+    """Raise a TleError, or warn, where times (...) s are too far from the epoch of the elements.
+
+    The limits are `LAST_DAYS` and `STALE_DAYS`.
+    """
     if not since.size:
         return
     days = np.abs(since) / _DAY

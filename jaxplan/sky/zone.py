@@ -1,8 +1,8 @@
 """Keep-out zones about Sun, Moon and Earth, and the direction to a target over a manoeuvre.
 
 Over 80 s in low orbit the Earth's direction turns by 5 deg. So a zone that stands still has its axis where
-the body is in the middle of its time, and is wide enough to hold the body's cone of every instant. The axis
-of one that moves follows the body, and its half angle is that of the largest cone.
+the body is in the middle of the zone's time, and is wide enough to contain the body's cone at every instant.
+The axis of a zone that moves follows the body, and its half angle is that of the largest cone.
 """
 
 import math
@@ -41,12 +41,12 @@ def path(target: Thing, *, epoch: Epoch, observer: Thing, duration_s: float) -> 
         duration_s: s, in (0, 86400].
 
     Returns:
-        The path, as the axis of a zone or the target of a terminal, with samples so near each other that it
-        is within 1e-9 rad of `directions` in the middle between them.
+        The path, as the axis of a zone or the target of a terminal. Samples are so dense that in the middle
+        between any two it is within 1e-9 rad of `directions`.
 
     Raises:
-        ValueError: as `directions`; and if the target passes so close that 4,096 samples, or one a second,
-            are not enough, as of an ephemeris with a burn.
+        ValueError: as for `directions`; and if the target passes so close that 4,096 samples, or one a
+            second, are not enough, or its velocity jumps, as in an ephemeris with a burn.
         ImportError: if the extra ``orbit`` is needed and not installed.
 
     Example:
@@ -93,24 +93,26 @@ def keep_out(
     name: str | None = None,
     devices: str | Sequence[str] = (),
 ) -> KeepOut:
-    """Make a keep-out zone about a body.
+    """Make a keep-out zone about a body. Exactly one of the two angles must be given.
 
     Args:
         body: ``"sun"``, ``"moon"`` or ``"earth"``.
         epoch: UTC of the manoeuvre's start.
         observer: the satellite; for a duration of zero also its position.
-        half_angle_deg: from the body's centre, in (0, 180); or
-        exclusion_deg: from its limb, in [0, 180): the half angle is this and the body's angular radius.
-        atmosphere_km: height that belongs to the Earth's limb, in [0, 1000].
-        for_duration_s: how long from the epoch on the zone shall hold, in [0, 86400]; it is widened by how
-            far the body's direction gets from that in the middle of this time, and with its angular radius.
+        half_angle_deg: half angle of the zone from the body's centre, deg, in (0, 180).
+        exclusion_deg: angle from the body's limb, deg, in [0, 180): the half angle is this and the body's
+            angular radius.
+        atmosphere_km: height of air that belongs to the Earth's limb, in [0, 1000].
+        for_duration_s: how long the zone shall hold from the epoch on, s, in [0, 86400]. A zone that stands
+            still is made wide enough to contain the body's cone at every instant of this time.
         moving: whether the axis follows the body for that long, so that the zone is not widened.
-        name: of the zone, the body's unless given.
-        devices: names of those it binds, or one name; empty for all.
+        name: name of the zone; None for the body's.
+        devices: names of the devices that it binds, or one name; empty for all.
 
     Returns:
-        The zone, its axis where the body is at half the duration, or its path of one that moves, its half
-        angle rounded up to 1e-9 deg. One that stands still lasts for the duration, if that is not zero.
+        The zone, its half angle rounded up to 1e-9 deg. Its axis is the body's direction at half the
+        duration, and the zone lasts for the duration, if that is not zero; or, if `moving`, the axis is the
+        body's path.
 
     Raises:
         ValueError: if an argument is out of its range, both or none of the angles are given, a device is
