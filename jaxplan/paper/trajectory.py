@@ -45,7 +45,7 @@ from jaxplan.trajectory.schedule import FEWEST_NODES
 _DEFAULT_SEGMENTS = 3
 _MORE_SEGMENTS = 1.5  # factor on the number of segments from one attempt to the next
 _LONGER = 1.001  # factor beyond the time that the last curve requires, in search of a needed duration
-_LOOKS = 12  # most durations that are tried in search of one that is long enough
+_LOOKS = 12  # most durations that are tried in search of one that is long enough  # most durations that are tried in search of one that is long enough
 _CALM = 2.5  # times the nominal duration; on the nodes of the paper's cases a fit needs 1.5 to 2.1
 
 
