@@ -24,8 +24,8 @@ _OSQP_SETTINGS = {
     "eps_prim_inf": 1e-9,
     "max_iter": 4000,
     "polishing": True,
-    "rho": 10.0,  # with the next two, a tenth of the iterations that the default takes at worst
-    "adaptive_rho": 1,  # by iterations: by time, the same program could end differently
+    "rho": 10.0,  # with the next two, at worst a tenth of the iterations of the default
+    "adaptive_rho": 1,  # by number of iterations; by time, the same program could end differently
     "adaptive_rho_interval": 25,
 }
 

@@ -105,7 +105,7 @@ class Star:
         self.shortest = float(space.distance(space.start, space.goal))
         self.drawn: list[np.ndarray] = []
         self._enough = np.inf  # extensions after which the path has been improved long enough
-        self._pending: _Extension | _Joining | None = None  # that the last call is about
+        self._pending: _Extension | _Joining | None = None  # what the last call checks
         self._limit: Status | None = None
 
     def next_request(self) -> Call | None:
@@ -230,7 +230,7 @@ class Star:
         """
         tree = self.tree
         gain = tree.costs[place] - cost
-        if gain <= 0:  # an ancestor has been given a new parent, too
+        if gain <= 0:  # its cost has been lowered already, through an ancestor
             return
         tree.parents[place] = parent
         level = np.array([place])

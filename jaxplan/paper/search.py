@@ -66,7 +66,7 @@ def propose(
     Returns:
         The moves. Those that leave a joint's range, and those that repeat another, are not allowed.
     """
-    del number  # every expansion is like every other
+    del number  # all expansions are alike
     vectors = rng.standard_normal((settings.attitude_moves, 3))
     unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     # (10) turns on the left of the attitude relative to the start; on the right of it, it is the same
@@ -107,7 +107,7 @@ def _joint_moves(joints: int, rng: np.random.Generator) -> np.ndarray:
 
 def price(scene: Scene, expansion: Expansion, fields: Fields) -> tuple[np.ndarray, np.ndarray]:
     """Costs (A, M) of moves by equation (16), and heuristics (3, A, M) of their children by (15), in rad."""
-    del fields  # the printed method has none
+    del fields  # the printed planner does not use distance fields
     whole = scene.attitude_step + np.sum(scene.joint_steps)
     return np.full(expansion.steps.shape, whole), expansion.heuristics[1:]
 

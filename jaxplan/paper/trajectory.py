@@ -45,7 +45,7 @@ from jaxplan.trajectory.schedule import FEWEST_NODES
 _DEFAULT_SEGMENTS = 3
 _MORE_SEGMENTS = 1.5  # factor on the number of segments from one attempt to the next
 _LONGER = 1.001  # factor beyond the time that the last curve requires, in search of a needed duration
-_LOOKS = 12  # most durations that are tried in search of one that is long enough  # most durations that are tried in search of one that is long enough
+_LOOKS = 12  # most durations that are tried in search of one that is long enough
 _CALM = 2.5  # times the nominal duration; on the nodes of the paper's cases a fit needs 1.5 to 2.1
 
 
@@ -273,7 +273,7 @@ class _Strategy:
                 stretch = 2.0 if own is None else _finite(own.peaks.stretch)
                 if own is not None and own.peaks.kept:
                     found[n] = durations.pop(n)
-                else:  # in ever longer steps, should it not settle
+                else:  # in ever longer steps, in case the durations do not settle
                     durations[n] *= stretch * _LONGER ** (2**look)
         return found
 
@@ -291,7 +291,7 @@ class _Strategy:
         for n, own in best.items():
             if own is None:
                 continue
-            if np.isinf(own.peaks.stretch):  # of wheels, which a slower motion fills as much
+            if np.isinf(own.peaks.stretch):  # wheels are full, and as full in a slower motion
                 fits[n] = _failure(problems[n], durations[n], own, None)
             else:
                 fits[n] = _success(own.trajectory.scaled(own.peaks.stretch * SAFETY), own)
@@ -382,7 +382,7 @@ def _failure(
         attempt: the one nearest to the limits; None if no program had a solution.
         needed: s, a duration in which all limits are kept; None if none was found.
     """
-    # "stretched" knows no rates at the ends, nor what moves.
+    # "stretched" cannot be recommended with rates at the ends, or where something moves.
     enough = (
         needed_words(needed, moving=problem.moving, scalable=not (problem.at_speed or problem.moving))
         if needed

@@ -41,14 +41,14 @@ _FTOL = 1e-9  # of the energy; so near the optimum, much nearer than a plan's fi
 _STEPS = 60  # most steps of this module, from where that ends to the optimum
 _SETTLED = 1e-8  # rad; a step that changes less is the last
 _REACH = 0.05  # rad; a careful step changes no unknown by more
-_ASIDE = 1e-5  # rad; a step off a saddle, from where steps lead to a minimum near it
+_ASIDE = 1e-5  # rad; a step away from a saddle, from where further steps lead to a minimum near it
 _BROKEN = 1e-8  # of a limit, or rad; a row that is broken by more is near
 _FLANK_STEP = 1e-4  # of the pace's flank, step to either side of finite differences by it
 
 Masks = dict[str, np.ndarray]  # by block of constraints, one number or bool for every row
 Rows = dict[str, Index]  # indices of some rows of one curve by block, in the order of `ActiveSet`
 
-_inputs = quick_jit(gather_inputs, level=0)  # as quick as with more: calls of many small arrays
+_inputs = quick_jit(gather_inputs, level=0)  # higher levels would not be faster, as arrays are small
 
 
 @shown()
@@ -81,9 +81,9 @@ class FitRecord:
         discrete, first = self.attempt.discrete, self.guess
         solution = nearer_optima([self])[0] if nearer is None else nearer
         first = replace(first, coefficients=solution.coefficients, duration=solution.duration)
-        state = sqp.SQPState.of([first])  # of one
+        state = sqp.SQPState.of([first])  # a stack of one
         at, proposal = state.at, program.solve(state.program(state.at, np.zeros(1)), {})
-        if discrete.free_time:  # limits by coefficients ask for more time than those at the places
+        if discrete.free_time:  # limits kept by coefficients take more time than those kept at places
             longer = at.duration * (1 + proposal.stretch)
             at = state.stack.iterates(at.coefficients, longer, as_given=True)
         for careful in (False, True):
@@ -399,12 +399,12 @@ def _gathered(
             loads.append((at, SIGNS[sign], components[name].start + axis))
     row, sign, axis, node, scale = (np.concatenate(parts) for parts in zip(*linear, strict=True))
     at, load_sign, component = (np.concatenate(parts) for parts in zip(*loads, strict=True))
-    # Where none binds there is padding, too, so that what is held of several plans can be stacked.
+    # There is padding even where no row binds, so that the active sets of several plans can be stacked.
     sizes = [
         padded_count(max(len(own), 1), count) for own, count in zip((row, at, place), _PADDING, strict=True)
     ]
     if not len(at):
-        sizes[1] = 0  # loads are seldom near, and their slopes are dear
+        sizes[1] = 0  # loads seldom bind, and their slopes take long to compute
     if not len(problem.cones.axis):
         sizes[2] = 0
     return (

@@ -64,10 +64,10 @@ def least_change(
     depth = excess - normals.T @ down
     size = max(1.0, float(np.linalg.norm(down)))
     pushes = np.zeros(len(excess))
-    if len(excess):  # on none it crashes
-        with suppress(RuntimeError):  # of too many iterations
+    if len(excess):  # nnls crashes on none
+        with suppress(RuntimeError):  # raised after too many iterations
             found, _ = nnls(np.vstack([-normals, depth / size]), np.eye(len(down) + 1)[-1])
-            left = 1 - depth / size @ found  # zero where no change meets all rows
+            left = 1 - depth / size @ found  # zero where no change satisfies all rows
             pushes = size * found / left if left > np.finfo(float).eps else pushes
     change = solve_triangular(factor, -normals @ pushes - down, lower=True, trans=1)
     exact = _exact_change(hessian, gradient, slopes, excess, pushes > 0) if convex is None else None
@@ -163,8 +163,8 @@ def _convex_factor(
     for weight in unit * np.array([0.0, *_SQUARES]):
         with suppress(np.linalg.LinAlgError):
             return np.linalg.cholesky(hessian + weight * squares), gradient + weight * slopes.T @ excess
-    # Where many rows nearly follow from others their squares hardly weigh along some directions. What weighs
-    # alike along all that they fix changes as little.
+    # Where many rows nearly follow from others their squares are tiny along some directions. A weight that is
+    # the same along all directions that they fix changes the minimum as little.
     left, sizes, right = np.linalg.svd(slopes, full_matrices=False)
     kept = sizes > _DEPENDENT * np.max(sizes, initial=0.0)
     fixed = right[kept].T

@@ -13,13 +13,13 @@ import numpy as np
 
 from jaxplan import so3
 
-CHART_REACH = 4.0  # rad, most that nodes may lie off the steady rotation; singular is a whole turn
+CHART_REACH = 4.0  # rad, most that nodes may lie off the steady rotation; at a whole turn charts are singular
 
 
 _NEAR = 1.0  # rad; if nodes lie no farther off, the chart that turns the other way round is not tried
 
 
-_NO_ANGLE = 1e-300  # rad; a rotation vector of no more has no direction
+_NO_ANGLE = 1e-300  # rad; a rotation vector that is not longer has no direction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,7 +36,7 @@ class Chart:
 
     @property
     def end_turn(self) -> np.ndarray:
-        """(3, 3) ``U(1)``: there ``b' = U omega`` (equation 36)."""
+        """(3, 3) rotation ``U`` at the end of the motion, where ``b' = U omega`` (equation 36)."""
         return np.asarray(so3.exp(self.turn / 2))
 
     def coordinates(self, attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray) -> np.ndarray:

@@ -24,12 +24,12 @@ from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT
 from jaxplan.trajectory.motion import LIMIT, TUBE, ZONE, Iterates, load_slopes, stacked, taken
 
 _NEAR_SHARE = 0.15  # of a limit or tube radius; rows with less slack are in a program from the start
-_NEAR_ANGLE = float(np.deg2rad(1.0))  # rad; the same for angles
+_NEAR_ANGLE = float(np.deg2rad(1.0))  # rad; the same for slacks that are angles
 _FAR_SHARE = 0.5  # of a limit; if slack is larger at every place, a step is assumed not to reach it
-_STRIDE = 4  # rows at every 4th place enter a program, besides those of locally least slack
+_STRIDE = 4  # rows at every `_STRIDE`-th place enter a program, besides those of locally least slack
 _NEAR_AXIS = 1e-6  # least sine of the angle to a row's axis that is divided by; at 0 there is no slope
 
-SIGNS = np.array([1.0, -1.0])  # of a bound on both sides
+SIGNS = np.array([1.0, -1.0])  # of the two rows of a bound on both sides
 
 Index = tuple[np.ndarray, ...]  # indices (R,) of rows along each axis of a slack, the curve's first
 Slopes = tuple[np.ndarray, np.ndarray]  # (R, P, A) of the axes and (R, P, n) of the basis
@@ -165,7 +165,7 @@ class LoadBlock:
             part, scale = self.lesser
             shares = shares + self.at.loads[:, :, part] * scale[:, None]
         stack = self.at.stack
-        between = stack.members[0].hastens and self.lesser is None  # as of `Stack.needed_durations`
+        between = stack.members[0].hastens and self.lesser is None  # as in `Stack.needed_durations`
         return 1 - stack.with_peaks(SIGNS[:, None] * shares[:, :, None], between)
 
     @cached_property
@@ -357,7 +357,7 @@ def margin_reach(at: Iterates, which: np.ndarray, step: np.ndarray) -> np.ndarra
     stack, moved, gimbals = at.stack, np.abs(step), at.stack.gimbals
     x, y, z = np.moveaxis(moved[:, :, :3], 2, 0)
     platform = np.sqrt(x * x + y * y + z * z)[:, :, None]
-    joints = np.zeros((*moved.shape[:2], gimbals.count + 1))  # the last of what no device carries
+    joints = np.zeros((*moved.shape[:2], gimbals.count + 1))  # the last is for what no device carries
     joints[:, :, :-1] = sum(gimbals.parts(moved[:, :, 3:]))
     own = np.take_along_axis(joints, stack.columns["carriers"][which][:, None], axis=2)
     if not stack.has_inner:

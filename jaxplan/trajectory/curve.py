@@ -38,7 +38,7 @@ from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import is_traced
 from jaxplan.trajectory.splines import derivative_matrix, legendre
 
-_TIMES = 4096  # the most times sampled at once; with all intermediate results, more would take much memory
+_TIMES = 4096  # most times sampled at once; intermediate results for more would take much memory
 
 
 @shown("start s", "end s", "chart_rate deg/s", "coefficients rad")
@@ -84,7 +84,7 @@ def polynomial(coefficients: ArrayLike, start: ArrayLike, end: ArrayLike, t: Arr
     scale = xp.where(length > 0, 2 / xp.where(length > 0, length, 1), 0)[..., None]  # dx / dt
     values = legendre((time - begin) * scale[..., 0] - 1, order)
     powers = [np.linalg.matrix_power(derivative_matrix(order), power) for power in range(4)]
-    # a row by itself, so that a time's values do not depend on how many there are
+    # Each row is multiplied by itself, so that the values at a time do not depend on the number of times.
     rows = values[..., None, :] @ xp.asarray(np.concatenate(powers, axis=1), c.dtype)
     curves = xp.einsum("...rk,...kd->...rd", rows.reshape(*values.shape[:-1], 4, order + 1), c)
     return tuple(curves[..., power, :] * scale**power for power in range(4))
@@ -390,7 +390,7 @@ def _parts(coefficients: np.ndarray, start: np.ndarray, end: np.ndarray, edges: 
         (k, l + 1, d) Legendre coefficients on the parts.
     """
     order = coefficients.shape[1] - 1
-    nodes, weights = np.polynomial.legendre.leggauss(order + 1)  # exact to twice the order
+    nodes, weights = np.polynomial.legendre.leggauss(order + 1)  # exact up to twice the degree
     times = edges[:-1, None] + np.diff(edges)[:, None] * (nodes + 1) / 2
     values = polynomial(coefficients[:, None], start[:, None], end[:, None], times)[0]
     basis = np.polynomial.legendre.legvander(nodes, order)

@@ -21,18 +21,18 @@ from jaxplan.trajectory.schedule import FIRST_GUESS, axis_bounds
 from jaxplan.trajectory.splines import Basis
 from jaxplan.trajectory.sqp import InitialGuess
 
-COARSE = 12  # intervals on which bent curves are looked at: enough for five switches
-FINE = 32  # intervals on which the best of them is made precise
+COARSE = 12  # intervals of bent curves, enough for five switches of the acceleration
+FINE = 32  # intervals on which the best bent curve is made precise
 
 # Fractions of the duration: the search by time alone ends when a step gains less.
 _ROUGHLY = 1e-2  # on few intervals, where only the best curve is chosen
 _NEARLY = 1e-3  # on many intervals, whose breaks are moved afterwards
 _POINTS = 8  # places on each interval
-_WAVES = 3  # slowest waves by which a curve is bent
-_BEND = 0.13  # rad for each rad of the rotation from start to goal, of the slowest wave
-_LEAST_BEND = 0.01  # rad, of motions whose platform hardly turns
+_WAVES = 3  # number of waves by which a curve is bent: the slowest ones
+_BEND = 0.13  # amplitude of the slowest wave, rad for each rad of the rotation from start to goal
+_LEAST_BEND = 0.01  # rad, least amplitude, for motions whose platform hardly turns
 _EVEN_SHARE = 0.3  # fraction of the breaks that are spread evenly; the others follow the jerk
-_LOOKS = 2048  # places at which the jerk is looked at
+_LOOKS = 2048  # places at which the jerk is evaluated
 _CLOSEST = 8.0  # most times that breaks are closer than even ones; much closer ones cost digits
 _NEIGHBOURS = 61  # number of these places over which the size of the jerk is averaged
 _ALIKE = 5e-3  # of the duration; breaks that differ by less are the usual ones of a slightly other problem
@@ -70,7 +70,7 @@ def near(problem: FitProblem) -> InitialGuess | None:
     missing = discrete.nodes[[0, -1]] - spline[[0, -1]]
     if np.max(np.abs(missing)) > _FAR:
         return None
-    gone = np.linalg.lstsq(discrete.rows[0], discrete.places, rcond=None)[0][:, None]  # coefficients of s
+    gone = np.linalg.lstsq(discrete.rows[0], discrete.places, rcond=None)[0][:, None]  # of the curve z(s) = s
     start = space.fixed + own.duration * space.by_time
     moved = spline + (1 - gone) * missing[0] + gone * missing[1] - start
     free = np.linalg.lstsq(space.free, moved, rcond=None)[0]
@@ -102,13 +102,13 @@ def along(problem: FitProblem) -> InitialGuess | None:
 
 
 def coarse(attempt: Attempt) -> InitialGuess:
-    """The curve nearest to an attempt's, on few intervals."""
+    """The curve nearest to an attempt's, on few intervals, as the start of a rough search."""
     discrete = _on(attempt.discrete, Basis.even(COARSE))
     return _guess(discrete, attempt, by_time_to=_ROUGHLY)
 
 
 def bent(begin: InitialGuess, count: int) -> list[InitialGuess]:
-    """Curves that differ from one by slow waves about all three axes; they are the same in every call.
+    """Make curves that differ from one by slow waves about all three axes; they are the same in every call.
 
     Args:
         begin: the curve, on few intervals.

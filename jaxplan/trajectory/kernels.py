@@ -218,7 +218,7 @@ def _slopes_with_stages(
     That is cheap: each stage is turned by two joints alone, and its momentum is linear in the spin. `each` is
     (S, 4, B), otherwise arguments are those of `load_slopes_at`.
     """
-    orders = 1 + max(highest_derivative(names), 2)  # no load depends on the others
+    orders = 1 + max(highest_derivative(names), 2)  # no load depends on higher derivatives
     spin = jax.vmap(lambda place, z: jnp.stack(_platform(turn, place, z, body, names).spin))(places, each)
     along = jnp.moveaxis(each[:, :3, 3:], 0, -1)
     found = stages.slopes(list(jnp.moveaxis(spin[:, :2], 0, -1)), list(along))

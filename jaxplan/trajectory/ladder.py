@@ -20,14 +20,14 @@ from jaxplan.trajectory.schedule import TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess, SQPSolution
 
-_TUBE_BROKEN = 1e-6  # rad beyond the tube, up to which nodes count as passed
+_TUBE_BROKEN = 1e-6  # rad outside the tube, up to which nodes still count as passed
 _DEEP = float(np.deg2rad(0.3))  # rad; if a zone is broken by more, more intervals do not help
-_ROUNDING = 1e-9  # rad of a margin that is rounding alone
+_ROUNDING = 1e-9  # rad; a negative margin that is not larger is due to rounding alone
 _KEPT_MARGIN = 0.3  # fraction of the wanted margins that a sound curve has at least
 _MENDED = 1e-3  # of a limit; a first curve that breaks it by more is not improved in a given time
 _NEARLY = 1.01  # factor on time; a curve that keeps the limits with it counts as nearly within them
 _HOPELESS = 1.05  # factor on time; a curve that needs more is not tried again with more intervals
-_WIDER = 3.0  # factor on the tube's radius, tried before there is no tube
+_WIDER = 3.0  # factor on the tube's radius that is tried before the tube is dropped
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,8 +107,8 @@ class Attempt:
     def scaled(self, duration: float) -> "Attempt":
         """Return the attempt with its motion scaled in time to another duration in s."""
         curve = self.trajectory.scaled(duration / self.trajectory.duration)
-        for breaks in (curve.breaks, curve.joint_breaks):  # new arrays
-            breaks[-1] = duration  # to the last bit
+        for breaks in (curve.breaks, curve.joint_breaks):  # `scaled` made them, so they may be written to
+            breaks[-1] = duration  # exactly, without rounding
         return replace(self, trajectory=curve, peaks=peaks(curve, self.problem.spacecraft))
 
     @property

@@ -21,12 +21,12 @@ import numpy as np
 from jaxplan.model.scaling import time_factor
 from jaxplan.runtime.batching import in_groups
 
-_CURVES = 16  # curves whose maxima are looked for together, so that results stay in the processor's cache
+_CURVES = 16  # curves whose maxima are found together, so few that results stay in the processor's cache
 _RESOLVED = 1e-10  # of the largest term of a quantity's sums of cosines; smaller last terms are negligible
 
 _FINE = 4  # intervals of the fine grid in theta for each Chebyshev point
-_NEWTON_STEPS = 12  # at most, from the grid to a maximum
-_STILL = 1e-9  # rad of theta; a maximum is flat, so its value is off by the square of it
+_NEWTON_STEPS = 12  # most steps from the grid to a maximum
+_STILL = 1e-9  # rad; smaller steps of theta end the search. A maximum is flat: its error is the square
 
 _LOOKS = 12  # most iterations that follow the peaks of quantities with a lesser part
 _SETTLED = 1e-12  # of a time factor; a step that adds less is the last
@@ -66,7 +66,7 @@ def _largest_of(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     heights = np.abs(series @ to_fine.T)  # (N, Q, fine)
     highest = np.maximum.reduceat(heights.max(axis=2), np.cumsum(counts) - counts)
     owner = np.repeat(np.arange(len(values)), counts)
-    # Half a step off, a maximum is higher by no more than what the largest second derivative makes of it.
+    # A maximum, half a step off at most, exceeds the grid by no more than the second derivatives allow.
     step = np.pi / (len(to_fine) - 1)
     bends = np.sum(np.abs(series) * np.arange(series.shape[2]) ** 2, axis=2)
     piece, quantity, theta = _peaked(series, heights, highest[owner] - step**2 / 8 * bends, step)

@@ -35,8 +35,8 @@ from jaxplan.trajectory.spectrum import expect_frequencies, magnitude, transform
 Quantity = Callable[[Samples], Array]
 
 _EACH, _ALL = 12, 600  # least number of samples on each piece, and about that on a whole trajectory
-_GAUSS = 12  # samples on a piece for an integral
-_LOOKS = 4  # rounds of samples: the first over the whole trajectory, the next about the extreme, ever finer
+_GAUSS = 12  # nodes of Gauss' rule on each piece
+_LOOKS = 4  # rounds of samples: the first over the whole trajectory, the others about the extreme
 
 
 def time_factors(samples: Samples, craft: Spacecraft, total: Array | None = None) -> Array:
@@ -94,7 +94,7 @@ def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
 
     state = first, jnp.max(jnp.diff(jnp.sort(first))), first[0], jnp.array(True)
     _, _, best, sound = jax.lax.fori_loop(0, _LOOKS, look, state)
-    # As a share of the duration it is held, for a peak at a break moves with it.
+    # The fraction of the duration is held, and not the time, since a peak at a break moves with the break.
     moving = best + (duration(trajectory) - duration(held)) * (best / duration(held))
     return jnp.where(sound, quantity(evaluate(trajectory, moving)), jnp.nan)
 
@@ -310,7 +310,11 @@ def wheel_momenta(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np
 
 
 def _of_wheels(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Torques and momenta of the wheels, (n,) or (n, k)."""
+    """Torques (N m) and momenta (N m s) of the n wheels, (n,) for a single time or (n, k).
+
+    Raises:
+        ValueError: if there are no wheels.
+    """
     if craft.wheel_array is None:
         raise ValueError("the spacecraft has no wheels; give it spacecraft.wheels")
     return wheel_loads(trajectory.sample(t).kinematics(craft, total_momentum(trajectory, craft)), craft)

@@ -24,10 +24,10 @@ from jaxplan.trajectory.kernels import Kernel, load_slopes_at, motion_at, padded
 from jaxplan.trajectory.problem import DiscreteProblem
 
 _BETWEEN = 0.02  # of a limit, the most by which a load is taken to exceed its values at nearest places
-_FLAT = 1e-12  # of a limit, the least curvature of a parabola at its peak, by which is divided
+_FLAT = 1e-12  # of a limit, least curvature of a parabola that is divided by
 _BROKEN = 1e-6  # the largest violation of a constraint that still counts as none
 
-LIMIT, ZONE, TUBE = range(3)  # kinds of constraints
+LIMIT, ZONE, TUBE = range(3)  # kinds of constraints; joint ranges count as LIMIT
 
 T = TypeVar("T")
 
@@ -302,8 +302,8 @@ class Iterates:
         margins: (G, S, D, Z) rad; +inf where a row does not bind a sight, and for all entries of a constraint
             but the one that holds best from there to the next place, and to the place before.
         violations: (G, 3) the largest by kind of constraint (`LIMIT`, `ZONE`, `TUBE`); zero or less if none
-            is broken. Of limits it is the fraction of the duration that is lacking, of the others the excess
-            in rad.
+            is broken. Of limits it is the fraction by which the duration is too short (or by which a load
+            with a lesser part exceeds its limit), of joint ranges, zones and tubes the excess in rad.
         known_slopes: for each curve the result of `load_slopes`, None until that is called.
     """
 
@@ -418,7 +418,7 @@ def _margins_along(
     margins = np.asarray(margins_of_scores(cones, scores(cones, cosines, of_joints)))
     np.copyto(margins, np.inf, where=~cones.bound.T)
     if np.any(cones.entry != cones.group):
-        # From each place to the next one entry holds at both, or between them none might.
+        # One entry has to hold at both of two neighbouring places, or between them none might hold.
         of_rows = np.min(margins, axis=1, initial=np.inf)
         ends = np.concatenate([of_rows[:1], of_rows, of_rows[-1:]])
         from_to = counted(cones, np.minimum(ends[:-1], ends[1:]))
@@ -434,7 +434,7 @@ def load_slopes(at: Iterates, curve: int) -> np.ndarray:
     known = at.known_slopes[curve]
     if known is not None:
         return known
-    # Who asks about one curve of a problem asks about its others next.
+    # Whoever needs one curve of a problem will need its other curves next.
     own = at.stack.members[curve]
     unknown = [n for n, slopes in enumerate(at.known_slopes) if slopes is None]
     alike = [n for n in unknown if at.stack.members[n] is own]

@@ -52,11 +52,11 @@ SAFETY = 1 + 1e-6  # factor on time beyond what the peaks require, so that an in
 _ROUNDING = 1e-9  # of a joint's range, by which it may be exceeded, since a node may be at its very end
 
 _SHARPER = 2  # factor on the number of points, where stages turn far on a piece
-_SHARPEST = 4  # such factors at most, one after the other
+_SHARPEST = 4  # most times that this factor is applied
 _FEW = 8  # pieces; where a trajectory has more, they are short and take fewer points
 _POINTS = 4096  # points computed together, so that intermediate results stay in the processor's cache
 
-_SMALL = 0.05  # rad^2, below which series are used
+_SMALL = 0.05  # rad^2, square of the angle below which series are used
 _ZERO = 1e-300  # rad^2, least square of an angle whose root is divided by
 _STEP = 1e-30  # s, along the imaginary axis, of complex-step derivatives
 
@@ -192,7 +192,7 @@ def _platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
 
     def kind(one: tuple[Asked, int]) -> tuple[Any, ...]:
         (trajectory, craft, names), points = one
-        alone = None if craft.stages is None else id(craft)  # its stages are its own
+        alone = None if craft.stages is None else id(craft)  # stages differ between spacecraft
         return points, trajectory.coefficients.shape[1], names, wheel_rows(craft), alone
 
     def at_points(some: Sequence[Asked], points: Sequence[int]) -> list[np.ndarray]:
@@ -260,7 +260,7 @@ def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
     for first in range(0, len(length), block):
         part = slice(first, first + block)
         b = _curves(coefficients[part], length[part], points, orders)
-        with np.errstate(invalid="ignore", over="ignore"):  # what is no number is found by who asks
+        with np.errstate(invalid="ignore", over="ignore"):  # callers check for NaN
             chart = (
                 np.repeat(chart_rate[part].T, points, axis=1),
                 (since[part, None] + length[part, None] * shares).reshape(-1),

@@ -29,15 +29,15 @@ Given = ParamSpec("Given")
 Out = TypeVar("Out")
 
 _MEASURES: dict[str, Callable[..., Array]] = {}  # the undecorated functions by name
-_OF_ARRAYS: set[str] = set()  # names of those that are no single number
+_OF_ARRAYS: set[str] = set()  # names of the measures whose value is an array, not a single number
 
-# Arguments that a plan's scene has: their classes, and functions that find them.
+# Arguments that a plan's scene supplies: their classes, and functions that get them from the scene.
 _OF_SCENES: dict[str, tuple[type, Callable[[Any], Any]]] = {
     "craft": (Spacecraft, lambda scene: scene.spacecraft),
     "cones": (Constraints, lambda scene: scene.constraints),
 }
 
-Chosen = tuple[tuple[str, Any], ...]  # names and values of arguments that are no numbers
+Chosen = tuple[tuple[str, Any], ...]  # names and values of the arguments that are not numbers
 
 
 def _measured(name: str, chosen: Chosen, given: dict[str, Any]) -> Array:
@@ -105,7 +105,7 @@ def _follow(name: str, chosen: Chosen, own: tuple[Any], ways: tuple[Any]) -> tup
     """
     if is_traced(own):
         return jax.jvp(partial(_measured, name, chosen), own, ways)
-    if name in _OF_ARRAYS:  # a gradient of each entry would be much for one number that is made of them
+    if name in _OF_ARRAYS:  # gradients of all entries would be too much if one number is made of them
         found, leaves = _value(name, chosen, *own), map(jax.tree.leaves, (own, ways))
         way = [way for leaf, way in zip(*leaves, strict=True) if _is_real(leaf)]
         return found, _slopes(name, chosen)(*own, way, [found])[0]

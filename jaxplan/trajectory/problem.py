@@ -35,10 +35,10 @@ from jaxplan.trajectory.kernels import Body
 from jaxplan.trajectory.schedule import TrapezoidalProfile, along
 from jaxplan.trajectory.splines import Basis, CurveSpace
 
-_INTERVALS = 32  # of a spline, or a multiple of it; more follow zones closer, but cost time
+_INTERVALS = 32  # least number of intervals of a spline; more follow zones more closely, but cost time
 _PER_NODE = 1.5  # intervals per node that is passed exactly; fewer leave no freedom between nodes
 _PER_TUBE = 2 / 3  # intervals per node in a tube, which constrains less
-_POINTS = 8  # places on each interval; more leave less unseen between them
+_POINTS = 8  # places on each interval; with more, less is overlooked between them
 _FEW_POINTS = 4  # places on each interval where intervals are many, and so short
 _MANY = 128  # number of intervals from which on each has `_FEW_POINTS`
 _FEWEST_TUBE_NODES = 8  # least padded number of nodes in tubes; a larger one makes more fits alike
@@ -288,7 +288,7 @@ def wanted_margins(cones: Constraints, left: AnyArray) -> AnyArray:
         left: (D, Z) rad, the smaller of the margins at the two ends.
     """
     xp, least, most = arrays(left, room(cones))
-    # The room is for rows of an entry beside which another one holds at both ends.
+    # The room matters for rows of an entry that need not hold, since another entry holds at both ends.
     return xp.minimum(xp.minimum(_CLEARANCE, most), _SHARE_OF_ENDS * xp.maximum(least, 0))
 
 
@@ -419,7 +419,7 @@ def _in_chart(
     exact = inner if mesh.radius == 0 else nobody
     in_tube = inner if 0 < mesh.radius < np.inf else nobody
     radius = np.full(nodes.shape[1], mesh.radius)
-    radius[:3] /= np.sqrt(3.0)  # what b is off bounds what the attitude is
+    radius[:3] /= np.sqrt(3.0)  # an error of b bounds that of the attitude
     count, (size, axes) = len(nodes[in_tube]), (mesh.basis.size, nodes.shape[1])
     tube_rows, tube_values = (
         np.zeros((padded_count(count, _FEWEST_TUBE_NODES), width)) for width in (size, axes)
@@ -427,7 +427,7 @@ def _in_chart(
     if count:
         tube_rows[:count] = mesh.basis.rows(mesh.places[in_tube], 1)[0]
         tube_values[:count] = nodes[in_tube]
-    # At an end in rest with no acceleration only what is made of the jerk may be the largest there is.
+    # At an end at rest without acceleration only loads that depend on the jerk may have their peak.
     to_end = highest_derivative(problem.names) > 2 or not problem.rests
     places, rows = mesh.basis.within(mesh.points, to_end=to_end)
     return DiscreteProblem(

@@ -142,7 +142,7 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
     found = {block.name: np.zeros(block.slack.shape) for block in blocks}
     chosen = [block.chosen(block.slack < block.tolerance, block.slack, which) for block in blocks]
     for block, mask in zip(blocks, chosen, strict=True):
-        if block.name in multipliers:  # in a group another entry may hold now
+        if block.name in multipliers:  # slack is infinite where now another entry of a group holds
             mask |= (multipliers[block.name] > 0) & np.isfinite(block.slack)
             mask[~block.may_bind] = False
     for round_ in range(_ROUNDS):
@@ -194,7 +194,7 @@ def decrease_bound(quadratic: QuadraticProgram, multipliers: Multipliers, which:
     Returns:
         (g,) in the unit of the objective.
     """
-    # In a group another entry may hold now; without its multiplier the bound remains one.
+    # Another entry of a group may hold now; without its multiplier the bound is still valid.
     blocks = quadratic.blocks
     pushing = [(multipliers[block.name] > 0) & np.isfinite(block.slack) for block in blocks]
     rows = active_rows(blocks, pushing, which)
@@ -351,13 +351,13 @@ def _dual(
     along = times(basis, quadratic.free[curve])
     steep = np.einsum("rpa,rpa->rp", axes, axes) * np.einsum("rpk,rpk->rp", along, along)
     stays = np.flatnonzero(np.any(steep > _NO_SLOPE**2, axis=1))
-    if len(stays) > _MOST_ROWS:  # those with the least slack
+    if len(stays) > _MOST_ROWS:  # keep those with the least slack
         order = np.argsort(rows.slack[kept[stays]], kind="stable")
         stays = np.sort(stays[order[:_MOST_ROWS]])
     if len(stays) < len(kept):
         kept, axes, basis, along = kept[stays], axes[stays], basis[stays], along[stays]
     count = 0
-    if quadratic.roughly is not None:  # optima that slopes are of ask for the smallest multipliers, too
+    if quadratic.roughly is not None:  # optima that are differentiated need the smallest multipliers, too
         order, count = order_by_place(axes, along)
     if count:
         kept, axes, basis, along = kept[order], axes[order], basis[order], along[order]
@@ -394,7 +394,7 @@ def inverses(matrices: np.ndarray) -> np.ndarray:
     """Inverses of square matrices (G, n, n); NaN for those that are singular."""
     try:
         return np.linalg.inv(matrices)
-    except np.linalg.LinAlgError:  # of one: the others have theirs
+    except np.linalg.LinAlgError:  # one of them is singular; the others have an inverse
         if len(matrices) == 1:
             return np.full_like(matrices, np.nan)
         return np.concatenate([inverses(own[None]) for own in matrices])

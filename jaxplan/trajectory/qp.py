@@ -19,18 +19,18 @@ import numpy as np
 from jaxplan.runtime.batching import parts
 from jaxplan.trajectory.gram import DenseGram, Gram
 
-_MOST_ITERATIONS = 60  # after which the answer is taken if it is usable
+_MOST_ITERATIONS = 60  # most iterations, after which the answer is taken if it is usable
 _TOLERANCE = 1e-9  # of the scaled residual, relative to the size of the linear term
 ROUGHLY = 1e-6  # the same, of a program whose solution is only a step of another iteration
 _USABLE = 1e-4  # largest residual of an answer, if rounding or the number of iterations ends the method
 _INTERIOR = 0.995  # fraction of the distance to the boundary that a step may take
 _INSIDE = 0.5  # of the size of the linear term, distance from the bounds at which the iteration begins
 _REGULARISATION = 1e-14  # added to the diagonal, which is of order one
-# The same where multipliers are guessed, of these and of the bounds' multipliers. Those that bind are large.
+# The same where multipliers are guessed: of these, and of the bounds' multipliers. Binding ones are large.
 _INSIDE_GUESS = (10.0, 0.3)
 TOGETHER = 16  # programs solved together; their matrices are then still in the processor's cache
 
-_TINY = 1e-12  # least size of d
+_TINY = 1e-12  # least size of d that is divided by
 
 
 class BoxQP(NamedTuple):

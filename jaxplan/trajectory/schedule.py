@@ -28,7 +28,7 @@ _CALM_FLANK = 1 / 3  # of the duration, each flank if there is time; near the le
 _STEEP_FLANK = 0.1  # of the duration, the least flank if time is short
 _STEEP_RISES = 2.0  # times the shortest time to full speed, the least flank likewise
 _FLANK_BREAKS = 9  # intervals that cover a flank and a little more
-_FLANK_STEP = 0.25  # of the flank, the length of one such interval
+_FLANK_STEP = 0.25  # of the flank, length of one such interval at most
 FIRST_GUESS = 1.01  # first guess of a duration, over that of the trapezoid, whose accelerations jump
 
 FEWEST_NODES = 32  # smallest number that nodes are padded to
@@ -106,9 +106,9 @@ def edge_times(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
         moves: (m, 2n) rad, of the joints.
         craft: its limits of rates and momentum.
     """
-    # In a second every edge is gone along at a steady pace, which is to be slowed to the limits. Wheels count
+    # Each edge is passed in one second at a steady pace, which is then slowed to the limits. Wheels count
     # as if they held nothing at the start: what they hold then fills them more on one edge, less on another.
-    # Of stages it counts neither how they are turned nor what they carry.
+    # How stages are turned, and what momentum they carry, is ignored.
     steady = Kinematics(spin=[turns.T], joints=[0 * moves.T, moves.T], inertia=craft.whole_inertia)
     if craft.wheel_array is not None:
         empty = craft.wheel_array
@@ -138,7 +138,7 @@ def turn_time(turn: np.ndarray, craft: Spacecraft) -> float:
         craft: its limits of rates, accelerations, momentum and torque.
     """
     still = np.zeros((1, len(craft.joint_names)))
-    # likewise in a second, now at a steady acceleration from rest
+    # As in `edge_times`, in one second, but at a steady acceleration from rest.
     begun = Kinematics(
         spin=[np.zeros((3, 1)), turn[:, None], np.zeros((3, 1))],
         inertia=craft.whole_inertia,
@@ -171,7 +171,7 @@ def axis_bounds(craft: Spacecraft, power: int) -> AnyArray:
         if quantity.of_joints:
             joints = bound
         else:
-            if quantity.of_wheels:  # in every direction they give what a ball within their limits has
+            if quantity.of_wheels:  # the radius of a ball within their limits, which holds in all directions
                 bound = bound / xp.maximum(length(craft.wheel_array.rows), _NO_ROW)  # type: ignore[union-attr]
             platform = xp.minimum(platform, xp.min(bound) / heaviest if quantity.by_inertia else bound)
     return xp.concatenate([platform, joints])

@@ -30,7 +30,7 @@ from jaxplan.geometry.vectors import AnyArray, array_module
 
 DEGREE = 5  # of the splines
 SMOOTHNESS = DEGREE - 1  # continuous derivatives of a spline
-_DERIVATIVES = 4  # the curve itself and three more
+_DERIVATIVES = 4  # number of curves: the curve itself and its first three derivatives
 
 
 def legendre(x: ArrayLike, order: int) -> AnyArray:
@@ -45,7 +45,7 @@ def legendre(x: ArrayLike, order: int) -> AnyArray:
     """
     if array_module(x) is np:
         values = np.polynomial.legendre.legvander(np.asarray(x), order)
-        return values.reshape(*np.shape(x), order + 1)  # which has an axis too many for a single number
+        return values.reshape(*np.shape(x), order + 1)  # legvander adds an axis to a single number
     return _legendre(order, jnp.asarray(x))
 
 
@@ -65,7 +65,7 @@ def _legendre(order: int, x: Array) -> Array:
 
 @_legendre.defjvp
 def _(order: int, at: tuple[Array], along: tuple[Array]) -> tuple[Array, Array]:
-    # The derivative of a recurrence takes many times as long to compile as that of its values.
+    # Compiling the derivative of the recurrence would take many times as long as compiling its values.
     values = _legendre(order, *at)
     return values, values @ jnp.asarray(derivative_matrix(order), values.dtype) * along[0][..., None]
 
@@ -269,7 +269,7 @@ class Basis:
         Returns:
             (K, 6, d) coefficients of ``P_0`` to ``P_5`` on each of the K intervals.
         """
-        # The splines sum to one, so a constant goes by itself and what stands still does so to the last bit.
+        # B-splines sum to one, so a constant is split off, and what stands still does so to the last bit.
         base = coefficients[:1]
         moved = coefficients - base
         half = np.diff(self.breaks)[:, None, None] / 2
@@ -279,7 +279,7 @@ class Basis:
             control = self.differences[derivative] @ moved
             return self._on_intervals[derivative] @ control[interval + np.arange(DEGREE + 1 - derivative)]
 
-        # Neighbours share the coefficients of derivatives, so that none jumps by more than its own rounding.
+        # Neighbours share coefficients of derivatives, so that none jumps by more than its own rounding.
         # From values of the curve alone, the third derivative would lose twelve digits on short intervals.
         found: np.ndarray = _PARABOLA @ values(_DERIVATIVES - 1)
         for derivative in reversed(range(_DERIVATIVES - 1)):

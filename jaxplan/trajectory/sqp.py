@@ -31,13 +31,13 @@ _ENOUGH_STEPS = 16  # steps after which a search goes on only if its duration st
 _MOST_STEPS = 64  # steps after which every search ends
 _FALLING = 0.05  # of the duration; one that falls by as much in a step counts as falling
 _PENALTY_UPDATES = 1  # most times that penalties grow where something stays broken
-_PENALTY_GROWTH = 30.0  # factor by which they grow
-ENERGY_WEIGHT = 1e-3  # of the energy beside the duration, where that is looked for
+_PENALTY_GROWTH = 30.0  # factor by which penalties grow
+ENERGY_WEIGHT = 1e-3  # weight of the energy beside the duration, where a shortest motion is looked for
 _DURATION_HESSIAN = 12.0  # in the logarithm of the duration: without constraints it falls by 1 / 12 in a step
 _BOLD_HESSIAN = 3.0  # the same where the duration alone is lowered, and not the energy
-_OVERLOOKED = 1e-3  # of a row's tolerance: a step that breaks it by less is not computed again with it
+_OVERLOOKED = 1e-3  # of a row's tolerance: if a step breaks it by less, the row is not added
 _BOLDLY_OVERLOOKED = 3e-2  # the same where the duration alone is lowered, and the end is less precise
-_ROUGHLY_BROKEN = 5e-4  # of a limit, or rad; by less a curve is still the beginning of another search
+_ROUGHLY_BROKEN = 5e-4  # of a limit, or rad; a curve that breaks less may still start another search
 _SETTLED = 1e-4  # of the merit: a smaller change between steps ends the search, as `ftol` does
 _FTOL = 1e-3  # of the energy: the least decrease for which another step is made
 _DAMPING = 8.0  # factor by which damping grows after a failed step, and falls after a good one
@@ -50,7 +50,7 @@ _HOPELESS = 0.5  # excess over a limit, in a given duration with rates at the en
 _LEEWAY = 1.0  # fraction of a row's tolerance that is overlooked, per relative change of the duration
 _FEW_ROUNDS = (3, 0.1)  # most rounds of programs that shorten the duration by more than this fraction
 _FIRST_PROXIMITY = 0.1  # damping to begin with: of equally quick motions the nearest is taken
-_LEAST_PROXIMITY = 0.01  # the least damping
+_LEAST_PROXIMITY = 0.01  # least damping
 _PROXIMITY = 0.3  # least damping after a step that failed as a whole
 _UNDAMPED = 0.1  # damping; with no more, what a program gains is hardly changed
 _POOR = 0.25  # of what a program gains; a step that gains less is followed by the damping of a failed one
@@ -99,7 +99,8 @@ class SQPSolution(NamedTuple):
         margins: (S, D, Z) rad, as `Iterates` has them.
         violations: (3,) by kind of constraint, the largest; zero or less where none is broken.
         finite: whether all loads and cosines of angles are finite.
-        steps: how many steps were tried, successful or not; 0 if the first curve is returned.
+        steps: how many steps were tried, successful or not; 0 if the first curve breaks limits too far to be
+            improved.
     """
 
     coefficients: np.ndarray
@@ -374,7 +375,7 @@ def _without_offset(at: Iterates) -> np.ndarray:
 def solution_at(at: Iterates, member: int, steps: int) -> SQPSolution:
     """Extract the curve of number `member` as a solution, after so many `steps`."""
     return SQPSolution(
-        coefficients=at.coefficients[member].copy(),  # no view, which would keep the whole stack
+        coefficients=at.coefficients[member].copy(),  # a view would keep the whole stack in memory
         duration=float(at.duration[member]),
         margins=at.margins[member].copy(),
         violations=at.violations[member].copy(),
@@ -387,7 +388,7 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     """Do the same as `improve` for first curves of problems of one kind."""
     state = SQPState.of(begins)
     solutions: dict[int, SQPSolution] = {}
-    best: dict[int, float] = {}  # s, shortest curves of each problem
+    best: dict[int, float] = {}  # s, shortest durations found for each problem
     done = ~(state.at.violations[:, LIMIT] <= np.array([begin.max_violation for begin in begins]))
     for steps in range(_MOST_STEPS + 1):
         if steps > 0:

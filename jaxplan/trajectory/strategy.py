@@ -42,7 +42,7 @@ from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess
 
 _RATE_ROUNDING = 1e-9  # of a limit, by which rates at start and end may exceed it
-_TIGHTER = (1e-3, 1e-2)  # shares of the limits left unused at the places, in first and further attempts
+_TIGHTER = (1e-3, 1e-2)  # fractions of the limits left unused at places, in first and further attempts
 _LONGER = 1.02  # factor from one duration to the next in the search for one that is long enough
 _MOST_LONGER = 1.1  # largest such factor in one step, for motions with rates at the ends
 _SAME_TIME = 1e-12  # of a duration, by which the shortest motion may exceed it by rounding
@@ -52,7 +52,7 @@ _DETOUR = 1.1  # times the bound; if longer, a shortest motion is compared with 
 _HURRY = 0.97  # of the quickest time along the nodes; in less time they are only a first guess
 _LEISURE = 1.15  # of the quickest time along the nodes; in less time breaks lie close about the flanks
 
-Problems = dict[int, FitProblem]  # by fit
+Problems = dict[int, FitProblem]  # by the number of the fit
 Radius = Callable[[FitProblem], float]  # of a tube about the nodes, rad
 
 
@@ -408,7 +408,7 @@ class Strategy:
             problem, stretch = best[n].problem, best[n].peaks.stretch
             least, most = _TIGHTER
             tighter = min(least + 2 * max(0.0, stretch - 1), most)
-            # Tighter limits alone take longer by as much.
+            # Tighter limits by themselves make the motion longer by as much.
             longer = float(np.clip(stretch, 1 + tighter, _MOST_LONGER))
             durations[n] *= longer ** (2**look)
             mesh = problem.mesh(problem.quickest, best[n].radius, 1, graded=True)
@@ -416,7 +416,7 @@ class Strategy:
 
         for look in range(_LOOKS):
             open_ = [n for n in open_ if not (best[n].peaks.kept and best[n].sound)]
-            # full wheels are no less full in more time
+            # Wheels that are full stay as full in more time.
             open_ = [n for n in open_ if not np.isinf(best[n].peaks.stretch)]
             made = self._attempts(open_, partial(begin, look=look))
             open_ = [n for n, own in made.items() if own is not None]
