@@ -209,9 +209,18 @@ def _chain(
 
 
 def _minimiser(objective: Array, rows: Array, values: Array, on: Array) -> Array:
-    """Minimiser (p,) of ``x^T objective x`` with ``rows x = values`` for the rows that are on, (r,) bool.
+    """Minimise ``x^T objective x`` subject to ``rows x = values`` for the rows that are on.
 
     A row that is off is replaced by the equation that its multiplier is zero.
+
+    Args:
+        objective: (p, p) for p unknowns.
+        rows: (r, p) of r equations.
+        values: (r,) right-hand sides.
+        on: (r,) bool, which rows are on.
+
+    Returns:
+        (p,) ``x``.
     """
     active = jnp.where(on[:, None], rows, 0)
     off = jnp.diag(jnp.where(on, 0.0, 1.0))

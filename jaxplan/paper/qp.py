@@ -80,10 +80,14 @@ def solve_all(programs: Sequence[SegmentQP]) -> list[np.ndarray | None]:
 
 
 def _hold_limits(program: SegmentQP, x: np.ndarray) -> bool:
-    """Replace, in place, columns of ``x`` (p, d) that exceed a limit by the optimum within the limits.
+    """Replace columns of ``x``, in place, that exceed a limit by the optimum within the limits.
+
+    Args:
+        program: the program.
+        x: (p, d) solution without limits, of p unknowns on each of d axes.
 
     Returns:
-        Whether that succeeded for all of them.
+        Whether that succeeded for all of these columns.
     """
     for column in np.flatnonzero(~np.all(np.abs(program.limited @ x) <= program.limits, axis=0)):
         side = _active_sides(program, int(column))

@@ -96,7 +96,7 @@ def propose(
 
 
 def _joint_moves(joints: int, rng: np.random.Generator) -> np.ndarray:
-    """(M, joints) option of each joint in each joint move: all combinations if they are few, or random ones.
+    """Option of each joint in each of M joint moves, (M, joints): all combinations if few, or random ones.
 
     Options are `_UP` and `_DOWN`; there are at most `JOINT_MOVES` moves.
     """
@@ -106,7 +106,12 @@ def _joint_moves(joints: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def price(scene: Scene, expansion: Expansion, fields: Fields) -> tuple[np.ndarray, np.ndarray]:
-    """Costs (A, M) of moves by equation (16), and heuristics (3, A, M) of their children by (15), in rad."""
+    """Costs of moves by equation (16), and heuristics of their children by equation (15), in rad.
+
+    Returns:
+        (A, M) costs of A turns of the platform by M joint moves, and (3, A, M) heuristics, one for each
+        queue.
+    """
     del fields  # the printed planner does not use distance fields
     whole = scene.attitude_step + np.sum(scene.joint_steps)
     return np.full(expansion.steps.shape, whole), expansion.heuristics[1:]
@@ -138,6 +143,11 @@ def search_wastar(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[Se
 
 
 def price_alone(scene: Scene, expansion: Expansion, fields: Fields) -> tuple[np.ndarray, np.ndarray]:
-    """Costs (A, M) of moves by equation (16), and ``h_0`` by (15) for two queues alike, (2, A, M), in rad."""
+    """Costs of moves by equation (16), and the heuristic ``h_0`` of their children by equation (15), in rad.
+
+    Returns:
+        (A, M) costs of A turns of the platform by M joint moves, and (2, A, M) the same ``h_0`` for two
+        queues.
+    """
     costs, heuristics = price(scene, expansion, fields)
     return costs, heuristics[[0, 0]]

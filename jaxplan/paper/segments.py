@@ -218,7 +218,12 @@ def assemble(
 
 
 def node_indices(ends: np.ndarray, slots: int) -> np.ndarray:
-    """(S, slots) node index of each slot of segments with ends (S + 1,); spare slots repeat the last."""
+    """(S, slots) index of the node in each slot of S segments; slots that are left over repeat the last node.
+
+    Args:
+        ends: (S + 1,) node indices where segments end, the start included.
+        slots: number of slots of each segment.
+    """
     return np.minimum(ends[:-1, None] + np.arange(slots), ends[1:, None])
 
 
@@ -274,7 +279,7 @@ class PathNodes:
 
     @property
     def moves(self) -> np.ndarray:
-        """(m, 3 + 2n) rad, rotation vector and joint changes of each edge."""
+        """(m, 3 + 2n) rad, for each of the m edges its rotation vector and its changes of the 2n joints."""
         return np.concatenate([self.turns, np.diff(self.joints, axis=0)], axis=1)
 
 
@@ -416,7 +421,7 @@ class Chain:
         )
 
     def accept(self, solution: np.ndarray | None) -> None:
-        """Take the solution (l + 1, d) of the last program; None if it has none, which ends the chain."""
+        """Take the solution of the last program: (l + 1, d) coefficients, or None, which ends the chain."""
         if solution is None:
             self.failed = True
             return

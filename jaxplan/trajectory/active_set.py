@@ -271,7 +271,7 @@ class FitRecord:
         return kept / asked if np.isfinite(kept) and asked > 0 else 1.0
 
     def _free(self, at: Iterates) -> np.ndarray:
-        """Free coefficients ``x`` (k, A) of the first curve of `at`."""
+        """Free coefficients ``x`` (k, A) of the first curve of `at`, k on each of A axes."""
         space = self.attempt.discrete.space
         start = space.fixed + at.duration[0] * space.by_time
         return np.linalg.lstsq(space.free, at.coefficients[0] - start, rcond=None)[0]
@@ -283,7 +283,7 @@ class FitRecord:
 
     @cached_property
     def _windings(self) -> np.ndarray:
-        """(m + 1,) whole turns by which the nodes' coordinates exceed the shortest logarithm."""
+        """(m + 1,) whole turns by which the chart coordinates of each node exceed the shortest logarithm."""
         chart, places = self.attempt.discrete.chart, self.attempt.discrete.mesh.places
         nodes = self.problem.attitudes, self.problem.turns, places
         eta = chart.coordinates(*nodes) - places[:, None] * chart.turn

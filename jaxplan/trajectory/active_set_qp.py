@@ -141,7 +141,10 @@ def _cholesky(hessian: np.ndarray) -> np.ndarray | None:
 
 
 def _turned_upwards(hessian: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """Change the sign of a Hessian's negative curvatures along what rows (r, n) leave free."""
+    """Change the sign of a Hessian's negative curvatures along directions in which no row changes.
+
+    `slopes` (r, n) are the derivatives of the r rows in the n unknowns.
+    """
     _, sizes, right = np.linalg.svd(slopes)
     free = right[int(np.sum(sizes > _DEPENDENT * np.max(sizes, initial=0.0))) :].T
     bends, ways = np.linalg.eigh(free.T @ hessian @ free)

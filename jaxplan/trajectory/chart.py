@@ -115,13 +115,16 @@ def farthest(chart: Chart, b: np.ndarray, places: np.ndarray) -> float:
 
 
 def _windings(before: np.ndarray, step: np.ndarray, own: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Whole turns (...) by which to lengthen rotation vectors so that they lie where steps from others lead.
+    """Number of whole turns to add to rotation vectors so that they come out where a step leads.
 
     Args:
-        before: (..., 3) rad, the others.
-        step: (..., 3) rad, the steps from these.
-        own: (..., 3) rad, the vectors, each known up to whole turns.
-        angle: (...) rad, their lengths.
+        before: (..., 3) rad, where the step begins.
+        step: (..., 3) rad, the step, to first order.
+        own: (..., 3) rad, the vectors at its end, each known up to whole turns.
+        angle: (...) rad, lengths of `own`.
+
+    Returns:
+        (...) whole numbers as floats; zero for vectors without length.
     """
     ahead = np.sum((before + step) * own, axis=-1) / np.maximum(angle, _NO_ANGLE)
     return np.where(angle > _NO_ANGLE, np.round((ahead - angle) / (2 * np.pi)), 0.0)

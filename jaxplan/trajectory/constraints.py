@@ -36,7 +36,7 @@ Slopes = tuple[np.ndarray, np.ndarray]  # (R, P, A) of the axes and (R, P, n) of
 
 
 def numbers(chosen: np.ndarray) -> Index:
-    """Indices of the true entries of a bool array (G, ...), as `np.nonzero` but faster where they are few."""
+    """Indices of the true entries of a bool array, like `np.nonzero` but much faster where they are few."""
     return np.unravel_index(np.flatnonzero(chosen), chosen.shape)
 
 
@@ -88,17 +88,17 @@ class LinearBlock:
 
     @cached_property
     def slack(self) -> np.ndarray:
-        """(G, 2, r, a) what is left to the bound of each row, negative if it is broken."""
+        """What is left to the bound, negative if broken: (G, 2, r, a) for curves, signs, rows and axes."""
         value = (self.matrix @ self.coefficients[:, :, self._first :] - self.centre) * self.scale[:, None]
         return self.bound - np.stack([value, -value], axis=1)
 
     @property
     def may_bind(self) -> np.ndarray:
-        """(G,) bool, whether a step may break any row of a curve: always true."""
+        """(G,) bool for each curve, whether a step may break any of its rows: always true."""
         return np.ones(len(self.coefficients), dtype=bool)
 
     def time(self, index: Index) -> np.ndarray:
-        """Derivatives (R,) of the values of the indexed rows in the logarithm of the duration."""
+        """Derivative in the logarithm of the duration of each of the R indexed rows' values."""
         return np.full(len(index[0]), -float(self.power))
 
     def relief(self, which: np.ndarray, stretch: np.ndarray) -> np.ndarray:
@@ -159,7 +159,7 @@ class LoadBlock:
 
     @cached_property
     def slack(self) -> np.ndarray:
-        """(G, S, 2, c) fractions of the limit left, for a load and its negative; see `Stack.with_peaks`."""
+        """Fraction of each limit that is left: (G, S, 2, c) for curves, places, signs and components."""
         shares = self.at.loads[:, :, self.own] * self.scale[:, None]
         if self.lesser is not None:
             part, scale = self.lesser
@@ -170,11 +170,11 @@ class LoadBlock:
 
     @cached_property
     def _falls(self) -> np.ndarray | None:
-        """(G, S, 2, c) rates at which fractions of the limit fall with the logarithm of the duration.
+        """How fast fractions of the limit fall with the logarithm of the duration, shaped like `slack`.
 
-        None if these are the power for all rows. Otherwise they are those of rows at their bound, or of ``a +
-        b T <= limit T^p`` with the duration ``T``: so, as for a power alone, what a curve changes of a row
-        does not depend on what the duration does.
+        None if for all rows this is `power`. Otherwise it is that of rows at their bound, or of ``a + b T <=
+        limit T^p`` with the duration ``T``: so, as for a power alone, what a curve changes of a row does not
+        depend on what the duration does.
         """
         if self.lesser is None:
             return None
@@ -196,11 +196,11 @@ class LoadBlock:
 
     @cached_property
     def may_bind(self) -> np.ndarray:
-        """(G,) bool, whether a step may take a curve to a row's bound: unless all slacks are large."""
+        """(G,) bool for each curve, whether a step may reach a bound: unless all its slacks are large."""
         return ~np.all(self.slack > _FAR_SHARE, axis=(1, 2, 3))
 
     def _local(self, curve: int) -> np.ndarray:
-        """Derivatives (S, c, 4, B) of one curve's load over its limit in its first B axes and derivatives."""
+        """Derivatives of a curve's load over its limit, (S, c, 4, B): place, component, derivative, axis."""
         slopes = load_slopes(self.at, curve)
         found = slopes[:, self.own] * self.scale[curve, :, None, None]
         if self.lesser is not None:
@@ -209,7 +209,7 @@ class LoadBlock:
         return found
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
-        """How much slack each row of some curves loses by a step, (g, S, 2, c); see `LinearBlock.change`."""
+        """How much slack each row of the curves `which` loses by a step; see `LinearBlock.change`."""
         change = np.empty((len(which), *self.slack.shape[1:]))
         for own, curve in enumerate(which.tolist()):
             local = self._local(curve)
@@ -236,7 +236,7 @@ class LoadBlock:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MarginBlock:
-    """Margins of sights to rows of the constraints at the places, in rad: rows (G, S, D, Z).
+    """Margins at the places, in rad: rows (G, S, D, Z) for curves, places, sights and rows of constraints.
 
     Attributes:
         at: the curves.
@@ -253,7 +253,7 @@ class MarginBlock:
 
     @cached_property
     def may_bind(self) -> np.ndarray:
-        """(G,) bool, whether a step may take a curve to a row's bound: if any slack is finite."""
+        """(G,) bool for each curve, whether a step may reach a bound: if any of its slacks is finite."""
         return np.any(np.isfinite(self.slack), axis=(1, 2, 3))
 
     def time(self, index: Index) -> np.ndarray:
@@ -266,12 +266,12 @@ class MarginBlock:
 
     @cached_property
     def _known(self) -> tuple[np.ndarray, np.ndarray]:
-        """Cache of slopes: which are known, (G, S, D, Z) bool, and their values (G, S, D, Z, A)."""
+        """Cache of slopes: which are known, a bool array like `slack`, and their values by axis (last)."""
         shape = self.slack.shape
         return np.zeros(shape, dtype=bool), np.empty((*shape, self.at.curves.shape[3]))
 
     def _local(self, index: Index) -> np.ndarray:
-        """Derivatives (R, A) of the indexed margins in ``b`` and the joints, each computed only once."""
+        """Derivatives (R, A) of the indexed margins in each axis (``b`` and joints), computed only once."""
         known, slopes = self._known
         new = ~known[index]
         if np.any(new):
@@ -280,7 +280,7 @@ class MarginBlock:
         return np.asarray(slopes[index])
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
-        """How much slack rows lose by a step, (g, S, D, Z); zero for rows whose slack surely stays large."""
+        """How much slack each row loses by a step; zero for rows whose slack surely stays large."""
         slack, moved = taken(self.slack, which), curves[:, 0]
         own, *rest = numbers(slack < self.tolerance + margin_reach(self.at, which, moved))
         local = self._local((which[own], *rest))

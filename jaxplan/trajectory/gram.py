@@ -32,7 +32,10 @@ Solve = Callable[[np.ndarray], np.ndarray]
 
 
 class Gram(Protocol):
-    """Protocol of a program's matrix ``M`` (r, r), positive semidefinite with a positive diagonal."""
+    """Protocol of a program's matrix ``M``, (r, r) for r rows, which is positive semidefinite.
+
+    Its diagonal is positive.
+    """
 
     def diagonal(self) -> np.ndarray:
         """Return its diagonal (r,)."""
@@ -264,14 +267,19 @@ class _PlatformFactors(NamedTuple):
 
 
 def _squares(slopes: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """Diagonal (r,) of the matrix of rows (r, 3 k) of the platform, from the inverse Hessian (k, k)."""
+    """Diagonal (r,) of the matrix of r rows of the platform.
+
+    Args:
+        slopes: (r, 3 k) derivatives of the rows in the platform's coefficients, k on each of three axes.
+        inverse: (k, k) inverse Hessian of one axis.
+    """
     by_axis = slopes.reshape(len(slopes), len(inverse), PLATFORM).swapaxes(1, 2).reshape(-1, len(inverse))
     squares = np.einsum("ri,ri->r", by_axis @ inverse, by_axis)
     return np.asarray(np.sum(squares.reshape(-1, PLATFORM), axis=1))
 
 
 def _plus(matrix: np.ndarray, diagonal: np.ndarray) -> np.ndarray:
-    """Return a copy of a matrix (r, r) with a diagonal (r,) added."""
+    """Return a copy of a square matrix with a diagonal added."""
     found = matrix.copy()
     found.reshape(-1)[:: len(found) + 1] += diagonal
     return found
@@ -344,7 +352,10 @@ def order_by_place(axes: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, int
 
 
 def _of_platform(axes: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Derivatives (r, 3 k) of rows in the platform's coefficients, the three axes of one side by side."""
+    """Derivatives (r, 3 k) of r rows in the platform's coefficients, k on each of three axes.
+
+    The three axes of one coefficient are side by side. Arguments are those of `gram`.
+    """
     found = along[:, 0, :, None] * axes[:, 0, None, :PLATFORM]
     for product in range(1, axes.shape[1]):
         found += along[:, product, :, None] * axes[:, product, None, :PLATFORM]
@@ -352,7 +363,10 @@ def _of_platform(axes: np.ndarray, along: np.ndarray) -> np.ndarray:
 
 
 def _chunks(slopes: np.ndarray) -> list[_Chunk]:
-    """Cut rows (p, 3 k), sorted by place, into parts that touch few unknowns each."""
+    """Cut rows into parts that touch few unknowns each; rows that touch none are left out.
+
+    `slopes` (p, 3 k) are derivatives of p rows, sorted by place, in the platform's coefficients.
+    """
     found = []
     for begin in range(0, len(slopes), _CHUNK):
         rows = slice(begin, min(begin + _CHUNK, len(slopes)))
@@ -394,5 +408,5 @@ def gram(axes: np.ndarray, along: np.ndarray, inverse: np.ndarray) -> np.ndarray
 
 
 def times(parts: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Multiply many matrices (r, P, n) by one (n, k), in a single call of the linear algebra."""
+    """Multiply r matrices (r, P, n), of P products each, by one matrix (n, k), in one call to BLAS."""
     return (parts.reshape(-1, parts.shape[2]) @ matrix).reshape(*parts.shape[:2], matrix.shape[1])

@@ -78,7 +78,7 @@ def near(problem: FitProblem) -> InitialGuess | None:
 
 
 def _are_alike(breaks: np.ndarray, others: np.ndarray) -> bool:
-    """Whether two sets of breaks, (k,) and (j,) in [0, 1], are equally many and nearly equal."""
+    """Whether two sets of breaks in [0, 1] are equally many and nearly equal."""
     return len(breaks) == len(others) and bool(np.max(np.abs(breaks - others)) <= _ALIKE)
 
 
@@ -156,12 +156,15 @@ def _on(discrete: DiscreteProblem, basis: Basis) -> DiscreteProblem:
 
 
 def _mesh(places: np.ndarray, basis: Basis) -> Mesh:
-    """Make the mesh of a basis and of nodes at places (m + 1,), without a tube about these."""
+    """Make the mesh of a basis and of nodes at given places, one each, without a tube about these."""
     return Mesh(places=places, basis=basis, points=_POINTS, radius=np.inf, flank=np.nan)
 
 
 def _carried(attempt: Attempt, discrete: DiscreteProblem) -> np.ndarray:
-    """Coefficients (n, A) of a problem's curve nearest to an attempt's in value and second derivative."""
+    """Coefficients (n, A) of a problem's curve nearest to an attempt's in value and second derivative.
+
+    There are n coefficients on each of A axes.
+    """
     space, rows = discrete.space, discrete.rows
     own = attempt.discrete.space.basis.rows(discrete.places, 3)
     start = space.fixed + attempt.needed * space.by_time

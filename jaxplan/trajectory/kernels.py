@@ -196,9 +196,10 @@ def motion_at(
 
 @partial(quick_jit, static_argnames="names")
 def load_slopes_at(turn: Array, places: Array, curves: Array, body: Body, *, names: tuple[str, ...]) -> Array:
-    """Derivatives (S, C + E, 4, B) of the loads by a curve and its three derivatives.
+    """Derivatives of the loads by a curve and its three derivatives; arguments are those of `motion_at`.
 
-    Arguments are those of `motion_at`.
+    Returns:
+        (S, C + E, 4, B) for places, loads with their lesser parts, derivatives and axes.
     """
     each = jnp.moveaxis(curves, 0, 1)  # (S, 4, B)
     if body.stages is not None:
@@ -215,8 +216,8 @@ def _slopes_with_stages(
 ) -> Array:
     """Do the same as `load_slopes_at` with gimbal stages, by the chain rule through what the stages carry.
 
-    That is cheap: each stage is turned by two joints alone, and its momentum is linear in the spin. `each` is
-    (S, 4, B), otherwise arguments are those of `load_slopes_at`.
+    That is cheap: each stage is turned by two joints alone, and its momentum is linear in the spin. `each`
+    (S, 4, B) is the curve with its derivatives at S places; other arguments are those of `load_slopes_at`.
     """
     orders = 1 + max(highest_derivative(names), 2)  # no load depends on higher derivatives
     spin = jax.vmap(lambda place, z: jnp.stack(_platform(turn, place, z, body, names).spin))(places, each)

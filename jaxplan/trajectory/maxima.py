@@ -33,9 +33,12 @@ _SETTLED = 1e-12  # of a time factor; a step that adds less is the last
 
 
 def is_resolved(values: np.ndarray) -> bool:
-    """Whether values (N, G, Q) at the Chebyshev points suffice to interpolate between the points.
+    """Whether values at the Chebyshev points suffice to interpolate between the points.
 
     They do if the last terms of the sums of cosines are negligible. It is also true if a value is not finite.
+
+    Args:
+        values: (N, G, Q) of Q quantities at G points on each of N pieces.
     """
     series = np.abs(chebyshev(values.shape[1])[0] @ values)
     last, most = (np.max(part, axis=(0, 1), initial=0.0) for part in (series[:, -2:], series))
@@ -97,7 +100,15 @@ def _peaked(
 
 
 def _at(sums: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Evaluate sums of cosines (c, G) at theta (c,) in rad, one value for each sum."""
+    """Evaluate sums of cosines, each at one angle.
+
+    Args:
+        sums: (c, G) coefficients of c sums.
+        theta: (c,) rad.
+
+    Returns:
+        (c,) values.
+    """
     cosines = np.cos(np.outer(theta, np.arange(sums.shape[1])))
     return np.asarray(np.einsum("ck,ck->c", sums, cosines))
 

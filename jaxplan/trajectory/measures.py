@@ -302,15 +302,16 @@ def wheel_torques(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np
 
 @of_plans
 def wheel_momenta(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np.ndarray:
-    """Momenta that wheels hold about their axes, (n,) or (k, n) N m s; see `wheel_torques` for the rest.
+    """Momenta in N m s that the n wheels hold about their axes, (n,) or, for k times, (k, n).
 
-    Those at the end are what the wheels store at the start of the next manoeuvre.
+    Those at the end are what the wheels store at the start of the next manoeuvre. Arguments and errors are
+    those of `wheel_torques`.
     """
     return np.moveaxis(_of_wheels(trajectory, craft, t)[1], 0, -1)
 
 
 def _of_wheels(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Torques (N m) and momenta (N m s) of the n wheels, (n,) for a single time or (n, k).
+    """Torques (N m) and momenta (N m s) of the n wheels, (n,) for a single time or (n, k) for k times.
 
     Raises:
         ValueError: if there are no wheels.

@@ -112,7 +112,7 @@ class Stack:
 
     @cached_property
     def moving_axes(self) -> np.ndarray:
-        """(G, S, Z, 3) axes of the rows at the places, for constraints of which some move."""
+        """(G, S, Z, 3) axes by problem, place and row, for constraints of which some move."""
         return np.stack([own.problem.axes(own.places) for own in self.members])
 
     @property
@@ -122,7 +122,7 @@ class Stack:
 
     @cached_property
     def frames(self) -> np.ndarray:
-        """(G, g, 3, 3) mounting frames of the g gimbals, as of `Gimbals`."""
+        """(G, g, 3, 3) mounting frames of the g gimbals of each problem, as in `Gimbals`."""
         return np.stack([own.problem.sights.gimbals.frames for own in self.members])
 
     @property
@@ -210,7 +210,7 @@ class Stack:
         return [found[number] for number in which]
 
     def needed_durations(self, at: "Iterates") -> np.ndarray:
-        """The shortest durations (G,) in s in which curves keep limits of rates and loads at the places.
+        """Shortest duration (G,) in s in which each curve keeps limits of rates and loads at the places.
 
         Loads with a lesser part are left to `rooted_durations`.
         """
@@ -231,11 +231,11 @@ class Stack:
         return np.asarray(np.max(factors, axis=0))
 
     def with_peaks(self, shares: np.ndarray, between: bool) -> np.ndarray:
-        """Raise shares (G, S, ...) of limits at local maxima to those of parabolas through the neighbours.
+        """Raise fractions of limits at local maxima to the peaks of parabolas through their neighbours.
 
         Args:
-            shares: at the places.
-            between: whether to look between the places; otherwise the shares are returned as they are.
+            shares: (G, S, ...) fractions of limits by curve and place.
+            between: whether to look between the places; otherwise `shares` are returned as they are.
         """
         if not between:
             return shares
@@ -265,7 +265,7 @@ class Stack:
                 yield (at.loads[:, :, own] - slow) / bound, limit.quantity.power, slow / bound
 
     def rooted_durations(self, at: "Iterates") -> np.ndarray:
-        """The shortest durations (G,) in s from which on limits of loads with a lesser part are kept.
+        """Shortest duration (G,) in s from which on each curve keeps limits of loads with a lesser part.
 
         Places where slowing down does not help are left out.
         """
@@ -277,7 +277,7 @@ class Stack:
         return found
 
     def rooted_shares(self, at: "Iterates") -> np.ndarray:
-        """Largest shares (G,) of their limits that loads with a lesser part take in the curves' durations."""
+        """Largest fraction (G,) of a limit that loads with a lesser part take, in each curve's duration."""
         found, duration = np.zeros(len(at.duration)), at.duration[:, None, None]
         for share, power, lesser in self._rooted(at):
             own = np.abs(share / duration**power + lesser / duration ** (power - 1))
@@ -322,12 +322,12 @@ class Iterates:
 
     @property
     def is_sound(self) -> np.ndarray:
-        """(G,) bool, whether no constraint is broken at the places."""
+        """(G,) bool for each curve, whether no constraint is broken at the places."""
         return np.all(self.violations <= _BROKEN, axis=1)
 
     @cached_property
     def finite(self) -> np.ndarray:
-        """(G,) bool, whether all loads and cosines are finite."""
+        """(G,) bool for each curve, whether all loads and cosines are finite."""
         kept = np.all(np.isfinite(self.loads), axis=(1, 2))
         return np.asarray(kept & np.all(np.isfinite(self.cosines), axis=(1, 2, 3)))
 
@@ -390,7 +390,7 @@ def taken(array: np.ndarray, which: np.ndarray) -> np.ndarray:
 
 
 def _most(values: np.ndarray) -> np.ndarray:
-    """Largest value (G,) of each of G arrays (G, ...); -inf for empty ones."""
+    """Largest value of each of G arrays (G, ...), as (G,); -inf for empty ones."""
     return np.asarray(np.max(values.reshape(len(values), -1), axis=1, initial=-np.inf))
 
 
@@ -427,9 +427,9 @@ def _margins_along(
 
 
 def load_slopes(at: Iterates, curve: int) -> np.ndarray:
-    """(S, C + E, 4, B) derivatives of a curve's loads in its first B axes and their derivatives by the place.
+    """Derivatives (S, C + E, 4, B) of a curve's loads: by place, load, derivative and axis.
 
-    They are stored in `at.known_slopes`, for all curves of the same problem at once; `curve` is a number.
+    They are stored in `at.known_slopes`, for all curves of the same problem at once. `curve` is a number.
     """
     known = at.known_slopes[curve]
     if known is not None:

@@ -46,7 +46,7 @@ def linearised(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced
 
 @quick_jit
 def curve_of(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, Traced]:
-    """Return spline coefficients (n, A) and duration (s) of the curve at ``z``."""
+    """Return the curve at ``z``: n spline coefficients on each of A axes (n, A), and the duration in s."""
     x, _, duration = _split(held, inputs, jnp.asarray(z))
     return held.free @ x + offset_of(held, inputs, duration), duration
 
@@ -60,23 +60,23 @@ def flat(held: ActiveSet) -> Traced:
 
 
 def _split(held: ActiveSet, inputs: FitInputs, z: Traced) -> tuple[Traced, Traced, Traced]:
-    """Split ``z`` into free coefficients ``x`` (k, A), multipliers ``y`` (R,) and the duration in s."""
+    """Split ``z`` into free coefficients ``x`` (k, A), multipliers ``y`` (R,) of rows, and duration (s)."""
     x, y = z[: held.x.size].reshape(held.x.shape), z[held.x.size :][: len(held.multipliers)]
     return x, y, jnp.exp(z[-1]) if held.free_time else inputs.duration
 
 
 def offset_of(held: ActiveSet, inputs: FitInputs, duration: Traced) -> Traced:
-    """Coefficients (n, A) of the curve whose free coefficients are all zero, for a duration in s."""
+    """Spline coefficients (n, A), on A axes, of the curve whose free coefficients are all zero."""
     return held.of_values @ inputs.nodes[held.given] + duration * (held.of_rates @ inputs.ends)
 
 
 def energy_of(held: ActiveSet, inputs: FitInputs, duration: Traced) -> Traced:
-    """Matrix (n, n) of the energy of one axis for a duration in s, divided by the first curve's energy."""
+    """Matrix (n, n) of one axis's energy in n spline coefficients, divided by the first curve's energy."""
     return jnp.tensordot(inputs.weights * duration ** -np.array([1.0, 3.0, 5.0]), held.energies, axes=1)
 
 
 def _on(held: ActiveSet) -> Traced:
-    """(R,) bool, which of all rows are not padding."""
+    """(R,) bool for all rows (linear ones, loads, margins), false for padding."""
     return jnp.concatenate([held.linear.on, held.loads.on, held.zones.on])
 
 
@@ -104,7 +104,7 @@ def residual(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
 
 
 def _log_energy_slopes(held: ActiveSet, inputs: FitInputs, c: Traced, time: Traced) -> tuple[Traced, Traced]:
-    """Derivatives of ``ENERGY_WEIGHT * log(energy)`` in ``t`` (the argument `time`) and in ``c`` (n, A)."""
+    """Derivatives of ``ENERGY_WEIGHT * log(energy)`` in ``t`` (the argument `time`) and in ``c``."""
 
     def little(time: Traced, c: Traced) -> Traced:
         energy = jnp.sum(c * (energy_of(held, inputs, jnp.exp(time)) @ c)) / 2
@@ -115,7 +115,7 @@ def _log_energy_slopes(held: ActiveSet, inputs: FitInputs, c: Traced, time: Trac
 
 
 def _powers(held: ActiveSet, inputs: FitInputs) -> Traced:
-    """(R,) powers of the duration by which rows fall; zero for margins.
+    """(R,) power of the duration by which each row falls; zero for margins.
 
     A motion at rest at its ends depends on the duration in no other way, lesser parts of loads apart.
     """
@@ -144,13 +144,13 @@ def _lesser_terms(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Trace
 
 
 def _linear_factors(held: ActiveSet, inputs: FitInputs, duration: Traced) -> Traced:
-    """Factors (R,) of the linear rows: their signs over their scales, which depend on the duration."""
+    """(R,) factors of the linear rows: their signs over their scales, which depend on the duration."""
     scale = inputs.scales[held.linear.scale] * duration ** inputs.powers[held.linear.scale]
     return held.linear.sign / jnp.where(held.linear.on, scale, 1)
 
 
 def _linear_rows(held: ActiveSet, inputs: FitInputs) -> Traced:
-    """(R, n) coefficients of ``c`` in the linear rows, for nodes at the places where they are passed now."""
+    """(R, n) factors of the n coefficients in each linear row, with nodes at their present places."""
     linear = held.linear
     moved = jnp.where(linear.node >= 0, inputs.moved[linear.node], 0)
     powers = jnp.stack([jnp.ones_like(moved), moved, moved**2 / 2, moved**3 / 6], axis=1)
@@ -158,7 +158,7 @@ def _linear_rows(held: ActiveSet, inputs: FitInputs) -> Traced:
 
 
 def _values(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> Traced:
-    """(R,) excess over each row's bound, negative if it is kept: a fraction of the bound, or rad."""
+    """Excess (R,) of each row over its bound, negative if kept: a fraction of the bound; rad for margins."""
     linear, loads, zones = held.linear, held.loads, held.zones
     value = jnp.einsum("rn,nr->r", _linear_rows(held, inputs), c[:, linear.axis])
     of_node = inputs.nodes[linear.node, linear.axis]
@@ -173,7 +173,7 @@ def _values(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
 
 
 def _slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> Traced:
-    """Derivatives (R, k, A) of the rows' `_values` in the free coefficients."""
+    """(R, k, A) derivatives of each row's `_values` in the k free coefficients of each axis."""
     linear, loads, zones = held.linear, held.loads, held.zones
     axes = c.shape[1]
     rows = _linear_factors(held, inputs, duration)[:, None] * (_linear_rows(held, inputs) @ held.free)
@@ -190,7 +190,15 @@ def _slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
 
 
 def _load_row(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> Traced:
-    """Fraction of its limit by which one load exceeds it, from ``z`` (4, B) of the curve at its place."""
+    """Fraction of its limit by which one load exceeds it, negative if it is kept.
+
+    Args:
+        inputs: as of the module.
+        duration: s.
+        row: a single row, at its place.
+        z: (4, B) the curve's first B axes there (``b``, perhaps joints), and their three derivatives by the
+            place.
+    """
     loads = loads_at(inputs.turn, row.place, z, inputs.body, inputs.names)
     limit = inputs.limits * duration ** np.array(inputs.load_powers, float)
     value = row.sign * loads[row.component] / limit[row.component] - 1

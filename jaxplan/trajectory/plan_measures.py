@@ -51,7 +51,7 @@ def _measured_with_slopes(name: str, chosen: Chosen, given: dict[str, Any]) -> t
 
 
 def _is_real(leaf: Any) -> bool:
-    """Whether a leaf can be differentiated, which floating-point numbers can."""
+    """Whether a leaf of the arguments can be differentiated, as floating-point numbers can."""
     return bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating))
 
 

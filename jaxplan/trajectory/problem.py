@@ -146,7 +146,7 @@ class FitProblem:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """(Q,) names of the Q limited quantities of the platform."""
+        """Names of the limited quantities of the platform."""
         return tuple(limit.quantity.name for limit in self.limits)
 
     @cached_property
@@ -176,12 +176,12 @@ class FitProblem:
         return self.cones.sights(self.spacecraft.gimbals, np.asarray(self.spacecraft.fixed_boresights, float))
 
     def axes(self, places: np.ndarray) -> np.ndarray:
-        """Axes (S, Z, 3) of the constraints' rows at places (S,), each in the frame of its row."""
+        """Axes (S, Z, 3) of the Z rows of constraints at S places, each in the frame of its row."""
         return self.cones.axes(np.minimum(places, 1.0) * self.horizon)
 
     @cached_property
     def end_margins(self) -> np.ndarray:
-        """Margins (2, D, Z) in rad at start and goal, of all sights to all rows of the constraints.
+        """Margins in rad at start and goal: (2, D, Z) for ends, sights and rows of the constraints.
 
         It is inf where a row does not bind a sight, and for all entries of a constraint but the best.
         """
@@ -196,7 +196,7 @@ class FitProblem:
 
     @cached_property
     def wanted(self) -> np.ndarray:
-        """(D, Z) rad, margins that the curve is to keep, see `wanted_margins`."""
+        """(D, Z) rad, margins to keep of each sight to each row of the constraints, see `wanted_margins`."""
         return np.asarray(wanted_margins(self.cones, np.min(self.end_margins, axis=0)))
 
     @cached_property
@@ -223,7 +223,7 @@ class FitProblem:
 
     @cached_property
     def times(self) -> np.ndarray:
-        """(m,) s, time that each edge takes at full speed."""
+        """(m,) s, time that each of the m edges takes at full speed."""
         return np.asarray(schedule.edge_times(self.turns, np.diff(self.joints, axis=0), self.spacecraft))
 
     @cached_property
@@ -368,7 +368,7 @@ class DiscreteProblem:
         )
 
     def nearest(self, duration: float) -> np.ndarray:
-        """Coefficients (n, A) of the slightly smoothed curve nearest to the path, in a given duration (s)."""
+        """Coefficients (n, A) of the slightly smoothed curve nearest to the path, for a duration (s)."""
         space, rows = self.space, self.rows[0]
         wanted = along(self.nodes, self.mesh.places, self.places)
         start = space.fixed + duration * space.by_time

@@ -210,7 +210,11 @@ def decrease_bound(quadratic: QuadraticProgram, multipliers: Multipliers, which:
 
 
 def _guessed(rows: "ActiveRows", blocks: Sequence[ConstraintBlock], multipliers: Multipliers) -> np.ndarray:
-    """Look up multipliers (R,) of rows in those of earlier programs; zero for blocks without any."""
+    """Look up multipliers of rows in those of earlier programs; zero for blocks that had none.
+
+    Returns:
+        (R,) one for each row.
+    """
     of_block = [
         multipliers[block.name][index] if block.name in multipliers else np.zeros(len(index[0]))
         for block, index in zip(blocks, rows.of_block, strict=True)
@@ -263,7 +267,7 @@ def active_rows(
 
 
 def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Concatenate arrays (r, P, w) along r; those with fewer products P are padded with zeros."""
+    """Concatenate arrays (r, P, w), of r rows by P products, along r; missing products become zeros."""
     parts = [part for part in parts if len(part)]
     most = max((part.shape[1] for part in parts), default=1)
     found = np.zeros((sum(map(len, parts)), most, parts[0].shape[2] if parts else 0))
@@ -275,7 +279,13 @@ def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def transposed_product(rows: ActiveRows, multipliers: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Sum the rows' derivatives times their multipliers (R,), for each curve: (g, n, A), which is `shape`."""
+    """Sum the rows' derivatives times their multipliers, for each curve.
+
+    Args:
+        rows: R rows of g curves.
+        multipliers: (R,) of the rows.
+        shape: (g, n, A) of the result: curves, spline coefficients, axes.
+    """
     found = np.zeros(shape)
     for own, part in enumerate(rows.of_curve):
         if len(part):
@@ -284,7 +294,16 @@ def transposed_product(rows: ActiveRows, multipliers: np.ndarray, shape: tuple[i
 
 
 def _gradient(y: np.ndarray, axes: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """(n, A) sum of the derivatives of rows times ``y`` (r,), from their slopes (r, P, A) and (r, P, n)."""
+    """Sum of the derivatives of some rows times ``y``, by n spline coefficients and A axes.
+
+    Args:
+        y: (r,) a factor for each row.
+        axes: (r, P, A) slopes of the rows, with P products.
+        basis: (r, P, n) likewise.
+
+    Returns:
+        (n, A).
+    """
     pull = y[:, None, None] * axes
     return np.asarray(basis.reshape(-1, basis.shape[2]).T @ pull.reshape(-1, axes.shape[2]))
 
@@ -381,7 +400,7 @@ def _dual(
 
 
 def _inverses_of_forms(matrices: np.ndarray) -> np.ndarray:
-    """Inverses of positive definite matrices (G, n, n), scaled to unit diagonals on the way.
+    """Inverses of G positive definite matrices (G, n, n), scaled to unit diagonals on the way.
 
     The scaling keeps splines on unequal intervals from costing digits.
     """
@@ -391,7 +410,7 @@ def _inverses_of_forms(matrices: np.ndarray) -> np.ndarray:
 
 
 def inverses(matrices: np.ndarray) -> np.ndarray:
-    """Inverses of square matrices (G, n, n); NaN for those that are singular."""
+    """Inverses of G square matrices (G, n, n); NaN for those that are singular."""
     try:
         return np.linalg.inv(matrices)
     except np.linalg.LinAlgError:  # one of them is singular; the others have an inverse

@@ -151,7 +151,7 @@ class _BoxQPStack:
         )
 
     def at(self, values: np.ndarray) -> "_Iterate":
-        """Make the iterate of values (4, N) with its residuals."""
+        """Make the iterate of given values, (4, N) as in `_Iterate`, with its residuals."""
         gradient = values[3] - values[2]
         gradient -= self.d
         for m, rows in zip(self.matrices, self.parts, strict=True):
@@ -159,21 +159,24 @@ class _BoxQPStack:
         return _Iterate(values, gradient, self.gap(values))
 
     def gap(self, values: np.ndarray) -> np.ndarray:
-        """(P,) mean product of the room to a bound and that bound's multiplier; `values` as of `_Iterate`."""
+        """Mean product (P,), for each program, of the room to a bound and that bound's multiplier.
+
+        `values` are those of an `_Iterate`.
+        """
         products = values[:2] * values[2:]
         return np.add.reduceat(products[0] + products[1], self.first) / (2 * self.count)
 
     def residual(self, iterate: "_Iterate") -> np.ndarray:
-        """(P,) error of iterates in the optimality conditions, relative to the linear terms."""
+        """Error (P,) of each program's iterate in the optimality conditions, relative to the linear terms."""
         squares = np.add.reduceat(iterate.gradient * iterate.gradient, self.first)
         return np.maximum(np.sqrt(squares / self.count) / self.size, iterate.gap / self.size**2)
 
     def least(self, values: np.ndarray) -> np.ndarray:
-        """(P,) least of the values (4, N) of each program; NaN where one is NaN."""
+        """Least of the values (4, N) of all rows for each program, (P,); NaN where one is NaN."""
         return np.asarray(np.minimum.reduceat(values, self.first, axis=1).min(axis=0))
 
     def spread(self, own: np.ndarray) -> np.ndarray:
-        """Repeat one value for each program (P,) for each of its rows: (N,), or (1,) for a single program."""
+        """Repeat one number for each program (P,) for each of its rows (N,); (1,) for a single program."""
         return own if len(own) == 1 else np.repeat(own, self.count)
 
 
@@ -204,7 +207,7 @@ def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
 
 
 def _first(stack: _BoxQPStack, programs: Sequence[BoxQP]) -> np.ndarray:
-    """Values (4, N) of the first iterate of all programs.
+    """Values of the first iterate of all programs, (4, N) as in `_Iterate`.
 
     The products of each bound's room and multiplier are similar, however wide the box is.
     """
@@ -244,9 +247,9 @@ def _iterate(stack: _BoxQPStack, iterate: _Iterate) -> tuple[_Iterate, np.ndarra
     solvers = [m.factored(diagonal[rows]) for m, rows in zip(stack.matrices, stack.parts, strict=True)]
 
     def direction(wanted: np.ndarray) -> np.ndarray:
-        """Newton's direction (4, N) for wanted changes of the products room * multiplier.
+        """Newton's direction, (4, N) like the values, for wanted changes of the products room * multiplier.
 
-        `wanted` (2, N) are these changes divided by the room.
+        `wanted` (2, N) are these changes divided by the room, for lower and upper bounds.
         """
         step = np.empty_like(values)
         right = wanted[0] - wanted[1]

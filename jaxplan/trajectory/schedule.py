@@ -40,7 +40,7 @@ _SAME_NODE = 1e-10  # rad, or difference of matrix elements, up to which nodes a
 
 
 def _distinct_nodes(path: Path) -> np.ndarray:
-    """(m + 1,) bool, whether each node of a path differs from the one before; true for the first."""
+    """Bool for each of m + 1 nodes of a path, whether it differs from the one before; true for the first."""
     turned = np.abs(np.diff(path.attitudes, axis=0)).max(axis=(1, 2), initial=0.0)
     moved = np.abs(np.diff(path.joints, axis=0)).max(axis=1, initial=0.0)
     same = (turned <= _SAME_NODE) & (moved <= _SAME_NODE)  # a NaN is not the same
@@ -249,7 +249,7 @@ class TrapezoidalProfile:
         return self.flank / self.duration
 
     def progress(self, places: np.ndarray) -> np.ndarray:
-        """Fractions (S,) of the path that have been passed at places (S,) in [0, 1]."""
+        """Fractions of the path that have been passed at places in [0, 1], of the same shape (S,)."""
         flank = self.flank_share
         speed = 1 / (1 - flank)
         rising = speed * places**2 / (2 * flank)
@@ -258,7 +258,7 @@ class TrapezoidalProfile:
         return np.where(places < flank, rising, np.where(places > 1 - flank, falling, cruising))
 
     def places(self, shares: AnyArray) -> AnyArray:
-        """Places (m + 1,) at which fractions (m + 1,) of the path are passed: the inverse of `progress`."""
+        """Places in [0, 1] at which given fractions of the path are passed: the inverse of `progress`."""
         xp, shares, flank = arrays(shares, self.flank_share)
         speed = 1 / (1 - flank)
         low = _root(2 * flank * shares / speed)
@@ -267,7 +267,10 @@ class TrapezoidalProfile:
         return xp.where(low < flank, low, xp.where(high > 1 - flank, high, middle))
 
     def breaks(self, intervals: int) -> np.ndarray:
-        """Breaks (intervals + 1,) from 0 to 1, close together near the flanks; even if there is no cruise."""
+        """Make `intervals` + 1 breaks from 0 to 1, close together near the flanks.
+
+        They are equidistant if there is next to no cruise.
+        """
         flank = self.flank_share
         if 2 * flank < 0.9:
             near = np.arange(_FLANK_BREAKS + 1) * min(_FLANK_STEP * flank, 1 / (3 * _FLANK_BREAKS))

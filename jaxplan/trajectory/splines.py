@@ -147,7 +147,7 @@ class Basis:
 
     @classmethod
     def on(cls, breaks: np.ndarray) -> "Basis":
-        """Make the spline basis on breaks (K + 1,), rising from 0 to 1."""
+        """Make the spline basis on given breaks, K + 1 numbers that rise from 0 to 1."""
         knots = _knots(breaks, DEGREE)
         matrices = [np.eye(len(breaks) - 1 + DEGREE)]
         for degree in range(DEGREE, DEGREE - _DERIVATIVES + 1, -1):
@@ -176,11 +176,10 @@ class Basis:
 
         Args:
             places: (S,) in [0, 1].
-            derivatives: number of arrays wanted, at most 4: the values count as one, each derivative as
-                another.
+            derivatives: number of arrays wanted: 1 for the values alone, up to 4 with the third derivative.
 
         Returns:
-            (derivatives, S, n), where derivatives are those by the place.
+            (derivatives, S, n) values, then derivatives by the place, of n B-splines at S places.
         """
         span = np.clip(np.searchsorted(self.breaks, places, side="right") - 1, 0, len(self.breaks) - 2)
         by_degree = _local_values(self.breaks, places, span)
@@ -218,7 +217,10 @@ class Basis:
 
     @cached_property
     def energies(self) -> np.ndarray:
-        """(4, n, n) integrals over [0, 1] of products of d-th derivatives of the B-splines, d from 0 to 3."""
+        """Gram matrices of the n B-splines and of their three derivatives: integrals of products over [0, 1].
+
+        It is (4, n, n), exact by Gauss' rule.
+        """
         nodes, weights = np.polynomial.legendre.leggauss(DEGREE + 1)
         half = np.diff(self.breaks)[:, None] / 2
         rows = self.rows((self.breaks[:-1, None] + half * (nodes + 1)).ravel())
@@ -226,10 +228,10 @@ class Basis:
 
     @cached_property
     def _on_intervals(self) -> list[np.ndarray]:
-        """For each derivative d from 0 to 3, values (K, 3, 6 - d) of the B-splines of degree 5 - d.
+        """Values of the B-splines of degree 5 - d, for each derivative d from 0 to 3, on all K intervals.
 
-        They are taken at the start, the middle and the end of each of the K intervals; only the 6 - d
-        B-splines that are not zero there are listed.
+        Each array is (K, 3, 6 - d): at the start, the middle and the end of each interval, the 6 - d
+        B-splines that are not zero there.
         """
         intervals = len(self.breaks) - 1
         places = self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * [0.0, 0.5, 1.0]
@@ -320,7 +322,7 @@ def _local_values(breaks: np.ndarray, places: np.ndarray, span: np.ndarray) -> l
 
 
 def _knots(breaks: np.ndarray, degree: int) -> np.ndarray:
-    """Knots of splines on breaks (K + 1,): both ends ``degree + 1`` times, the others once."""
+    """Knots of splines on given breaks: both ends repeated ``degree + 1`` times, the others once."""
     return np.concatenate([np.repeat(breaks[:1], degree), breaks, np.repeat(breaks[-1:], degree)])
 
 
@@ -346,7 +348,7 @@ class CurveSpace:
 
     @property
     def energies(self) -> np.ndarray:
-        """(4, n, n) Gram matrices of the basis, see `Basis.energies`."""
+        """(4, n, n) Gram matrices of the n B-splines and of their three derivatives, see `Basis.energies`."""
         return self.basis.energies
 
     @classmethod

@@ -227,24 +227,27 @@ class SQPState:
         return self.stack.members[0].hastens
 
     def _form(self, duration: np.ndarray) -> np.ndarray:
-        """Matrices (G, n, n) of one axis's energy over the first curve's energy, in durations (G,) in s."""
+        """Matrix (n, n) of one axis's energy over the first curve's energy, for each of G durations in s."""
         return weighted(self.stack.energies, duration, self.stack.weights / self.share[:, None])
 
     def energy(self, at: Iterates) -> np.ndarray:
-        """Energies (G,) of curves, divided by those of the first curves."""
+        """Energy (G,) of each curve, divided by that of the first curve."""
         bare = _without_offset(at)
         product = bare * (self._form(at.duration) @ bare)
         return np.asarray(np.sum(product.reshape(len(product), -1), axis=1) / 2)
 
     def merit(self, at: Iterates, energy: np.ndarray) -> np.ndarray:
-        """Merits (G,) of curves with energies (G,): objectives plus penalties."""
+        """Merit (G,) of each curve, objective plus penalties; `energy` (G,) are the curves' energies."""
         value = self.pull * energy
         if self._free_time:
             value = value + at.duration / self.first_duration
         return np.asarray(value + np.sum(self.penalty * np.maximum(at.violations, 0.0), axis=1))
 
     def program(self, at: Iterates, damping: np.ndarray) -> QuadraticProgram:
-        """Make the quadratic programs at curves, with damping (G,); they change durations relatively."""
+        """Make the quadratic programs at curves, each with its damping (G,).
+
+        In them a change of the duration is relative to the duration.
+        """
         stack = self.stack
         energy = self._form(at.duration)
         form = energy * (ENERGY_WEIGHT if self._free_time else 1.0)
@@ -265,7 +268,7 @@ class SQPState:
 
     @property
     def _own_duration_hessian(self) -> np.ndarray:
-        """(G,) second derivatives in the durations for the next programs, smaller if these fall fast."""
+        """Second derivative (G,) in the duration for each next program; smaller if that falls fast."""
         return np.where(self._hastens & self.falling, _BOLD_HESSIAN, self.duration_hessian)
 
     def _blocks_at(self, at: Iterates) -> list[ConstraintBlock]:
@@ -275,7 +278,11 @@ class SQPState:
         return self._blocks[1]
 
     def step(self) -> np.ndarray:
-        """Try a step of each member, and take it if it lowers the merit; return (G,) bool, who is done."""
+        """Try a step of each member, and take it if it lowers the merit.
+
+        Returns:
+            (G,) bool for each member, whether its search is done.
+        """
         proposal = solve(self.program(self.at, self.damping), self.multipliers)
         self.multipliers = proposal.multipliers
         ahead = self.stack.iterates(
@@ -335,7 +342,7 @@ class SQPState:
         return mixed(ahead, shorter, taken), np.where(taken, spent, energy), np.where(taken, worth, value)
 
     def _next_damping(self, whole: np.ndarray, better: np.ndarray) -> np.ndarray:
-        """Damping (G,) of the next steps, after steps that were `better` in `whole` or only in part."""
+        """Damping (G,) of the next steps, after steps `better` as a `whole`, only in part, or not at all."""
         least, first = (_LEAST_PROXIMITY, _PROXIMITY) if self._hastens else (0.0, _FIRST_DAMPING)
         calmer = np.where(self.damping > _NO_DAMPING, self.damping / _DAMPING, 0.0)
         calmer = np.where(self.failed > 0, self.damping, np.maximum(calmer, least))
@@ -343,7 +350,7 @@ class SQPState:
 
     @property
     def kept(self) -> np.ndarray:
-        """(G,) bool, whether constraints are kept, or nearly so where only the duration is looked for.
+        """Bool (G,) for each curve: whether constraints are kept, or nearly so if only the duration counts.
 
         In the latter case the curve is the beginning of another search, which mends small violations.
         """
@@ -358,7 +365,7 @@ class SQPState:
             done[which] = promised <= self.ftol[which] * self.value[which]
 
     def _increase_penalty(self, which: np.ndarray) -> None:
-        """Increase, in place, the penalties of members where `which` (G,) is true, and drop their damping."""
+        """Increase, in place, the penalties of the members `which` (G,) bool, and drop their damping."""
         if not np.any(which):
             return
         self.penalty_updates[which] += 1
@@ -368,7 +375,10 @@ class SQPState:
 
 
 def _without_offset(at: Iterates) -> np.ndarray:
-    """Coefficients (G, n, A) of the curves shifted to begin at zero, so that energies lose no digits."""
+    """Coefficients of the curves shifted to begin at zero, so that energies lose no digits, (G, n, A).
+
+    G counts curves, n coefficients and A axes.
+    """
     return at.coefficients - at.coefficients[:, :1]
 
 

@@ -62,7 +62,7 @@ class ZoneMargins:
 
     @cached_property
     def _owners(self) -> np.ndarray:
-        """(S,) for each sight the number of the device to which its margins count."""
+        """For each of the S sights, the number of the device to which its margins count."""
         return np.array(bound_by(self.scenario.zones, self.scenario.spacecraft).owners, int)
 
     @cached_property
