@@ -2,9 +2,9 @@
 
 After Karaman and Frazzoli (2011). In each turn the tree grows by at most `RANGE` steps towards a random state
 (with probability `GOAL_BIAS` the goal) as far as the motion is clear. Of the nodes within `RANGE` steps, at
-most the `NEIGHBOURS` nearest, the one with the cheapest path to the new node becomes its parent, and
-those to which the path through the new node is cheaper take it as theirs. All these motions, and the straight
-motion from the new node to the goal, are checked in one call: a motion is clear both ways or neither.
+most the `NEIGHBOURS` nearest, the one with the cheapest path to the new node becomes its parent, and those to
+which the path through the new node is cheaper take it as theirs. All these motions, and the straight motion
+from the new node to the goal, are checked in one call: a motion is clear both ways or neither.
 
 Once there is a path, the search goes on for as many extensions as that took, but at least `IMPROVE`, and only
 towards states that can be on a shorter path (informed RRT*). The straight motion from start to goal is tried

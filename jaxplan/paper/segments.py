@@ -1,12 +1,11 @@
 """The paper's scheme (section 4): how a path is cut into segments, and how these are planned one by one.
 
 A path has m + 1 nodes and m *intervals* between them; a *segment* is a polynomial over ``n`` successive
-intervals. It has ``l + 1`` coefficients an axis and must pass ``n + 1`` nodes. It takes two
-derivatives over from its neighbour, or from the start of the motion, and should keep a coefficient for its
-objective; the one that closes the chain takes two from the other end as well. So the closing segment (the
-last for the joints, the first for the platform, which is planned backward) holds at most ``l - 4``
-intervals, every other one ``l - 3``. The *counting rule* follows: ``m`` intervals fit into ``S`` segments
-exactly if ``m // S <= l - 4``.
+intervals. It has ``l + 1`` coefficients an axis and must pass ``n + 1`` nodes. It takes two derivatives over
+from its neighbour, or from the start of the motion, and should keep a coefficient for its objective; the one
+that closes the chain takes two from the other end as well. So the closing segment (the last for the joints,
+the first for the platform, which is planned backward) holds at most ``l - 4`` intervals, every other one ``l
+- 3``. The *counting rule* follows: ``m`` intervals fit into ``S`` segments exactly if ``m // S <= l - 4``.
 
 The programs of a fit are assembled in one compiled call. Every segment works in ``x`` in [-1, 1], where
 ``d/dt = (2 / h) d/dx`` with ``h`` the segment's length. Its rows are written in ``x``: there a rate is ``h /
@@ -25,8 +24,7 @@ segment after it, whose chart starts there, with the transpose that (36) lacks i
 and the first one starts at the initial rate (37): at a chart's start ``omega = b'`` and ``omega' = b''``
 exactly (34). Where a segment will meet the next one to be planned, at a *join*, rates and accelerations are
 held within their limits (20, whose first line means the rate, and 38). The objectives are (21) for the
-joints,
-accelerations alone, and (43) for the platform.
+joints, accelerations alone, and (43) for the platform.
 """
 
 from collections.abc import Sequence

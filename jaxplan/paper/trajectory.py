@@ -64,8 +64,8 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
     There are three segments unless ``settings.segments`` asks for another number, and more where the counting
     rule or the reach of a chart needs them. A curve may also swing between its nodes, when they are uneven or
     leave its segments next to no freedom. So where a stretched one needs more than 2.5 times the nominal
-    duration or leaves a joint's range, or its segments are full and their number was not asked for, more
-    are tried and the quickest is taken.
+    duration or leaves a joint's range, or its segments are full and their number was not asked for, more are
+    tried and the quickest is taken.
 
     Args:
         queries: one for each fit; this method ignores their zones.

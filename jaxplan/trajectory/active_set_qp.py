@@ -30,8 +30,7 @@ def least_change(
     """Minimise ``d^T H d / 2 + g^T d`` subject to ``G d + e <= 0``, exactly.
 
     With ``H = L L^T`` and ``u = L^T d + L^-1 g`` the task is to find the least ``|u|`` within half-spaces,
-    which
-    nonnegative least squares do (Lawson and Hanson, chapter 23).
+    which nonnegative least squares do (Lawson and Hanson, chapter 23).
 
     Args:
         hessian: (n, n) ``H``, symmetric. If it is not positive definite it is made so: by adding squares of

@@ -237,8 +237,8 @@ def torque_spectrum(
 ) -> Array:
     """Amplitudes of the Fourier transform of the torque over the whole manoeuvre, exact at any frequency.
 
-    An undamped mode of frequency f that was at rest swings afterwards with that amplitude over 2 pi f,
-    times the mode's gain. Before and after the manoeuvre the torque counts as zero. See
+    An undamped mode of frequency f that was at rest swings afterwards with that amplitude over 2 pi f, times
+    the mode's gain. Before and after the manoeuvre the torque counts as zero. See
     `jaxplan.trajectory.spectrum`.
 
     Args:

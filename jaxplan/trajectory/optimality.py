@@ -8,8 +8,7 @@ rows, k that of free coefficients on each axis, and other letters of sizes are t
 
 In the shortest motion the logarithm ``t`` of its duration is an unknown as well: the gradient is then that in
 ``x`` and ``t`` of ``t`` plus a small multiple of the energy's logarithm. The matrix, the derivative of ``F``
-in
-``z = (x, y)`` or ``(x, y, t)``, is exact, with the curvature of loads and margins in it.
+in ``z = (x, y)`` or ``(x, y, t)``, is exact, with the curvature of loads and margins in it.
 
 In all functions below `held` is the active set, which stays fixed, `inputs` are the numbers in which the root
 is differentiated, ``z`` is as above, ``c`` are spline coefficients (n, A), and durations are in s. Arrays of

@@ -7,8 +7,8 @@ peaks move as the time is scaled, and are followed. Peaks are maxima over contin
 shapes, Q counts limited quantities, C their components and E the lesser parts.
 
 Rates of the platform at very many points are computed by cross products in numpy: the same formulas as in
-`curve.chart_motion` (equations 25 to 29), but not differentiable. With ``E = exp(eta^)``, and
-``U = exp(tau Omega^ / 2)``, which leaves ``Omega`` as it is,
+`curve.chart_motion` (equations 25 to 29), but not differentiable. With ``E = exp(eta^)``, and ``U = exp(tau
+Omega^ / 2)``, which leaves ``Omega`` as it is,
 
     omega  = U^T v,                     v  = (Omega + E^T Omega) / 2 + w,   w = D(eta) eta',
     omega' = U^T (v' - Omega x v / 2),  v' = w' - w x (E^T Omega) / 2.
@@ -108,7 +108,7 @@ class Peaks:
 
     @property
     def time_factors(self) -> np.ndarray:
-        """(Q,) factors on time at which each limit is just met; below 1 the motion could be faster."""
+        """(Q,) factor on time for each quantity at which its limit is just met; below 1 it is kept."""
         found = np.asarray(time_factor(self.ratios, self.powers))
         return found if self.rooted is None else np.where(np.isnan(self.rooted), found, self.rooted)
 
@@ -153,9 +153,14 @@ def _shares(
     joints: np.ndarray,
     loads: np.ndarray,
 ) -> Peaks:
-    """Make the peaks from largest magnitudes: of the platform's limited quantities (C,), and of joints (3J,).
+    """Make the `Peaks` of a trajectory from largest magnitudes.
 
-    `loads` (N, G, C + E) are those of the platform over time, as of `_platform_loads`.
+    Args:
+        craft: the spacecraft.
+        limits: of its platform and of its joints.
+        platform: (C,) largest magnitudes of the components of the platform's limited quantities.
+        joints: (3J,) those of `_joint_values`.
+        loads: (N, G, C + E) of the platform over time, as of `_platform_loads`.
     """
     angles, *of_joints = np.split(joints, 3)
     rows, names = wheel_rows(craft), [limit.quantity.name for limit in limits[0]]
@@ -224,7 +229,7 @@ def _platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
 
 
 def _joint_values(trajectory: Trajectory, craft: Spacecraft) -> np.ndarray:
-    """(M, G, 3J) values at G Chebyshev points of each of M pieces of the joints' motion.
+    """Values of the J joints at G Chebyshev points of each of M pieces of their motion, (M, G, 3J).
 
     They are the J angles relative to the middle of their ranges (rad), then the rates (rad/s), then the
     accelerations (rad/s^2).
@@ -354,7 +359,7 @@ def rates(chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray) -> list[np.nda
 def _velocity_and_acceleration(
     chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray, b_rate: np.ndarray, b_acceleration: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Angular velocity and acceleration, (3, n) each, see `rates`; also of complex arguments."""
+    """Angular velocity and acceleration at n instants, (3, n) each, see `rates`; arguments may be complex."""
     eta, eta_rate = b - tau * chart_rate, b_rate - chart_rate
     square = dot(eta, eta)
     sine, cosine = _sine_and_cosine(square)
@@ -380,7 +385,7 @@ def _velocity_and_acceleration(
 
 
 def _in_body(chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Turn vectors (3, n) from the axes of charts' bases to body axes; other arguments as of `rates`."""
+    """Turn vectors (3, n) from the axes of charts' bases to body axes, for n instants; see `rates`."""
     turn = tau * chart_rate / 2
     eta = b[0] - 2 * turn
     around, between = (_sine_and_cosine(dot(each, each)) for each in (turn, eta))
@@ -425,5 +430,5 @@ def _further(
 
 
 def cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Cross product of vectors (3, n)."""
+    """Cross products of n pairs of vectors (3, n)."""
     return np.array(vectors.cross(first, second))  # quicker than a stack
