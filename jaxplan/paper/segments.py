@@ -4,13 +4,14 @@ A path has m + 1 nodes and m *intervals* between them; a *segment* is a polynomi
 intervals. It has ``l + 1`` coefficients an axis and must pass ``n + 1`` nodes. It takes two derivatives over
 from its neighbour, or from the start of the motion, and should keep a coefficient for its objective; the one
 that closes the chain takes two from the other end as well. So the closing segment (the last for the joints,
-the first for the platform, which is planned backward) holds at most ``l - 4`` intervals, every other one ``l
-- 3``. The *counting rule* follows: ``m`` intervals fit into ``S`` segments exactly if ``m // S <= l - 4``.
+the first for the platform, which is planned backward) holds at most ``l - 4`` intervals, every other one
+``l - 3``. The *counting rule* follows: ``m`` intervals fit into ``S`` segments exactly if
+``m // S <= l - 4``.
 
 The programs of a fit are assembled in one compiled call. Every segment works in ``x`` in [-1, 1], where
-``d/dt = (2 / h) d/dx`` with ``h`` the segment's length. Its rows are written in ``x``: there a rate is ``h /
-2`` times that in time, an acceleration ``(h / 2)^2`` times. A segment has as many *slots* for nodes as the
-counting rule can fill; those left over repeat its last node and are marked absent. Nodes and segments are
+``d/dt = (2 / h) d/dx`` with ``h`` the segment's length. Its rows are written in ``x``: there a rate is
+``h / 2`` times that in time, an acceleration ``(h / 2)^2`` times. A segment has as many *slots* for nodes as
+the counting rule can fill; those left over repeat its last node and are marked absent. Nodes and segments are
 padded to a few sizes, so that fits of different paths share the compiled kernel.
 
 Segments are planned one after another, joints forward and platform backward. Every segment is a quadratic

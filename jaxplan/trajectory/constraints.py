@@ -172,9 +172,9 @@ class LoadBlock:
     def _falls(self) -> np.ndarray | None:
         """How fast fractions of the limit fall with the logarithm of the duration, shaped like `slack`.
 
-        None if for all rows this is `power`. Otherwise it is that of rows at their bound, or of ``a + b T <=
-        limit T^p`` with the duration ``T``: so, as for a power alone, what a curve changes of a row does not
-        depend on what the duration does.
+        None if for all rows this is `power`. Otherwise it is that of rows at their bound, or of
+        ``a + b T <= limit T^p`` with the duration ``T``: so, as for a power alone, what a curve changes of a
+        row does not depend on what the duration does.
         """
         if self.lesser is None:
             return None

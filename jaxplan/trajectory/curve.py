@@ -7,9 +7,9 @@ derivation):
     R(t) = R_a gamma(t),   gamma(t) = U exp(eta^) U,   U = exp((t - t_a) Omega^ / 2),
     eta(t) = b(t) - (t - t_a) Omega.
 
-The chart's coordinates ``b`` and the joint angles are polynomials in the Legendre basis of ``x = 2 (t - t_k)
-/ (t_{k+1} - t_k) - 1``, which runs from -1 to 1 on the piece. Attitudes ``R`` take body to inertial axes.
-Angular velocity and its derivatives are in body axes.
+The chart's coordinates ``b`` and the joint angles are polynomials in the Legendre basis of
+``x = 2 (t - t_k) / (t_{k+1} - t_k) - 1``, which runs from -1 to 1 on the piece. Attitudes ``R`` take body to
+inertial axes. Angular velocity and its derivatives are in body axes.
 
 In the formulas of a piece ``tau = t - t_a``, ``W = U^T``, and ``D`` is the right Jacobian of `so3`. Nothing
 divides by ``Omega`` or ``eta``: values and derivatives are right at zero. In shapes, l (or p) is the degree
@@ -68,8 +68,8 @@ def polynomial(coefficients: ArrayLike, start: ArrayLike, end: ArrayLike, t: Arr
     """Evaluate a polynomial curve and its first three time derivatives.
 
     Args:
-        coefficients: (..., l + 1, d) of d components, in the Legendre basis of ``x = 2 (t - start) / (end -
-            start) - 1``.
+        coefficients: (..., l + 1, d) of d components, in the Legendre basis of
+            ``x = 2 (t - start) / (end - start) - 1``.
         start: (...) s, of the piece.
         end: (...) s, of the piece; on a piece of no length the curve rests at its left end.
         t: (...) s, not checked to lie on the piece.

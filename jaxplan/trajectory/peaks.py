@@ -7,8 +7,8 @@ peaks move as the time is scaled, and are followed. Peaks are maxima over contin
 shapes, Q counts limited quantities, C their components and E the lesser parts.
 
 Rates of the platform at very many points are computed by cross products in numpy: the same formulas as in
-`curve.chart_motion` (equations 25 to 29), but not differentiable. With ``E = exp(eta^)``, and ``U = exp(tau
-Omega^ / 2)``, which leaves ``Omega`` as it is,
+`curve.chart_motion` (equations 25 to 29), but not differentiable. With ``E = exp(eta^)``, and
+``U = exp(tau Omega^ / 2)``, which leaves ``Omega`` as it is,
 
     omega  = U^T v,                     v  = (Omega + E^T Omega) / 2 + w,   w = D(eta) eta',
     omega' = U^T (v' - Omega x v / 2),  v' = w' - w x (E^T Omega) / 2.

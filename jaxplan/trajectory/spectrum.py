@@ -7,8 +7,8 @@ On each interval a quantity is expanded in Legendre polynomials, of which the tr
 with the spherical Bessel functions ``j_n``. So the only error is what the polynomials leave out, at any
 frequency alike: its transform is at most the integral of its magnitude, and nothing is aliased, however high
 the frequency. For ``x`` up to the number of polynomials the integral is taken by Gauss' rule, whose nodes are
-enough there; beyond, by the recurrence ``j_(n+1) = (2 n + 1) / x j_n - j_(n-1)``, which is stable for ``n <
-x``.
+enough there; beyond, by the recurrence ``j_(n+1) = (2 n + 1) / x j_n - j_(n-1)``, which is stable for
+``n < x``.
 """
 
 from collections.abc import Callable
