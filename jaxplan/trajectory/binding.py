@@ -27,7 +27,7 @@ class BindingLinear:
 
     Attributes:
         on: (R,) bool, true for rows, false for padding.
-        rows: (R, 4, n) coefficients of ``c``; for a node in a tube also their three derivatives by the node's
+        rows: (R, 4, n) factors of the n coefficients; for a node in a tube also their derivatives by its
             place, for others zeros.
         sign: (R,) -1 or 1.
         axis: (R,) int, index among the A axes.
@@ -52,7 +52,7 @@ class BindingLoads:
     Attributes:
         on: (R,) bool, true for rows, false for padding.
         place: (R,) in [0, 1].
-        rows: (R, 4, n) values of the splines, and of their three derivatives, there.
+        rows: (R, 4, n) values of the n splines, and of their three derivatives, there.
         sign: (R,) -1 or 1.
         component: (R,) int, index among the C loads.
     """
@@ -73,7 +73,7 @@ class BindingMargins:
     Attributes:
         on: (R,) bool, true for rows, false for padding.
         place: (R,) in [0, 1].
-        row: (R, n) values of the splines there.
+        row: (R, n) values of the n splines there.
         device: (R,) int, index of the sight.
         zone: (R,) int, index of the row of the constraints.
     """
@@ -92,14 +92,14 @@ class ActiveSet:
     """The rows that bind at a fit's optimum, and all else that `refit` holds fixed.
 
     Attributes:
-        free: (n, k) ``F`` of `CurveSpace`; the next two are its attributes, too.
-        of_values: (n, v) from v values of nodes passed exactly to coefficients.
+        free: (n, k) from k free to n spline coefficients of an axis: ``F`` of `CurveSpace`.
+        of_values: (n, v) from the values of v nodes that are passed exactly to coefficients.
         of_rates: (n, 2) from rates at the ends to coefficients.
         energies: (3, n, n) Gram matrices of the splines' three derivatives, divided by the first curve's
             energy.
         pieces: (K, 6, n) from coefficients to Legendre coefficients on each interval.
-        breaks: (K + 1,) in [0, 1].
-        places: (m + 1,) of the nodes in [0, 1].
+        breaks: (K + 1,) in [0, 1], of the K intervals.
+        places: (m + 1,) of the path's nodes in [0, 1].
         flank: fraction of the duration that a flank of the pace takes.
         least_length: s at full speed, the least length that a path is taken to have.
         by_flank: derivatives in `flank` of the attributes that depend on the breaks, by their names; empty
@@ -115,7 +115,7 @@ class ActiveSet:
         linear: linear rows that bind.
         loads: rows of the platform's loads that bind.
         zones: rows of margins that bind.
-        x: (k, A) free coefficients of the optimum.
+        x: (k, A) free coefficients of the optimum on A axes.
         multipliers: (R,) of linear rows, loads and zones, one after the other.
         pace: when nodes are passed: "paced" by a trapezoid of the rate, "steady" in proportion to the edges'
             times at full speed, or at "given" places.
@@ -159,7 +159,7 @@ class FitInputs:
     Attributes:
         attitude: (3, 3) of the chart, body to inertial.
         turn: (3,) rad, rotation vector of the chart from start to end.
-        nodes: (m + 1, A) rad, ``b`` and joints.
+        nodes: (m + 1, A) rad, chart coordinates ``b`` and joint angles on A axes.
         moved: (m + 1,) by how much the nodes' places exceed those of the active set.
         ends: (2, A) rad/s, rates of the coordinates at start and end.
         weights: (3,) of the squares of rate, acceleration and jerk.
@@ -167,8 +167,8 @@ class FitInputs:
             half ranges (rad), and the tube's radius on each axis (rad).
         powers: powers of the duration by which the scales are multiplied.
         centres: values about which the scales' bounds lie; for the tube the nodes are used instead.
-        limits: (C,) on the components of the platform's loads, in SI units.
-        wanted: (D, Z) rad, margins to keep.
+        limits: (C,) on the C components of the platform's loads, in SI units.
+        wanted: (D, Z) rad, margins to keep, of D sights to Z rows of the constraints.
         axes: (R, 3) ``(R_a U)^T e`` of the inertial axes ``e`` of the rows of margins, with ``U`` of the
             chart at the row's place.
         halves: (R, 3, 3) ``U`` at the row's place.

@@ -39,17 +39,17 @@ class Stack:
     Attributes:
         members: the problems.
         places: (G, S) in [0, 1].
-        rows: (G, 4, S, n) values of the splines, and of their first three derivatives, at the places.
-        wanted: (G, D, Z) rad, margins to keep.
-        free: (G, n, k) changes of the coefficients by the k free ones.
-        by_time: (G, n, A) rad/s, change of the coefficients for each second of the duration.
+        rows: (G, 4, S, n) values of the n splines, and of their three derivatives, at the S places.
+        wanted: (G, D, Z) rad, margins to keep, of D sights to Z rows of the constraints.
+        free: (G, n, k) changes of the n coefficients of an axis by the k free ones.
+        by_time: (G, n, A) rad/s, change of the coefficients of A axes for each second of the duration.
         energies: (G, 4, n, n) Gram matrices of the splines and of their first three derivatives.
         weights: (G, 3) of the squares of rate, acceleration and jerk.
         tube_rows: (G, M, n) values of the splines at M nodes with a tube.
-        tube_values: (G, M, A) rad, those nodes.
+        tube_values: (G, M, A) rad, those nodes: ``b`` and joint angles.
         tube_radius: (G, A) rad, of the tube.
-        limits: (G, C) on the platform's loads, in SI units.
-        joint_limits: (G, L, J) on the L limited quantities of joints, rates and accelerations.
+        limits: (G, C) on the C components of the platform's loads, in SI units.
+        joint_limits: (G, L, J) on the L limited quantities (rates, accelerations) of J joints.
         centres: (G, J) rad, middles of the joints' ranges.
         reaches: (G, J) rad, halves of the joints' ranges.
     """
@@ -291,14 +291,14 @@ class Iterates:
 
     Attributes:
         stack: the problems.
-        coefficients: (G, n, A) of the curves.
+        coefficients: (G, n, A) of the curves, n on each of A axes.
         duration: (G,) s.
         curves: (G, 4, S, A) ``b`` and joints (rad), with three derivatives by the place.
-        attitude: (G, S, 3, 3) body to inertial.
+        attitude: (G, S, 3, 3) body to inertial, at S places.
         tangent: (G, S, 3, 3) ``U^T D``, which takes a change of ``b`` to a rotation vector in body axes.
-        loads: (G, S, C + E) of the platform, for a duration of 1 s; the last E are lesser parts (`kernels`).
-        body: (G, S, D, 3) sights in body axes.
-        cosines: (G, S, D, Z) of the angles between sights and axes.
+        loads: (G, S, C + E) of the platform for a duration of 1 s: C loads, then E lesser parts (`kernels`).
+        body: (G, S, D, 3) unit vectors of D sights in body axes.
+        cosines: (G, S, D, Z) of the angles between sights and axes of Z rows of the constraints.
         margins: (G, S, D, Z) rad; +inf where a row does not bind a sight, and for all entries of a constraint
             but the one that holds best from there to the next place, and to the place before.
         violations: (G, 3) the largest by kind of constraint (`LIMIT`, `ZONE`, `TUBE`); zero or less if none

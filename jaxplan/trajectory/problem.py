@@ -304,11 +304,11 @@ class DiscreteProblem:
         share: fraction of the limits on the platform's loads that may be used; the joints' may be used in
             full, since they are kept at every instant and not only at the places.
         timing: see `Timing`.
-        space: the curves to choose from.
-        places: (S,) where loads and margins are evaluated.
+        space: the curves to choose from, with n spline coefficients on each of A axes.
+        places: (S,) in [0, 1], where loads and margins are evaluated.
         rows: (4, S, n) values of the splines, and of their first three derivatives, at the places.
-        tube_rows: (M, n) values of the splines at nodes with a tube, padded with zeros so that more problems
-            are alike; M is 0 where there is no tube.
+        tube_rows: (M, n) values of the splines at M nodes with a tube, padded with zeros so that more
+            problems are alike; M is 0 where there is no tube.
         tube_values: (M, A) rad, these nodes, padded likewise.
         tube_radius: (A,) rad, for each axis; for the platform's three, of a cube within the ball.
         freed: whether the duration asked for is given, and is made free only until the limits are kept.

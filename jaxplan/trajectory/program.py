@@ -41,13 +41,13 @@ class QuadraticProgram:
     """The quadratic programs at a stack of G curves.
 
     Attributes:
-        free: (G, n, k) ``F``: free changes are ``F x``.
-        by_time: (G, n, A) change of the coefficients with the relative change of the duration.
-        hessian: (G, n, n) ``H``.
+        free: (G, n, k) ``F``: the changes of n coefficients of an axis are ``F x`` with k free ``x``.
+        by_time: (G, n, A) change of the coefficients of A axes with the relative change of the duration.
+        hessian: (G, n, n) ``H`` of one axis.
         gradient: (G, n, A) ``g``.
         duration_hessian: (G,) second derivative in the relative change of the duration, in which the slope is
             1; None for a given duration.
-        rows: (G, 4, S, n) values of the splines, and of their derivatives, at the places.
+        rows: (G, 4, S, n) values of the n splines, and of their three derivatives, at S places.
         blocks: all rows of the constraints at the curves.
         penalty: (G, 3) for each unit by which a row is broken, by kind of constraint.
         overlooked: (G,) fraction of a row's tolerance; a row that a step breaks by more is added.
@@ -76,7 +76,7 @@ class QPSolution(NamedTuple):
     """Solutions of the programs at a stack of G curves.
 
     Attributes:
-        coefficients: (G, n, A) changes to make; not finite where a program broke down.
+        coefficients: (G, n, A) changes to make, n on each of A axes; not finite where a program broke down.
         stretch: (G,) relative changes of the duration.
         multipliers: by name of the block, of every row (G, ...); zero where it does not bind.
     """
@@ -96,8 +96,8 @@ class ActiveRows(NamedTuple):
         slack: (R,) of each row.
         time: (R,) coefficient of the relative change of the duration.
         kind: (R,) int, kind of constraint.
-        axes: (R, P, A), which with ``basis`` are the slopes; zero for products beyond those of a row.
-        basis: (R, P, n).
+        axes: (R, P, A), which with `basis` are the slopes, sums of P products; zero for missing products.
+        basis: (R, P, n), see `axes`.
     """
 
     which: np.ndarray
@@ -114,9 +114,9 @@ class _Forms(NamedTuple):
     """The programs at a stack of G curves in the free coefficients, without any rows.
 
     Attributes:
-        hessian: (G, k, k) of one axis.
+        hessian: (G, k, k) in the k free coefficients of one axis.
         inverse: (G, k, k) its inverse.
-        alone: (G, k, A) the steps that would be best without rows.
+        alone: (G, k, A) the steps of A axes that would be best without rows.
     """
 
     hessian: np.ndarray

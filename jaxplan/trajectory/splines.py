@@ -332,7 +332,7 @@ class CurveSpace:
 
     Attributes:
         basis: the B-splines.
-        free: (n, k) ``F``, from the k free coefficients ``x`` of each axis.
+        free: (n, k) ``F``, from the k free coefficients ``x`` of each axis to all n of them.
         of_values: (n, v) matrix from v given values, those at the two ends first, to ``f``.
         of_rates: (n, 2) matrix from the rates at the ends to ``g``.
         fixed: (n, A) ``f``, rad.

@@ -71,7 +71,7 @@ class InitialGuess:
 
     Attributes:
         discrete: the problem.
-        coefficients: (n, A) of the curve.
+        coefficients: (n, A) of the curve, n on each of A axes.
         duration: s.
         target_duration: s; the search ends once the duration is no longer than this.
         max_violation: if the curve breaks a limit by more than this fraction, it is returned as it is.
@@ -94,10 +94,10 @@ class SQPSolution(NamedTuple):
     """A curve with its duration, margins and violations.
 
     Attributes:
-        coefficients: (n, A).
+        coefficients: (n, A) of the curve, n on each of A axes.
         duration: s.
-        margins: (S, D, Z) rad, as `Iterates` has them.
-        violations: (3,) by kind of constraint, the largest; zero or less where none is broken.
+        margins: (S, D, Z) rad, by place, sight and row of the constraints, as `Iterates` has them.
+        violations: (3,) the largest by kind (`LIMIT`, `ZONE`, `TUBE`); zero or less where none is broken.
         finite: whether all loads and cosines of angles are finite.
         steps: how many steps were tried, successful or not; 0 if the first curve breaks limits too far to be
             improved.
