@@ -5,8 +5,8 @@ programming with the exact second derivatives (`optimality`) lead to it. A *row*
 of a joint, a node in its tube, a load of the platform or a margin (`constraints`). Each step solves the
 program of the rows that are *near* their bounds, so that the rows with positive multipliers are those that
 bind, and none of them follows from the others. Rows that are broken after a step are near from then on. The
-steps end where one changes next to nothing and no row is broken, at a minimum: away from a saddle leads a
-step aside. Where steps do not settle, *careful* ones are taken: short ones that follow negative curvature
+steps end where one changes next to nothing and no row is broken, at a minimum; a step aside leads away from a
+saddle. Where steps do not settle, *careful* ones are taken: short ones that follow negative curvature
 downwards.
 
 What the optimum's derivatives keep fixed, above all the rows that bind, is an `ActiveSet`. A path has m + 1

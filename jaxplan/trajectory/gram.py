@@ -10,8 +10,8 @@ platform has unknowns; then (`PlatformGram`) the system is solved for those unkn
     (H + G^T D^-1 G) u = G^T D^-1 r        y = D^-1 (r - G u)
 
 Each row touches the few coefficients about its place, so that most of ``G^T D^-1 G`` is zero. Rows that touch
-joints, mostly a few dozen, are kept as rows beside that system: for them ``E`` takes the place of D, which
-holds what they share through the joints.
+joints, mostly a few dozen, are kept as rows beside that system: for them a matrix ``E``, of what they share
+through the joints, takes the place of D.
 """
 
 from collections.abc import Callable
