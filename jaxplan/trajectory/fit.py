@@ -134,8 +134,8 @@ def checked(query: FitQuery) -> tuple[Path, np.ndarray]:
         The path in float64, and rates (2, 3 + 2n) rad/s at start and end, of body axes and joints.
 
     Raises:
-        ValueError: if settings, edge costs, node fractions, nodes or rates are invalid; the message names the
-            key in a settings file.
+        ValueError: if settings, edge costs, node fractions, nodes or rates are invalid; the message says what
+            is wrong, naming a setting by its key in a file.
     """
     settings, fractions = query.settings, query.node_fractions
     path = _shaped(query.path, query.spacecraft)
