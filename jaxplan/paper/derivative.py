@@ -1,8 +1,9 @@
 """The paper's scheme as a differentiable function of its inputs, near those of a fit that was made.
 
-Held fixed are the limits that bind at the joins (where a segment meets the next one), the segments, and the
-times of the nodes as shares of the duration. Then every quadratic program is a linear system, and JAX
-differentiates the chain of them. S segments have l + 1 Legendre coefficients on each of d axes.
+The following are held fixed: the limits that bind (hold with equality) at the joins, where a segment meets
+the next one; the segments; and the times of the nodes as fractions of the duration. Then every quadratic
+program is a linear system, and JAX differentiates the chain of them. S segments have l + 1 Legendre
+coefficients on each of d axes; a path has m + 1 nodes and 2n joint angles.
 """
 
 from dataclasses import dataclass, field
@@ -27,7 +28,7 @@ from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.trajectory.splines import end_derivatives, energy
 
-_BINDS = 1e-9  # of a limit; a rate or acceleration at a join that is nearer to it is held there
+_BINDS = 1e-9  # of a limit; a rate or acceleration at a join that is nearer to its limit is held there
 
 
 @shown()
@@ -37,10 +38,11 @@ class ActiveChain:
     """The segments of the platform or of the joints, with the limits that bind.
 
     Attributes:
-        ends: (S + 1,) int, nodes where segments end.
+        ends: (S + 1,) int, indices of the nodes where segments end.
         nodes: (S, slots) int, the node of each slot, see `segments`.
         present: (S, slots) bool, which slots hold a node.
-        sides: (S, 2, d) for rate and acceleration at the join: -1 or 1 where a limit binds, else 0.
+        sides: (S, 2, d) for rate and acceleration at the join: 1 where the upper limit binds, -1 where the
+            lower one does, else 0.
     """
 
     ends: np.ndarray
@@ -53,14 +55,14 @@ class ActiveChain:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PaperActiveSet:
-    """What is held fixed of a fit.
+    """Everything that derivatives hold fixed of a fit.
 
     Attributes:
         fractions: (m + 1,) times of the nodes over the duration.
         joints: segments of the joints.
         platform: segments of the platform.
-        order: of the basis.
-        stretched: whether the time is stretched to the limits.
+        order: degree of the Legendre basis.
+        stretched: whether the time is stretched to the limits afterwards.
     """
 
     fractions: np.ndarray
@@ -78,19 +80,21 @@ def refit(
     cones: Constraints,
     rates: ArrayLike,
 ) -> Trajectory:
-    """The trajectory of a fit whose inputs have changed a little; differentiable in all of them.
+    """Compute the trajectory of a fit whose inputs have changed a little; differentiable in all of them.
+
+    Nothing is checked: where another limit comes to bind at a join, or one no longer does, the result is the
+    optimum under those that are held.
 
     Args:
         held: what is held of a fit to as many nodes.
         path: its attitudes and joints; the costs of its edges are not used.
         spacecraft: its limits and inertia.
         settings: weights and duration.
-        cones: the zones, which this method does not look at.
+        cones: the zones, which this method ignores.
         rates: (2, 3 + 2n) rad/s at start and end, of body axes and joints.
 
     Returns:
-        The trajectory, its arrays traced where the inputs are. Nothing is checked: where another limit comes
-        to bind at a join, or one does no longer, it is the optimum under those that are held.
+        The trajectory, its arrays traced where the inputs are.
     """
     attitudes, joints = jnp.asarray(path.attitudes), jnp.asarray(path.joints)
     joint_limits = jnp.stack([spacecraft.joint_rate_limits, spacecraft.joint_acceleration_limits])
@@ -134,13 +138,13 @@ def refit(
 
 
 def nominal_duration(attitudes: Array, joints: Array, fractions: np.ndarray, limits: Array) -> Array:
-    """`shortest_duration`, s, of nodes with limits (2, 3 + 2n) of rates and accelerations.
+    """Compute `shortest_duration` in s for nodes, as a differentiable function.
 
     Args:
         attitudes: (m + 1, 3, 3), body to inertial.
         joints: (m + 1, 2n) rad.
         fractions: (m + 1,) times of the nodes over the duration; equal where a node is padding.
-        limits: of body axes and joints, rad/s and rad/s^2.
+        limits: (2, 3 + 2n) of rates (rad/s) and accelerations (rad/s^2), of body axes and joints.
     """
     turns = so3.log(jnp.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
     moves = jnp.concatenate([turns, jnp.diff(joints, axis=0)], axis=1)
@@ -162,12 +166,13 @@ def _chain(
     Args:
         held: the segments, and which limits bind.
         times: (m + 1,) s, of the nodes.
-        node_rows: (S, slots, l + 1) basis at each node.
+        node_rows: (S, slots, l + 1) values of the basis at each node.
         node_values: (S, slots, d) rad, values wanted there.
         weights: of rate and acceleration in the objective.
         limits: (2, d) of rates and accelerations at the joins.
         ends: (2, 2, d) rate and acceleration where the chain begins, then where it ends.
-        end_turns: (S, 3, 3) ``W`` of the platform's charts, which makes the chain run backward.
+        end_turns: (S, 3, 3) ``W`` of the platform's charts, which makes the chain run backward; None for
+            joints.
     """
     count, slots, size = node_rows.shape
     backward = end_turns is not None
@@ -204,9 +209,18 @@ def _chain(
 
 
 def _minimiser(objective: Array, rows: Array, values: Array, on: Array) -> Array:
-    """Minimiser (p,) of ``x^T objective x`` with ``rows x = values`` for the rows that are on, (r,) bool.
+    """Minimise ``x^T objective x`` subject to ``rows x = values`` for the rows that are on.
 
     A row that is off is replaced by the equation that its multiplier is zero.
+
+    Args:
+        objective: (p, p) for p unknowns.
+        rows: (r, p) of r equations.
+        values: (r,) right-hand sides.
+        on: (r,) bool, which rows are on.
+
+    Returns:
+        (p,) ``x``.
     """
     active = jnp.where(on[:, None], rows, 0)
     off = jnp.diag(jnp.where(on, 0.0, 1.0))
@@ -221,14 +235,14 @@ def held_of(
     limits: tuple[np.ndarray, np.ndarray] | None,
     count: int = FEWEST_NODES,
 ) -> PaperActiveSet:
-    """What is held of a fit; where a limit is just met at a join it counts as binding.
+    """Collect what derivatives hold fixed of a fit; a limit that is just met at a join counts as binding.
 
     Args:
         nodes: those that were passed.
         curve: the trajectory before its time was stretched.
         limits: of the platform (2, 3) and of the joints (2, 2n), rates and accelerations at the joins; None
             where the time was stretched to the limits.
-        count: the smallest number that nodes are padded to.
+        count: the smallest number to which nodes are padded.
     """
     order = curve.coefficients.shape[1] - 1
     ends = split(len(nodes.turns), len(curve.coefficients), order)
@@ -250,15 +264,15 @@ def _active_chain(
     limits: np.ndarray | None,
     far: int,
 ) -> ActiveChain:
-    """What is held of a chain of segments.
+    """Collect what derivatives hold fixed of one chain of segments.
 
     Args:
-        ends: (S + 1,) int, nodes where segments end.
-        order: of the basis.
+        ends: (S + 1,) int, indices of the nodes where segments end.
+        order: degree of the Legendre basis.
         breaks: (S + 1,) s, ends of the segments.
         coefficients: (S, order + 1, d).
         limits: (2, d) of rates and accelerations at the joins; None for none.
-        far: the end of a segment at which the next one is joined: 1 the last, 0 the first.
+        far: the end of a segment at which the next one to be planned is joined: 1 the last, 0 the first.
     """
     nodes = node_indices(ends, order - 2)
     sides = np.zeros((len(ends) - 1, 2, coefficients.shape[2]))

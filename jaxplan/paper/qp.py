@@ -2,11 +2,11 @@
 
     minimise 1/2 x^T P x   subject to   A x = b,   -c <= G x <= c        (equations 23 and 47)
 
-The axes of a segment do not couple, so each is a column: ``x`` is (p, d), ``b`` is (r, d), ``c`` is (g, d).
-Most programs have no active limit. Their solution is that of a linear system, exact to rounding, and where it
-keeps the limits it is the optimum. For the other columns OSQP finds which limits are active, and a linear
-system gives the solution to full precision. The check at the end is plain numpy and decides alone whether a
-solution is returned; a NaN does not pass it.
+The axes of a segment do not couple, so each is a column: ``x`` is (p, d) for p unknowns on each of d axes,
+``b`` is (r, d), ``c`` is (g, d). In most programs no limit is active. Their solution is that of a linear
+system, exact to rounding, and where it keeps the limits it is the optimum. For the other columns OSQP finds
+which limits are active, and a linear system gives the solution to full precision. The check at the end is
+plain numpy and decides alone whether a solution is returned; a NaN does not pass it.
 """
 
 from collections.abc import Hashable, Sequence
@@ -24,15 +24,15 @@ _OSQP_SETTINGS = {
     "eps_prim_inf": 1e-9,
     "max_iter": 4000,
     "polishing": True,
-    "rho": 10.0,  # with the next two, a tenth of the iterations that the default takes at worst
-    "adaptive_rho": 1,  # by iterations: by time, the same program could end differently
+    "rho": 10.0,  # with the next two, at worst a tenth of the iterations of the default
+    "adaptive_rho": 1,  # by number of iterations; by time, the same program could end differently
     "adaptive_rho_interval": 25,
 }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SegmentQP:
-    """The data of one program, or of several with the same matrices.
+    """The data of one quadratic program; its d columns share the matrices.
 
     Attributes:
         objective: (p, p) ``P``, symmetric and positive semidefinite, definite where ``A x = 0``.
@@ -50,7 +50,7 @@ class SegmentQP:
 
     @property
     def kind(self) -> Hashable:
-        """Sizes of the program; those of equal kinds can be solved together."""
+        """Sizes of the program; programs of equal kinds can be solved together."""
         return self.equalities.shape, self.limits.shape, self.values.shape
 
 
@@ -61,7 +61,8 @@ def solve_all(programs: Sequence[SegmentQP]) -> list[np.ndarray | None]:
         programs: each with d columns.
 
     Returns:
-        For each its optimum (p, d); None if a column has no solution, or none that passes the check.
+        For each its optimum (p, d), in the same order; None if a column has no solution, or none that passes
+        the check.
     """
     objective, rows, values, limited, limits = (
         np.stack([getattr(program, name) for program in programs])
@@ -79,7 +80,15 @@ def solve_all(programs: Sequence[SegmentQP]) -> list[np.ndarray | None]:
 
 
 def _hold_limits(program: SegmentQP, x: np.ndarray) -> bool:
-    """Replace, in place, columns of ``x`` (p, d) that are beyond a limit; return whether that could be."""
+    """Replace columns of ``x``, in place, that exceed a limit by the optimum within the limits.
+
+    Args:
+        program: the program.
+        x: (p, d) solution without limits, of p unknowns on each of d axes.
+
+    Returns:
+        Whether that succeeded for all of these columns.
+    """
     for column in np.flatnonzero(~np.all(np.abs(program.limited @ x) <= program.limits, axis=0)):
         side = _active_sides(program, int(column))
         if side is None:
@@ -106,7 +115,7 @@ def _minimisers(
         values: (N, r, d) ``b``.
 
     Returns:
-        (N, p, d) and (N, r, d); NaN where there is no solution.
+        ``x`` (N, p, d) and ``y`` (N, r, d); NaN where there is no unique solution.
     """
     count, held, unknowns = rows.shape
     system = np.zeros((count, unknowns + held, unknowns + held))
@@ -121,9 +130,13 @@ def _minimisers(
 
 
 def _active_sides(program: SegmentQP, column: int) -> np.ndarray | None:
-    """Find which limits are active for one column: (g,) of -1, 0 and 1; None if there is no solution.
+    """Find which limits are active for one column, by OSQP.
 
     A solution that OSQP calls inaccurate is used, too; if its limits are wrong, the caller's check fails.
+
+    Returns:
+        (g,) 1 where the upper limit is active, -1 where the lower one is, 0 where none is; None if there is
+        no solution.
     """
     import osqp
     from scipy import sparse

@@ -2,17 +2,19 @@
 
 After Karaman and Frazzoli (2011). In each turn the tree grows by at most `RANGE` steps towards a random state
 (with probability `GOAL_BIAS` the goal) as far as the motion is clear. Of the nodes within `RANGE` steps, at
-most the `NEIGHBOURS` nearest, the one with the cheapest path to the new node becomes its parent, and
-those to which the path through the new node is cheaper take it as theirs. All these motions, and the straight
-motion from the new node to the goal, are checked in one call: a motion is clear both ways or neither.
+most the `NEIGHBOURS` nearest, the one with the cheapest path to the new node becomes its parent, and those to
+which the path through the new node is cheaper take it as theirs. All these motions, and the straight motion
+from the new node to the goal, are checked in one call: a motion is clear both ways or neither.
 
 Once there is a path, the search goes on for as many extensions as that took, but at least `IMPROVE`, and only
 towards states that can be on a shorter path (informed RRT*). The straight motion from start to goal is tried
 first, and the path is smoothed at the end.
 
 The clearance wanted of a motion between two nodes is that of the path through the older one. Costs only ever
-become less, and the wanted clearance with them, so that what has been clear remains so. A state is a row of
-``4 + 2n`` numbers, as in `rrt_connect`.
+become less, and the wanted clearance with them, so that what has been clear remains so. A *state* is a row of
+``4 + 2n`` numbers, as in `trees`: the attitude relative to the start as a unit quaternion, scalar first, and
+the joint angles. Costs and distances are in *steps*: a straight motion takes the largest of its rotation over
+``attitude_step`` and its joint changes over their steps.
 """
 
 from collections.abc import Sequence
@@ -28,36 +30,37 @@ from jaxplan.search.rrt_connect import LEAST
 from jaxplan.search.scene import SearchResult
 from jaxplan.search.trees import FEW, MANY, Space, Tree, reached, search_by_trees
 
-RANGE = 10.0  # most steps of an extension, and to a neighbour
+RANGE = 10.0  # steps, most of an extension, and most to a neighbour
 GOAL_BIAS = 0.05  # probability that the tree grows towards the goal
-NEIGHBOURS = MANY - 1  # the motion on to the goal makes the call full
+NEIGHBOURS = MANY - 1  # most neighbours; with the motion on to the goal the call is full
 IMPROVE = 100  # least number of extensions after the first path
-# Draws for a state that can be on a shorter path, before any will do.
+# Most draws for a state that can be on a shorter path, before any state is taken.
 PATIENCE = 20
 
 
 def search(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchResult]:
-    """Search a path of each scene with RRT*.
+    """Search a path for each scene with RRT*.
 
     Args:
         scenes: the problems.
-        settings: of each: limits of the effort, clearance and seed; the weights and moves are not used.
+        settings: one for each scene: limits of the effort, clearance and seed; weights and moves are not
+            used.
 
     Returns:
-        OK with a path whose every edge is clear, or why there is none; OK, too, where a limit ends
-        the search after a path has been found.
+        For each scene OK with a path whose every edge is clear, or the limit that ended the search without
+        one. It is OK, too, where a limit ends the search after a path has been found.
     """
     return search_by_trees(Star, scenes, settings)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Extension:
-    """A motion by which the tree is to grow.
+    """A straight motion by which the tree is to grow, not checked yet.
 
     Attributes:
         nearest: index of the node where it begins.
         end: (1, 4 + 2n) state where it would end.
-        length: steps.
+        length: of the motion, steps.
     """
 
     nearest: int
@@ -67,13 +70,13 @@ class _Extension:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Joining:
-    """A new node with the motions between it and its neighbours, and on to the goal.
+    """A new node with the motions between it and its neighbours, and on to the goal, not checked yet.
 
     Attributes:
         state: (4 + 2n,) of the node.
-        parent: index of a node from which it can be reached.
+        parent: index of the node from which it was reached.
         cost: steps from the start through that node.
-        near: (k,) indices of its neighbours.
+        near: (k,) indices of its k neighbours.
         length: (k + 1,) steps of the motions, that to the goal last.
     """
 
@@ -85,10 +88,10 @@ class _Joining:
 
 
 class Star:
-    """The search under way: the tree, and for each node the length of a clear straight motion to the goal.
+    """A search under way: the tree, and for each node the length of a clear straight motion to the goal.
 
-    It is a `jaxplan.runtime.batching.Run`. A turn has one call, on how far the tree can grow towards a
-    state, and where it grows a second one, on the motions between the new node and its neighbours.
+    It is a `jaxplan.runtime.batching.Run`. Each turn has one call, on how far the tree can grow towards a
+    state, and if it grows a second one, on the motions between the new node and its neighbours.
 
     Args:
         space: the problem.
@@ -102,11 +105,11 @@ class Star:
         self.shortest = float(space.distance(space.start, space.goal))
         self.drawn: list[np.ndarray] = []
         self._enough = np.inf  # extensions after which the path has been improved long enough
-        self._pending: _Extension | _Joining | None = None  # that the last call is about
+        self._pending: _Extension | _Joining | None = None  # what the last call checks
         self._limit: Status | None = None
 
     def next_request(self) -> Call | None:
-        """The next call; None at a limit, or once the path is shortest or improved long enough."""
+        """Return the next call; None at a limit, or once the path is shortest or improved long enough."""
         if isinstance(self._pending, _Joining):
             return self._joining_call(self._pending)
         self._limit = self.space.spent()
@@ -127,7 +130,11 @@ class Star:
             self._enough = min(self._enough, extensions + max(extensions, IMPROVE))
 
     def result(self) -> SearchResult:
-        """OK with the path, not smoothed; or the limit that was reached before there was one."""
+        """Return OK with the path, not smoothed; or the limit that was reached before there was one.
+
+        Raises:
+            RuntimeError: if neither is there yet.
+        """
         if self.best == np.inf:
             if self._limit is None:
                 raise RuntimeError("the tree is growing: there is no result yet")
@@ -136,9 +143,9 @@ class Star:
         return self.space.found(np.concatenate([branch, self.space.goal[None]]))
 
     def _target(self) -> np.ndarray:
-        """Draw the state to grow towards: the goal, or a random one that may shorten the path.
+        """Draw the state (4 + 2n,) to grow towards: the goal, or a random one that may shorten the path.
 
-        After `PATIENCE` draws in vain it is any random state.
+        After `PATIENCE` draws without success it is any random state.
         """
         space = self.space
         if space.rng.random() < GOAL_BIAS:
@@ -155,7 +162,7 @@ class Star:
         return space.draw(FEW)[-1]
 
     def _extension_call(self, target: np.ndarray) -> Call:
-        """Note the motion towards a state (4 + 2n,) from its nearest node; return the call that checks it."""
+        """Store the motion to a state (4 + 2n,) from its nearest node, and return the call that checks it."""
         space, tree = self.space, self.tree
         space.extensions += 1
         away = space.distance(tree.states[: tree.size], target)
@@ -169,7 +176,10 @@ class Star:
         return space.reach_call(begin, end, from_start, from_goal)
 
     def _extended(self, motion: _Extension, clear: np.ndarray) -> _Joining | None:
-        """The node at the end of a motion's clear fraction, `clear` (1,); None where that is too short."""
+        """Make the new node at the end of the clear part of a motion; None where that part is too short.
+
+        `clear` (1,) is the fraction of the motion that is clear.
+        """
         space, tree = self.space, self.tree
         gone = float(clear[0] * motion.length)
         if gone < LEAST:
@@ -183,7 +193,7 @@ class Star:
         return _Joining(state, motion.nearest, float(tree.costs[motion.nearest]) + gone, near, length)
 
     def _joining_call(self, node: _Joining) -> Call:
-        """The call that checks the motions between a new node, its neighbours and the goal."""
+        """Make the call that checks the motions between a new node, its neighbours and the goal."""
         space, costs = self.space, self.tree.costs[node.near]
         first = np.concatenate([self.tree.states[node.near], space.goal[None]])
         second = np.broadcast_to(node.state, first.shape)
@@ -193,7 +203,7 @@ class Star:
         return space.reach_call(first, second, from_start, from_goal)
 
     def _join(self, node: _Joining, fractions: np.ndarray) -> None:
-        """Add a node under its best parent, make it that of neighbours that gain, and note the best path.
+        """Add a node under its best parent, make it that of neighbours that gain, and update the best path.
 
         Args:
             node: the new one.
@@ -214,10 +224,13 @@ class Star:
         self.best = float(through[self.last])
 
     def _rewire(self, place: int, parent: int, cost: float) -> None:
-        """Give the node at index `place` another parent and its lower cost, and its descendants theirs."""
+        """Give the node at index `place` another parent and a lower cost, and lower its descendants' costs.
+
+        Nothing is done if its cost would not become lower.
+        """
         tree = self.tree
         gain = tree.costs[place] - cost
-        if gain <= 0:  # an ancestor has been given a new parent, too
+        if gain <= 0:  # its cost has been lowered already, through an ancestor
             return
         tree.parents[place] = parent
         level = np.array([place])

@@ -11,6 +11,9 @@ Of weighted A* the paper says no more than its name and that steps, time and exp
 it is the printed planner with a single queue, keyed by ``g + w1 h_0`` with ``h_0`` of equation (15), which is
 admissible and consistent for the cost (16). A path found costs at most ``w1`` times the cheapest in the graph
 of the moves that were drawn.
+
+An *expansion* tries each of A turns of the platform combined with each of M moves of the 2n joints. Results
+are OK, NODE_LIMIT or TIME_LIMIT.
 """
 
 from collections.abc import Sequence
@@ -32,14 +35,15 @@ _UP, _STAY, _DOWN = 0, 1, 2
 
 
 def search_mha(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchResult]:
-    """Search a path of each scene with the printed method.
+    """Search a path for each scene with the printed planner.
 
     Args:
         scenes: the problems.
-        settings: of each; the clearance is not used.
+        settings: one for each scene; the clearance is not used.
 
     Returns:
-        OK with a path whose nodes are clear, or why there is none. Edges may cut a zone.
+        For each scene OK with a path whose nodes are clear, or the limit that ended the search. Edges may cut
+        a zone.
     """
     rules = Rules(
         propose=propose, price=price, edges=False, shared=False, direct=False, queues=3, informed=False
@@ -55,11 +59,14 @@ def propose(
     Args:
         scene: the problem.
         node: to be expanded.
-        rng: where random numbers come from.
-        settings: gives the number of attitude moves.
+        rng: source of random numbers; its state advances.
+        settings: give the number of turns of the platform.
         number: of the expansion; not used.
+
+    Returns:
+        The moves. Those that leave a joint's range, and those that repeat another, are not allowed.
     """
-    del number  # every expansion is like every other
+    del number  # all expansions are alike
     vectors = rng.standard_normal((settings.attitude_moves, 3))
     unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     # (10) turns on the left of the attitude relative to the start; on the right of it, it is the same
@@ -89,28 +96,37 @@ def propose(
 
 
 def _joint_moves(joints: int, rng: np.random.Generator) -> np.ndarray:
-    """(M, joints) option of each joint in each joint move: all combinations if they are few, else drawn."""
+    """Option of each joint in each of M joint moves, (M, joints): all combinations if few, or random ones.
+
+    Options are `_UP` and `_DOWN`; there are at most `JOINT_MOVES` moves.
+    """
     if 2**joints <= JOINT_MOVES:
         return np.array(list(product((_UP, _DOWN), repeat=joints)), dtype=np.int32)
     return rng.choice(np.array([_UP, _DOWN], dtype=np.int32), (JOINT_MOVES, joints))
 
 
 def price(scene: Scene, expansion: Expansion, fields: Fields) -> tuple[np.ndarray, np.ndarray]:
-    """Costs (A, M) of moves by equation (16) and heuristics (3, A, M) of their children by (15), rad."""
-    del fields  # the printed method has none
+    """Costs of moves by equation (16), and heuristics of their children by equation (15), in rad.
+
+    Returns:
+        (A, M) costs of A turns of the platform by M joint moves, and (3, A, M) heuristics, one for each
+        queue.
+    """
+    del fields  # the printed planner does not use distance fields
     whole = scene.attitude_step + np.sum(scene.joint_steps)
     return np.full(expansion.steps.shape, whole), expansion.heuristics[1:]
 
 
 def search_wastar(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[SearchResult]:
-    """Search a path of each scene with weighted A*.
+    """Search a path for each scene with weighted A*.
 
     Args:
         scenes: the problems.
-        settings: of each; the clearance and the anchor's weight are not used.
+        settings: one for each scene; the clearance and the anchor's weight are not used.
 
     Returns:
-        OK with a path whose nodes are clear, or why there is none. Edges may cut a zone.
+        For each scene OK with a path whose nodes are clear, or the limit that ended the search. Edges may cut
+        a zone.
     """
     # an anchor, and one queue that is its equal and so is always followed
     rules = Rules(
@@ -127,6 +143,11 @@ def search_wastar(scenes: Scenes, settings: Sequence[SearchSettings]) -> list[Se
 
 
 def price_alone(scene: Scene, expansion: Expansion, fields: Fields) -> tuple[np.ndarray, np.ndarray]:
-    """Costs (A, M) of moves by equation (16) and ``h_0`` by (15), twice, for two queues: (2, A, M), rad."""
+    """Costs of moves by equation (16), and the heuristic ``h_0`` of their children by equation (15), in rad.
+
+    Returns:
+        (A, M) costs of A turns of the platform by M joint moves, and (2, A, M) the same ``h_0`` for two
+        queues.
+    """
     costs, heuristics = price(scene, expansion, fields)
     return costs, heuristics[[0, 0]]

@@ -1,16 +1,17 @@
 """The paper's scheme (section 4): how a path is cut into segments, and how these are planned one by one.
 
-A segment of ``n`` intervals has ``l + 1`` coefficients an axis and must pass ``n + 1`` nodes. It takes two
-derivatives over from its neighbour, or from the start of the motion, and should keep a coefficient for its
-objective; the one that closes the chain takes two from the other end as well. So the closing segment (the
-last for the joints, the first for the platform, which is planned backward) holds at most ``l - 4``
-intervals, every other one ``l - 3``. So ``m`` intervals fit into ``S`` segments exactly if
+A path has m + 1 nodes and m *intervals* between them; a *segment* is a polynomial over ``n`` successive
+intervals. It has ``l + 1`` coefficients an axis and must pass ``n + 1`` nodes. It takes two derivatives over
+from its neighbour, or from the start of the motion, and should keep a coefficient for its objective; the one
+that closes the chain takes two from the other end as well. So the closing segment (the last for the joints,
+the first for the platform, which is planned backward) holds at most ``l - 4`` intervals, every other one
+``l - 3``. The *counting rule* follows: ``m`` intervals fit into ``S`` segments exactly if
 ``m // S <= l - 4``.
 
 The programs of a fit are assembled in one compiled call. Every segment works in ``x`` in [-1, 1], where
-``d/dt = (2 / h) d/dx`` with ``h`` the segment's length. Its rows are written in ``x``: there a rate is ``h /
-2`` times that in time, an acceleration ``(h / 2)^2`` times. A segment has as many slots for nodes as the
-counting rule can fill; those left over repeat its last node and are marked absent. Nodes and segments are
+``d/dt = (2 / h) d/dx`` with ``h`` the segment's length. Its rows are written in ``x``: there a rate is
+``h / 2`` times that in time, an acceleration ``(h / 2)^2`` times. A segment has as many *slots* for nodes as
+the counting rule can fill; those left over repeat its last node and are marked absent. Nodes and segments are
 padded to a few sizes, so that fits of different paths share the compiled kernel.
 
 Segments are planned one after another, joints forward and platform backward. Every segment is a quadratic
@@ -22,9 +23,9 @@ segment after it, whose chart starts there, with the transpose that (36) lacks i
     b'(t_b) = W^T omega,   b''(t_b) = W^T omega',   W = exp(-(t_b - t_a) Omega / 2)      (36)
 
 and the first one starts at the initial rate (37): at a chart's start ``omega = b'`` and ``omega' = b''``
-exactly (34). Where a segment will meet the next one to be planned, rates and accelerations are held within
-their limits (20, whose first line means the rate, and 38). The objectives are (21) for the joints,
-accelerations alone, and (43) for the platform.
+exactly (34). Where a segment will meet the next one to be planned, at a *join*, rates and accelerations are
+held within their limits (20, whose first line means the rate, and 38). The objectives are (21) for the
+joints, accelerations alone, and (43) for the platform.
 """
 
 from collections.abc import Sequence
@@ -43,7 +44,7 @@ from jaxplan.runtime.batching import run_all
 from jaxplan.trajectory.curve import Trajectory
 from jaxplan.trajectory.splines import end_derivatives, energy, legendre
 
-_CHART_REACH = 2.5  # rad; the logarithm of a chart must stay away from half a turn
+_CHART_REACH = 2.5  # rad, largest turn of a segment; a chart's logarithm must stay off half a turn
 
 
 def fewest_segments(intervals: int, order: int) -> int:
@@ -51,25 +52,25 @@ def fewest_segments(intervals: int, order: int) -> int:
 
     Args:
         intervals: m, at least 1.
-        order: of the Legendre basis, at least `MIN_ORDER`.
+        order: degree ``l`` of the Legendre basis, at least `MIN_ORDER`.
     """
     return intervals // (order - 3) + 1
 
 
 @cache
 def split(intervals: int, segments: int, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Node indices at which the segments of the joints, and those of the platform, end.
+    """Split a path into segments: indices of the nodes where those of the joints and of the platform end.
 
-    Both are split equally wherever the counting rule allows it for both; else the closing segments are
-    the short ones, which stand at opposite ends.
+    Both are split equally wherever the counting rule allows it for both; otherwise the closing segments,
+    which are at opposite ends, are the short ones.
 
     Args:
         intervals: m, at least 1.
         segments: S, from `fewest_segments` to m.
-        order: of the Legendre basis.
+        order: degree of the Legendre basis.
 
     Returns:
-        Two integer arrays (S + 1,), from 0 to m, read-only.
+        Two integer arrays (S + 1,), from 0 to m, read-only: joints, platform.
     """
     ends = [np.round(np.linspace(0, intervals, segments + 1)).astype(int)] * 2
     sizes = np.diff(ends[0])
@@ -83,7 +84,7 @@ def split(intervals: int, segments: int, order: int) -> tuple[np.ndarray, np.nda
 
 
 def is_full(intervals: int, segments: int, order: int) -> bool:
-    """Whether a closing segment has at most one coefficient left for its objective."""
+    """Whether a closing segment has at most one coefficient left to minimise its objective with."""
     return segments < intervals and intervals // segments >= order - 5
 
 
@@ -91,11 +92,11 @@ def charts_suffice(turns: np.ndarray, ends: np.ndarray) -> bool:
     """Whether every segment of more than one interval can work in one chart.
 
     A segment whose edges turn by ``L`` in all has ``|eta| <= L`` along them, since ``eta`` is the rotation
-    between two motions that start together and end together; below half a turn its logarithm has no jump. A
-    single interval has none anyway.
+    between two motions that start together and end together; below half a turn its logarithm does not jump. A
+    single interval always works.
 
     Args:
-        turns: (m, 3) rad, rotation of each edge.
+        turns: (m, 3) rad, rotation vector of each edge.
         ends: (S + 1,) node indices where the platform's segments end.
     """
     turned = np.add.reduceat(np.linalg.norm(turns, axis=1), ends[:-1])
@@ -105,18 +106,20 @@ def charts_suffice(turns: np.ndarray, ends: np.ndarray) -> bool:
 def shortest_duration(
     moves: ArrayLike, fractions: ArrayLike, rate_limits: ArrayLike, acceleration_limits: ArrayLike
 ) -> Any:
-    """Estimate of the duration, s, in which differences of the nodes, from rest to rest, keep all limits.
+    """Estimate the duration in s in which differences of the nodes, from rest to rest, keep all limits.
 
-    First differences are compared with rates, second ones with accelerations. It is differentiable.
+    First differences are compared with rates, second ones with accelerations. It is differentiable, with
+    numpy or JAX as the arguments are.
 
     Args:
         moves: (m, d) change of each axis along each edge, rad.
-        fractions: (m + 1,) of the duration; an edge that takes none is padding, and does not move.
+        fractions: (m + 1,) times of the nodes over the duration; an edge that takes no time is padding, and
+            does not move.
         rate_limits: (d,) rad/s.
         acceleration_limits: (d,) rad/s^2.
 
     Returns:
-        s; a curve through the nodes needs more.
+        A number in s; a curve through the nodes needs more.
     """
     xp, moves, fractions, *limits = arrays(moves, fractions, rate_limits, acceleration_limits)
     shares = xp.diff(fractions)[:, None]
@@ -133,7 +136,7 @@ def shortest_duration(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Segments:
-    """The programs of the platform or of the joints, but for the derivatives that segments take over.
+    """The programs of S segments, but for the derivatives that they take over from each other.
 
     Attributes:
         length: (S,) s, ``h``.
@@ -152,10 +155,10 @@ class Segments:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Charts:
-    """The charts of the platform's segments.
+    """The charts of the platform's S segments.
 
     Attributes:
-        attitude: (S, 3, 3) ``R_a``.
+        attitude: (S, 3, 3) ``R_a``, body to inertial.
         rate: (S, 3) rad/s, ``Omega``.
         end_turn: (S, 3, 3) ``W`` at the segment's end, ``exp(-h Omega / 2)``.
     """
@@ -184,9 +187,9 @@ def assemble(
         times: (m + 1,) s, increasing.
         joint_ends: (S + 1,) node indices where the joints' segments end, with 0 and m.
         platform_ends: (S + 1,) likewise for the platform.
-        order: of the Legendre basis.
+        order: degree of the Legendre basis.
         rate_weight: ``lambda_1``, of the platform.
-        acceleration_weight: ``lambda_2``.
+        acceleration_weight: ``lambda_2``, of the platform.
 
     Returns:
         Segments of the joints, segments of the platform (``node_values`` are those of ``b``), and the charts.
@@ -214,21 +217,26 @@ def assemble(
 
 
 def node_indices(ends: np.ndarray, slots: int) -> np.ndarray:
-    """(S, slots) index of the node in each slot of segments with ends (S + 1,); others repeat the last."""
+    """(S, slots) index of the node in each slot of S segments; slots that are left over repeat the last node.
+
+    Args:
+        ends: (S + 1,) node indices where segments end, the start included.
+        slots: number of slots of each segment.
+    """
     return np.minimum(ends[:-1, None] + np.arange(slots), ends[1:, None])
 
 
 def assembled(
     attitudes: AnyArray, times: AnyArray, joint_nodes: AnyArray, platform_nodes: AnyArray, *, order: int
 ) -> tuple[AnyArray, ...]:
-    """All numbers of the programs that depend on the nodes, as a pure function of numpy or JAX arrays.
+    """Compute all numbers of the programs that depend on the nodes, with numpy or JAX as the arguments are.
 
     Args:
         attitudes: (m + 1, 3, 3) body to inertial.
         times: (m + 1,) s.
         joint_nodes: (S, slots) node of each slot of the joints' segments.
         platform_nodes: (S, slots) likewise of the platform's.
-        order: of the basis.
+        order: degree of the basis.
 
     Returns:
         Values of the basis at the nodes of joints and platform, (S, slots, l + 1) each; ``b`` at the latter,
@@ -257,9 +265,9 @@ class PathNodes:
     Attributes:
         attitudes: (m + 1, 3, 3) body to inertial.
         joints: (m + 1, 2n) rad.
-        fractions: (m + 1,) of the duration, strictly increasing from 0 to 1.
-        turns: (m, 3) rad, rotation of each edge in the axes of its first node.
-        rates: (2, 3 + 2n) rad/s at start and end, where accelerations are zero.
+        fractions: (m + 1,) times over the duration, strictly increasing from 0 to 1.
+        turns: (m, 3) rad, rotation vector of each edge in the axes of its first node.
+        rates: (2, 3 + 2n) rad/s at start and end, of body axes and joints; accelerations are zero there.
     """
 
     attitudes: np.ndarray
@@ -270,7 +278,7 @@ class PathNodes:
 
     @property
     def moves(self) -> np.ndarray:
-        """(m, 3 + 2n) rad: rotation and joint changes of each edge."""
+        """(m, 3 + 2n) rad, for each of the m edges its rotation vector and its changes of the 2n joints."""
         return np.concatenate([self.turns, np.diff(self.joints, axis=0)], axis=1)
 
 
@@ -283,8 +291,8 @@ class ChainRequest:
         duration: s.
         segments: number of segments, as the counting rule allows.
         settings: order and weights.
-        limits: of the platform (2, 3) and of the joints (2, 2n): rates and accelerations at the joins; None
-            for none.
+        limits: of the platform (2, 3) and of the joints (2, 2n): rates (rad/s) and accelerations (rad/s^2) at
+            the joins; None for none.
     """
 
     nodes: PathNodes
@@ -295,7 +303,7 @@ class ChainRequest:
 
 
 def plan_chains(requests: Sequence[ChainRequest]) -> list[Trajectory | None]:
-    """Plan all segments of many trajectories; None for one with a program that has no solution."""
+    """Plan many trajectories, all their segments; None for one with a program that has no solution."""
     pairs = [_chains(request) for request in requests]
     chains = [chain for _, *both in pairs for chain in both]
     run_all(chains, lambda _, programs: qp.solve_all(programs), most=max(len(chains), 1))
@@ -303,7 +311,7 @@ def plan_chains(requests: Sequence[ChainRequest]) -> list[Trajectory | None]:
 
 
 def _chains(request: ChainRequest) -> tuple[Charts, "Chain", "Chain"]:
-    """The charts of a request, and the chains of the platform and of the joints, not planned yet."""
+    """Make the charts of a request, and the chains of the platform and of the joints, not planned yet."""
     nodes, settings = request.nodes, request.settings
     joint_ends, platform_ends = split(len(nodes.turns), request.segments, settings.order)
     joints, platform, charts = assemble(
@@ -326,7 +334,7 @@ def _chains(request: ChainRequest) -> tuple[Charts, "Chain", "Chain"]:
 
 
 def _joined(request: ChainRequest, charts: Charts, platform: "Chain", joints: "Chain") -> Trajectory | None:
-    """The trajectory of two planned chains; None if one of them has a program without a solution."""
+    """Make the trajectory of two planned chains; None if one of them has a program without a solution."""
     if platform.failed or joints.failed:
         return None
     nodes = request.nodes
@@ -365,14 +373,15 @@ class Chain:
         *,
         end_turns: np.ndarray | None = None,
     ) -> None:
-        """Make a chain of which no segment is planned.
+        """Make a chain of which no segment is planned yet.
 
         Args:
             segments: of the joints or of the platform.
             first: (2, d) rate and acceleration where the chain begins.
-            last: (2, d) likewise where it ends.
-            limits: (2, d) at the joins, or None.
-            end_turns: (S, 3, 3) ``W`` of the platform's charts, which makes the chain run backward.
+            last: (2, d) rate and acceleration where it ends.
+            limits: (2, d) of rates and accelerations at the joins; None for none.
+            end_turns: (S, 3, 3) ``W`` of the platform's charts, which makes the chain run backward; None for
+                joints.
         """
         count, size = segments.objective.shape[:2]
         self.coefficients, self.failed = np.zeros((count, size, first.shape[1])), False
@@ -384,12 +393,12 @@ class Chain:
 
     @property
     def _to_x(self) -> np.ndarray:
-        """(2, 1) factors from first and second derivatives in time to those in ``x``, on the next segment."""
+        """(2, 1) factors from first and second time derivatives to those in ``x``, on the next segment."""
         half = self._segments.length[self._open[0]] / 2
         return np.array([[half], [half**2]])
 
     def next_request(self) -> qp.SegmentQP | None:
-        """The program of the next segment; None at the end of the chain."""
+        """Return the program of the next segment; None at the end of the chain or after a failure."""
         if not self._open or self.failed:
             return None
         segments, k = self._segments, self._open[0]
@@ -411,7 +420,7 @@ class Chain:
         )
 
     def accept(self, solution: np.ndarray | None) -> None:
-        """Take the solution (l + 1, d) of the last program, None where it has none, which ends the chain."""
+        """Take the solution of the last program: (l + 1, d) coefficients, or None, which ends the chain."""
         if solution is None:
             self.failed = True
             return

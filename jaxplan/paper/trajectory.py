@@ -1,7 +1,9 @@
 """Step 3 by the paper's method: durations and numbers of segments to try, and whether results keep limits.
 
-The scheme itself is `segments`. It holds limits at joins only, so the peaks over all time are looked at
-afterwards, and a trajectory that breaks a limit anywhere is no success.
+The scheme itself is `segments`. It holds limits only at joins, where two segments meet, so the peaks over all
+time are computed afterwards, and a trajectory that breaks a limit anywhere is no success. A path has m + 1
+nodes, a spacecraft 2n joint angles. Fits, and what belongs to them, are in dictionaries by the number of the
+query.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -41,10 +43,10 @@ from jaxplan.trajectory.peaks import SAFETY, Peaks, all_peaks
 from jaxplan.trajectory.schedule import FEWEST_NODES
 
 _DEFAULT_SEGMENTS = 3
-_MORE_SEGMENTS = 1.5  # growth of their number from one attempt to the next
-_LONGER = 1.001  # beyond the time that the last curve asks for, when a needed duration is looked for
-_LOOKS = 12
-_CALM = 2.5  # nominal durations; on the nodes of the paper's cases a fit needs 1.5 to 2.1 of them
+_MORE_SEGMENTS = 1.5  # factor on the number of segments from one attempt to the next
+_LONGER = 1.001  # factor beyond the time that the last curve requires, in search of a needed duration
+_LOOKS = 12  # most durations that are tried in search of one that is long enough
+_CALM = 2.5  # times the nominal duration; on the nodes of the paper's cases a fit needs 1.5 to 2.1
 
 
 def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit]:
@@ -53,24 +55,25 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
     A number for ``settings.duration`` is kept. Where a program has no solution more segments are tried, up to
     one an interval; where the curve breaks a limit or leaves a joint's range, for as long as that helps.
 
-    "stretched" fits once and without limits, at the duration at which the differences of the nodes just keep
-    them, and scales the curve in time until its first limit binds, short of a millionth. That duration is
-    about half of the final one; since the weights act in seconds another choice would give another curve,
-    but the final duration depends on it by a few per cent only. Scaling would change a rate at the start or
-    end: with one, the fit is repeated at longer durations instead, until all limits are kept.
+    "stretched" fits once and without limits, at the nominal duration, in which the differences of the nodes
+    just keep them, and scales the curve in time until its first limit binds, plus a millionth. The nominal
+    duration is about half of the final one; since the weights act in seconds another choice would give
+    another curve, but the final duration depends on it by a few per cent only. Scaling would change a rate at
+    the start or end: with one, the fit is repeated at longer durations instead, until all limits are kept.
 
     There are three segments unless ``settings.segments`` asks for another number, and more where the counting
     rule or the reach of a chart needs them. A curve may also swing between its nodes, when they are uneven or
     leave its segments next to no freedom. So where a stretched one needs more than 2.5 times the nominal
-    duration or leaves a joint's range, or its segments are full and their number was not asked for, more
-    are tried and the quickest is taken.
+    duration or leaves a joint's range, or its segments are full and their number was not asked for, more are
+    tried and the quickest is taken.
 
     Args:
-        queries: one a fit; this method does not look at their zones.
-        seconds: where the time of each fit is added, s.
+        queries: one for each fit; this method ignores their zones.
+        seconds: accumulates the computation time of each fit, s, in place; None to measure nothing.
 
     Returns:
-        The fits. A path without motion gives a trajectory of duration 0, unless there is a rate at an end.
+        The fits. A path without motion gives a trajectory at rest (`at_rest`), unless there is a rate at an
+        end.
 
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
@@ -79,7 +82,7 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
 
 
 def _begin(query: FitQuery) -> "Fit | tuple[PaperProblem, np.ndarray]":
-    """Make the problem of a query, and for each given node its number there; or the fit if nothing moves.
+    """Make the problem of a query and the index there of each given node; or the fit if nothing moves.
 
     Raises a ValueError, see `fit`.
     """
@@ -110,7 +113,7 @@ class PaperProblem:
         nodes: of the path.
         spacecraft: its limits.
         settings: of step 3.
-        moving: whether goal or zones move, so that they are others after another duration.
+        moving: whether goal or zones move, so that they differ after another duration.
     """
 
     nodes: PathNodes
@@ -120,37 +123,37 @@ class PaperProblem:
 
     @property
     def at_speed(self) -> bool:
-        """Whether the motion starts or ends with a rate."""
+        """Whether any rate at the start or the end is not zero."""
         return bool(np.any(self.nodes.rates))
 
     @property
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """Limits of rates (rad/s) and accelerations (rad/s^2) of the platform (2, 3) and joints (2, 2n)."""
+        """Limits of rates (rad/s) and accelerations (rad/s^2): of the platform (2, 3), of joints (2, 2n)."""
         craft = self.spacecraft
         platform = np.stack([np.full(3, limit) for limit in (craft.rate_limit, craft.acceleration_limit)])
         return platform, np.stack([craft.joint_rate_limits, craft.joint_acceleration_limits])
 
     @property
     def at_joins(self) -> tuple[np.ndarray, np.ndarray]:
-        """`limits` less a millionth, which programs keep at the joins."""
+        """`limits` reduced by a millionth, which programs keep at the joins."""
         platform, joints = self.limits
         return platform / SAFETY, joints / SAFETY
 
     @property
     def stretches(self) -> bool:
-        """Whether a fit without limits is to be stretched to them: asked for, and at rest at its ends."""
+        """Whether a fit without limits is to be stretched to them: if asked for, and at rest at both ends."""
         return self.settings.duration == STRETCHED and not self.at_speed
 
     @property
     def nominal_duration(self) -> float:
-        """Estimate of the shortest duration from the nodes, plus time to brake the rates at the ends, s."""
+        """Estimate in s of the shortest duration from the nodes, plus time to brake the rates at the ends."""
         rates, accelerations = np.hstack(self.limits)
         ends = np.sum(np.abs(self.nodes.rates), axis=0)
         moves = shortest_duration(self.nodes.moves, self.nodes.fractions, rates, accelerations)
         return float(moves + np.max(ends / accelerations))
 
     def segment_counts(self) -> Iterator[int]:
-        """Numbers of segments to try, from as few as wanted up to one an interval."""
+        """Yield the numbers of segments to try, from as few as wanted up to one an interval."""
         intervals, order = len(self.nodes.turns), self.settings.order
         count = max(self.settings.segments or _DEFAULT_SEGMENTS, fewest_segments(intervals, order))
         while count < intervals:
@@ -160,7 +163,7 @@ class PaperProblem:
         yield intervals
 
     def is_full(self, segments: int) -> bool:
-        """Whether so many segments leave next to no freedom, and their number was not asked for."""
+        """Whether this many segments leave next to no freedom, and their number was not asked for."""
         own = self.settings
         return own.segments is None and is_full(len(self.nodes.turns), segments, own.order)
 
@@ -173,7 +176,7 @@ class PaperAttempt:
         trajectory: the one planned, before its time is stretched.
         peaks: of the trajectory over all time.
         nodes: those that are passed.
-        limits: those kept at the joins, as of `ChainRequest`.
+        limits: those kept at the joins, as in `ChainRequest`; None for none.
     """
 
     trajectory: Trajectory
@@ -182,38 +185,41 @@ class PaperAttempt:
     limits: tuple[np.ndarray, np.ndarray] | None
 
     def hold(self, nodes: int = FEWEST_NODES) -> PaperActiveSet:
-        """What derivatives of the fit hold fixed; nodes are padded to `nodes` at least."""
+        """Collect what derivatives of the fit hold fixed; nodes are padded to at least `nodes`."""
         return held_of(self.nodes, self.trajectory, self.limits, nodes)
 
     @property
     def kept(self) -> bool:
-        """Whether all limits are kept."""
+        """Whether all limits and joint ranges are kept."""
         return self.peaks.kept and self.peaks.in_range
 
     @property
     def calm(self) -> bool:
-        """Whether it does not swing between its nodes: its peaks are not far above the limits."""
+        """Whether it does not swing between nodes: peaks are near limits, and joints keep their ranges."""
         return self.peaks.stretch <= _CALM and self.peaks.in_range
 
     def better_than(self, other: "PaperAttempt | None") -> bool:
-        """Whether its joints keep their range where the other's do not, or else it needs less time."""
+        """Whether it keeps joint ranges where the other does not or, if both or none do, needs less time.
+
+        It is better than None.
+        """
         if other is None or self.peaks.in_range != other.peaks.in_range:
             return other is None or self.peaks.in_range
         return self.peaks.stretch < other.peaks.stretch
 
 
 class _Strategy:
-    """Finds many fits, each with a number; trajectories needed at the same time are planned together.
+    """Makes many fits, each with a number; trajectories needed at the same time are planned together.
 
     Attributes:
-        seconds: where the time of each fit's attempts is added, s.
+        seconds: accumulates the computation time of each fit's attempts, s.
     """
 
     def __init__(self, seconds: Seconds) -> None:
         self.seconds = seconds
 
     def fits(self, problems: dict[int, PaperProblem]) -> dict[int, Fit]:
-        """Find the fits in the durations that the settings ask for."""
+        """Make the fits in the durations that the settings ask for."""
         stretched = {n: problem for n, problem in problems.items() if problem.stretches}
         timed = {n: problem for n, problem in problems.items() if n not in stretched}
         durations = {
@@ -228,7 +234,7 @@ class _Strategy:
         return self._stretched(stretched) | self._timed(timed, durations)
 
     def _timed(self, problems: dict[int, PaperProblem], durations: dict[int, float]) -> dict[int, Fit]:
-        """The fits in given durations, s; one that breaks limits says which duration would do."""
+        """Make fits in given durations in s; one that breaks limits says which duration would do."""
         attempts = self._best_at(problems, durations)
         good = {n: own for n, own in attempts.items() if own is not None and own.peaks.kept}
         left = {n: problem for n, problem in problems.items() if n not in good}
@@ -243,9 +249,9 @@ class _Strategy:
     def _best_at(
         self, problems: dict[int, PaperProblem], durations: dict[int, float]
     ) -> "dict[int, PaperAttempt | None]":
-        """The attempts in given durations (s), with the fewest segments that keep limits, or nearest to it.
+        """The attempts in given durations (s) with the fewest segments that keep limits, or else the best.
 
-        More segments are tried for as long as they help.
+        More segments are tried for as long as they help; None where no program has a solution.
         """
 
         def enough(n: int, segments: int, own: PaperAttempt | None, best: PaperAttempt | None) -> bool:
@@ -256,7 +262,7 @@ class _Strategy:
     def _needed_durations(
         self, problems: dict[int, PaperProblem], durations: dict[int, float]
     ) -> dict[int, float | None]:
-        """Durations (s) from the given ones on in which fits keep all limits; None after `_LOOKS` in vain.
+        """Durations (s), from the given ones on, in which fits keep all limits; None after `_LOOKS` tries.
 
         Scaling a curve's time is not enough, since the fit in the longer time is another curve.
         """
@@ -267,12 +273,12 @@ class _Strategy:
                 stretch = 2.0 if own is None else _finite(own.peaks.stretch)
                 if own is not None and own.peaks.kept:
                     found[n] = durations.pop(n)
-                else:  # in ever longer steps, should it not settle
+                else:  # in ever longer steps, in case the durations do not settle
                     durations[n] *= stretch * _LONGER ** (2**look)
         return found
 
     def _stretched(self, problems: dict[int, PaperProblem]) -> dict[int, Fit]:
-        """The quickest fits of the nominal durations without limits, scaled in time to the limits."""
+        """Make the quickest fits of the nominal durations without limits, scaled in time to the limits."""
 
         def enough(n: int, segments: int, own: PaperAttempt | None, best: PaperAttempt | None) -> bool:
             return best is not None and best.calm and not problems[n].is_full(segments)
@@ -285,7 +291,7 @@ class _Strategy:
         for n, own in best.items():
             if own is None:
                 continue
-            if np.isinf(own.peaks.stretch):  # of wheels, which a slower motion fills as much
+            if np.isinf(own.peaks.stretch):  # wheels are full, and as full in a slower motion
                 fits[n] = _failure(problems[n], durations[n], own, None)
             else:
                 fits[n] = _success(own.trajectory.scaled(own.peaks.stretch * SAFETY), own)
@@ -299,7 +305,7 @@ class _Strategy:
         *,
         limited: bool,
     ) -> "dict[int, PaperAttempt | None]":
-        """The best attempts with more and more segments.
+        """Make attempts with more and more segments, and return the best of each fit, None if there is none.
 
         Args:
             problems: what is fitted.
@@ -326,7 +332,7 @@ class _Strategy:
         *,
         limited: bool,
     ) -> "dict[int, PaperAttempt | None]":
-        """Plan trajectories in `counts` segments; arguments as of `_climb`; None where that fails."""
+        """Plan trajectories in `counts` segments; None where that fails. Other arguments as of `_climb`."""
         requests = {
             n: ChainRequest(
                 nodes=problems[n].nodes,
@@ -352,12 +358,12 @@ class _Strategy:
 
 
 def _finite(stretch: float) -> float:
-    """A factor on time to try: 2 where none is known to be enough."""
+    """Return a factor on time to try: `stretch` itself, or 2 where it is not finite."""
     return stretch if np.isfinite(stretch) else 2.0
 
 
 def _success(trajectory: Trajectory, attempt: PaperAttempt) -> Fit:
-    """The fit, OK, of a trajectory that keeps all limits, which came from an attempt."""
+    """Make the fit, OK, of a trajectory that keeps all limits, which came from an attempt."""
     message = within_limits(trajectory, attempt.peaks)
     return Fit(trajectory=trajectory, status=Status.OK, message=message, origin=attempt)
 
@@ -365,10 +371,10 @@ def _success(trajectory: Trajectory, attempt: PaperAttempt) -> Fit:
 def _failure(
     problem: PaperProblem, duration: float, attempt: PaperAttempt | None, needed: float | None
 ) -> Fit:
-    """Make the `Fit` of a problem that could not be solved within its limits, with status and message.
+    """Make the fit of a problem that could not be solved within its limits, with status and message.
 
     It is INFEASIBLE if no quadratic program had a solution, and otherwise mostly LIMITS_TOO_TIGHT with the
-    trajectory that came nearest; wheels that are full at any duration are told by `full_on_the_way`.
+    trajectory that came nearest; `full_on_the_way` reports wheels that are full at any duration.
 
     Args:
         problem: the path, spacecraft and settings.
@@ -376,7 +382,7 @@ def _failure(
         attempt: the one nearest to the limits; None if no program had a solution.
         needed: s, a duration in which all limits are kept; None if none was found.
     """
-    # "stretched" knows no rates at the ends, nor what moves.
+    # "stretched" cannot be recommended with rates at the ends, or where something moves.
     enough = (
         needed_words(needed, moving=problem.moving, scalable=not (problem.at_speed or problem.moving))
         if needed

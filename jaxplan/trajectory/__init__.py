@@ -1,4 +1,7 @@
-"""Step 3: from a path to a trajectory that can be flown; `METHODS` by the names that settings give them."""
+"""Step 3: turn a path into a trajectory that can be flown, by one of the methods in `METHODS`.
+
+A method is chosen by its name in the settings: "global" (the spline fit) or "paper" (the paper's scheme).
+"""
 
 from collections.abc import Sequence
 from pkgutil import resolve_name
@@ -24,7 +27,13 @@ REFITS: dict[str, Any] = {
 
 
 def by_name(methods: dict[str, Any], name: str) -> Any:
-    """The function of a name in `METHODS` or `REFITS`; those given as "module:function" are imported now."""
+    """Return the function that `METHODS` or `REFITS` lists under a name.
+
+    Args:
+        methods: `METHODS` or `REFITS`; an entry is a function, or a string "module:function", whose module is
+            imported now.
+        name: of the method, as in the settings.
+    """
     known = methods[name]
     if not isinstance(known, str):
         return known
@@ -49,17 +58,19 @@ __all__ = [
 
 
 def fit_batch(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit]:
-    """Fit many trajectories together, each by the method of its settings.
+    """Fit many trajectories together, each by the method that its settings name.
 
     Args:
-        queries: what is asked; they need not be alike.
-        seconds: where the time of each fit is added, s; work done together counts in equal shares.
+        queries: one for each trajectory; they need not be alike.
+        seconds: accumulates the computation time of each fit, in s, in place; time spent on several fits
+            together is divided equally among them. None to measure nothing.
 
     Returns:
-        The fits in the same order.
+        One `Fit` for each query, in the same order. A fit that fails is returned with a status that says so.
 
     Raises:
-        ValueError: if settings, costs, fractions or rates make no sense; the message names which.
+        ValueError: if settings, edge costs, node fractions or rates at the ends are invalid; the message
+            names which.
     """
     fits: dict[int, Fit] = {}
     with one_thread():

@@ -1,14 +1,16 @@
 """The optimum near a spline fit, and which rows bind there.
 
 A fit ends some thousandths of its energy or less above the optimum. From there steps of sequential quadratic
-programming with the exact second derivatives (`optimality`) lead to it: each solves the program of the rows
-that are *near* their bounds, so that the rows with positive multipliers are those that bind, and none of them
-follows from the others. Rows that are broken after a step are near from then on. It ends where a step is next
-to nothing and no row is broken, at a minimum: off a saddle leads a step aside. Where steps do not settle,
-short ones follow curvature downwards instead.
+programming with the exact second derivatives (`optimality`) lead to it. A *row* is an inequality of the fit:
+of a joint, a node in its tube, a load of the platform or a margin (`constraints`). Each step solves the
+program of the rows that are *near* their bounds, so that the rows with positive multipliers are those that
+bind, and none of them follows from the others. Rows that are broken after a step are near from then on. The
+steps end where one changes next to nothing and no row is broken, at a minimum; a step aside leads away from a
+saddle. Where steps do not settle, *careful* ones are taken: short ones that follow negative curvature
+downwards.
 
-A *row* is an inequality of the fit: of a joint, a node in its tube, a load of the platform or a margin
-(`constraints`). What the optimum's derivatives keep fixed, above all the rows that bind, is an `ActiveSet`.
+What the optimum's derivatives keep fixed, above all the rows that bind, is an `ActiveSet`. A path has m + 1
+nodes; other letters of sizes are those of `motion` and `binding`.
 """
 
 from collections.abc import Iterable, Sequence
@@ -34,30 +36,30 @@ from jaxplan.trajectory.problem import DiscreteProblem, FitProblem, Mesh
 from jaxplan.trajectory.schedule import FEWEST_NODES, TrapezoidalProfile, node_fractions, padded
 from jaxplan.trajectory.splines import Basis, CurveSpace
 
-_PADDING = (64, 16, 16)  # least padded numbers of linear rows, loads and margins
-_FTOL = 1e-9  # of the energy: so much nearer the optimum than a plan's fit, it shows which rows bind
-_STEPS = 60  # at most, of this module, from where that ends to the optimum
+_PADDING = (64, 16, 16)  # least padded numbers of rows: linear ones, of loads, of margins
+_FTOL = 1e-9  # of the energy; so near the optimum, much nearer than a plan's fit, it shows which rows bind
+_STEPS = 60  # most steps of this module, from where that ends to the optimum
 _SETTLED = 1e-8  # rad; a step that changes less is the last
 _REACH = 0.05  # rad; a careful step changes no unknown by more
-_ASIDE = 1e-5  # rad; a step off a saddle, from where steps lead to a minimum near it
+_ASIDE = 1e-5  # rad; a step away from a saddle, from where further steps lead to a minimum near it
 _BROKEN = 1e-8  # of a limit, or rad; a row that is broken by more is near
-_FLANK_STEP = 1e-4  # of the pace's flank, to either side, for differences by it
+_FLANK_STEP = 1e-4  # of the pace's flank, step to either side of finite differences by it
 
 Masks = dict[str, np.ndarray]  # by block of constraints, one number or bool for every row
 Rows = dict[str, Index]  # indices of some rows of one curve by block, in the order of `ActiveSet`
 
-_inputs = quick_jit(gather_inputs, level=0)  # as quick as with more: calls of many small arrays
+_inputs = quick_jit(gather_inputs, level=0)  # higher levels would not be faster, as arrays are small
 
 
 @shown()
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitRecord:
-    """How a fit came about, from which its derivatives start.
+    """How a fit came about; its derivatives start from this record.
 
     Attributes:
         problem: what was fitted.
         attempt: how it ended.
-        stretched: whether its time was stretched to the limits.
+        stretched: whether its time was stretched to the limits afterwards.
     """
 
     problem: FitProblem
@@ -68,20 +70,20 @@ class FitRecord:
         """Find the optimum near the fit, with the rows that bind and all else that derivatives hold fixed.
 
         Args:
-            nodes: the smallest number that the path's nodes are padded to.
-            nearer: what `nearer_optima` found; None to look for it now.
+            nodes: the smallest number to which the path's nodes are padded.
+            nearer: the entry of `nearer_optima` for this record; None to compute it now.
 
         Raises:
-            ValueError: if it is not an optimum in a given time, without limits, or of a shortest motion from
-                rest to rest, or if no optimum is found near it.
+            ValueError: if the fit is neither an optimum in a given time or without limits, nor a shortest
+                motion from rest to rest, or if no optimum is found near it.
         """
         self._expect_an_optimum()
         discrete, first = self.attempt.discrete, self.guess
         solution = nearer_optima([self])[0] if nearer is None else nearer
         first = replace(first, coefficients=solution.coefficients, duration=solution.duration)
-        state = sqp.SQPState.of([first])  # of one
+        state = sqp.SQPState.of([first])  # a stack of one
         at, proposal = state.at, program.solve(state.program(state.at, np.zeros(1)), {})
-        if discrete.free_time:  # limits by coefficients ask for more time than those at the places
+        if discrete.free_time:  # limits kept by coefficients take more time than those kept at places
             longer = at.duration * (1 + proposal.stretch)
             at = state.stack.iterates(at.coefficients, longer, as_given=True)
         for careful in (False, True):
@@ -96,13 +98,13 @@ class FitRecord:
     def _settled(
         self, state: sqp.SQPState, at: Iterates, multipliers: Masks, nodes: int, *, careful: bool
     ) -> ActiveSet | None:
-        """Go on to where the same rows bind after a step of next to nothing; None where steps do not settle.
+        """Take steps until one changes next to nothing and no row is broken; None if they do not settle.
 
         Args:
-            state: of the fit, alone.
+            state: of the fit, alone in its stack.
             at: the curve to begin with.
             multipliers: of every row there.
-            nodes: as of `hold`.
+            nodes: as in `hold`.
             careful: whether steps are short, and follow curvature downwards to the next row.
         """
         share, quadratic = float(state.share[0]), state.program(at, np.zeros(1))
@@ -132,7 +134,7 @@ class FitRecord:
 
     @property
     def guess(self) -> sqp.InitialGuess:
-        """The fit as where to look for a curve that is nearer the optimum, from which the rest is found."""
+        """The fit as the starting point of the search for a curve still nearer to the optimum."""
         discrete, solution = replace(self.attempt.discrete, to_the_end=True), self.attempt.solution
         return sqp.InitialGuess(
             discrete=discrete, coefficients=solution.coefficients, duration=solution.duration, ftol=_FTOL
@@ -153,7 +155,7 @@ class FitRecord:
             )
 
     def at_optimum(self) -> Attempt | None:
-        """The attempt with the curve of the optimum; None if none is found, see `hold`."""
+        """Make the attempt with the curve of the optimum; None if no optimum is found, see `hold`."""
         try:
             held = self.hold()
         except ValueError:
@@ -166,10 +168,10 @@ class FitRecord:
     def _step(self, held: ActiveSet, *, careful: bool) -> tuple[np.ndarray, float, np.ndarray, float]:
         """Take a step of sequential quadratic programming from the curve of an active set, under its rows.
 
-        `careful` is as of `_settled`.
+        `careful` is that of `_settled`.
 
         Returns:
-            Coefficients (n, A) and duration (s) after it, multipliers of the rows that are no padding, and
+            Coefficients (n, A) and duration (s) after it, multipliers of the rows that are not padding, and
             the largest change of an unknown, which is NaN where numbers overflow.
         """
         problem, asked = self.problem, self.problem.settings.duration
@@ -203,7 +205,7 @@ class FitRecord:
 
     @property
     def _flank(self) -> float:
-        """Share of the duration that each flank of the trapezoidal pace along the path takes."""
+        """Fraction of the duration that each flank of the trapezoidal pace along the path takes."""
         profile, asked = self.problem.quickest, self.problem.settings.duration
         if not isinstance(asked, str):
             profile = TrapezoidalProfile.within(asked, profile.length, self.problem.rise)
@@ -211,17 +213,17 @@ class FitRecord:
 
     @property
     def _exact(self) -> bool:
-        """Whether nodes are passed exactly."""
+        """Whether nodes are passed exactly, without a tube."""
         return self.attempt.radius == 0
 
     def _by_flank(self, rows: Rows) -> dict[str, np.ndarray]:
-        """Derivatives, by the flank's share of the duration, of what depends on the spline's breaks.
+        """Derivatives, by the flank's fraction of the duration, of all that depends on the spline's breaks.
 
         Args:
             rows: those that bind.
 
         Returns:
-            By the names of attributes of `ActiveSet`; empty where the breaks do not follow the flank.
+            Arrays by the names of attributes of `ActiveSet`; empty where the breaks do not follow the flank.
         """
         exact = self._exact and self._pace == "paced"
         if np.isnan(self.attempt.discrete.mesh.flank) and not exact:
@@ -232,7 +234,7 @@ class FitRecord:
         return {name: (after[name] - before[name]) / (2 * step) for name in after}
 
     def _at_flank(self, flank: float) -> DiscreteProblem:
-        """The problem on the breaks that go with another share of the flank; so do nodes passed exactly."""
+        """The problem on breaks for another fraction of the flank; nodes passed exactly move, too."""
         problem, discrete, mesh = self.problem, self.attempt.discrete, self.attempt.discrete.mesh
         profile = TrapezoidalProfile(length=0.0, duration=1.0, flank=flank)
         intervals, nodes = len(mesh.basis.breaks) - 1, len(mesh.places)
@@ -246,13 +248,13 @@ class FitRecord:
 
     @property
     def _pace(self) -> str:
-        """What determines when nodes are passed: "given", "steady" or "paced", as of `ActiveSet`."""
+        """How the times of nodes are determined: "given", "steady" or "paced", as in `ActiveSet`."""
         if self.problem.fractions is not None:
             return "given"
         return "steady" if self.problem.at_speed else "paced"
 
     def _on_mesh(self, discrete: DiscreteProblem, rows: Rows) -> dict[str, np.ndarray]:
-        """All of an active set that depends on a problem's breaks, by the names of its attributes."""
+        """Everything in an active set that depends on a problem's breaks, by the names of its attributes."""
         linear, loads, zones = _gathered(discrete, self.attempt.discrete.mesh, rows)
         return {
             **_of_curves(discrete.space),
@@ -264,24 +266,24 @@ class FitRecord:
         }
 
     def _widened(self) -> float:
-        """Ratio of the tube radius that was used to the one asked for; 1 without a tube, or a width."""
+        """Ratio of the tube radius that was used to the one asked for; 1 without a tube or if that is 0."""
         asked, kept = self.problem.width, self.attempt.radius
         return kept / asked if np.isfinite(kept) and asked > 0 else 1.0
 
     def _free(self, at: Iterates) -> np.ndarray:
-        """Free coefficients ``x`` (k, A) of the first of some curves."""
+        """Free coefficients ``x`` (k, A) of the first curve of `at`, k on each of A axes."""
         space = self.attempt.discrete.space
         start = space.fixed + at.duration[0] * space.by_time
         return np.linalg.lstsq(space.free, at.coefficients[0] - start, rcond=None)[0]
 
     @cached_property
     def _of_own_curves(self) -> dict[str, np.ndarray]:
-        """What `_of_curves` says of the curves of the fit."""
+        """The result of `_of_curves` for the curves of this fit."""
         return _of_curves(self.attempt.discrete.space)
 
     @cached_property
     def _windings(self) -> np.ndarray:
-        """(m + 1,) whole turns that the nodes' coordinates have more than the shortest logarithm."""
+        """(m + 1,) whole turns by which the chart coordinates of each node exceed the shortest logarithm."""
         chart, places = self.attempt.discrete.chart, self.attempt.discrete.mesh.places
         nodes = self.problem.attitudes, self.problem.turns, places
         eta = chart.coordinates(*nodes) - places[:, None] * chart.turn
@@ -291,14 +293,14 @@ class FitRecord:
         return np.asarray(np.round((along - angles) / (2 * np.pi)))
 
     def _held(self, at: Iterates, rows: Rows, multipliers: Masks, share: float, nodes: int) -> ActiveSet:
-        """The active set of a curve.
+        """Make the active set of a curve.
 
         Args:
             at: the curve, alone in its stack.
             rows: the rows that are held as equalities.
             multipliers: of every row.
-            share: energy of the first curve, of which energies are shares.
-            nodes: the smallest number that the path's nodes are padded to.
+            share: energy of the first curve, by which energies are divided.
+            nodes: the smallest number to which the path's nodes are padded.
         """
         problem, discrete = self.problem, self.attempt.discrete
         chart, of_curves = discrete.chart, self._of_own_curves
@@ -333,12 +335,12 @@ class FitRecord:
 
 
 def nearer_optima(records: Sequence[FitRecord]) -> list[sqp.SQPSolution]:
-    """Improve fits together, so far that each shows which rows bind."""
+    """Improve fits together until each is so near its optimum that it shows which rows bind."""
     return sqp.improve([record.guess for record in records])
 
 
 def _of_curves(space: CurveSpace) -> dict[str, np.ndarray]:
-    """The attributes of `ActiveSet` that are a space of curves alone, by name."""
+    """Those attributes of `ActiveSet`, by name, that depend on the space of curves alone."""
     return {
         "free": space.free,
         "of_values": space.of_values,
@@ -350,9 +352,10 @@ def _of_curves(space: CurveSpace) -> dict[str, np.ndarray]:
 
 
 def _listed(blocks: Iterable[ConstraintBlock], wanted: Masks) -> Rows:
-    """Indices of the rows that are wanted, of the first curve of some blocks.
+    """Indices of the wanted rows, by block, of the first curve.
 
-    In the order of `ActiveSet`: joints' rates and accelerations, ranges, tube; then loads; then zones.
+    They are in the order of `ActiveSet`: joints' rates and accelerations, ranges, tube; then loads; then
+    zones.
     """
     named = {block.name: block for block in blocks}
     joints = [name for name, block in named.items() if block.linear and block.power]
@@ -364,12 +367,12 @@ def _listed(blocks: Iterable[ConstraintBlock], wanted: Masks) -> Rows:
 def _gathered(
     discrete: DiscreteProblem, mesh: Mesh, rows: Rows
 ) -> tuple[BindingLinear, BindingLoads, BindingMargins]:
-    """The rows of these indices as `ActiveSet` has them, padded to a few sizes.
+    """Collect rows in the form in which `ActiveSet` has them, padded to a few sizes.
 
     Args:
         discrete: the problem whose places and splines they are written in.
-        mesh: whose places the nodes in a tube have.
-        rows: indices by block.
+        mesh: gives the places of nodes in a tube.
+        rows: indices of the rows by block.
     """
     problem, basis = discrete.problem, discrete.space.basis
     joints = discrete.space.fixed.shape[1] - 3
@@ -396,12 +399,12 @@ def _gathered(
             loads.append((at, SIGNS[sign], components[name].start + axis))
     row, sign, axis, node, scale = (np.concatenate(parts) for parts in zip(*linear, strict=True))
     at, load_sign, component = (np.concatenate(parts) for parts in zip(*loads, strict=True))
-    # Where none binds there is padding, too, so that what is held of several plans can be stacked.
+    # There is padding even where no row binds, so that the active sets of several plans can be stacked.
     sizes = [
         padded_count(max(len(own), 1), count) for own, count in zip((row, at, place), _PADDING, strict=True)
     ]
     if not len(at):
-        sizes[1] = 0  # loads are seldom near, and their slopes are dear
+        sizes[1] = 0  # loads seldom bind, and their slopes take long to compute
     if not len(problem.cones.axis):
         sizes[2] = 0
     return (
@@ -428,7 +431,7 @@ def _gathered(
 
 
 def _filled(size: int, **arrays: np.ndarray) -> dict[str, np.ndarray]:
-    """Arrays (k, ...) padded with zeros to (size, ...), by name; and "on" (size,), False for padding."""
+    """Pad arrays (k, ...) with zeros to (size, ...), by name, and add "on" (size,), False for padding."""
     found = {}
     for name, own in arrays.items():
         found[name] = np.concatenate([own, np.zeros((size - len(own), *own.shape[1:]), own.dtype)])
@@ -437,7 +440,7 @@ def _filled(size: int, **arrays: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _broken(block: ConstraintBlock) -> np.ndarray:
-    """Bool like the slack of a block of rows: which are broken; of neighbouring places only the worst one."""
+    """Bool array like the slack of a block, true for broken rows; of neighbouring places only the worst."""
     slack = block.slack
     broken: np.ndarray = slack < -_BROKEN
     if not block.linear:

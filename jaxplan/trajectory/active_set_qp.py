@@ -1,20 +1,21 @@
-"""Small dense quadratic programs within half-spaces, where it must be told exactly which rows bind.
+"""Small dense quadratic programs with linear inequalities, which tell exactly which rows bind.
 
-They are solved by nonnegative least squares (`least_change`), forms that curve downwards somewhere after they
-are made convex without a change where rows bind. `downward_way` leads off what is no minimum.
+They are solved by nonnegative least squares (`least_change`). Forms that are not convex are first made
+convex, without a change where rows bind. `downward_way` leads away from a saddle. In shapes, n counts the
+unknowns and r the rows, which are the inequalities.
 """
 
 from contextlib import suppress
 
 import numpy as np
 
-# Weights of the squares of binding rows, over the size of the Hessian; tried in turn until it is positive.
+# Weights of the squares of binding rows, relative to the Hessian; tried in turn until it is positive.
 _SQUARES = tuple(10.0**power for power in range(-2, 7))
-_DEPENDENT = 1e-9  # of the largest singular value of rows; what they fix by less is not taken as fixed
-_LEVEL = 1e-10  # of the mean curvature of a Hessian: by less nothing curves downwards
-_TRIALS = 8  # of which rows bind
-_BROKEN = 1e-10  # of a row's unit: what rounding may break
-_FLATTEST = 1e-6  # of the largest eigenvalue of a Hessian that is not positive: the least that others become
+_DEPENDENT = 1e-9  # of the largest singular value of rows; directions with smaller ones count as free
+_LEVEL = 1e-10  # of the mean curvature of a Hessian; smaller negative curvature counts as none
+_TRIALS = 8  # most guesses of which rows bind
+_BROKEN = 1e-10  # in a row's unit; rounding may break it by as much
+_FLATTEST = 1e-6  # of the largest eigenvalue, least size to which others are raised, if not positive
 
 
 def least_change(
@@ -28,25 +29,26 @@ def least_change(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Minimise ``d^T H d / 2 + g^T d`` subject to ``G d + e <= 0``, exactly.
 
-    With ``H = L L^T`` and ``u = L^T d + L^-1 g`` that is to find the least ``|u|`` within half-spaces, which
-    nonnegative least squares do (Lawson and Hanson, chapter 23).
+    With ``H = L L^T`` and ``u = L^T d + L^-1 g`` the task is to find the least ``|u|`` within half-spaces,
+    which nonnegative least squares do (Lawson and Hanson, chapter 23).
 
     Args:
-        hessian: (n, n) ``H``. One that is not positive definite is made so: by adding squares of rows that
-            are assumed to bind, or of the directions that these fix, which changes nothing where they do, or
-            else from its eigenvalues' sizes. Where it is positive along all that the rows which are found to
-            bind leave free, it is then taken as it is.
+        hessian: (n, n) ``H``, symmetric. If it is not positive definite it is made so: by adding squares of
+            rows that are assumed to bind, or of the directions that these fix, which changes nothing where
+            they do, or else from the sizes of its eigenvalues. Where it is positive along all that the rows
+            found to bind leave free, the result is that of the given ``H``.
         gradient: (n,) ``g``.
         slopes: (r, n) ``G``.
-        excess: (r,) ``e``.
+        excess: (r,) ``e``, the rows' values at ``d = 0``, positive where a row is broken.
         binding: (r,) bool, which rows are assumed to bind.
-        downwards: whether curvature downwards along what the binding rows leave free only changes its sign,
-            so that a change goes as far that way as it says, twice as far each time, and not next to nowhere.
+        downwards: whether negative curvature along what the binding rows leave free has only its sign
+            changed, so that a change moves away from a maximum along it, about doubling its distance each
+            time.
 
     Returns:
-        The change (n,) and the multipliers of the rows (r,); none of the rows with a positive one follows
-        from the others. Where no change meets all rows, or the iteration fails, the change ignores the rows
-        and the multipliers are zero.
+        The change ``d`` (n,) and the multipliers of the rows (r,); none of the rows with a positive one
+        follows from the others. If no change satisfies all rows, or the iteration fails, the change ignores
+        the rows and the multipliers are zero.
     """
     from scipy.linalg import solve_triangular
     from scipy.optimize import nnls
@@ -61,10 +63,10 @@ def least_change(
     depth = excess - normals.T @ down
     size = max(1.0, float(np.linalg.norm(down)))
     pushes = np.zeros(len(excess))
-    if len(excess):  # on none it crashes
-        with suppress(RuntimeError):  # of too many iterations
+    if len(excess):  # nnls crashes on none
+        with suppress(RuntimeError):  # raised after too many iterations
             found, _ = nnls(np.vstack([-normals, depth / size]), np.eye(len(down) + 1)[-1])
-            left = 1 - depth / size @ found  # zero where no change meets all rows
+            left = 1 - depth / size @ found  # zero where no change satisfies all rows
             pushes = size * found / left if left > np.finfo(float).eps else pushes
     change = solve_triangular(factor, -normals @ pushes - down, lower=True, trans=1)
     exact = _exact_change(hessian, gradient, slopes, excess, pushes > 0) if convex is None else None
@@ -74,13 +76,15 @@ def least_change(
 def _exact_change(
     hessian: np.ndarray, gradient: np.ndarray, slopes: np.ndarray, excess: np.ndarray, binding: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """What `least_change` returns, of the form as it is, from a guess of the rows that bind.
+    """Compute what `least_change` returns for a form as it is, starting from a guess of the rows that bind.
 
-    Where the form curves upwards along all that the binding rows leave free, its own minimum there is found,
-    however it curves elsewhere. Rows that this breaks bind in the next trial, rows that it pulls do not.
+    Where the form curves upwards along all that the binding rows leave free, its minimum there is found,
+    however it curves elsewhere. Rows that this breaks bind in the next trial; rows whose multiplier is not
+    positive do not.
 
     Returns:
-        None where the form curves downwards, rows follow from others, or no trial comes back to its own rows.
+        The change (n,) and multipliers (r,); None where the form curves downwards, rows follow from others,
+        or no trial confirms its own rows.
     """
     from scipy.linalg import cho_factor, cho_solve, qr, solve_triangular
 
@@ -107,14 +111,15 @@ def _exact_change(
 
 
 def downward_way(hessian: np.ndarray, slopes: np.ndarray) -> np.ndarray | None:
-    """The way off a saddle: that changes no row, and along which a quadratic form curves downwards most.
+    """The direction away from a saddle along which a quadratic form curves downwards most, on given rows.
 
     Args:
         hessian: (n, n) of the form.
-        slopes: (r, n) of the rows.
+        slopes: (r, n) of the rows; their values do not change along the direction.
 
     Returns:
-        A unit vector (n,); None where the form curves upwards along all that the rows leave free.
+        A unit vector (n,), of either sign; None where the form curves upwards along all that the rows leave
+        free.
     """
     from scipy.linalg import eigh, null_space
 
@@ -135,7 +140,10 @@ def _cholesky(hessian: np.ndarray) -> np.ndarray | None:
 
 
 def _turned_upwards(hessian: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """A Hessian whose negative curvatures along what rows (r, n) leave free have the other sign."""
+    """Change the sign of a Hessian's negative curvatures along directions in which no row changes.
+
+    `slopes` (r, n) are the derivatives of the r rows in the n unknowns.
+    """
     _, sizes, right = np.linalg.svd(slopes)
     free = right[int(np.sum(sizes > _DEPENDENT * np.max(sizes, initial=0.0))) :].T
     bends, ways = np.linalg.eigh(free.T @ hessian @ free)
@@ -150,15 +158,15 @@ def _convex_factor(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lower Cholesky factor of a Hessian made positive definite, and the gradient that goes with it.
 
-    Arguments as of `least_change`, slopes and excess being those of the rows assumed to bind.
+    Arguments are those of `least_change`; `slopes` and `excess` are of the rows assumed to bind alone.
     """
     squares = slopes.T @ slopes
     unit = np.trace(hessian) / (np.trace(squares) or 1.0)
     for weight in unit * np.array([0.0, *_SQUARES]):
         with suppress(np.linalg.LinAlgError):
             return np.linalg.cholesky(hessian + weight * squares), gradient + weight * slopes.T @ excess
-    # Where many rows nearly follow from others their squares hardly weigh along some directions. What weighs
-    # alike along all that they fix changes as little.
+    # Where many rows nearly follow from others their squares are tiny along some directions. A weight that is
+    # the same along all directions that they fix changes the minimum as little.
     left, sizes, right = np.linalg.svd(slopes, full_matrices=False)
     kept = sizes > _DEPENDENT * np.max(sizes, initial=0.0)
     fixed = right[kept].T

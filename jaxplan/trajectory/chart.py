@@ -1,9 +1,10 @@
-"""A chart of SO(3) for a whole manoeuvre, and which of two a path fits better.
+"""A chart of SO(3) for a whole manoeuvre, and which of two charts fits a path better.
 
-It turns steadily from the first attitude to the last in one unit of time: with ``t_a = 0`` and ``Omega = r``
-of `jaxplan.trajectory.curve`. The rotation vector ``eta`` is how far a motion departs from the steady one. It
-is a logarithm, taken on the branch to which the edge from the node before leads, so nodes may lie more than
-half a turn off; ``D`` is regular up to a whole turn.
+The chart turns steadily from the first attitude to the last while the place ``s`` (a fraction of the
+duration) goes from 0 to 1: with ``t_a = 0`` and ``Omega = r`` of `jaxplan.trajectory.curve`. The rotation
+vector ``eta`` is how far a motion departs from the steady one. It is a logarithm, taken on the branch to
+which the edge from the node before leads, so nodes may lie more than half a turn off the steady motion; ``D``
+is regular up to a whole turn.
 """
 
 from dataclasses import dataclass
@@ -12,13 +13,13 @@ import numpy as np
 
 from jaxplan import so3
 
-CHART_REACH = 4.0  # rad that nodes may lie off the steady rotation; a chart is singular at a whole turn
+CHART_REACH = 4.0  # rad, most that nodes may lie off the steady rotation; at a whole turn charts are singular
 
 
-_NEAR = 1.0  # rad; a chart whose nodes stay within is not compared with the other way round
+_NEAR = 1.0  # rad; if nodes lie no farther off, the chart that turns the other way round is not tried
 
 
-_NO_ANGLE = 1e-300  # rad; a rotation vector of no more has no direction
+_NO_ANGLE = 1e-300  # rad; a rotation vector that is not longer has no direction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,8 +27,8 @@ class Chart:
     """A chart of SO(3) that turns steadily from the first attitude of a manoeuvre to the last.
 
     Attributes:
-        attitude: (3, 3) ``R_a``, body to inertial.
-        turn: (3,) rad, ``r``.
+        attitude: (3, 3) ``R_a``, first attitude, body to inertial.
+        turn: (3,) rad, ``r``, rotation vector from the first attitude to the last, in axes of the first.
     """
 
     attitude: np.ndarray
@@ -35,18 +36,17 @@ class Chart:
 
     @property
     def end_turn(self) -> np.ndarray:
-        """(3, 3) ``U(1)``: there ``b' = U omega`` (equation 36)."""
+        """(3, 3) rotation ``U`` at the end of the motion, where ``b' = U omega`` (equation 36)."""
         return np.asarray(so3.exp(self.turn / 2))
 
     def coordinates(self, attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Coordinates ``b`` of nodes in the chart.
+        """Compute the coordinates ``b`` of nodes in the chart.
 
-        The logarithm of each is taken on the branch that the edge from the one before leads to, from the
-        first on that is not there already.
+        The logarithm of each node is taken on the branch to which the edge from the node before leads.
 
         Args:
             attitudes: (m + 1, 3, 3) in the order of the motion, the first one that of the chart.
-            turns: (m, 3) rad, rotation of each edge in the axes of its first node.
+            turns: (m, 3) rad, rotation vector of each edge in the axes of its first node.
             places: (m + 1,) of the nodes in [0, 1].
 
         Returns:
@@ -65,9 +65,13 @@ class Chart:
     def departures(
         self, attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Departures ``eta`` (m + 1, 3) of nodes, of at most half a turn each, and their changes.
+        """Compute departures ``eta`` of nodes from the steady motion, and their changes along edges.
 
-        Arguments as of `coordinates`. The changes (m, 3) are those along each edge, to first order.
+        Arguments are those of `coordinates`.
+
+        Returns:
+            Departures (m + 1, 3) in rad of at most half a turn each, and changes (m, 3) in rad along each
+            edge, to first order.
         """
         back = so3.exp(-places[:, None] * self.turn / 2)  # U^T
         eta = so3.log(back @ (self.attitude.T @ attitudes) @ back)
@@ -76,15 +80,18 @@ class Chart:
 
 
 def fitting(attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray) -> tuple[Chart, np.ndarray]:
-    """The chart from the first node to the last in which all nodes lie nearest to the steady motion.
+    """Choose the chart from the first node to the last in which all nodes lie nearest to the steady motion.
+
+    The candidates turn the short and the long way round the same axis; the latter is tried only if nodes lie
+    farther than `_NEAR` off the former.
 
     Args:
         attitudes: (m + 1, 3, 3) body to inertial.
-        turns: (m, 3) rad, rotation of each edge in the axes of its first node.
+        turns: (m, 3) rad, rotation vector of each edge in the axes of its first node.
         places: (m + 1,) in [0, 1].
 
     Returns:
-        The chart, and ``b`` (m + 1, 3) at the nodes.
+        The chart, and ``b`` (m + 1, 3) at the nodes, rad.
     """
 
     def about(turn: np.ndarray) -> tuple[float, Chart, np.ndarray]:
@@ -101,20 +108,23 @@ def fitting(attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray) -> tup
 
 
 def farthest(chart: Chart, b: np.ndarray, places: np.ndarray) -> float:
-    """Largest ``|eta|`` of the nodes, rad; infinite where the last one is not the chart's own end."""
+    """Largest ``|eta|`` of the nodes in rad; inf where the last node is not at the chart's own end."""
     eta = b - places[:, None] * chart.turn
     distances = np.linalg.norm(eta, axis=1)
     return float(np.max(distances)) if distances[-1] < 1 else np.inf
 
 
 def _windings(before: np.ndarray, step: np.ndarray, own: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Whole turns by which rotation vectors must be longer to lie where steps from others lead, (...).
+    """Number of whole turns to add to rotation vectors so that they come out where a step leads.
 
     Args:
-        before: (..., 3) rad, the others.
-        step: (..., 3) rad, the steps from these.
-        own: (..., 3) rad, the vectors, each up to whole turns.
-        angle: (...) rad, their lengths.
+        before: (..., 3) rad, where the step begins.
+        step: (..., 3) rad, the step, to first order.
+        own: (..., 3) rad, the vectors at its end, each known up to whole turns.
+        angle: (...) rad, lengths of `own`.
+
+    Returns:
+        (...) whole numbers as floats; zero for vectors without length.
     """
     ahead = np.sum((before + step) * own, axis=-1) / np.maximum(angle, _NO_ANGLE)
     return np.where(angle > _NO_ANGLE, np.round((ahead - angle) / (2 * np.pi)), 0.0)

@@ -1,16 +1,16 @@
 """Constraints of the spline fit as blocks of linear rows near curves: joints, tubes, loads and margins.
 
-The curves of a stack are looked at together, G of them, each with its own rows; sizes and their letters are
-those of `motion`. A *row* is the inequality ``slopes . dc + time * dT / T <= slack`` for a change ``dc`` of
-the coefficients and ``dT`` of the duration; its *slack*, what is left to the bound, is negative if it is
-broken. A block knows the slack of all its rows and how a step changes it, and writes out only the rows that a
-program asks for. The derivatives of a row in the coefficients (n, A) are a product of a row of the axes and
-one of the basis, or a sum of P such products: slopes are pairs of arrays (R, P, A) and (R, P, n).
+The G curves of a stack are handled together, each with its own rows; letters of sizes are those of `motion`.
+A *row* is the inequality ``slopes . dc + time * dT / T <= slack`` for a change ``dc`` of the coefficients and
+``dT`` of the duration; its *slack*, what is left to the bound, is negative if it is broken. A block holds the
+slack of all its rows and how a step changes it, and writes out only the R rows that a program asks for. The
+derivatives of a row in the coefficients (n, A) are a product of a row of the axes and one of the basis, or a
+sum of P such products: slopes are pairs of arrays (R, P, A) and (R, P, n).
 
-Rows of joints by the coefficients, and of nodes in a tube, are true of every step. All values of a spline lie
-between the least and the largest of its coefficients, and those of a derivative likewise, so what holds for
-the coefficients holds at every instant. Rows of the platform's loads and of margins are linearised at places
-close to each other.
+Rows of joints by the coefficients, and of nodes in a tube, are exact for every step. All values of a spline
+lie between the least and the largest of its coefficients, and those of a derivative likewise, so what holds
+for the coefficients holds at every instant. Rows of the platform's loads and of margins are linearised at
+places close to each other.
 """
 
 from collections.abc import Iterator
@@ -23,25 +23,25 @@ from jaxplan.geometry.vectors import cross, dot
 from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT
 from jaxplan.trajectory.motion import LIMIT, TUBE, ZONE, Iterates, load_slopes, stacked, taken
 
-_NEAR_SHARE = 0.15  # of a limit or tube; rows with less slack are in a program from the start
-_NEAR_ANGLE = float(np.deg2rad(1.0))  # rad; the same for angles
-_FAR_SHARE = 0.5  # of a limit; with more slack at every place a step is assumed not to reach it
-_STRIDE = 4  # rows at one of so many places enter a program, besides those of locally least slack
-_NEAR_AXIS = 1e-6  # least sine of an angle to a row's axis, where the margin has no slope
+_NEAR_SHARE = 0.15  # of a limit or tube radius; rows with less slack are in a program from the start
+_NEAR_ANGLE = float(np.deg2rad(1.0))  # rad; the same for slacks that are angles
+_FAR_SHARE = 0.5  # of a limit; if slack is larger at every place, a step is assumed not to reach it
+_STRIDE = 4  # rows at every `_STRIDE`-th place enter a program, besides those of locally least slack
+_NEAR_AXIS = 1e-6  # least sine of the angle to a row's axis that is divided by; at 0 there is no slope
 
-SIGNS = np.array([1.0, -1.0])  # of a bound on both sides
+SIGNS = np.array([1.0, -1.0])  # of the two rows of a bound on both sides
 
 Index = tuple[np.ndarray, ...]  # indices (R,) of rows along each axis of a slack, the curve's first
 Slopes = tuple[np.ndarray, np.ndarray]  # (R, P, A) of the axes and (R, P, n) of the basis
 
 
 def numbers(chosen: np.ndarray) -> Index:
-    """Indices of the true entries of (G, ...) bool: `np.nonzero`, much faster where they are few."""
+    """Indices of the true entries of a bool array, like `np.nonzero` but much faster where they are few."""
     return np.unravel_index(np.flatnonzero(chosen), chosen.shape)
 
 
 def lowest(slack: np.ndarray) -> np.ndarray:
-    """Bool like the slack: whether it is no larger than its neighbours along the second to last axis."""
+    """Bool array like `slack`, true where it is no larger than its neighbours on the second to last axis."""
     kept = np.ones(slack.shape, dtype=bool)
     with np.errstate(invalid="ignore"):
         down = slack[..., 1:, :] <= slack[..., :-1, :]
@@ -55,18 +55,18 @@ def lowest(slack: np.ndarray) -> np.ndarray:
 class LinearBlock:
     """Rows ``|matrix . c - centre| scale <= bound`` of some axes, (G, 2, r, a) with both signs.
 
-    They are those of rates, accelerations and angles of the joints, and of nodes in a tube. Slacks are shares
-    of the bound or, of angles, in rad. Here r counts the rows of the matrix, a the axes.
+    They are those of rates, accelerations and angles of the joints, and of nodes in a tube. Slacks are
+    fractions of the bound or, for angles, in rad. Here r counts the rows of the matrix, a the axes concerned.
 
     Attributes:
-        name: unique among the blocks of a fit, as of every block.
+        name: unique among the blocks of a fit.
         kind: `LIMIT` or `TUBE`.
-        power: the power of 1 / duration that the values have.
+        power: the power of 1 / duration to which the values are proportional.
         tolerance: rows with less slack are in a program from the start.
         coefficients: (G, n, A) ``c``.
-        matrix: (G, r, n).
+        matrix: (G, r, n) from coefficients to values, such as derivatives.
         scale: (G, a), of the last a of the A axes.
-        centre: (G, r, a).
+        centre: (G, r, a), in the unit of the values.
         bound: (G, 1, 1, a).
     """
 
@@ -83,67 +83,68 @@ class LinearBlock:
 
     @property
     def _first(self) -> int:
-        """The first of the axes that the rows are about, which are the last ones."""
+        """Index of the first axis that the rows concern; they concern all axes from there on."""
         return self.coefficients.shape[2] - self.scale.shape[1]
 
     @cached_property
     def slack(self) -> np.ndarray:
-        """(G, 2, r, a), zero where a row just holds."""
+        """What is left to the bound, negative if broken: (G, 2, r, a) for curves, signs, rows and axes."""
         value = (self.matrix @ self.coefficients[:, :, self._first :] - self.centre) * self.scale[:, None]
         return self.bound - np.stack([value, -value], axis=1)
 
     @property
     def may_bind(self) -> np.ndarray:
-        """Whether a step may break any of a curve's rows, (G,) bool: always."""
+        """(G,) bool for each curve, whether a step may break any of its rows: always true."""
         return np.ones(len(self.coefficients), dtype=bool)
 
     def time(self, index: Index) -> np.ndarray:
-        """Derivatives (R,) of the rows of these indices in the logarithm of the duration."""
+        """Derivative in the logarithm of the duration of each of the R indexed rows' values."""
         return np.full(len(index[0]), -float(self.power))
 
     def relief(self, which: np.ndarray, stretch: np.ndarray) -> np.ndarray:
-        """By how much relative changes (g,) of the durations of some curves (g,) add to their slack."""
+        """Slack gained by relative changes `stretch` (g,) of the durations of the curves `which` (g,)."""
         return (self.power * stretch).reshape(-1, *[1] * (self.slack.ndim - 1))
 
     def change(self, which: np.ndarray, coefficients: np.ndarray, _: np.ndarray) -> np.ndarray:
-        """By how much a step of some curves lessens their slack, (g, ...), the duration staying as it is.
+        """How much slack each row of some curves loses by a step at an unchanged duration, (g, 2, r, a).
 
         Args:
             which: (g,) numbers of the curves.
             coefficients: (g, n, A) their changes.
-            _: (g, 4, S, A) changes of the curves and of their derivatives at the places.
+            _: (g, 4, S, A) changes of the curves and of their derivatives at the places; not used here.
         """
         matrix, scale = taken(self.matrix, which), self.scale[which][:, None]
         value = matrix @ coefficients[:, :, self._first :] * scale
         return np.stack([value, -value], axis=1)
 
     def slopes(self, index: Index) -> Slopes:
-        """Derivatives of the rows of these indices in the coefficients, see `Slopes`."""
+        """Derivatives of the indexed rows in the coefficients, as a pair of arrays (see the module)."""
         curve, sign, row, axis = index
         axes = np.zeros((len(axis), 1, self.coefficients.shape[2]))
         axes[np.arange(len(axis)), 0, self._first + axis] = SIGNS[sign] * self.scale[curve, axis]
         return axes, self.matrix[curve, row][:, None]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Bool (g, ...), the rows to take of those `wanted` of some curves, given their slack: all."""
+        """Select the rows to take among those `wanted` of some curves, given their slack: here all."""
         return wanted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoadBlock:
-    """One of the platform's loads at the places, as shares of its limit: rows (G, S, 2, c).
+    """One of the platform's loads at the places, as fractions of its limit: rows (G, S, 2, c), of both signs.
 
-    Rows are linearised at the curve. For the length of a vector, which is convex, this lets a step pass the
-    limit to second order, by turning the vector; the next program corrects that.
+    Rows are linearised at the curve. For the length of a vector, which is convex, a step may exceed the limit
+    to second order, by turning the vector; the next program corrects that.
 
     Attributes:
         name: of the load.
-        power: the power of 1 / duration that it has.
-        own: its components among those of all loads, c of them.
+        power: the power of 1 / duration to which it is proportional.
+        own: slice of its c components among those of all loads.
         at: the curves.
         scale: (G, c) 1 / (limit * duration^power).
-        lesser: where its lesser parts are among all loads, which fall by one power less, and what their scale
-            (G, c) is beyond `scale`, which is that of the whole; None without.
+        lesser: the slice of its lesser parts, which fall by one power less, among all loads, and the scale
+            (G, c) that they have beyond `scale`, by which they count as part of the whole already; None
+            without.
     """
 
     name: str
@@ -158,21 +159,22 @@ class LoadBlock:
 
     @cached_property
     def slack(self) -> np.ndarray:
-        """(G, S, 2, c) shares of the limit, for a load and its negative; see `Stack.with_peaks`."""
+        """Fraction of each limit that is left: (G, S, 2, c) for curves, places, signs and components."""
         shares = self.at.loads[:, :, self.own] * self.scale[:, None]
         if self.lesser is not None:
             part, scale = self.lesser
             shares = shares + self.at.loads[:, :, part] * scale[:, None]
         stack = self.at.stack
-        between = stack.members[0].hastens and self.lesser is None  # as of `Stack.needed_durations`
+        between = stack.members[0].hastens and self.lesser is None  # as in `Stack.needed_durations`
         return 1 - stack.with_peaks(SIGNS[:, None] * shares[:, :, None], between)
 
     @cached_property
     def _falls(self) -> np.ndarray | None:
-        """(G, S, 2, c) by how much shares fall with the logarithm of the duration; None for their power's.
+        """How fast fractions of the limit fall with the logarithm of the duration, shaped like `slack`.
 
-        It is that of rows at their bound, or of ``a + b T <= limit T^p`` with the duration ``T``: so, as of a
-        power alone, what a curve changes of a row does not depend on what the duration does.
+        None if for all rows this is `power`. Otherwise it is that of rows at their bound, or of
+        ``a + b T <= limit T^p`` with the duration ``T``: so, as for a power alone, what a curve changes of a
+        row does not depend on what the duration does.
         """
         if self.lesser is None:
             return None
@@ -181,24 +183,24 @@ class LoadBlock:
         return self.power - SIGNS[:, None] * slow[:, :, None]
 
     def time(self, index: Index) -> np.ndarray:
-        """Derivatives (R,) of the rows of these indices in the logarithm of the duration."""
+        """See `LinearBlock.time`."""
         if self._falls is None:
             return np.full(len(index[0]), -float(self.power))
         return np.asarray(-self._falls[index])
 
     def relief(self, which: np.ndarray, stretch: np.ndarray) -> np.ndarray:
-        """By how much relative changes (g,) of the durations of some curves (g,) add to their slack."""
+        """See `LinearBlock.relief`."""
         if self._falls is None:
             return (self.power * stretch).reshape(-1, 1, 1, 1)
         return np.asarray(taken(self._falls, which) * stretch[:, None, None, None])
 
     @cached_property
     def may_bind(self) -> np.ndarray:
-        """(G,) whether a step may take a curve to a row's bound."""
+        """(G,) bool for each curve, whether a step may reach a bound: unless all its slacks are large."""
         return ~np.all(self.slack > _FAR_SHARE, axis=(1, 2, 3))
 
     def _local(self, curve: int) -> np.ndarray:
-        """Derivatives (S, c, 4, B) of the load over its limit in the first B axes of one curve."""
+        """Derivatives of a curve's load over its limit, (S, c, 4, B): place, component, derivative, axis."""
         slopes = load_slopes(self.at, curve)
         found = slopes[:, self.own] * self.scale[curve, :, None, None]
         if self.lesser is not None:
@@ -207,7 +209,7 @@ class LoadBlock:
         return found
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
-        """By how much a step lessens the slack of every row, see `LinearBlock.change`."""
+        """How much slack each row of the curves `which` loses by a step; see `LinearBlock.change`."""
         change = np.empty((len(which), *self.slack.shape[1:]))
         for own, curve in enumerate(which.tolist()):
             local = self._local(curve)
@@ -216,7 +218,7 @@ class LoadBlock:
         return change
 
     def slopes(self, index: Index) -> Slopes:
-        """Derivatives of the rows of these indices in the coefficients: four products, one by derivative."""
+        """Derivatives of the indexed rows in the coefficients: a sum of four products, one by derivative."""
         curve, place, sign, axis = index
         axes = np.zeros((len(place), 4, self.at.curves.shape[3]))
         for each in np.unique(curve).tolist():
@@ -226,7 +228,7 @@ class LoadBlock:
         return axes, self.at.stack.rows[curve, :, place]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Those `wanted`, thinned out by `_telling`; all at the last place, where a load may be the worst."""
+        """Select `wanted` rows at every few places, at local minima of slack, and at the last place."""
         kept = _telling(slack)
         kept[:, -1] = True
         return wanted & kept
@@ -234,11 +236,11 @@ class LoadBlock:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MarginBlock:
-    """Margins at the places, in rad: rows (G, S, D, Z).
+    """Margins at the places, in rad: rows (G, S, D, Z) for curves, places, sights and rows of constraints.
 
     Attributes:
         at: the curves.
-        slack: (G, S, D, Z) margins beyond what is wanted.
+        slack: (G, S, D, Z) rad, margins beyond what is wanted, +inf where a row does not bind a sight.
     """
 
     at: Iterates
@@ -251,25 +253,25 @@ class MarginBlock:
 
     @cached_property
     def may_bind(self) -> np.ndarray:
-        """(G,) whether a step may take a curve to a row's bound."""
+        """(G,) bool for each curve, whether a step may reach a bound: if any of its slacks is finite."""
         return np.any(np.isfinite(self.slack), axis=(1, 2, 3))
 
     def time(self, index: Index) -> np.ndarray:
-        """Derivatives (R,) of the rows of these indices in the logarithm of the duration: zero."""
+        """See `LinearBlock.time`; zero for margins."""
         return np.full(len(index[0]), -float(self.power))
 
     def relief(self, which: np.ndarray, stretch: np.ndarray) -> np.ndarray:
-        """By how much relative changes (g,) of the durations of some curves (g,) add to their slack: zero."""
+        """See `LinearBlock.relief`; zero for margins."""
         return np.zeros((len(which), 1, 1, 1))
 
     @cached_property
     def _known(self) -> tuple[np.ndarray, np.ndarray]:
-        """Which rows' slopes are known, (G, S, D, Z) bool, and these, (G, S, D, Z, A)."""
+        """Cache of slopes: which are known, a bool array like `slack`, and their values by axis (last)."""
         shape = self.slack.shape
         return np.zeros(shape, dtype=bool), np.empty((*shape, self.at.curves.shape[3]))
 
     def _local(self, index: Index) -> np.ndarray:
-        """Derivatives (R, A) of some margins in ``b`` and the joints, each computed once for all rounds."""
+        """Derivatives (R, A) of the indexed margins in each axis (``b`` and joints), computed only once."""
         known, slopes = self._known
         new = ~known[index]
         if np.any(new):
@@ -278,7 +280,7 @@ class MarginBlock:
         return np.asarray(slopes[index])
 
     def change(self, which: np.ndarray, _: np.ndarray, curves: np.ndarray) -> np.ndarray:
-        """By how much a step lessens slacks, zero where they surely stay large; see `LinearBlock.change`."""
+        """How much slack each row loses by a step; zero for rows whose slack surely stays large."""
         slack, moved = taken(self.slack, which), curves[:, 0]
         own, *rest = numbers(slack < self.tolerance + margin_reach(self.at, which, moved))
         local = self._local((which[own], *rest))
@@ -287,12 +289,12 @@ class MarginBlock:
         return change
 
     def slopes(self, index: Index) -> Slopes:
-        """Derivatives of the rows of these indices in the coefficients, see `Slopes`."""
+        """Derivatives of the indexed rows in the coefficients, as a pair of arrays (see the module)."""
         local = -self._local(index)
         return local[:, None], self.at.stack.rows[index[0], 0, index[1]][:, None]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Those `wanted`, thinned out by `_telling`; of each constraint only the entry that holds best."""
+        """Select `wanted` rows at every few places and at local minima of slack, if their slack is finite."""
         return wanted & _telling(slack) & np.isfinite(self.slack[which])
 
 
@@ -300,7 +302,7 @@ ConstraintBlock = LinearBlock | LoadBlock | MarginBlock
 
 
 def _telling(slack: np.ndarray) -> np.ndarray:
-    """Bool like the slack: rows at every `_STRIDE`-th place (second axis) and at local minima of it."""
+    """Bool array like `slack`, true at every `_STRIDE`-th place (second axis) and at its local minima."""
     kept = np.zeros(slack.shape, dtype=bool)
     kept[:, ::_STRIDE] = True
     with np.errstate(invalid="ignore"):
@@ -309,7 +311,7 @@ def _telling(slack: np.ndarray) -> np.ndarray:
 
 
 def constraint_blocks(at: Iterates) -> Iterator[ConstraintBlock]:
-    """All constraints of a stack of problems as blocks of rows near the curves `at`."""
+    """Yield all constraints of a stack of problems as blocks of rows near the curves `at`."""
     stack = at.stack
     kind, c = stack.members[0], at.coefficients
     differences = [own.space.basis.differences for own in stack.members]
@@ -342,20 +344,20 @@ def constraint_blocks(at: Iterates) -> Iterator[ConstraintBlock]:
 
 
 def margin_reach(at: Iterates, which: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Bound on how much a step changes margins: no more than sight and axis turn, seen from each other.
+    """Bound on how much a step changes margins: the angles by which sight and axis turn, added up.
 
     Args:
         at: the curves.
         which: (g,) numbers of the curves.
-        step: (g, S, A) change of ``b`` and joints.
+        step: (g, S, A) rad, change of ``b`` and joints at the places.
 
     Returns:
-        (g, S, D, Z) rad, or (g, S, D, 1) where it is the same of all rows.
+        (g, S, D, Z) rad, or (g, S, D, 1) where it is the same for all rows.
     """
     stack, moved, gimbals = at.stack, np.abs(step), at.stack.gimbals
     x, y, z = np.moveaxis(moved[:, :, :3], 2, 0)
     platform = np.sqrt(x * x + y * y + z * z)[:, :, None]
-    joints = np.zeros((*moved.shape[:2], gimbals.count + 1))  # the last of what no device carries
+    joints = np.zeros((*moved.shape[:2], gimbals.count + 1))  # the last is for what no device carries
     joints[:, :, :-1] = sum(gimbals.parts(moved[:, :, 3:]))
     own = np.take_along_axis(joints, stack.columns["carriers"][which][:, None], axis=2)
     if not stack.has_inner:
@@ -368,7 +370,7 @@ def margin_reach(at: Iterates, which: np.ndarray, step: np.ndarray) -> np.ndarra
 def margin_slopes(
     at: Iterates, curve: np.ndarray, place: np.ndarray, sight: np.ndarray, row: np.ndarray
 ) -> np.ndarray:
-    """Derivatives of some margins in ``b`` and the joints.
+    """Derivatives of some margins in ``b`` and the joint angles.
 
     Args:
         at: the curves.
@@ -378,8 +380,8 @@ def margin_slopes(
         row: (R,) index of the row of the constraints.
 
     Returns:
-        (R, A) derivatives of ``side * (angle - half angle)``, where the angle changes by ``-d cos / sin``; of
-        rows of joints these are their weights.
+        (R, A) derivatives of ``side * (angle - half angle)``, where the angle changes by ``-d cos / sin``;
+        for rows of joints these are their weights ``f``.
     """
     stack = at.stack
     cones, moves = stack.columns, stack.members[0].problem.cones.paths
@@ -421,7 +423,7 @@ def _add_turns(
     seen: np.ndarray,
     other: np.ndarray,
 ) -> None:
-    """Add to slopes (R, A), in place, the derivatives of ``seen . other`` in the joints that turn the sight.
+    """Add to `slopes`, in place, the derivatives of ``seen . other`` in the joints that turn the sight.
 
     Args:
         slopes: (R, A) in ``b`` and the joints.

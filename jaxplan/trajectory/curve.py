@@ -1,4 +1,4 @@
-"""A trajectory as data: polynomial pieces on charts of SO(3), and what they evaluate to.
+"""A trajectory as data: polynomial pieces on charts of SO(3), and functions that evaluate it.
 
 A chart moves with a constant rotation. On the piece ``[t_k, t_{k+1}]`` of the platform, in the chart with
 base attitude ``R_a``, start ``t_a`` and constant rate ``Omega`` (equation 25, corrected as in the errata's
@@ -7,11 +7,14 @@ derivation):
     R(t) = R_a gamma(t),   gamma(t) = U exp(eta^) U,   U = exp((t - t_a) Omega^ / 2),
     eta(t) = b(t) - (t - t_a) Omega.
 
-``b`` and the joints are polynomials in the Legendre basis of ``x = 2 (t - t_k) / (t_{k+1} - t_k) - 1`` in
-[-1, 1]. Angular velocity and acceleration are in body axes.
+The chart's coordinates ``b`` and the joint angles are polynomials in the Legendre basis of
+``x = 2 (t - t_k) / (t_{k+1} - t_k) - 1``, which runs from -1 to 1 on the piece. Attitudes ``R`` take body to
+inertial axes. Angular velocity and its derivatives are in body axes.
 
 In the formulas of a piece ``tau = t - t_a``, ``W = U^T``, and ``D`` is the right Jacobian of `so3`. Nothing
-divides by ``Omega`` or ``eta``: values and derivatives are right at zero.
+divides by ``Omega`` or ``eta``: values and derivatives are right at zero. In shapes, l (or p) is the degree
+of the polynomials, N and M are the numbers of pieces of platform and joints, 2n is the number of joint angles
+and m + 1 that of nodes.
 
 The spline fit has one chart for a whole manoeuvre (`jaxplan.trajectory.chart`).
 """
@@ -35,22 +38,22 @@ from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import is_traced
 from jaxplan.trajectory.splines import derivative_matrix, legendre
 
-_TIMES = 4096  # the most times sampled at once; with all intermediate results, more would take much memory
+_TIMES = 4096  # most times sampled at once; intermediate results for more would take much memory
 
 
 @shown("start s", "end s", "chart_rate deg/s", "coefficients rad")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Piece:
-    """A piece of the platform's motion, or several along leading axes.
+    """A piece of the platform's motion, or several stacked along leading axes (...).
 
     Attributes:
-        start: (...) s.
-        end: (...) s.
+        start: (...) s, when the piece begins.
+        end: (...) s, when it ends.
         chart_attitude: (..., 3, 3) ``R_a``, body to inertial.
         chart_start: (...) s, ``t_a``.
         chart_rate: (..., 3) rad/s, ``Omega``.
-        coefficients: (..., l + 1, 3) of ``b``, rad.
+        coefficients: (..., l + 1, 3) Legendre coefficients of ``b``, rad.
     """
 
     start: ArrayLike
@@ -62,16 +65,18 @@ class Piece:
 
 
 def polynomial(coefficients: ArrayLike, start: ArrayLike, end: ArrayLike, t: ArrayLike) -> tuple[Array, ...]:
-    """A curve and its first three time derivatives.
+    """Evaluate a polynomial curve and its first three time derivatives.
 
     Args:
-        coefficients: (..., l + 1, d) in the Legendre basis of ``x = 2 (t - start) / (end - start) - 1``.
-        start: (...) s.
-        end: (...) s; on a piece of no length the curve rests at its left end.
-        t: (...) s.
+        coefficients: (..., l + 1, d) of d components, in the Legendre basis of
+            ``x = 2 (t - start) / (end - start) - 1``.
+        start: (...) s, of the piece.
+        end: (...) s, of the piece; on a piece of no length the curve rests at its left end.
+        t: (...) s, not checked to lie on the piece.
 
     Returns:
-        Four arrays (..., d): value, 1/s, 1/s^2, 1/s^3.
+        Four arrays (..., d): value, first, second and third derivative, in the coefficients' unit over s^0 to
+        s^3. Numpy or JAX, as the arguments are.
     """
     xp, c, begin, finish, time = arrays(coefficients, start, end, t)
     order = c.shape[-2] - 1
@@ -79,23 +84,25 @@ def polynomial(coefficients: ArrayLike, start: ArrayLike, end: ArrayLike, t: Arr
     scale = xp.where(length > 0, 2 / xp.where(length > 0, length, 1), 0)[..., None]  # dx / dt
     values = legendre((time - begin) * scale[..., 0] - 1, order)
     powers = [np.linalg.matrix_power(derivative_matrix(order), power) for power in range(4)]
-    # a row by itself, so that a time's values do not depend on how many there are
+    # Each row is multiplied by itself, so that the values at a time do not depend on the number of times.
     rows = values[..., None, :] @ xp.asarray(np.concatenate(powers, axis=1), c.dtype)
     curves = xp.einsum("...rk,...kd->...rd", rows.reshape(*values.shape[:-1], 4, order + 1), c)
     return tuple(curves[..., power, :] * scale**power for power in range(4))
 
 
 def chart_motion(rate: AnyArray, tau: AnyArray, b: AnyArray, *derivatives: AnyArray) -> tuple[AnyArray, ...]:
-    """Rotation, angular velocity, acceleration and perhaps jerk in a chart (equations 25 to 29).
+    """Rotation, angular velocity, acceleration and, if asked for, jerk in a chart (equations 25 to 29).
 
     Args:
         rate: (..., 3) rad/s, ``Omega``.
         tau: (..., 1) s since the chart's start.
         b: (..., 3) rad.
-        *derivatives: (..., 3) of ``b``, rad/s and rad/s^2, for the jerk also rad/s^3.
+        *derivatives: (..., 3) each: first and second time derivative of ``b`` (rad/s, rad/s^2); with the
+            third (rad/s^3) the jerk is returned, too.
 
     Returns:
-        ``gamma`` (..., 3, 3), and a derivative each: (..., 3) rad/s, rad/s^2 and rad/s^3, body axes.
+        ``gamma`` (..., 3, 3), then angular velocity, acceleration and perhaps jerk, (..., 3) each in rad/s,
+        rad/s^2 and rad/s^3, body axes.
     """
     cross = array_module(rate, tau, b).cross
     eta, (eta_1, eta_2, *eta_3) = b - tau * rate, (derivatives[0] - rate, *derivatives[1:])
@@ -119,14 +126,14 @@ def chart_motion(rate: AnyArray, tau: AnyArray, b: AnyArray, *derivatives: AnyAr
 
 
 def platform(piece: Piece, t: ArrayLike) -> tuple[AnyArray, ...]:
-    """Attitude, angular velocity, angular acceleration and angular jerk on a piece.
+    """Evaluate attitude, angular velocity, angular acceleration and angular jerk on a piece.
 
     Args:
         piece: one or several, with leading axes (...).
         t: (...) s.
 
     Returns:
-        (..., 3, 3) body to inertial, then (..., 3) in rad/s, rad/s^2 and rad/s^3, body axes.
+        (..., 3, 3) body to inertial, then (..., 3) each in rad/s, rad/s^2 and rad/s^3, body axes.
     """
     _, time, start, rate, attitude = arrays(t, piece.chart_start, piece.chart_rate, piece.chart_attitude)
     along = polynomial(piece.coefficients, piece.start, piece.end, time)
@@ -135,12 +142,12 @@ def platform(piece: Piece, t: ArrayLike) -> tuple[AnyArray, ...]:
 
 
 def _apply(matrix: AnyArray, vector: AnyArray) -> AnyArray:
-    """Matrices (..., 3, 3) times vectors (..., 3)."""
+    """Multiply matrices (..., 3, 3) by vectors (..., 3)."""
     return array_module(matrix, vector).einsum("...ij,...j->...i", matrix, vector)
 
 
 def _apply_transposed(matrix: AnyArray, vector: AnyArray) -> AnyArray:
-    """Transposes of matrices (..., 3, 3) times vectors (..., 3)."""
+    """Multiply the transposes of matrices (..., 3, 3) by vectors (..., 3)."""
     return array_module(matrix, vector).einsum("...ij,...i->...j", matrix, vector)
 
 
@@ -157,14 +164,14 @@ def _apply_transposed(matrix: AnyArray, vector: AnyArray) -> AnyArray:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Samples:
-    """A trajectory's values at some times; the leading axis is absent for a single time.
+    """Values of a trajectory at k times; for a single time the leading axis is absent.
 
     Attributes:
         attitude: (k, 3, 3) body to inertial.
         angular_velocity: (k, 3) rad/s, body axes.
-        angular_acceleration: (k, 3) rad/s^2, its derivative.
-        angular_jerk: (k, 3) rad/s^3, the derivative of that; it may jump at breaks.
-        joints: (k, 2n) rad, all yaws then all pitches.
+        angular_acceleration: (k, 3) rad/s^2, derivative of the angular velocity in body axes.
+        angular_jerk: (k, 3) rad/s^3, derivative of the angular acceleration; it may jump at breaks.
+        joints: (k, 2n) rad, all yaws, then all pitches, then angles of drives if there are any.
         joint_rates: (k, 2n) rad/s.
         joint_accelerations: (k, 2n) rad/s^2.
         joint_jerks: (k, 2n) rad/s^3; they may jump at breaks.
@@ -181,18 +188,21 @@ class Samples:
 
     @property
     def quaternion(self) -> np.ndarray:
-        """(k, 4) attitude as ``x y z w``, body to inertial, as scipy has it; no sign jumps between rows."""
+        """(k, 4) unit quaternions, scalar last (``x y z w`` as in scipy), body to inertial.
+
+        The sign is chosen so that it does not jump from one row to the next.
+        """
         scalar_first = quaternion.continuous(self.attitude)
         rolled: np.ndarray = scalar_first[..., [1, 2, 3, 0]]
         return rolled
 
     def kinematics(self, craft: Spacecraft, total: AnyArray | None = None) -> Kinematics:
-        """The angular velocities, joint rates and so on from which limited quantities are computed.
+        """Return the kinematic state from which the limited quantities are computed.
 
         Args:
-            craft: gives the inertia, the wheels and the number of drives.
-            total: (3,) N m s, total momentum in inertial axes, see `total_momentum`; None where no quantity
-                of wheels is asked for.
+            craft: gives the inertia, the wheels, the gimbal stages and the number of drives.
+            total: (3,) N m s, total momentum in inertial axes, see `total_momentum`; None if no quantity of
+                wheels is asked for.
         """
         spin = (self.angular_velocity, self.angular_acceleration, self.angular_jerk)
         joints = (self.joints, self.joint_rates, self.joint_accelerations)
@@ -215,12 +225,12 @@ class Trajectory:
 
     Attributes:
         breaks: (N + 1,) s, ends of the platform's pieces, from 0 to the duration.
-        chart_attitude: (N, 3, 3) ``R_a`` of the chart that each piece is in.
+        chart_attitude: (N, 3, 3) ``R_a`` of the chart of each piece, body to inertial.
         chart_start: (N,) s, ``t_a``.
         chart_rate: (N, 3) rad/s, ``Omega``.
         coefficients: (N, p + 1, 3) Legendre coefficients of ``b``, rad.
         joint_breaks: (M + 1,) s, ends of the joints' pieces.
-        joint_coefficients: (M, p + 1, 2n) Legendre coefficients, rad.
+        joint_coefficients: (M, p + 1, 2n) Legendre coefficients of the joint angles, rad.
         node_times: (m + 1,) s, when each node of the path is passed.
         smoothness: number of continuous derivatives at every break.
         method: name of the method that made it.
@@ -239,7 +249,11 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """Seconds from start to goal; raises TypeError in a trace, where `measures.duration` has it."""
+        """Time from start to goal in s, as a Python float.
+
+        Raises:
+            TypeError: if the arrays are traced by JAX; use `measures.duration` there.
+        """
         if is_traced(self.breaks):
             raise TypeError(
                 "trajectory.duration is a number, which has no derivative: "
@@ -249,7 +263,7 @@ class Trajectory:
 
     @property
     def platform_pieces(self) -> Piece:
-        """The platform's pieces, stacked."""
+        """The platform's N pieces, stacked along a leading axis."""
         return Piece(
             start=self.breaks[:-1],
             end=self.breaks[1:],
@@ -260,7 +274,7 @@ class Trajectory:
         )
 
     def sample(self, t: ArrayLike) -> Samples:
-        """The trajectory at given times, from its formulas and in float64.
+        """Evaluate the trajectory at given times, from its formulas and in float64.
 
         Example:
             >>> samples = plan.trajectory.sample(np.linspace(0, plan.trajectory.duration, 1000))
@@ -290,19 +304,19 @@ class Trajectory:
         )
 
     def _sampled(self, times: np.ndarray) -> Samples:
-        """Values at times (k,), s, not checked."""
+        """Evaluate the trajectory at times (k,) in s, which are not checked."""
         on = np.searchsorted(self.breaks[:-1], times, side="right") - 1
         on_joints = np.searchsorted(self.joint_breaks[:-1], times, side="right") - 1
         return _samples(self, on, on_joints, times, times)
 
     def scaled(self, factor: float) -> Self:
-        """The same motion, slower by a factor: rates fall by it, accelerations by its square.
+        """Return the same motion slowed down by a factor: rates fall by it, accelerations by its square.
 
         Args:
-            factor: of all times, positive.
+            factor: by which all times are multiplied, positive; below 1 the motion becomes faster.
 
         Returns:
-            A trajectory that passes the same attitudes and joint angles; the polynomials keep their
+            A new trajectory through the same attitudes and joint angles; the polynomials keep their
             coefficients.
         """
         return replace(
@@ -316,11 +330,11 @@ class Trajectory:
 
 
 def evaluate(trajectory: Trajectory, t: ArrayLike) -> Samples:
-    """What `Trajectory.sample` computes, as a pure function that composes with jit, vmap and grad.
+    """Do the same as `Trajectory.sample` as a pure function that composes with jit, vmap and grad.
 
     Args:
         trajectory: its arrays may be traced.
-        t: (...) s in [0, duration], unchecked; outside, the first or last piece goes on.
+        t: (...) s in [0, duration], not checked; outside, the first or last piece is extrapolated.
 
     Returns:
         JAX arrays with the leading axes of ``t``, in the dtype of the coefficients.
@@ -333,10 +347,11 @@ def evaluate(trajectory: Trajectory, t: ArrayLike) -> Samples:
 
 
 def on_common_pieces(trajectory: Trajectory) -> Trajectory:
-    """The same motion, in numpy, on pieces that neither platform nor joints leave: N is then M.
+    """Return the same motion on pieces that platform and joints share, so that N equals M.
 
     Args:
-        trajectory: of numpy arrays; one whose breaks are those of its joints comes back as it is.
+        trajectory: of numpy arrays; if its breaks and joint breaks are equal already, it is returned as it
+            is.
     """
     breaks, joint_breaks = np.asarray(trajectory.breaks), np.asarray(trajectory.joint_breaks)
     if np.array_equal(breaks, joint_breaks):
@@ -363,16 +378,19 @@ def on_common_pieces(trajectory: Trajectory) -> Trajectory:
 
 
 def _parts(coefficients: np.ndarray, start: np.ndarray, end: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Legendre coefficients (k, l + 1, d) of parts of polynomials, each (l + 1, d) on its own interval.
+    """Restrict polynomials to parts of their intervals, each rewritten in the Legendre basis of its part.
 
     Args:
-        coefficients: (k, l + 1, d) of the polynomials.
+        coefficients: (k, l + 1, d) of the k polynomials on their own intervals.
         start: (k,) s, where the interval of each begins.
         end: (k,) s, where it ends.
-        edges: (k + 1,) s, of the parts.
+        edges: (k + 1,) s; part number i reaches from edge i to edge i + 1.
+
+    Returns:
+        (k, l + 1, d) Legendre coefficients on the parts.
     """
     order = coefficients.shape[1] - 1
-    nodes, weights = np.polynomial.legendre.leggauss(order + 1)  # exact to twice the order
+    nodes, weights = np.polynomial.legendre.leggauss(order + 1)  # exact up to twice the degree
     times = edges[:-1, None] + np.diff(edges)[:, None] * (nodes + 1) / 2
     values = polynomial(coefficients[:, None], start[:, None], end[:, None], times)[0]
     basis = np.polynomial.legendre.legvander(nodes, order)
@@ -381,10 +399,11 @@ def _parts(coefficients: np.ndarray, start: np.ndarray, end: np.ndarray, edges: 
 
 
 def total_momentum(trajectory: Trajectory, craft: Spacecraft) -> AnyArray | None:
-    """Total momentum ``H`` of platform and wheels on a trajectory, (3,) N m s in inertial axes.
+    """Total angular momentum ``H`` of platform and wheels on a trajectory, (3,) N m s in inertial axes.
 
-    It stays that of the start: ``R_0 (L_0 + h_0)`` with the momentum ``L = J omega`` of the body and of what
-    joints turn, with numpy or JAX; None without wheels.
+    It is conserved, so that of the start is returned: ``R_0 (L_0 + h_0)`` with the momentum ``L = J omega``
+    of the body (and of what joints turn) and ``h_0`` stored in the wheels. It is numpy or JAX as the
+    arguments are; None for a spacecraft without wheels.
     """
     array = craft.wheel_array
     if array is None:
@@ -402,21 +421,21 @@ def total_momentum(trajectory: Trajectory, craft: Spacecraft) -> AnyArray | None
 
 
 def _begun(starts: ArrayLike, t: Array) -> Array:
-    """Index of the piece that each time falls on: the last one that has begun."""
+    """Index of the piece that each time falls on: the last one that has begun, at least 0."""
     return jnp.maximum(jnp.searchsorted(jnp.asarray(starts), t, side="right") - 1, 0)
 
 
 def _samples(
     trajectory: Trajectory, on: AnyArray, on_joints: AnyArray, t: AnyArray, joint_t: AnyArray
 ) -> Samples:
-    """Values at times on given pieces, with numpy or JAX as the arguments are.
+    """Evaluate a trajectory at times on given pieces, with numpy or JAX as the arguments are.
 
     Args:
         trajectory: to be evaluated.
-        on: (...) int, the platform's piece for each time.
-        on_joints: (...) int, the joints' piece.
+        on: (...) int, index of the platform's piece for each time.
+        on_joints: (...) int, index of the joints' piece for each time.
         t: (...) s, for the platform.
-        joint_t: (...) s, the same in the dtype of the joints.
+        joint_t: (...) s, the same times in the dtype of the joints.
     """
     pieces = trajectory.platform_pieces
     own = Piece(**{each.name: getattr(pieces, each.name)[on] for each in fields(Piece)})

@@ -1,13 +1,14 @@
 """The optimum of a spline fit as a differentiable function of its inputs, by the implicit function theorem.
 
-The conditions of optimality (`optimality`) are followed by Newton's method as the inputs change. As long as
-the same rows bind, the implicit function theorem gives the derivatives of their root in all inputs. Held
-fixed (in an `ActiveSet`) are the rows that bind, their places on the intervals, and the branches of
-logarithms. When each node is passed, and where breaks lie close, follows the pace along the path
-(`schedule`), and with it duration and limits; of nodes that are passed exactly each edge's share is held.
+As the inputs change, Newton's method follows the root of the optimality conditions (`optimality`). As long as
+the same rows bind, the implicit function theorem gives the derivatives of the root in all inputs. The
+following are held fixed, in an `ActiveSet`: the rows that bind, their places on the intervals, and the
+branches of logarithms. When each node is passed, and where breaks lie close, follows the pace along the path
+(`schedule`), and with it duration and limits. If nodes are passed exactly, each edge's share of the path is
+held fixed, too.
 
-Automatic differentiation, forward or reverse, gives ``dz = -K^-1 (dF / d inputs)`` with the matrix ``K``, and
-refuses to differentiate that again.
+Automatic differentiation, forward or reverse, gives ``dz = -K^-1 (dF / d inputs)`` with the matrix ``K``, the
+derivative of the conditions ``F`` in the unknowns ``z``, and refuses to differentiate that again.
 """
 
 from dataclasses import replace
@@ -38,8 +39,8 @@ from jaxplan.trajectory.problem import tube_radius, wanted_margins
 from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
 
-_STEPS = 5  # of Newton's method, at most, before the last one, from which derivatives are taken
-_RESIDUAL = 1e-9  # of the conditions, at which the steps end earlier
+_STEPS = 5  # of Newton's method, at most, before a last one, from which derivatives are taken
+_RESIDUAL = 1e-9  # of the optimality conditions, below which the steps end earlier
 
 
 def gather_inputs(
@@ -50,9 +51,12 @@ def gather_inputs(
     cones: Constraints,
     rates: ArrayLike,
 ) -> tuple[ActiveSet, FitInputs]:
-    """The active set with its breaks moved to the present pace, and the inputs of the optimality conditions.
+    """Collect the inputs of the optimality conditions, and adapt the active set to the present pace.
 
-    Arguments as of `refit`.
+    Arguments are those of `refit`.
+
+    Returns:
+        The active set with its breaks moved to the pace of the path, and the inputs of `optimality`.
     """
     attitudes, joints = jnp.asarray(path.attitudes), jnp.asarray(path.joints)
     duration, places, held = _paced(held, attitudes, joints, craft, settings)
@@ -118,14 +122,17 @@ def gather_inputs(
 def _paced(
     held: ActiveSet, attitudes: Array, joints: Array, craft: Spacecraft, settings: TrajectorySettings
 ) -> tuple[Array, Array, ActiveSet]:
-    """Duration (s), places (m + 1,) of the nodes, and the active set on the breaks, at the pace of a path.
+    """Determine duration and places of the nodes from the pace along a path, and move the breaks accordingly.
 
     Args:
         held: the active set.
-        attitudes: (m + 1, 3, 3) of the nodes.
+        attitudes: (m + 1, 3, 3) of the nodes, body to inertial.
         joints: (m + 1, J) rad.
         craft: its limits determine the pace.
         settings: give the duration where that is a number.
+
+    Returns:
+        The duration in s, the places (m + 1,) of the nodes in [0, 1], and the active set on the moved breaks.
     """
     turns = so3.log(jnp.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
     moves = jnp.diff(joints, axis=0)
@@ -151,7 +158,7 @@ def _paced(
 
 
 def _on_breaks(held: ActiveSet, change: Array) -> ActiveSet:
-    """The active set where the flank's share of the duration is larger by `change`, to first order."""
+    """The active set for a flank whose share of the duration is larger by `change`, to first order."""
     parts: dict[str, Any] = {"": held, "linear": held.linear, "loads": held.loads, "zones": held.zones}
     moved: dict[str, dict[str, Any]] = {owner: {} for owner in parts}
     for name, slope in held.by_flank.items():
@@ -162,7 +169,7 @@ def _on_breaks(held: ActiveSet, change: Array) -> ActiveSet:
 
 
 def _positive(length: Array) -> Traced:
-    """The same lengths, with 1 for those that are not positive, to be divided by."""
+    """Return lengths with 1 in place of those that are not positive, so that they can be divided by."""
     return jnp.where(length > 0, length, 1)
 
 
@@ -174,7 +181,10 @@ def refit(
     cones: Constraints,
     rates: ArrayLike,
 ) -> Trajectory:
-    """The trajectory of a fit whose inputs have changed a little; differentiable in all of them.
+    """Compute the trajectory of a fit whose inputs have changed a little; differentiable in all of them.
+
+    Nothing is checked: where another row comes to bind, or one no longer does, the result is the optimum
+    under the rows that are held.
 
     Args:
         held: the active set of a fit to as many nodes.
@@ -185,8 +195,7 @@ def refit(
         rates: (2, 3 + 2n) rad/s at start and end, of body axes and joints.
 
     Returns:
-        The trajectory, its arrays traced where the inputs are. Nothing is checked: where another row comes to
-        bind, or one does no longer, it is the optimum under the rows that are held.
+        The trajectory, its arrays traced where the inputs are.
     """
     held, inputs = gather_inputs(held, path, spacecraft, settings, cones, rates)
     coefficients, duration = curve_of(held, inputs, implicit_root(_OPTIMALITY, (held, inputs), flat(held)))
@@ -209,12 +218,12 @@ def refit(
 
 
 def _residual(own: tuple[ActiveSet, FitInputs], z: Traced) -> Traced:
-    """`residual` of the equations at ``z``."""
+    """Evaluate `residual` at ``z``; `own` is the active set and the inputs."""
     return residual(*own, z)
 
 
 def _factor(own: tuple[ActiveSet, FitInputs], z: Traced) -> Traced:
-    """LU factors of `matrix`, the equations' derivative in ``z``."""
+    """LU factors of `matrix`, the derivative of the equations in ``z``."""
     return lu_factor(matrix(*own, z))
 
 

@@ -1,4 +1,8 @@
-"""The result of step 3, and what its methods share: checks, the trajectory at rest, messages about limits."""
+"""The result of step 3, and what its methods share: checks, the trajectory at rest, messages about limits.
+
+A path has m + 1 nodes, a spacecraft 2n joint angles. "global" is the method of `strategy`, "paper" that of
+`jaxplan.paper`.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -33,17 +37,20 @@ class Fit:
     """The result of a method of step 3.
 
     Attributes:
-        trajectory: None if no quadratic program had a solution; with LIMITS_TOO_TIGHT, the one that
-            breaks limits, and with UNCERTIFIED, the one that breaks a zone.
+        trajectory: None if no curve was found, or wheels would be full at the goal; else with
+            LIMITS_TOO_TIGHT, the one that breaks limits, and with UNCERTIFIED, the one that breaks a zone or
+            the range of a joint.
         status: OK, LIMITS_TOO_TIGHT, UNCERTIFIED or INFEASIBLE.
-        message: what binds, and of a failure what to change, by the settings' names in a file.
-        note: what was asked for and is not given, of a fit that is OK.
-        origin: how the trajectory came about, with a method ``hold`` from which its derivatives start; None
+        message: which limit is nearest or broken and, for a failure, what to change, by names of settings in
+            a file.
+        note: what was asked for and is not delivered, of a fit that is OK; empty if nothing.
+        origin: how the trajectory came about; its method ``hold`` returns what derivatives start from. None
             where there is no trajectory, or nothing moves.
-        needed_duration: s, at which the same settings keep all limits, and a shorter one may, too; None if
+        needed_duration: s, in which the same settings keep all limits, though a shorter time may do; None if
             none was needed or found.
-        spare: the fit as it was before it went on to the optimum, should that not be certified.
-        full_wheels: whether wheels are full however slow a motion is, which is why it failed.
+        spare: the fit before it was improved to the optimum, for use if the optimum is not certified; else
+            None.
+        full_wheels: whether it failed because wheels are full however slow the motion is.
     """
 
     trajectory: Trajectory | None
@@ -56,7 +63,10 @@ class Fit:
     full_wheels: bool = False
 
     def at_given_nodes(self, numbers: np.ndarray) -> "Fit":
-        """The fit with the times of all given nodes; `numbers` (m + 1,) are theirs among the nodes passed."""
+        """Return the fit with the times of all given nodes, repeated ones included.
+
+        `numbers` (m + 1,) are, for each given node, its index among the nodes that the trajectory passes.
+        """
         curve = self.trajectory
         if curve is None:
             return self
@@ -84,21 +94,22 @@ class FitQuery:
     """What is asked of step 3.
 
     Attributes:
-        path: m + 1 nodes; in the paper's method the edges' costs share out the time.
+        path: m + 1 nodes; in the paper's method the edges' costs determine how the time is divided among
+            them.
         spacecraft: its limits, dynamics included.
         settings: of step 3.
-        cones: the zones, None for none; the paper's method does not look at them.
+        cones: the zones, None for none; the paper's method ignores them.
         node_fractions: (m + 1,) times of the nodes as fractions of the duration, strictly increasing from 0
-            to 1; None for those of the method.
-        start_angular_velocity: (3,) rad/s, body axes; None for rest, as are the next three.
+            to 1; None to leave them to the method.
+        start_angular_velocity: (3,) rad/s, body axes; None for rest, as for the next three.
         start_joint_rates: (2n,) rad/s.
         end_angular_velocity: (3,) rad/s, body axes.
         end_joint_rates: (2n,) rad/s.
-        horizon: s, how long zones that move are followed: after a share of the motion's duration they are
-            where they are after the same share of the horizon.
-        near: a motion near which the shortest one is looked for, on its breaks, if these lie where it
-            switches; None to look for the best.
-        at_most: s, where only a shorter motion is of use: the search for the shortest one ends where it comes
+        horizon: s, assumed duration for zones that move: at a fraction of the motion's duration they are
+            where they are after the same fraction of the horizon.
+        near: a motion near which the shortest one is looked for, on its breaks, if these are concentrated
+            where its acceleration switches; None to look for the best.
+        at_most: s, if only a shorter motion is of use: the search for the shortest one ends once it can come
             to nothing shorter than that.
     """
 
@@ -117,10 +128,14 @@ class FitQuery:
 
 
 def checked(query: FitQuery) -> tuple[Path, np.ndarray]:
-    """Check a query; raises ValueError, by the settings' names in a file, for what makes no sense.
+    """Check a query and return its path and its rates at both ends.
 
     Returns:
         The path in float64, and rates (2, 3 + 2n) rad/s at start and end, of body axes and joints.
+
+    Raises:
+        ValueError: if settings, edge costs, node fractions, nodes or rates are invalid; the message says what
+            is wrong, naming a setting by its key in a file.
     """
     settings, fractions = query.settings, query.node_fractions
     path = _shaped(query.path, query.spacecraft)
@@ -171,7 +186,7 @@ def checked(query: FitQuery) -> tuple[Path, np.ndarray]:
 
 
 def _rate(given: np.ndarray | None, size: int) -> np.ndarray:
-    """A rate as (size,) finite numbers, zeros for None; raises a ValueError for anything else."""
+    """Return a rate as (size,) finite numbers, zeros for None; raise a ValueError for anything else."""
     rate = np.zeros(size) if given is None else np.asarray(given, float)
     if rate.shape != (size,) or not np.all(np.isfinite(rate)):
         raise ValueError(f"a rate at the start or end must be {size} finite numbers")
@@ -187,9 +202,12 @@ def fit_each(
 
     Args:
         queries: what is asked.
-        begin: makes a problem of a query, with the number of each given node among those that are passed; or
-            the fit itself where that is known at once, as where nothing moves.
-        fits: from problems by the number of their query to fits by the same numbers.
+        begin: from a query to the method's problem and, for each given node, its index among those that are
+            passed; or to the fit itself if it is known at once, as where nothing moves.
+        fits: from problems to fits, both as dictionaries by the number of the query.
+
+    Returns:
+        The fits in the order of the queries, with the times of all given nodes.
     """
     begun = [begin(query) for query in queries]
     moving = {number: one for number, one in enumerate(begun) if not isinstance(one, Fit)}
@@ -199,9 +217,12 @@ def fit_each(
 
 
 def _shaped(path: Path, spacecraft: Spacecraft) -> Path:
-    """The path in float64; raises ValueError for nodes that are not this spacecraft's, or no rotations.
+    """Return a path in float64 after a check of its shapes and rotation matrices.
 
-    A number that is not finite is left to the fit.
+    Numbers that are not finite pass; they are left to the fit.
+
+    Raises:
+        ValueError: if there are no nodes, shapes do not fit the spacecraft, or an attitude is no rotation.
     """
     count = len(path.attitudes)
     shapes = {
@@ -224,15 +245,16 @@ def _shaped(path: Path, spacecraft: Spacecraft) -> Path:
 
 
 def at_rest(query: FitQuery, path: Path, order: int, smoothness: int, count: int) -> Fit:
-    """The fit of a path without motion, of duration 0, so that it is sampled at t = 0.
+    """Make the fit of a path without motion: a trajectory at rest.
 
-    Where the duration is a number it rests for the query's horizon.
+    Its duration is 0, so that it can be sampled at t = 0; where the settings give the duration as a number it
+    rests for the query's horizon instead.
 
     Args:
         query: the one that it answers.
         path: of one node.
-        order: of the Legendre basis.
-        smoothness: number of continuous derivatives, as the method's trajectories have.
+        order: degree of the Legendre basis.
+        smoothness: number of continuous derivatives that the method's trajectories have.
         count: number of nodes that were given.
     """
     duration = 0.0 if isinstance(query.settings.duration, str) else query.horizon
@@ -254,19 +276,20 @@ def at_rest(query: FitQuery, path: Path, order: int, smoothness: int, count: int
 
 
 def within_limits(trajectory: Trajectory, peaks: Peaks) -> str:
-    """The message about a trajectory that keeps all limits."""
+    """The message about a trajectory of the paper's method that keeps all limits."""
     nearest = peaks.names[peaks.binding]
     segments = len(trajectory.coefficients)
     return f"{trajectory.duration:.2f} s in {segments} segments; {nearest} is nearest to its limit"
 
 
 def needed_words(duration: float, *, moving: bool, scalable: bool) -> str:
-    """The words on how long a motion within all limits takes, and on what to write into the settings.
+    """Words on how long a motion within all limits takes, and on what to write into the settings.
 
     Args:
-        duration: s, of such a motion; it is rounded up. A quicker one may exist that was not found.
-        moving: whether goal or zones move, and so differ in another duration: then it is a guess.
-        scalable: whether "stretched" may be asked for.
+        duration: s, of such a motion; it is rounded up to hundredths. A quicker motion may exist that was not
+            found.
+        moving: whether goal or zones move, and so differ in another duration: then the duration is a guess.
+        scalable: whether "stretched" may be recommended, too.
     """
     number = f"{math.ceil(duration * 100) / 100:.2f}"
     told = f"at most {number} s are needed"
@@ -282,8 +305,8 @@ def too_tight(duration: float, peaks: Peaks, needed: str | None, else_try: str) 
     Args:
         duration: the one asked for, s.
         peaks: of the trajectory.
-        needed: the words of `needed_words`; None where no duration was found in which limits are kept.
-        else_try: the words on what to change where that is None.
+        needed: the words of `needed_words`; None if no duration was found in which limits are kept.
+        else_try: words on what to change in that case.
     """
     name, ratio = peaks.names[peaks.binding], peaks.ratios[peaks.binding]
     excess = f"in {duration:g} s {name} would reach {ratio:.4g} times its limit"

@@ -1,8 +1,9 @@
-"""Fits that wheels do not let be, however slow the motion: which of them is full, where, and how full.
+"""Fits that fail because a wheel is full however slow the motion: which wheel, where, and how full.
 
-What wheels hold while the body rests at an attitude is the total momentum, seen from the body, and depends on
-no duration (`jaxplan.model.wheels`). Where that alone is at a wheel's limit, or beyond it, slowing down does
-not help.
+The momentum that wheels hold while the body rests at an attitude is the total momentum, seen from the body,
+and does not depend on the duration (`jaxplan.model.wheels`). Where that alone is at a wheel's limit, or
+beyond it, slowing down does not help. The *rows* of an array are its wheels or, with the allocation
+"minimax", pairs of wheels.
 """
 
 from collections.abc import Sequence
@@ -18,9 +19,9 @@ from jaxplan.trajectory.curve import Trajectory, total_momentum
 from jaxplan.trajectory.fit import Fit
 from jaxplan.trajectory.problem import FitProblem
 
-_FULL = 1e-6  # of a wheel's limit, by which it may be beyond it at the goal
-_SAMPLES = 2001  # of a motion on which wheels are looked at, of which numbers with few digits are told
-_CARRIED = 1e-9  # of what a wheel holds at most, below which the body carries no momentum at the start
+_FULL = 1e-6  # of a wheel's limit, by which it may be exceeded at the goal
+_SAMPLES = 2001  # samples of a motion from which the numbers in messages are taken, with few digits
+_CARRIED = 1e-9  # of a wheel's limit; smaller momentum of the body at the start counts as none
 _STORED = "lower spacecraft.wheel.stored_nms, raise momentum_nms, or change the goal"
 _IN_MOTION = (
     "check spacecraft.inertia_kg_m2, lower the rates at the start or spacecraft.wheel.stored_nms, raise "
@@ -29,9 +30,9 @@ _IN_MOTION = (
 
 
 def full_at_goal(problem: FitProblem) -> Fit | None:
-    """The fit, LIMITS_TOO_TIGHT, of wheels that cannot hold what the goal leaves them; None if they can.
+    """Make the fit, LIMITS_TOO_TIGHT, of wheels that cannot hold what the goal leaves them; else None.
 
-    It follows from the ends alone, whichever way the goal is reached and in whatever time.
+    It follows from the ends alone, in whatever way and time the goal is reached; the fit has no trajectory.
     """
     array, body = problem.spacecraft.wheel_array, problem.body
     if array is None:
@@ -53,7 +54,11 @@ def full_at_goal(problem: FitProblem) -> Fit | None:
 
 
 def full_on_the_way(trajectory: Trajectory, craft: Spacecraft) -> Fit:
-    """The fit, LIMITS_TOO_TIGHT, of a motion that fills wheels of a spacecraft however slow it is."""
+    """Make the fit, LIMITS_TOO_TIGHT, of a motion that fills wheels of a spacecraft however slow it is.
+
+    Raises:
+        ValueError: if the spacecraft has no wheels.
+    """
     array, total = craft.wheel_array, total_momentum(trajectory, craft)
     if array is None or total is None:
         raise ValueError("without wheels none is full")
@@ -74,9 +79,10 @@ def full_on_the_way(trajectory: Trajectory, craft: Spacecraft) -> Fit:
 
 
 def _told(craft: Spacecraft, shares: np.ndarray, most: float) -> Sequence[tuple[int, str]]:
-    """Rows whose shares (r,) are above `most`, or the largest one if none is, with words for each.
+    """Choose the rows of the wheel array to report, and a phrase that names each.
 
-    Of an array that shares out so that the largest share is least, the one with the largest share.
+    They are those whose fractions `shares` (r,) of their limits exceed `most`, or the largest one if none
+    does. Of an array with the allocation "minimax" it is always the largest one alone.
     """
     envelope = craft.allocation == MINIMAX
     rows = np.flatnonzero(shares > most)
@@ -87,12 +93,12 @@ def _told(craft: Spacecraft, shares: np.ndarray, most: float) -> Sequence[tuple[
 
 
 def _refused(trajectory: Trajectory | None, why: str, carried: ArrayLike, array: WheelArray) -> Fit:
-    """The fit of wheels that are full, with a trajectory where there is one.
+    """Make the fit for wheels that are full.
 
     Args:
-        trajectory: where there is one.
-        why: which wheels, and by how much.
-        carried: (3,) N m s, what the body and its stages have at the start beside what wheels store.
+        trajectory: of the motion; None if there is none.
+        why: which wheels are full, and by how much.
+        carried: (3,) N m s, momentum of the body and its stages at the start, without what wheels store.
         array: the wheels.
     """
     share, advice = float(np.linalg.norm(carried)), _STORED

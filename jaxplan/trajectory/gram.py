@@ -1,15 +1,17 @@
-"""The matrix ``M = G H^-1 G^T`` of a program's rows, and systems ``(M + D) y = r`` of it plus diagonals.
+"""The matrix ``M = G H^-1 G^T`` of a program's rows, and the solution of systems ``(M + D) y = r``.
 
-Programs of `program` have r rows ``G`` on the k free coefficients of each of A axes and on the relative
-change of the duration, and the same Hessian (k, k) for every axis. Where few rows are near their bounds the
-matrix is formed and factored as it is (`DenseGram`). The platform's limits may bind at most of its places,
-which gives many more rows than the platform has unknowns; then (`PlatformGram`) those are solved for:
+``D`` is a positive diagonal. Programs of `program` have r rows ``G`` on the k free coefficients of each of A
+axes and on the relative change of the duration, and the same Hessian ``H`` (k, k) for every axis. A row's
+slopes are a sum of P products of an array (r, P, A) of the axes and one (r, P, k) of the basis
+(`constraints`). Where few rows are near their bounds, the matrix is formed and factored as it is
+(`DenseGram`). The platform's limits may bind at most of its places, which gives many more rows than the
+platform has unknowns; then (`PlatformGram`) the system is solved for those unknowns ``u`` instead:
 
     (H + G^T D^-1 G) u = G^T D^-1 r        y = D^-1 (r - G u)
 
-Each row touches the few coefficients about its place, so that most of ``G^T D^-1 G`` is zero. Rows that
-touch joints, mostly a few dozen, stay as they are beside it: with ``E`` in place of D, which holds what they
-share through the joints.
+Each row touches the few coefficients about its place, so that most of ``G^T D^-1 G`` is zero. Rows that touch
+joints, mostly a few dozen, are kept as rows beside that system: for them a matrix ``E``, of what they share
+through the joints, takes the place of D.
 """
 
 from collections.abc import Callable
@@ -20,37 +22,43 @@ import numpy as np
 
 PLATFORM = 3  # axes; the others are the joints'
 
-_FEW = 190  # rows; fewer are factored as they are
-_MANY = 1.3  # rows of the platform for each of its unknowns, from which on it is solved for these
-_STIFF = 1e-10  # of diagonals beside a matrix whose own is 1: solutions are refined where one is smaller
-_LEAST = 1e-12  # the least number of a diagonal that is divided by
+_FEW = 190  # rows; the matrix of fewer is formed and factored as it is
+_MANY = 1.3  # rows of the platform for each of its unknowns; from more on, these are solved for
+_STIFF = 1e-10  # of added diagonals (the matrix's own is 1): with smaller ones solutions are refined
+_LEAST = 1e-12  # least number of an added diagonal that is divided by
 _CHUNK = 64  # rows of the platform whose squares are summed at once
 
 Solve = Callable[[np.ndarray], np.ndarray]
 
 
 class Gram(Protocol):
-    """The matrix (r, r) of a program in a box, positive semidefinite with a positive diagonal."""
+    """Protocol of a program's matrix ``M``, (r, r) for r rows, which is positive semidefinite.
+
+    Its diagonal is positive.
+    """
 
     def diagonal(self) -> np.ndarray:
-        """Its diagonal (r,)."""
+        """Return its diagonal (r,)."""
 
     def scaled(self, scale: np.ndarray) -> "Gram":
-        """The matrix with rows and columns multiplied by positive numbers (r,)."""
+        """Return the matrix with rows and columns multiplied by positive numbers (r,), in the same form."""
 
     def is_finite(self) -> bool:
-        """Whether all numbers are finite."""
+        """Return whether all numbers are finite."""
 
     def times(self, y: np.ndarray) -> np.ndarray:
-        """Its product (r,) with ``y`` (r,)."""
+        """Return its product (r,) with ``y`` (r,)."""
 
     def factored(self, diagonal: np.ndarray) -> Solve | None:
-        """What solves systems of the matrix plus a positive diagonal (r,); None if that fails."""
+        """Return a function that solves systems of the matrix plus a positive diagonal (r,).
+
+        The function takes a right-hand side (r,) to the solution (r,). None if the factorisation fails.
+        """
 
 
 @dataclass(frozen=True, eq=False)
 class DenseGram:
-    """A matrix (r, r) as it is.
+    """A program's matrix (r, r), stored as it is.
 
     Attributes:
         matrix: (r, r) symmetric.
@@ -92,12 +100,12 @@ class DenseGram:
 
 
 class _Chunk(NamedTuple):
-    """Rows of the platform at places close to each other.
+    """Some c rows of the platform at places close to each other.
 
     Attributes:
-        rows: slice of the rows.
-        columns: slice of the unknowns that they touch.
-        slopes: (c, w) the rows in these.
+        rows: slice of the rows among all rows of the platform.
+        columns: slice of the w unknowns that they touch.
+        slopes: (c, w) derivatives of the rows in these unknowns.
     """
 
     rows: slice
@@ -109,17 +117,17 @@ class _Chunk(NamedTuple):
 class PlatformGram:
     """The matrix of p rows of the platform alone, sorted by place, followed by q rows that touch joints.
 
-    The n unknowns are the platform's 3 k coefficients, those of one place beside each other, and last the
-    relative change of the duration. The last z of the q rows touch the platform, too.
+    The n = 3 k + 1 unknowns are the platform's 3 k coefficients, the three axes of one coefficient side by
+    side, and last the relative change of the duration. The last z of the q rows touch the platform, too.
 
     Attributes:
-        slopes: (p, n) of the first rows.
-        time: (q,) of the others in the relative change of the duration.
-        coupled: (z, 3 k) of the last rows in the platform's coefficients.
-        joint: (q, q) the part of the matrix that the others share through the joints.
+        slopes: (p, n) derivatives of the first p rows in the unknowns.
+        time: (q,) derivatives of the other rows in the relative change of the duration.
+        coupled: (z, 3 k) derivatives of the last z rows in the platform's coefficients.
+        joint: (q, q) part of the matrix that the q rows share through the joints.
         hessian: (n, n) of the unknowns.
-        inverse: (k, k) of the Hessian of one axis.
-        chunks: the first rows again, in parts, without the duration.
+        inverse: (k, k) inverse Hessian of one axis.
+        chunks: the first p rows again in parts, without the duration.
     """
 
     slopes: np.ndarray
@@ -132,7 +140,7 @@ class PlatformGram:
 
     @property
     def _joined(self) -> slice:
-        """The rows, among the q, that touch the platform."""
+        """Slice of the rows, among the q, that touch the platform."""
         return slice(len(self.joint) - len(self.coupled), len(self.joint))
 
     def diagonal(self) -> np.ndarray:
@@ -211,16 +219,16 @@ class PlatformGram:
 
 
 class _PlatformFactors(NamedTuple):
-    """What solves systems with a `PlatformGram` plus a diagonal.
+    """The factors by which systems of a `PlatformGram` plus a diagonal are solved.
 
     Attributes:
         gram: the matrix.
-        diagonal: (p + q,).
-        weight: (p,) one over its first numbers.
-        own: (q, q) lower Cholesky factor of what rows that touch joints share through these, plus diagonal.
-        time: (q,) slopes of these rows in the duration, times the inverse of that factor.
-        coupled: (z, 3 k) those of the last of them in the platform's coefficients, likewise.
-        factor: (n, n) upper Cholesky factor of the unknowns' matrix.
+        diagonal: (p + q,) that is added.
+        weight: (p,) one over the first p numbers of the diagonal.
+        own: (q, q) lower Cholesky factor of what the q rows share through joints, plus their diagonal.
+        time: (q,) derivatives of these rows in the duration, multiplied by the inverse of `own`.
+        coupled: (z, 3 k) those of the last z of them in the platform's coefficients, likewise.
+        factor: (n, n) upper Cholesky factor of the matrix of the unknowns.
     """
 
     gram: PlatformGram
@@ -232,7 +240,7 @@ class _PlatformFactors(NamedTuple):
     factor: np.ndarray
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """The solution (p + q,)."""
+        """Solve for a right-hand side (p + q,); the solution has the same shape."""
         from scipy.linalg.lapack import dpotrs, dtrtrs
 
         slopes, count, joined = self.gram.slopes, len(self.weight), self.gram._joined
@@ -252,21 +260,26 @@ class _PlatformFactors(NamedTuple):
         return found
 
     def refined(self, right: np.ndarray) -> np.ndarray:
-        """The solution (p + q,), corrected once: a tiny diagonal costs the first one digits."""
+        """Solve, and correct the solution (p + q,) once, since a tiny diagonal costs it digits."""
         found = self.solve(right)
         found += self.solve(right - self.gram.times(found) - self.diagonal * found)
         return found
 
 
 def _squares(slopes: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """The diagonal (r,) of the matrix of rows (r, 3 k) of the platform."""
+    """Diagonal (r,) of the matrix of r rows of the platform.
+
+    Args:
+        slopes: (r, 3 k) derivatives of the rows in the platform's coefficients, k on each of three axes.
+        inverse: (k, k) inverse Hessian of one axis.
+    """
     by_axis = slopes.reshape(len(slopes), len(inverse), PLATFORM).swapaxes(1, 2).reshape(-1, len(inverse))
     squares = np.einsum("ri,ri->r", by_axis @ inverse, by_axis)
     return np.asarray(np.sum(squares.reshape(-1, PLATFORM), axis=1))
 
 
 def _plus(matrix: np.ndarray, diagonal: np.ndarray) -> np.ndarray:
-    """A copy of a matrix (r, r) plus a diagonal (r,)."""
+    """Return a copy of a square matrix with a diagonal added."""
     found = matrix.copy()
     found.reshape(-1)[:: len(found) + 1] += diagonal
     return found
@@ -281,17 +294,17 @@ def gram_of(
     duration_hessian: float,
     count: int,
 ) -> Gram:
-    """The matrix of a program's rows.
+    """Make the matrix of a program's rows, in the form in which it is solved fastest.
 
     Args:
         axes: (r, P, A) of the rows.
         along: (r, P, k) of the rows, in the free coefficients.
-        time: (r,) of the rows in the relative change of the duration; zero where that is given.
+        time: (r,) derivatives in the relative change of the duration; zero where the duration is given.
         hessian: (k, k) of one axis.
-        inverse: (k, k) of it.
+        inverse: (k, k) its inverse.
         duration_hessian: second derivative in the relative change of the duration, or any positive number.
-        count: how many rows, the first ones, the platform's unknowns are solved for with, from
-            `order_by_place`; 0 for none.
+        count: number of the first rows for which the platform's unknowns are solved for, from
+            `order_by_place`; 0 for none, which gives a `DenseGram`.
     """
     if not count:
         matrix = gram(axes, along, inverse)
@@ -316,15 +329,15 @@ def gram_of(
 
 
 def order_by_place(axes: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, int]:
-    """In which order rows are solved for the platform's unknowns, if that is quicker.
+    """Decide in which order rows go into a `PlatformGram`, if that is faster than a `DenseGram`.
 
     Args:
         axes: (r, P, A) of the rows.
         along: (r, P, k) of the rows, in the free coefficients.
 
     Returns:
-        The numbers (r,) of the rows in that order, and how many of these are of the platform alone, which
-        come first; 0 where the matrix is to be formed as it is.
+        The numbers (r,) of the rows in that order, and how many of the first ones concern the platform alone;
+        that count is 0 where the matrix is to be formed as it is.
     """
     every = np.arange(len(axes))
     if len(axes) < _FEW:
@@ -339,7 +352,10 @@ def order_by_place(axes: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, int
 
 
 def _of_platform(axes: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """Derivatives (r, 3 k) of rows in the platform's coefficients, those of one place beside each other."""
+    """Derivatives (r, 3 k) of r rows in the platform's coefficients, k on each of three axes.
+
+    The three axes of one coefficient are side by side. Arguments are those of `gram`.
+    """
     found = along[:, 0, :, None] * axes[:, 0, None, :PLATFORM]
     for product in range(1, axes.shape[1]):
         found += along[:, product, :, None] * axes[:, product, None, :PLATFORM]
@@ -347,7 +363,10 @@ def _of_platform(axes: np.ndarray, along: np.ndarray) -> np.ndarray:
 
 
 def _chunks(slopes: np.ndarray) -> list[_Chunk]:
-    """Rows (p, 3 k), sorted by place, in parts that touch few unknowns."""
+    """Cut rows into parts that touch few unknowns each; rows that touch none are left out.
+
+    `slopes` (p, 3 k) are derivatives of p rows, sorted by place, in the platform's coefficients.
+    """
     found = []
     for begin in range(0, len(slopes), _CHUNK):
         rows = slice(begin, min(begin + _CHUNK, len(slopes)))
@@ -360,10 +379,11 @@ def _chunks(slopes: np.ndarray) -> list[_Chunk]:
 
 
 def gram(axes: np.ndarray, along: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """The matrix (r, r) ``G H^-1 G^T`` of rows.
+    """Compute the matrix ``G H^-1 G^T`` (r, r) of rows.
 
-    Of rows of a single product it is that of the rows of the basis times, number by number, that of the rows
-    of the axes. The others are mostly of the platform alone, so only the axes that they touch are looked at.
+    For rows with a single product it is the matrix of their rows of the basis times, element by element, that
+    of their rows of the axes. The other rows are mostly of the platform alone, so only the axes that they
+    touch are used.
 
     Args:
         axes: (r, P, A) of the rows.
@@ -388,5 +408,5 @@ def gram(axes: np.ndarray, along: np.ndarray, inverse: np.ndarray) -> np.ndarray
 
 
 def times(parts: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Products of many matrices (r, P, n) with one, in one call: numpy would make one for each."""
+    """Multiply r matrices (r, P, n), of P products each, by one matrix (n, k), in one call to BLAS."""
     return (parts.reshape(-1, parts.shape[2]) @ matrix).reshape(*parts.shape[:2], matrix.shape[1])

@@ -1,10 +1,13 @@
-"""First curves of a shortest motion that leave the turn about one axis, and breaks where they are needed.
+"""First curves for shortest motions, bent away from the turn about one axis, and breaks for them.
 
 The turn about one fixed axis is a stationary point of the duration by its symmetry, and seldom the quickest
-one: with limits on each body axis a motion is quicker where several axes work at their limits all the time
-(Bilimoria and Wie, JGCD 16(3), 1993). So a curve is bent by a few slow waves about all three axes, and from
-each bent curve the shortest motion near it is looked for on few intervals. On more of them it is made
-precise: most lie where the acceleration changes fast, which is where a shortest motion switches.
+motion: with limits on each body axis a motion is quicker where several axes work at their limits all the time
+(Bilimoria and Wie, JGCD 16(3), 1993). So a curve is *bent*: a few slow sine waves about all three axes are
+added to it. From each bent curve the shortest motion near it is looked for on few intervals. The best is then
+made precise on more intervals, most of which lie where the acceleration changes fast, which is where a
+shortest motion switches between its limits.
+
+Functions return an `InitialGuess`, from which `sqp` looks for the best curve nearby.
 """
 
 from dataclasses import replace
@@ -18,23 +21,23 @@ from jaxplan.trajectory.schedule import FIRST_GUESS, axis_bounds
 from jaxplan.trajectory.splines import Basis
 from jaxplan.trajectory.sqp import InitialGuess
 
-COARSE = 12  # intervals on which bent curves are looked at: enough for five switches
-FINE = 32  # intervals on which the best of them is made precise
+COARSE = 12  # intervals of bent curves, enough for five switches of the acceleration
+FINE = 32  # intervals on which the best bent curve is made precise
 
-# Of the duration: the search by time alone ends where a step gains less.
-_ROUGHLY = 1e-2  # on few intervals, which only decide which curve is best
-_NEARLY = 1e-3  # on many, whose breaks are moved afterwards
+# Fractions of the duration: the search by time alone ends when a step gains less.
+_ROUGHLY = 1e-2  # on few intervals, where only the best curve is chosen
+_NEARLY = 1e-3  # on many intervals, whose breaks are moved afterwards
 _POINTS = 8  # places on each interval
-_WAVES = 3  # slowest waves by which a curve is bent
-_BEND = 0.13  # rad for each rad of the rotation from start to goal, of the slowest wave
-_LEAST_BEND = 0.01  # rad, of motions whose platform hardly turns
-_EVEN_SHARE = 0.3  # of the breaks, which lie evenly; the others follow the jerk
-_LOOKS = 2048  # places at which the jerk is looked at
-_CLOSEST = 8.0  # times as close as evenly, at most; the programs lose digits where breaks are much closer
-_NEIGHBOURS = 61  # of these places, over which its size is averaged
-_ALIKE = 5e-3  # of the duration: breaks that differ by no more are the usual ones of a slightly other problem
-_FAR = 0.3  # rad, by which an end may have moved; beyond, a motion by other sides may be the quickest
-_BENDING = 1e-2  # weight of the second derivative beside the distance, where a curve goes to another mesh
+_WAVES = 3  # number of waves by which a curve is bent: the slowest ones
+_BEND = 0.13  # amplitude of the slowest wave, rad for each rad of the rotation from start to goal
+_LEAST_BEND = 0.01  # rad, least amplitude, for motions whose platform hardly turns
+_EVEN_SHARE = 0.3  # fraction of the breaks that are spread evenly; the others follow the jerk
+_LOOKS = 2048  # places at which the jerk is evaluated
+_CLOSEST = 8.0  # most times that breaks are closer than even ones; much closer ones cost digits
+_NEIGHBOURS = 61  # number of these places over which the size of the jerk is averaged
+_ALIKE = 5e-3  # of the duration; breaks that differ by less are the usual ones of a slightly other problem
+_FAR = 0.3  # rad, by which an end may have moved; beyond, a different kind of motion may be the quickest
+_BENDING = 1e-2  # weight of second derivatives beside distances, when a curve is moved to another mesh
 
 
 def near(problem: FitProblem) -> InitialGuess | None:
@@ -44,9 +47,9 @@ def near(problem: FitProblem) -> InitialGuess | None:
         problem: what is fitted.
 
     Returns:
-        The curve with the ends of the problem; None where there is no such motion, where the problem has a
-        given duration, a tube, or a rate at an end, and where the motion's breaks are the usual ones, which
-        follow the problem.
+        The curve with the ends of the problem; None if ``problem.near`` is None, if the problem has a tube or
+        a rate at an end, if the nodes leave every chart, if the motion's ends are too far from the problem's,
+        or if its breaks are the usual ones, which the search chooses by itself.
     """
     own = problem.near
     if own is None or problem.radius < np.inf or problem.at_speed:
@@ -67,7 +70,7 @@ def near(problem: FitProblem) -> InitialGuess | None:
     missing = discrete.nodes[[0, -1]] - spline[[0, -1]]
     if np.max(np.abs(missing)) > _FAR:
         return None
-    gone = np.linalg.lstsq(discrete.rows[0], discrete.places, rcond=None)[0][:, None]  # coefficients of s
+    gone = np.linalg.lstsq(discrete.rows[0], discrete.places, rcond=None)[0][:, None]  # of the curve z(s) = s
     start = space.fixed + own.duration * space.by_time
     moved = spline + (1 - gone) * missing[0] + gone * missing[1] - start
     free = np.linalg.lstsq(space.free, moved, rcond=None)[0]
@@ -75,14 +78,14 @@ def near(problem: FitProblem) -> InitialGuess | None:
 
 
 def _are_alike(breaks: np.ndarray, others: np.ndarray) -> bool:
-    """Whether two sets of breaks, (k,) and (j,) in [0, 1], are as many and differ by next to nothing."""
+    """Whether two sets of breaks in [0, 1] are equally many and nearly equal."""
     return len(breaks) == len(others) and bool(np.max(np.abs(breaks - others)) <= _ALIKE)
 
 
 def in_time(attempt: Attempt, duration: float, *, tighter: float) -> InitialGuess | None:
-    """An attempt's curve in a given duration, s, with its breaks and its rates at both ends.
+    """An attempt's curve in a given duration (s), with its breaks and rates at both ends; None beyond charts.
 
-    `tighter` is the share of the limits on the platform's loads that is to be left unused.
+    `tighter` is the fraction of the limits on the platform's loads that is to be left unused.
     """
     own = attempt.solution
     curve = own.coefficients + (duration - own.duration) * attempt.discrete.space.by_time
@@ -99,13 +102,13 @@ def along(problem: FitProblem) -> InitialGuess | None:
 
 
 def coarse(attempt: Attempt) -> InitialGuess:
-    """The curve nearest to an attempt's, on few intervals."""
+    """The curve nearest to an attempt's, on few intervals, as the start of a rough search."""
     discrete = _on(attempt.discrete, Basis.even(COARSE))
     return _guess(discrete, attempt, by_time_to=_ROUGHLY)
 
 
 def bent(begin: InitialGuess, count: int) -> list[InitialGuess]:
-    """Curves that differ from one by slow waves about all three axes; the same ones in every call.
+    """Make curves that differ from one by slow waves about all three axes; they are the same in every call.
 
     Args:
         begin: the curve, on few intervals.
@@ -127,7 +130,7 @@ def bent(begin: InitialGuess, count: int) -> list[InitialGuess]:
 
 
 def precise(attempt: Attempt, *, by_time_alone: bool) -> InitialGuess:
-    """The curve nearest to an attempt's, on many intervals, most of them where it switches.
+    """The curve nearest to an attempt's, on many intervals, most of them where the attempt switches.
 
     Args:
         attempt: on few intervals or many.
@@ -138,7 +141,7 @@ def precise(attempt: Attempt, *, by_time_alone: bool) -> InitialGuess:
 
 
 def _guess(discrete: DiscreteProblem, attempt: Attempt, by_time_to: float | None) -> InitialGuess:
-    """The curve nearest to an attempt's in another discrete problem; `by_time_to` as of `InitialGuess`."""
+    """The curve nearest to an attempt's in another discrete problem; `by_time_to` as in `InitialGuess`."""
     return InitialGuess(
         discrete=discrete,
         coefficients=_carried(attempt, discrete),
@@ -148,17 +151,20 @@ def _guess(discrete: DiscreteProblem, attempt: Attempt, by_time_to: float | None
 
 
 def _on(discrete: DiscreteProblem, basis: Basis) -> DiscreteProblem:
-    """The discrete problem on the breaks of another basis, without a tube, with its duration free."""
+    """Change a discrete problem to the breaks of another basis, without a tube and with a free duration."""
     return replace(discrete.on_mesh(_mesh(discrete.mesh.places, basis)), timing="shortest")
 
 
 def _mesh(places: np.ndarray, basis: Basis) -> Mesh:
-    """The mesh of a basis and of nodes at places (m + 1,), without a tube about these."""
+    """Make the mesh of a basis and of nodes at given places, one each, without a tube about these."""
     return Mesh(places=places, basis=basis, points=_POINTS, radius=np.inf, flank=np.nan)
 
 
 def _carried(attempt: Attempt, discrete: DiscreteProblem) -> np.ndarray:
-    """Coefficients (n, A) of a problem's curve nearest to an attempt's in value and second derivative."""
+    """Coefficients (n, A) of a problem's curve nearest to an attempt's in value and second derivative.
+
+    There are n coefficients on each of A axes.
+    """
     space, rows = discrete.space, discrete.rows
     own = attempt.discrete.space.basis.rows(discrete.places, 3)
     start = space.fixed + attempt.needed * space.by_time
@@ -170,7 +176,7 @@ def _carried(attempt: Attempt, discrete: DiscreteProblem) -> np.ndarray:
 
 
 def _switching_breaks(attempt: Attempt, intervals: int) -> np.ndarray:
-    """Breaks (intervals + 1,) in [0, 1], the closer together the larger an attempt's jerk is thereabouts."""
+    """Breaks (intervals + 1,) from 0 to 1, the closer together the larger the jerk of an attempt is there."""
     edges = np.linspace(0, 1, _LOOKS + 1)
     rows = attempt.discrete.space.basis.rows((edges[1:] + edges[:-1]) / 2)[3]
     accelerations = axis_bounds(attempt.problem.spacecraft, 2)
@@ -184,7 +190,7 @@ def _switching_breaks(attempt: Attempt, intervals: int) -> np.ndarray:
 
 
 def _spread(count: int) -> np.ndarray:
-    """Numbers (count, waves, 3) in [-1, 1], spread evenly by the multiples of square roots of primes."""
+    """Numbers (count, waves, 3) in [-1, 1], spread evenly: multiples of square roots of primes, modulo 1."""
     primes = np.array([2, 3, 5, 7, 11, 13, 17, 19, 23])
     steps = np.sqrt(primes) * np.arange(1, count + 1)[:, None]
     return np.asarray(2 * np.mod(steps, 1) - 1).reshape(count, _WAVES, 3)

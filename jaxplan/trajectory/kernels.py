@@ -1,12 +1,13 @@
 """Jitted kernels of the spline fit: the platform's attitudes, loads, and derivatives of loads along a curve.
 
-A *place* is a share ``s`` of the duration, in [0, 1]. A curve is given there by ``b``, its coordinates in the
-chart of SO(3) that `chart.Chart` describes, and the derivatives of ``b`` in ``s``. The *loads* are the C
-components of the platform's limited quantities, such as rates and torques, as they would be in a motion of
-1 s; the others divide them by powers of the duration. The last E of them are the lesser parts, which fall by
-one power less, of what has some (`jaxplan.model.limits`): of wheels, whose total momentum stays as it is.
-Where stages of gimbals have an inertia (`jaxplan.model.stages`), loads depend on the joints, too: then all
-A = 3 + J axes of a curve are looked at, and else B = 3 of them, those of ``b``.
+A *place* is a fraction ``s`` of the duration, in [0, 1]; arrays have S of them. A curve is given there by
+``b``, its coordinates in the chart of SO(3) that `chart.Chart` describes, and the derivatives of ``b`` by
+``s``. The *loads* are the C components of the platform's Q limited quantities, such as rates and torques, as
+they would be in a motion of 1 s; callers divide them by powers of the duration. They are followed by E
+*lesser parts*: those parts of loads of wheels that fall by one power of the duration less than the rest
+(`jaxplan.model.limits`), since the total momentum is conserved. A load includes its lesser part. Where stages
+of gimbals have an inertia (`jaxplan.model.stages`), loads depend on the joints, too. B is the number of a
+curve's axes that the kernels take: then all A = 3 + J of them, else the 3 of ``b``.
 """
 
 from collections.abc import Callable
@@ -30,17 +31,17 @@ from jaxplan.runtime.jit import materialise, quick_jit
 from jaxplan.runtime.precompile import Task
 from jaxplan.trajectory.curve import chart_motion
 
-_TOGETHER = 256  # places that a kernel takes in one call, always as many; 8 on each of 32 intervals
+_TOGETHER = 256  # places in one call of a kernel, always as many; 8 on each of 32 intervals
 
 
 class Body(NamedTuple):
-    """What turns, as the loads depend on it.
+    """The rotating masses, as far as the loads depend on them.
 
     Attributes:
-        inertia: (3, 3) kg m^2, body axes, of what joints do not turn, as far as stages have one of their own.
+        inertia: (3, 3) kg m^2, body axes; with stages, of what joints do not turn.
         total: (3,) N m s, total momentum of platform and wheels in the axes that the body has at the start;
-            None without wheels, as the next.
-        array: the wheels.
+            None without wheels.
+        array: the wheels; None without.
         stages: of gimbals that have an inertia; None without.
     """
 
@@ -51,9 +52,10 @@ class Body(NamedTuple):
 
     @classmethod
     def of(cls, spacecraft: Spacecraft, joints: Any, rates: Any) -> "Body":
-        """The body of a spacecraft that starts at joints (J,) rad with rates (3 + J,) rad/s.
+        """Make the body of a spacecraft that starts at joint angles (J,) rad with rates (3 + J,) rad/s.
 
-        Its inertia is the identity where none is given, as then none is needed.
+        Rates are those of the body axes, then of the joints. The inertia is the identity if the spacecraft
+        has none, since no load depends on it then.
         """
         inertia, array, stages = spacecraft.fixed_inertia, spacecraft.wheel_array, spacecraft.stages
         if inertia is None:
@@ -68,7 +70,7 @@ class Body(NamedTuple):
 
     @property
     def axes(self) -> int | None:
-        """The number of a curve's first axes, B, on which the loads depend; None for all."""
+        """Number B of a curve's first axes on which the loads depend: 3, or None for all."""
         return 3 if self.stages is None else None
 
 
@@ -82,13 +84,13 @@ def padded_call(
     curves: np.ndarray,
     axes: int | None = 3,
 ) -> list[np.ndarray]:
-    """The arrays (S, ...) that a kernel returns, called with `_TOGETHER` places at a time.
+    """Call a kernel with `_TOGETHER` places at a time and return its arrays (S, ...), without the padding.
 
     Args:
         kernel: to call.
-        places: (S,).
-        curves: (4, S, A) ``b`` and joints with three derivatives.
-        axes: how many of these the kernel takes, see `Body.axes`.
+        places: (S,) in [0, 1].
+        curves: (4, S, A) ``b`` and joints with three derivatives by the place.
+        axes: number B of the first axes that the kernel takes, see `Body.axes`; None for all.
     """
     count, curves = len(places), curves[:, :, :axes]
     extra = -count % _TOGETHER
@@ -106,14 +108,14 @@ def padded_call(
 
 
 def kernel_tasks(spacecraft: Spacecraft, settings: TrajectorySettings) -> list[Task]:
-    """Tasks that compile the kernels of a spline fit ahead of need.
+    """Make tasks that compile the kernels of a spline fit before they are needed.
 
     Args:
-        spacecraft: its limits say which loads are computed.
+        spacecraft: its limits determine which loads are computed.
         settings: of the fit.
 
     Returns:
-        The tasks in the order of need; none for other methods.
+        The tasks in the order in which the kernels are needed; empty for other methods than "global".
     """
     if settings.method != "global":
         return []
@@ -129,14 +131,14 @@ def kernel_tasks(spacecraft: Spacecraft, settings: TrajectorySettings) -> list[T
 
 
 def loads_at(turn: Array, place: Array, z: Array, body: Body, names: tuple[str, ...]) -> Array:
-    """The loads (C + E,) at one place.
+    """The loads (C + E,) at one place, for a motion of 1 s.
 
     Args:
-        turn: (3,) rad, of the chart.
+        turn: (3,) rad, rotation vector of the chart from start to end.
         place: () in [0, 1].
-        z: (4, B) ``b``, perhaps joints, and their first three derivatives in the place.
-        body: what turns.
-        names: of the limited quantities, (Q,).
+        z: (4, B) ``b``, perhaps joints, and their first three derivatives by the place.
+        body: the rotating masses.
+        names: (Q,) of the limited quantities.
     """
     motion = _platform(turn, place, z, body, names)
     if body.stages is not None:
@@ -145,7 +147,7 @@ def loads_at(turn: Array, place: Array, z: Array, body: Body, names: tuple[str, 
 
 
 def _platform(turn: Array, place: Array, z: Array, body: Body, names: tuple[str, ...]) -> Kinematics:
-    """The motion of the platform at one place, without stages; arguments as of `loads_at`."""
+    """The kinematic state of the platform at one place, without gimbal stages; arguments as of `loads_at`."""
 
     def moving(*point: Array) -> tuple[Array, ...]:
         return chart_motion(turn, *point)[1:]
@@ -168,15 +170,15 @@ def _platform(turn: Array, place: Array, z: Array, body: Body, names: tuple[str,
 def motion_at(
     attitude: Array, turn: Array, places: Array, curves: Array, body: Body, *, names: tuple[str, ...]
 ) -> tuple[Array, Array, Array]:
-    """Attitudes (S, 3, 3), tangents (S, 3, 3) and loads (S, C + E) at places, see `motion.Iterates`.
+    """Attitudes (S, 3, 3), tangents (S, 3, 3) and loads (S, C + E) at places, as `motion.Iterates` has them.
 
     Args:
         attitude: (3, 3) of the chart, body to inertial.
-        turn: (3,) rad, of the chart.
-        places: (S,).
-        curves: (4, S, B) ``b``, perhaps joints, with three derivatives.
-        body: what turns.
-        names: of the limited quantities, (Q,).
+        turn: (3,) rad, rotation vector of the chart from start to end.
+        places: (S,) in [0, 1].
+        curves: (4, S, B) ``b``, perhaps joints, with three derivatives by the place.
+        body: the rotating masses.
+        names: (Q,) of the limited quantities.
     """
 
     def at(place: Array, z: Array) -> tuple[Array, Array, Array]:
@@ -194,7 +196,11 @@ def motion_at(
 
 @partial(quick_jit, static_argnames="names")
 def load_slopes_at(turn: Array, places: Array, curves: Array, body: Body, *, names: tuple[str, ...]) -> Array:
-    """Derivatives (S, C + E, 4, B) of the loads in curves and derivatives; arguments as of `motion_at`."""
+    """Derivatives of the loads by a curve and its three derivatives; arguments are those of `motion_at`.
+
+    Returns:
+        (S, C + E, 4, B) for places, loads with their lesser parts, derivatives and axes.
+    """
     each = jnp.moveaxis(curves, 0, 1)  # (S, 4, B)
     if body.stages is not None:
         return _slopes_with_stages(turn, places, each, body, body.stages, names)
@@ -208,11 +214,12 @@ def load_slopes_at(turn: Array, places: Array, curves: Array, body: Body, *, nam
 def _slopes_with_stages(
     turn: Array, places: Array, each: Array, body: Body, stages: Stages, names: tuple[str, ...]
 ) -> Array:
-    """`load_slopes_at` with stages: their few own derivatives, and the chain rule.
+    """Do the same as `load_slopes_at` with gimbal stages, by the chain rule through what the stages carry.
 
-    Few, as each stage is turned by two joints alone, and what stages carry is linear in the spin.
+    That is cheap: each stage is turned by two joints alone, and its momentum is linear in the spin. `each`
+    (S, 4, B) is the curve with its derivatives at S places; other arguments are those of `load_slopes_at`.
     """
-    orders = 1 + max(highest_derivative(names), 2)  # no load depends on the others
+    orders = 1 + max(highest_derivative(names), 2)  # no load depends on higher derivatives
     spin = jax.vmap(lambda place, z: jnp.stack(_platform(turn, place, z, body, names).spin))(places, each)
     along = jnp.moveaxis(each[:, :3, 3:], 0, -1)
     found = stages.slopes(list(jnp.moveaxis(spin[:, :2], 0, -1)), list(along))

@@ -1,4 +1,9 @@
-"""Attempts at the curve of a fit, each one spline on given breaks, and the `Ladder` that orders them."""
+"""Attempts at the curve of a fit, each one spline on given breaks, and the `Ladder` that orders them.
+
+An attempt is *sound* if it keeps zones, joint ranges and its tube, and if its limits are kept or slowing down
+would keep them. It is *kept* if all limits and joint ranges are kept as it is. A *rung* of a ladder is a
+factor on the number of intervals and a radius of the tube.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,19 +20,19 @@ from jaxplan.trajectory.schedule import TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess, SQPSolution
 
-_TUBE_BROKEN = 1e-6  # rad beyond the tube, up to which nodes count as passed
-_DEEP = float(np.deg2rad(0.3))  # rad; a zone broken by more is not so for lack of intervals
-_ROUNDING = 1e-9  # rad of a margin that is rounding alone
-_KEPT_MARGIN = 0.3  # share of the wanted margins that a sound curve has
+_TUBE_BROKEN = 1e-6  # rad outside the tube, up to which nodes still count as passed
+_DEEP = float(np.deg2rad(0.3))  # rad; if a zone is broken by more, more intervals do not help
+_ROUNDING = 1e-9  # rad; a negative margin that is not larger is due to rounding alone
+_KEPT_MARGIN = 0.3  # fraction of the wanted margins that a sound curve has at least
 _MENDED = 1e-3  # of a limit; a first curve that breaks it by more is not improved in a given time
 _NEARLY = 1.01  # factor on time; a curve that keeps the limits with it counts as nearly within them
 _HOPELESS = 1.05  # factor on time; a curve that needs more is not tried again with more intervals
-_WIDER = 3.0  # factor on the tube's radius, tried before there is no tube
+_WIDER = 3.0  # factor on the tube's radius that is tried before the tube is dropped
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Attempt:
-    """A curve that was fitted, with its peaks; these and its margins tell which limits and zones it breaks.
+    """A curve that was fitted, with its peaks and margins, which tell which limits and zones it breaks.
 
     Attributes:
         discrete: the problem that was solved.
@@ -43,22 +48,22 @@ class Attempt:
 
     @property
     def problem(self) -> FitProblem:
-        """The problem, from which `discrete` was made."""
+        """The problem of which `discrete` is a discretisation."""
         return self.discrete.problem
 
     @property
     def radius(self) -> float:
-        """Radius of the tube that was tried, rad."""
+        """Radius in rad of the tube that was tried; 0 for nodes passed exactly, inf for no tube."""
         return self.discrete.mesh.radius
 
     @cached_property
     def clear(self) -> bool:
-        """Whether zones are kept at the places, with some of the clearance."""
+        """Whether zones are kept at all places, by at least a part of the wanted margins."""
         return bool(np.all(self.solution.margins >= _KEPT_MARGIN * self.problem.wanted))
 
     @cached_property
     def breach(self) -> tuple[str, float] | None:
-        """Name of the device that breaks a zone the most, and by how much (rad); None where none does.
+        """Name of the device that breaks a zone the most, and by how much in rad; None where none does.
 
         An axis of the body counts as "the body", a vector that a terminal carries as that terminal.
         """
@@ -77,7 +82,7 @@ class Attempt:
 
     @property
     def sound(self) -> bool:
-        """Whether zones, joint ranges and the tube are kept, and slowing down mends rates and loads."""
+        """Whether zones, joint ranges and the tube are kept, and limits are kept at least if slowed down."""
         return self.clear and self.peaks.in_range and self.in_tube and self.possible
 
     @property
@@ -92,18 +97,18 @@ class Attempt:
 
     @property
     def needed(self) -> float:
-        """Duration from which on the same motion, uniformly scaled in time, keeps all limits, s.
+        """Duration in s from which on the same motion, uniformly scaled in time, keeps all limits.
 
-        Its own where slowing down does not help.
+        It is the motion's own duration where slowing down does not help.
         """
         stretch = self.peaks.stretch
         return self.trajectory.duration * (stretch if np.isfinite(stretch) else 1.0)
 
     def scaled(self, duration: float) -> "Attempt":
-        """The attempt's motion scaled in time to another duration, s."""
+        """Return the attempt with its motion scaled in time to another duration in s."""
         curve = self.trajectory.scaled(duration / self.trajectory.duration)
-        for breaks in (curve.breaks, curve.joint_breaks):  # new arrays
-            breaks[-1] = duration  # to the last bit
+        for breaks in (curve.breaks, curve.joint_breaks):  # `scaled` made them, so they may be written to
+            breaks[-1] = duration  # exactly, without rounding
         return replace(self, trajectory=curve, peaks=peaks(curve, self.problem.spacecraft))
 
     @property
@@ -113,14 +118,17 @@ class Attempt:
 
     @property
     def merit(self) -> tuple[bool, bool, bool, float]:
-        """Key by which attempts are compared: the larger, the better."""
+        """Sort key by which attempts on a ladder are compared; the larger, the better.
+
+        It prefers zones and ranges kept, then limits nearly kept, then the tube kept, then a smaller stretch.
+        """
         stretch = min(self.peaks.stretch, 1.0) if self.peaks.kept else self.peaks.stretch
         inside, nearly = self.clear and self.peaks.in_range, stretch <= _NEARLY
         return inside, nearly, self.in_tube, -stretch
 
     @property
     def pace(self) -> tuple[bool, float]:
-        """Key by which shortest motions are compared: the larger, the better."""
+        """Sort key by which shortest motions are compared: soundness, then speed; the larger, the better."""
         return self.sound, -self.needed
 
 
@@ -129,7 +137,11 @@ Attempts = dict[int, Attempt | None]
 
 
 def quicker(others: Attempts, attempts: Attempts) -> Attempts:
-    """Those of `others` that are sound and, scaled to the limits, quicker than `attempts` of their number."""
+    """Select those `others` that are sound and, scaled to the limits, quicker than the attempt they match.
+
+    Attempts match by number. One that is not sound counts as slower than any sound one; one that is missing
+    (None) is not replaced.
+    """
 
     def is_quicker(other: Attempt | None, own: Attempt | None) -> bool:
         if other is None or own is None or not other.sound:
@@ -148,14 +160,14 @@ def first_curve(
     tighter: float = 0.0,
     coefficients: np.ndarray | None = None,
 ) -> InitialGuess | None:
-    """The curve from which an attempt begins; None if the nodes leave every chart.
+    """Make the curve from which an attempt begins; None if the nodes leave every chart.
 
     Args:
         problem: what is fitted.
         mesh: breaks of the spline, places of the nodes, and the tube about them.
-        duration: s, given or to begin with.
-        timing: of the curve.
-        tighter: share of the limits on the platform's loads that the curve is to leave unused.
+        duration: s, given or to begin with, depending on `timing`.
+        timing: how the duration of the curve is determined.
+        tighter: fraction of the limits on the platform's loads that the curve is to leave unused.
         coefficients: (n, A) of the curve to begin with; None for the one nearest to the path.
     """
     discrete = discretise(problem, mesh, timing, share=1 - tighter)
@@ -166,14 +178,14 @@ def first_curve(
 
 
 def make_attempts(begins: Sequence[InitialGuess | None]) -> list[Attempt | None]:
-    """Improve first curves, all together, to attempts; None for None, or where numbers overflow."""
+    """Improve first curves, all together, to attempts; None where the curve is None or numbers overflow."""
     given = [begin for begin in begins if begin is not None]
     made = iter(finished([(own.discrete, found) for own, found in zip(given, _improved(given), strict=True)]))
     return [None if begin is None else next(made) for begin in begins]
 
 
 def finished(made: Sequence[tuple[DiscreteProblem, SQPSolution]]) -> list[Attempt | None]:
-    """Attempts from problems with their solutions; None where numbers overflow."""
+    """Make attempts from problems with their solutions; None where numbers overflow."""
     curves = {
         number: _trajectory(discrete, solution)
         for number, (discrete, solution) in enumerate(made)
@@ -191,8 +203,9 @@ def finished(made: Sequence[tuple[DiscreteProblem, SQPSolution]]) -> list[Attemp
 def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     """Improve first curves to the best ones near them, all together.
 
-    In a given duration a curve that breaks limits by far is not improved: steps from there lead nowhere.
-    Instead a slower one of free duration is found first, which is then improved in the duration given.
+    In a given duration a curve that breaks limits by far is not improved, since steps from there lead
+    nowhere. Instead a slower one of free duration is found first, which is then improved in the duration
+    given.
     """
     first = [
         begin
@@ -225,7 +238,7 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
 
 
 def _trajectory(discrete: DiscreteProblem, solution: SQPSolution) -> Trajectory:
-    """A solution's curve as a trajectory."""
+    """Convert a solution's curve to a trajectory."""
     basis, chart, duration = discrete.space.basis, discrete.chart, solution.duration
     pieces = basis.pieces(solution.coefficients)
     count = len(pieces)
@@ -246,21 +259,22 @@ def _trajectory(discrete: DiscreteProblem, solution: SQPSolution) -> Trajectory:
 
 @dataclass(kw_only=True, eq=False)
 class Ladder:
-    """One fit's attempts, one after the other, up to the first that is good enough.
+    """The attempts at one fit, one after the other, up to the first that is good enough.
 
     A rung is a number of intervals and a radius of the tube. An attempt that breaks limits by next to
-    nothing, as happens between the places, is repeated on its rung with slightly tighter limits. After a
-    hopeless one more intervals are not tried.
+    nothing, as may happen between places, is repeated on its rung with slightly tighter limits. After an
+    attempt that is hopeless, rungs with more intervals are skipped.
 
     Attributes:
         problem: what is fitted.
         profile: the pace along the path.
-        rungs: factors on the number of intervals, and radii of the tube (rad), of the rungs ahead.
+        rungs: factors on the number of intervals, and radii of the tube (rad), of the present rung and those
+            ahead; empty at the end.
         duration: s, given or to begin with.
-        timing: of the curves.
-        graded: whether breaks lie close about the flanks.
-        tighter: shares of the limits that are left unused, on each rung one after the other.
-        best: of the attempts so far; None before the first, and beyond every chart.
+        timing: how the duration of the curves is determined.
+        graded: whether breaks lie close together near the flanks of the pace.
+        tighter: fractions of the limits that are left unused, tried in this order on each rung.
+        best: the best attempt of the rungs done; None if there is none, as beyond every chart.
     """
 
     problem: FitProblem
@@ -275,7 +289,7 @@ class Ladder:
     _tightened: int = 0  # how often limits were taken tighter on this rung
 
     def first_curve(self) -> InitialGuess | None:
-        """The curve from which the next attempt begins; None if the nodes leave every chart."""
+        """Make the curve from which the next attempt begins; None if the nodes leave every chart."""
         if self._here is None:
             finer, radius = self.rungs[0]
             mesh = self.problem.mesh(self.profile, radius, finer, graded=self.graded)
@@ -285,7 +299,7 @@ class Ladder:
         return first_curve(self.problem, mesh, self.duration, self.timing, tighter=tighter)
 
     def accept(self, made: Attempt | None) -> None:
-        """Take in the attempt made from `first_curve` (None if there is none), and choose the next rung.
+        """Take in the attempt made from `first_curve`, None if there is none, and choose the next rung.
 
         No rungs are left once an attempt is good enough.
         """
@@ -313,12 +327,12 @@ class Ladder:
 
 
 def rungs(radius: float, *, in_time: bool = True) -> list[tuple[int, float]]:
-    """The rungs of a ladder: factors on the number of intervals and radii of the tube, in their order.
+    """List the rungs of a ladder in order: factors on the number of intervals, and radii of the tube (rad).
 
     Args:
-        radius: of the tube asked for, rad.
-        in_time: whether there is time enough to pass all nodes. Otherwise more intervals are not tried
-            either: the shortest motion, which is looked for then, is found sooner.
+        radius: rad, of the tube asked for.
+        in_time: whether there is time enough to pass all nodes. Otherwise, unless `radius` is 0, only one
+            rung without a tube is listed: the shortest motion, which is looked for then, is found sooner.
     """
     along_nodes = radius == 0 or (in_time and radius < np.inf)
     wider = [(1, _WIDER * radius)] if 0 < radius < np.inf and in_time else []

@@ -1,14 +1,16 @@
 """Maxima of smooth functions over continuous time, and the least time scaling that keeps them within limits.
 
-On a piece of a trajectory every quantity is smooth, so its interpolant on Chebyshev points (which include
-both ends, where jerks jump) is the quantity itself but for rounding. As a function of ``theta = arccos(x)``
-it is a cosine sum without edges: every maximum over the piece is a stationary point, and Newton's method
-finds it from the maximum of a fine grid beside it. One so narrow that no grid maximum is beside it would be
-missed; the certificate, which shares nothing with this, has the last word.
+A curve has N pieces, each with G Chebyshev points ``cos(pi j / (G - 1))``, which include both ends, where
+jerks may jump; there Q (or c) quantities are given. On a piece every quantity is smooth, so its interpolant
+on the points is the quantity itself but for rounding. As a function of ``theta = arccos(x)`` it is a sum of
+cosines without edges: every maximum over the piece is a stationary point, and Newton's method finds it from
+the neighbouring maximum of a fine grid. A maximum so narrow that the grid misses it would be missed; the
+certificate, which shares nothing with this, has the last word.
 
-A quantity with a lesser part, ``a / s^p + b / s^(p - 1)`` in ``s`` times the time, has its peaks elsewhere as
-``s`` changes. At the highest ones of a factor each tells the factor that it needs, which is no less; a few
-such steps lead to the least factor from which on all are kept.
+A quantity with a *lesser part* is ``a / s^p + b / s^(p - 1)`` if the motion takes ``s`` times as long
+(`jaxplan.model.limits`), and its peaks move as ``s`` changes. Each of its highest peaks at some ``s`` yields
+the ``s`` that this peak requires, which is no smaller; a few such steps lead to the least ``s`` from which on
+the limit is kept.
 """
 
 from collections.abc import Sequence
@@ -19,21 +21,24 @@ import numpy as np
 from jaxplan.model.scaling import time_factor
 from jaxplan.runtime.batching import in_groups
 
-_CURVES = 16  # curves whose maxima are looked for together, so that results stay in the processor's cache
-_RESOLVED = 1e-10  # of the largest term of a quantity's cosine sums; smaller last terms are next to nothing
+_CURVES = 16  # curves whose maxima are found together, so few that results stay in the processor's cache
+_RESOLVED = 1e-10  # of the largest term of a quantity's sums of cosines; smaller last terms are negligible
 
-_FINE = 4  # grid intervals in theta for each point
-_NEWTON_STEPS = 12  # at most, from the grid to a maximum
-_STILL = 1e-9  # rad of theta; a maximum is flat, so its value is off by the square of it
+_FINE = 4  # intervals of the fine grid in theta for each Chebyshev point
+_NEWTON_STEPS = 12  # most steps from the grid to a maximum
+_STILL = 1e-9  # rad; smaller steps of theta end the search. A maximum is flat: its error is the square
 
-_LOOKS = 12  # at most, at the peaks of quantities with a lesser part
+_LOOKS = 12  # most iterations that follow the peaks of quantities with a lesser part
 _SETTLED = 1e-12  # of a time factor; a step that adds less is the last
 
 
 def is_resolved(values: np.ndarray) -> bool:
-    """Whether values (N, G, Q) at the Chebyshev points of pieces suffice to interpolate between the points.
+    """Whether values at the Chebyshev points suffice to interpolate between the points.
 
-    They do where the last terms of the cosine sums are next to nothing; True also where one is not finite.
+    They do if the last terms of the sums of cosines are negligible. It is also true if a value is not finite.
+
+    Args:
+        values: (N, G, Q) of Q quantities at G points on each of N pieces.
     """
     series = np.abs(chebyshev(values.shape[1])[0] @ values)
     last, most = (np.max(part, axis=(0, 1), initial=0.0) for part in (series[:, -2:], series))
@@ -41,13 +46,13 @@ def is_resolved(values: np.ndarray) -> bool:
 
 
 def largest(values: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Largest magnitudes of quantities of many curves over all pieces, between the points as well.
+    """Largest magnitudes of quantities over all pieces of many curves, between the points as well.
 
     Args:
-        values: of each curve (N, G, Q) at the Chebyshev points ``cos(pi j / (G - 1))`` of its pieces.
+        values: for each curve (N, G, Q), at the Chebyshev points of its pieces.
 
     Returns:
-        (Q,) of each; all NaN if a value is not finite.
+        (Q,) for each curve; all NaN if any of its values is not finite.
     """
     return in_groups(
         values, lambda own: (own.shape[1:], bool(np.isfinite(own).all())), _largest_of, most=_CURVES
@@ -55,7 +60,7 @@ def largest(values: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def _largest_of(values: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """`largest` of values (N, G, Q) with the same G and Q, all of them finite or none."""
+    """Do the same as `largest` for curves with the same G and Q whose values are all finite, or none are."""
     if not np.isfinite(values[0]).all():
         return [np.full(own.shape[2], np.nan) for own in values]
     to_series, to_fine = chebyshev(values[0].shape[1])
@@ -64,7 +69,7 @@ def _largest_of(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     heights = np.abs(series @ to_fine.T)  # (N, Q, fine)
     highest = np.maximum.reduceat(heights.max(axis=2), np.cumsum(counts) - counts)
     owner = np.repeat(np.arange(len(values)), counts)
-    # Half a step off, a maximum is higher by no more than what the largest second derivative makes of it.
+    # A maximum, half a step off at most, exceeds the grid by no more than the second derivatives allow.
     step = np.pi / (len(to_fine) - 1)
     bends = np.sum(np.abs(series) * np.arange(series.shape[2]) ** 2, axis=2)
     piece, quantity, theta = _peaked(series, heights, highest[owner] - step**2 / 8 * bends, step)
@@ -75,16 +80,16 @@ def _largest_of(values: Sequence[np.ndarray]) -> list[np.ndarray]:
 def _peaked(
     series: np.ndarray, heights: np.ndarray, floor: np.ndarray, step: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Local maxima of the magnitudes of cosine sums.
+    """Find the local maxima of the magnitudes of sums of cosines.
 
     Args:
         series: (N, Q, G) coefficients.
         heights: (N, Q, fine) magnitudes on a fine grid of theta.
-        floor: (N, Q) heights from which on maxima of the grid are followed.
+        floor: (N, Q) heights; maxima of the grid below them are ignored.
         step: rad, of the grid.
 
     Returns:
-        For each its piece, its quantity, and theta (rad).
+        Three arrays, with an entry for each maximum: its piece, its quantity, and theta in rad.
     """
     peaked = heights >= floor[:, :, None]
     peaked &= heights > 0
@@ -95,21 +100,29 @@ def _peaked(
 
 
 def _at(sums: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Values (c,) of cosine sums (c, G) at theta (c,), rad."""
+    """Evaluate sums of cosines, each at one angle.
+
+    Args:
+        sums: (c, G) coefficients of c sums.
+        theta: (c,) rad.
+
+    Returns:
+        (c,) values.
+    """
     cosines = np.cos(np.outer(theta, np.arange(sums.shape[1])))
     return np.asarray(np.einsum("ck,ck->c", sums, cosines))
 
 
 def _follow(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
-    """Places of local maxima of the magnitudes of cosine sums, by Newton's method within a shrinking bracket.
+    """Find local maxima of the magnitudes of sums of cosines by Newton's method in shrinking brackets.
 
     Args:
         sums: (c, G) coefficients.
-        theta: (c,) rad, near the maximum of each.
+        theta: (c,) rad, near the maximum of each; not changed.
         reach: half the width of the first bracket, rad.
 
     Returns:
-        (c,) rad, where the magnitudes are largest.
+        (c,) rad, theta where the magnitudes are largest.
     """
     k = np.arange(sums.shape[1])
     sums = sums * np.sign(np.sum(sums * np.cos(np.outer(theta, k)), axis=1))[:, None]
@@ -134,15 +147,15 @@ def _follow(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
 
 
 def rooted_factors(share: np.ndarray, lesser: np.ndarray, power: int) -> np.ndarray:
-    """Factors (c,) on time from which on a quantity with a lesser part keeps its limit at every instant.
+    """Factors (c,) on time from which on quantities with a lesser part keep their limits at every instant.
 
     Args:
         share: (N, G, c) over the limit at the Chebyshev points of a curve's pieces, without the lesser part.
         lesser: (N, G, c) likewise, the part that falls by one power less.
-        power: by which `share` falls.
+        power: by which `share` falls, 1 or 2.
 
     Returns:
-        Infinite where slowing down does not help, NaN where a value is not finite.
+        Inf where slowing down does not help, NaN where a value is not finite.
     """
     factors = np.max(np.asarray(time_factor(share, power, lesser)), axis=(0, 1))
     to_series, to_fine = chebyshev(share.shape[1])
@@ -170,9 +183,13 @@ def rooted_factors(share: np.ndarray, lesser: np.ndarray, power: int) -> np.ndar
 
 @cache
 def chebyshev(points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices from values at so many Chebyshev points to a cosine sum (G, G), and from that to a fine grid.
+    """Return matrices from values at Chebyshev points to a sum of cosines, and from that to a fine grid.
 
-    The grid is even in theta, `_FINE` * G intervals from 0 to pi.
+    Args:
+        points: number G of Chebyshev points.
+
+    Returns:
+        (G, G), and (`_FINE` * G + 1, G) for a grid with equal steps in theta from 0 to pi.
     """
     k = np.arange(points)
     halved_ends = np.ones(points)

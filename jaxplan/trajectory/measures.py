@@ -1,15 +1,16 @@
 """Measures of a trajectory that can be differentiated: peaks, effort, margins, and the stretch to the limits.
 
-Extremes are over continuous time: about the highest of many samples, samples are taken at ever finer spacing.
-The time of the extreme, as a share of the duration, is held, so derivatives are those of the quantity at that
-time (the envelope theorem); where two peaks are equally high it is that of one of them. A peak narrower than
-the samples may be missed: that a trajectory is safe is for the certificate to say, not for these numbers.
+Extremes are over continuous time: about the highest of many samples, further samples are taken at ever finer
+spacing. The time of the extreme, as a fraction of the duration, is held fixed, so derivatives are those of
+the quantity at that time (the envelope theorem); where two peaks are equally high it is that of one of them.
+A peak narrower than the spacing of the samples may be missed: whether a trajectory is safe is for the
+certificate to say, not for these numbers.
 
 A trajectory of numpy arrays gives numbers of 64 bits, whatever JAX is set to; one of JAX arrays, traced or
 not, gives numbers of their precision.
 
-A plan may stand for its trajectory, also that of a timeline; then its own spacecraft and zones are meant
-where none are told.
+A plan may be given in place of its trajectory, also the plan of a timeline; then its own spacecraft and zones
+are used where none are given.
 """
 
 from collections.abc import Callable
@@ -33,23 +34,23 @@ from jaxplan.trajectory.spectrum import expect_frequencies, magnitude, transform
 
 Quantity = Callable[[Samples], Array]
 
-_EACH, _ALL = 12, 600  # least numbers of samples on a piece and on a trajectory
-_GAUSS = 12  # samples on a piece for an integral
-_LOOKS = 4  # rounds of samples: the first over the whole trajectory, the next about the extreme, ever finer
+_EACH, _ALL = 12, 600  # least number of samples on each piece, and about that on a whole trajectory
+_GAUSS = 12  # nodes of Gauss' rule on each piece
+_LOOKS = 4  # rounds of samples: the first over the whole trajectory, the others about the extreme
 
 
 def time_factors(samples: Samples, craft: Spacecraft, total: Array | None = None) -> Array:
-    """Factors on the duration at which the limit that a motion uses most would just be kept.
+    """Factors on the duration with which the limit that a motion uses most would just be kept.
 
     Args:
         samples: at (k,) times.
         craft: its limits.
-        total: (3,) N m s, total momentum in inertial axes; None without wheels.
+        total: (3,) N m s, total momentum in inertial axes, see `total_momentum`; None without wheels.
 
     Returns:
-        (k,): magnitudes over limits, each to one over the power of the time scaling by which it falls; the
-        largest of all components of all limits. NaN where one of them is NaN, infinite where slowing down
-        does not help.
+        (k,) for each time the largest factor of all components of all limits: magnitude over limit, to one
+        over the power of the time scaling by which it falls. NaN where one of them is NaN, infinite where
+        slowing down does not help.
     """
     motion = samples.kinematics(craft, total)
     factors = [limit.time_factors(motion) for group in timed_limits(craft) for limit in group]
@@ -57,13 +58,13 @@ def time_factors(samples: Samples, craft: Spacecraft, total: Array | None = None
 
 
 def torque(samples: Samples, craft: Spacecraft, total: Array | None = None) -> Array:
-    """What actuators give, (k, 3) N m in body axes: ``J omega' + omega x J omega``, or that of wheels.
+    """Torque (k, 3) N m of the actuators on the platform, body axes: ``J omega' + omega x J omega``.
 
     Args:
         samples: at (k,) times.
-        craft: its inertia.
-        total: (3,) N m s, total momentum ``H`` of a spacecraft with wheels in inertial axes, so that it is
-            ``J omega' + omega x (R^T H)``; None without.
+        craft: its inertia, which must be set.
+        total: (3,) N m s, total momentum ``H`` of a spacecraft with wheels in inertial axes, with which the
+            torque is that of the wheels, ``J omega' + omega x (R^T H)``; None without wheels.
     """
     return jnp.moveaxis(jnp.asarray(samples.kinematics(craft, total).torque), 0, -1)
 
@@ -73,8 +74,8 @@ def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
     """Largest value of a quantity over all time.
 
     Args:
-        trajectory: its arrays may be traced.
-        quantity: from samples at times (k,) or () to values of that shape.
+        trajectory: or a plan; its arrays may be traced.
+        quantity: function from samples at times (k,) or () to values of that shape.
 
     Returns:
         A number; NaN where one of the values looked at is NaN.
@@ -93,7 +94,7 @@ def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
 
     state = first, jnp.max(jnp.diff(jnp.sort(first))), first[0], jnp.array(True)
     _, _, best, sound = jax.lax.fori_loop(0, _LOOKS, look, state)
-    # As a share of the duration it is held, for a peak at a break moves with it.
+    # The fraction of the duration is held, and not the time, since a peak at a break moves with the break.
     moving = best + (duration(trajectory) - duration(held)) * (best / duration(held))
     return jnp.where(sound, quantity(evaluate(trajectory, moving)), jnp.nan)
 
@@ -104,11 +105,11 @@ def peak(trajectory: Trajectory, field: str) -> Array:
     """Largest magnitude of any component of a field of `Samples` over all time.
 
     Args:
-        trajectory: its arrays may be traced.
-        field: such as "angular_acceleration" or "joint_rates".
+        trajectory: or a plan; its arrays may be traced.
+        field: name such as "angular_acceleration" or "joint_rates".
 
     Returns:
-        In the field's unit, such as rad/s^2; zero where there is no component.
+        A number in the field's unit, such as rad/s^2; zero where there is no component.
     """
     return largest(trajectory, lambda samples: _largest_of(jnp.abs(getattr(samples, field))))
 
@@ -116,15 +117,15 @@ def peak(trajectory: Trajectory, field: str) -> Array:
 @of_plans
 @at_once("field", "power")
 def power_mean(trajectory: Trajectory, field: str, power: int = 16) -> Array:
-    """Smooth stand-in for `peak`: the power mean of a field over time and components.
+    """Smooth substitute for `peak`: the power mean of a field over time and components.
 
     Args:
-        trajectory: its arrays may be traced.
-        field: as of `peak`.
+        trajectory: or a plan; its arrays may be traced.
+        field: as in `peak`.
         power: even; the larger it is, the nearer the mean is to the peak, from below.
 
     Returns:
-        In the field's unit.
+        A number in the field's unit.
     """
 
     def scaled(samples: Samples) -> Array:
@@ -140,11 +141,11 @@ def integral(trajectory: Trajectory, quantity: Quantity) -> Array:
     """Integral of a quantity over time, by Gauss' rule on every piece.
 
     Args:
-        trajectory: its arrays may be traced.
-        quantity: from samples at (k,) times to (k,) values.
+        trajectory: or a plan; its arrays may be traced.
+        quantity: function from samples at (k,) times to (k,) values.
 
     Returns:
-        In the quantity's unit times s.
+        A number in the quantity's unit times s.
     """
     nodes, weights = np.polynomial.legendre.leggauss(_GAUSS)
     breaks = _breaks(trajectory)
@@ -179,7 +180,7 @@ def _squares(trajectory: Trajectory, *names: str) -> Array:
 
 @of_plans
 def duration(trajectory: Trajectory) -> Array:
-    """Time from start to goal, s."""
+    """Time from start to goal in s; unlike `Trajectory.duration` it can be traced."""
     last: Array = arrays(trajectory.breaks)[1][-1]
     return last
 
@@ -187,15 +188,17 @@ def duration(trajectory: Trajectory) -> Array:
 @of_plans
 @at_once()
 def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Constraints) -> Array:
-    """Smallest margin of any device to any zone over all time, rad; infinite without zones.
+    """Smallest margin of any device to any zone over all time, rad; negative if a zone is broken.
+
+    It is infinite without zones.
 
     Args:
-        trajectory: its arrays may be traced.
+        trajectory: or a plan; its arrays may be traced.
         craft: its mountings and boresights.
-        cones: the zones, none of which moves.
+        cones: the zones, none of which may move.
 
     Raises:
-        ValueError: if one moves.
+        ValueError: if a zone moves.
     """
     if cones.paths:
         raise ValueError(
@@ -216,7 +219,10 @@ def least_margin(trajectory: Trajectory, craft: Spacecraft, cones: Constraints) 
 @of_plans
 @at_once()
 def peak_torque(trajectory: Trajectory, craft: Spacecraft) -> Array:
-    """Largest component of the torque on the platform over all time, N m, body axes; it needs the inertia."""
+    """Largest component of the torque on the platform over all time, N m, body axes.
+
+    The spacecraft's inertia must be set; see `torque`.
+    """
     total = total_momentum(trajectory, craft)
     return largest(trajectory, lambda samples: _largest_of(jnp.abs(torque(samples, craft, total))))
 
@@ -231,23 +237,24 @@ def torque_spectrum(
 ) -> Array:
     """Amplitudes of the Fourier transform of the torque over the whole manoeuvre, exact at any frequency.
 
-    A mode of frequency f without damping that was at rest swings afterwards with that amplitude over 2 pi f,
-    times the mode's gain. Before and after the manoeuvre the torque counts as zero. See
+    An undamped mode of frequency f that was at rest swings afterwards with that amplitude over 2 pi f, times
+    the mode's gain. Before and after the manoeuvre the torque counts as zero. See
     `jaxplan.trajectory.spectrum`.
 
     Args:
-        trajectory: its arrays may be traced.
+        trajectory: or a plan; its arrays may be traced.
         craft: its inertia and wheels.
         frequencies: () or (f,) Hz, zero or more; they may be traced, and then their values are not checked.
-        of: one of `SPECTRA`; None for torque, and without an inertia for the angular acceleration.
+        of: one of `SPECTRA`; None for torque or, without an inertia, for the angular acceleration.
 
     Returns:
-        (f, c) N m s, ``|integral of tau exp(-2 pi i f t) dt|`` by body axes or by wheels, (1, c) at a single
-        number; of the angular acceleration rad/s. Where one is zero its derivative is given as zero.
+        (f, c) N m s, ``|integral of tau exp(-2 pi i f t) dt|`` for each body axis or each wheel, (1, c) for a
+        single frequency; of the angular acceleration in rad/s. Where one is zero its derivative is given as
+        zero.
 
     Raises:
-        ValueError: if there is no such quantity, or the spacecraft has no inertia, or no wheels, for it; or
-            a frequency is negative or no finite number.
+        ValueError: if there is no such quantity, or the spacecraft lacks the inertia or the wheels for it; or
+            a frequency is negative or not a finite number.
     """
     asked = expect_frequencies(frequencies)
     name = of or ("angular_acceleration" if craft.inertia is None else "torque")
@@ -262,7 +269,7 @@ def torque_spectrum(
 
 @at_once("name", of_arrays=True)
 def _spectrum(trajectory: Trajectory, craft: Spacecraft, frequencies: Array, name: str) -> Array:
-    """`torque_spectrum` of the quantity of a name at frequencies (f,), when these are known to be there."""
+    """Do the same as `torque_spectrum` for the quantity of a name, when all arguments have been checked."""
     total = total_momentum(trajectory, craft)
 
     def values(times: Array) -> Array:
@@ -276,34 +283,39 @@ def _spectrum(trajectory: Trajectory, craft: Spacecraft, frequencies: Array, nam
 
 @of_plans
 def wheel_torques(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np.ndarray:
-    """Torques that wheels give the platform, about their axes.
+    """Torques that wheels exert on the platform, about their axes.
 
     Args:
-        trajectory: of numpy arrays.
+        trajectory: or a plan; of numpy arrays.
         craft: its wheels and inertia.
         t: () or (k,) s.
 
     Returns:
-        (n,) or (k, n) N m, one a wheel; with the allocation "minimax" by the sharing out whose largest share
-            of a limit is least.
+        (n,) or (k, n) N m, one for each of the n wheels. With the allocation "minimax" the torque is
+        distributed such that the largest fraction of a wheel's limit is least.
 
     Raises:
-        ValueError: if there are no wheels, or a time lies outside.
+        ValueError: if there are no wheels, or a time lies outside the trajectory.
     """
     return np.moveaxis(_of_wheels(trajectory, craft, t)[0], 0, -1)
 
 
 @of_plans
 def wheel_momenta(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np.ndarray:
-    """Momenta that wheels hold, (n,) or (k, n) N m s; arguments and errors as of `wheel_torques`.
+    """Momenta in N m s that the n wheels hold about their axes, (n,) or, for k times, (k, n).
 
-    Those at the end are what the wheels store at the start of the next manoeuvre.
+    Those at the end are what the wheels store at the start of the next manoeuvre. Arguments and errors are
+    those of `wheel_torques`.
     """
     return np.moveaxis(_of_wheels(trajectory, craft, t)[1], 0, -1)
 
 
 def _of_wheels(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Torques and momenta of the wheels, (n,) or (n, k)."""
+    """Torques (N m) and momenta (N m s) of the n wheels, (n,) for a single time or (n, k) for k times.
+
+    Raises:
+        ValueError: if there are no wheels.
+    """
     if craft.wheel_array is None:
         raise ValueError("the spacecraft has no wheels; give it spacecraft.wheels")
     return wheel_loads(trajectory.sample(t).kinematics(craft, total_momentum(trajectory, craft)), craft)
@@ -312,31 +324,34 @@ def _of_wheels(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> tuple
 @of_plans
 @at_once()
 def stretch(trajectory: Trajectory, craft: Spacecraft) -> Array:
-    """Factor on time at which the first limit is just met; infinite where slowing down does not help."""
+    """Least factor on time with which all limits are kept; infinite where slowing down does not help."""
     total = total_momentum(trajectory, craft)
     return largest(trajectory, lambda samples: time_factors(samples, craft, total))
 
 
 @of_plans
 def to_limits(trajectory: Trajectory, craft: Spacecraft) -> Trajectory:
-    """The same motion scaled to the shortest time in which it keeps all limits, plus a millionth."""
+    """Return the same motion scaled to the shortest time in which it keeps all limits, plus a millionth."""
     factor: Any = stretch(trajectory, craft) * SAFETY
     return trajectory.scaled(factor)
 
 
 def _largest_of(magnitudes: Array) -> Array:
-    """Maximum over the last axis, zero where that is empty; unlike `jnp.max` it is NaN where an entry is."""
+    """Maximum over the last axis, zero where that is empty; unlike `jnp.max` it is NaN where an entry is.
+
+    Entries are magnitudes, zero or more.
+    """
     sound = jnp.all(magnitudes >= 0, axis=-1)
     return jnp.where(sound, jnp.max(magnitudes, axis=-1, initial=0.0), jnp.nan)
 
 
 def _breaks(trajectory: Trajectory) -> Array:
-    """The breaks of platform and joints together, ascending, s."""
+    """The breaks of platform and joints together, ascending, in s; common ones are listed twice."""
     return jnp.sort(jnp.concatenate([jnp.asarray(trajectory.breaks), jnp.asarray(trajectory.joint_breaks)]))
 
 
 def _times(trajectory: Trajectory) -> Array:
-    """Times (k,), s, of the first samples: many on every piece, and each break from both sides."""
+    """Times (k,) in s of the first samples: many on every piece, and each break from both sides."""
     breaks = _breaks(trajectory)
     each = max(_EACH, -(-_ALL // (len(breaks) - 1)))
     steps = jnp.arange(each) / each

@@ -1,11 +1,12 @@
-"""Curves of a stack of alike problems: attitudes, loads and margins at their places, and the slopes of loads.
+"""Curves of a stack of alike problems: attitudes, loads and margins at their places, and slopes of the loads.
 
-G problems of one kind are worked on together as a `Stack`, with S places each: shares of the duration, in
-[0, 1], at which curves are looked at. A curve has n spline coefficients on each of A = 3 + J axes: the
-platform's coordinates ``b`` in a chart of SO(3) (`curve`), and J joint angles. C loads are the components of
-the platform's limited quantities, D sights the directions that Z rows of constraints bind, *margins* the
-angles (rad) by which they keep these. Rates are derivatives in the place; in time they are divided by powers
-of the duration.
+G problems of one kind, the *members*, are worked on together as a `Stack`, with S *places* each: fractions of
+the duration, in [0, 1], at which curves are evaluated. A curve has n spline coefficients on each of A = 3 + J
+axes: the platform's coordinates ``b`` in a chart of SO(3) (`curve`), and J joint angles. *Loads* are the C
+components of the platform's limited quantities, followed by E lesser parts; they depend on the first B axes
+(`kernels`). D sights are the directions that Z rows of constraints bind, *margins* the angles (rad) by which
+they keep these, negative if broken. Rates are derivatives by the place; to get those by time they are divided
+by powers of the duration. A *slope* is a derivative in coefficients or coordinates.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -22,33 +23,33 @@ from jaxplan.model.scores import margins_of_scores, scores
 from jaxplan.trajectory.kernels import Kernel, load_slopes_at, motion_at, padded_call
 from jaxplan.trajectory.problem import DiscreteProblem
 
-_BETWEEN = 0.02  # of a limit: the most that a load is taken to be above its values at the nearest places
-_FLAT = 1e-12  # of a limit, the least bend of a parabola at its peak
+_BETWEEN = 0.02  # of a limit, the most by which a load is taken to exceed its values at nearest places
+_FLAT = 1e-12  # of a limit, least curvature of a parabola that is divided by
 _BROKEN = 1e-6  # the largest violation of a constraint that still counts as none
 
-LIMIT, ZONE, TUBE = range(3)  # kinds of constraints
+LIMIT, ZONE, TUBE = range(3)  # kinds of constraints; joint ranges count as LIMIT
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stack:
-    """Discrete problems of one kind, G of them.
+    """G discrete problems of one kind, their arrays stacked along a first axis.
 
     Attributes:
         members: the problems.
         places: (G, S) in [0, 1].
-        rows: (G, 4, S, n) values of the splines, and of their first three derivatives, at the places.
-        wanted: (G, D, Z) rad, margins to keep.
-        free: (G, n, k) free changes of the coefficients.
-        by_time: (G, n, A) 1/s, change of the coefficients for each second of the duration.
+        rows: (G, 4, S, n) values of the n splines, and of their three derivatives, at the S places.
+        wanted: (G, D, Z) rad, margins to keep, of D sights to Z rows of the constraints.
+        free: (G, n, k) changes of the n coefficients of an axis by the k free ones.
+        by_time: (G, n, A) rad/s, change of the coefficients of A axes for each second of the duration.
         energies: (G, 4, n, n) Gram matrices of the splines and of their first three derivatives.
         weights: (G, 3) of the squares of rate, acceleration and jerk.
-        tube_rows: (G, M, n) values of the splines at nodes with a tube.
-        tube_values: (G, M, A) rad, those nodes.
+        tube_rows: (G, M, n) values of the splines at M nodes with a tube.
+        tube_values: (G, M, A) rad, those nodes: ``b`` and joint angles.
         tube_radius: (G, A) rad, of the tube.
-        limits: (G, C) on the platform's loads, in units of time.
-        joint_limits: (G, L, J) on the joints' rates and accelerations.
+        limits: (G, C) on the C components of the platform's loads, in SI units.
+        joint_limits: (G, L, J) on the L limited quantities (rates, accelerations) of J joints.
         centres: (G, J) rad, middles of the joints' ranges.
         reaches: (G, J) rad, halves of the joints' ranges.
     """
@@ -71,7 +72,7 @@ class Stack:
 
     @classmethod
     def of(cls, members: Sequence[DiscreteProblem]) -> "Stack":
-        """The stack of problems of one kind."""
+        """Stack problems of one kind (`DiscreteProblem.kind`)."""
         problems = [own.problem for own in members]
         shape = len(members), len(problems[0].joint_limits), problems[0].joints.shape[1]
 
@@ -97,10 +98,10 @@ class Stack:
 
     @cached_property
     def columns(self) -> dict[str, np.ndarray]:
-        """Attributes of `Constraints` and of their `Sights`, stacked, by name.
+        """Attributes of the members' `Constraints` and `Sights` by name, stacked along a first axis.
 
-        Of the constraints ``side``, ``frame``, ``partner`` (G, Z) and ``axis`` (G, Z, 3), of the sights
-        ``carriers`` (G, D) and ``turning`` (G, 2, D).
+        Of constraints ``side``, ``frame``, ``partner`` (G, Z) and ``axis`` (G, Z, 3), of sights ``carriers``
+        (G, D) and ``turning`` (G, 2, D).
         """
         problems = [own.problem for own in self.members]
         rows = ("side", "frame", "partner", "axis")
@@ -111,7 +112,7 @@ class Stack:
 
     @cached_property
     def moving_axes(self) -> np.ndarray:
-        """(G, S, Z, 3) axes of the rows at the places, for constraints some of which move."""
+        """(G, S, Z, 3) axes by problem, place and row, for constraints of which some move."""
         return np.stack([own.problem.axes(own.places) for own in self.members])
 
     @property
@@ -121,24 +122,24 @@ class Stack:
 
     @cached_property
     def frames(self) -> np.ndarray:
-        """(G, g, 3, 3) mounting frames of the g gimbals, as of `Gimbals`."""
+        """(G, g, 3, 3) mounting frames of the g gimbals of each problem, as in `Gimbals`."""
         return np.stack([own.problem.sights.gimbals.frames for own in self.members])
 
     @property
     def has_inner(self) -> bool:
-        """Whether there are rows that are not inertial."""
+        """Whether any row's axis is not inertial but of the body, a sight or a terminal's joints."""
         return self.members[0].problem.cones.inner
 
     def iterates(
         self, coefficients: np.ndarray, duration: np.ndarray, *, as_given: bool = False
     ) -> "Iterates":
-        """Evaluate curves of the problems at their places.
+        """Evaluate one curve for each member at its places.
 
         Args:
-            coefficients: (G, n, A).
+            coefficients: (G, n, A) of the curves.
             duration: (G,) s.
-            as_given: True to keep these durations. Else curves of a free duration that rest at both ends get
-                the shortest one within the limits.
+            as_given: whether these durations are kept. Otherwise curves of a free duration that rest at both
+                ends get the shortest one within the limits at the places.
         """
         curves = self.rows @ coefficients[:, None]
         motions = self.evaluated(_motion_kernel, curves, range(len(curves)))
@@ -182,7 +183,7 @@ class Stack:
     def evaluated(
         self, kernel_of: Callable[[DiscreteProblem], Kernel], curves: np.ndarray, which: Sequence[int]
     ) -> list[list[np.ndarray]]:
-        """Call a kernel for some curves, for all those of one problem at once.
+        """Call a kernel for some of the curves; those of one problem share a call.
 
         Args:
             kernel_of: makes the kernel of a problem.
@@ -209,7 +210,7 @@ class Stack:
         return [found[number] for number in which]
 
     def needed_durations(self, at: "Iterates") -> np.ndarray:
-        """The shortest durations (G,) in which curves keep limits of rates and loads at the places, s.
+        """Shortest duration (G,) in s in which each curve keeps limits of rates and loads at the places.
 
         Loads with a lesser part are left to `rooted_durations`.
         """
@@ -230,11 +231,11 @@ class Stack:
         return np.asarray(np.max(factors, axis=0))
 
     def with_peaks(self, shares: np.ndarray, between: bool) -> np.ndarray:
-        """Shares (G, S, ...) of limits, at local maxima those that a parabola through the neighbours reaches.
+        """Raise fractions of limits at local maxima to the peaks of parabolas through their neighbours.
 
         Args:
-            shares: at the places.
-            between: whether to look between the places; else the shares are returned as they are.
+            shares: (G, S, ...) fractions of limits by curve and place.
+            between: whether to look between the places; otherwise `shares` are returned as they are.
         """
         if not between:
             return shares
@@ -250,12 +251,9 @@ class Stack:
         return found
 
     def _rooted(self, at: "Iterates") -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
-        """Yield, for each load with a term of lower order in 1/T, its two terms as shares of the limit.
+        """Yield, for each load with a lesser part, its two terms as shares of the limit.
 
-        A load at duration T is ``leading / T^p + lower / T^(p - 1)``.
-
-        Args:
-            at: the curves, evaluated for a duration of 1 s.
+        A load at duration T is ``leading / T^p + lower / T^(p - 1)``; the curves' loads are those for 1 s.
 
         Yields:
             The leading term (G, S, c), the exponent p, and the lower-order term (G, S, c).
@@ -267,7 +265,7 @@ class Stack:
                 yield (at.loads[:, :, own] - slow) / bound, limit.quantity.power, slow / bound
 
     def rooted_durations(self, at: "Iterates") -> np.ndarray:
-        """The shortest durations (G,) from which on they keep those of loads with a lesser part, s.
+        """Shortest duration (G,) in s from which on each curve keeps limits of loads with a lesser part.
 
         Places where slowing down does not help are left out.
         """
@@ -279,7 +277,7 @@ class Stack:
         return found
 
     def rooted_shares(self, at: "Iterates") -> np.ndarray:
-        """The largest shares (G,) of limits of loads with a lesser part, in the curves' durations."""
+        """Largest fraction (G,) of a limit that loads with a lesser part take, in each curve's duration."""
         found, duration = np.zeros(len(at.duration)), at.duration[:, None, None]
         for share, power, lesser in self._rooted(at):
             own = np.abs(share / duration**power + lesser / duration ** (power - 1))
@@ -289,23 +287,24 @@ class Stack:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Iterates:
-    """Curves of a stack, G of them, with their values at the places.
+    """One curve for each of the G members of a stack, with all values at the places.
 
     Attributes:
         stack: the problems.
-        coefficients: (G, n, A).
+        coefficients: (G, n, A) of the curves, n on each of A axes.
         duration: (G,) s.
-        curves: (G, 4, S, A) ``b`` and joints with three derivatives in the place.
-        attitude: (G, S, 3, 3) body to inertial.
+        curves: (G, 4, S, A) ``b`` and joints (rad), with three derivatives by the place.
+        attitude: (G, S, 3, 3) body to inertial, at S places.
         tangent: (G, S, 3, 3) ``U^T D``, which takes a change of ``b`` to a rotation vector in body axes.
-        loads: (G, S, C + E) of the platform, for a duration of 1 s; the last are lesser parts (`kernels`).
-        body: (G, S, D, 3) sights in body axes.
-        cosines: (G, S, D, Z) of the angles between sights and axes.
+        loads: (G, S, C + E) of the platform for a duration of 1 s: C loads, then E lesser parts (`kernels`).
+        body: (G, S, D, 3) unit vectors of D sights in body axes.
+        cosines: (G, S, D, Z) of the angles between sights and axes of Z rows of the constraints.
         margins: (G, S, D, Z) rad; +inf where a row does not bind a sight, and for all entries of a constraint
             but the one that holds best from there to the next place, and to the place before.
-        violations: (G, 3) by kind of constraint, the largest; zero or less where none is broken. Of limits
-            it is the share of the duration that lacks, of joint ranges, zones and tubes the excess in rad.
-        known_slopes: of each curve the answer of `load_slopes`, None while that was not asked for.
+        violations: (G, 3) the largest by kind of constraint (`LIMIT`, `ZONE`, `TUBE`); zero or less if none
+            is broken. Of limits it is the fraction by which the duration is too short (or by which a load
+            with a lesser part exceeds its limit), of joint ranges, zones and tubes the excess in rad.
+        known_slopes: for each curve the result of `load_slopes`, None until that is called.
     """
 
     stack: Stack
@@ -323,21 +322,21 @@ class Iterates:
 
     @property
     def is_sound(self) -> np.ndarray:
-        """(G,) whether no constraint is broken."""
+        """(G,) bool for each curve, whether no constraint is broken at the places."""
         return np.all(self.violations <= _BROKEN, axis=1)
 
     @cached_property
     def finite(self) -> np.ndarray:
-        """(G,) whether all loads and cosines are finite."""
+        """(G,) bool for each curve, whether all loads and cosines are finite."""
         kept = np.all(np.isfinite(self.loads), axis=(1, 2))
         return np.asarray(kept & np.all(np.isfinite(self.cosines), axis=(1, 2, 3)))
 
 
 def members_of(whole: T, which: np.ndarray) -> T:
-    """The part of stacked data that belongs to some of G members; to be read only.
+    """Select the part of stacked data that belongs to some of the G members; it must not be written to.
 
     Args:
-        whole: an array (G, ...), a list of G, or a dictionary or dataclass of such.
+        whole: an array (G, ...), a list of length G, or a dictionary or dataclass of such.
         which: the members' numbers, rising, or (G,) bool.
     """
     found: Any
@@ -355,7 +354,7 @@ def members_of(whole: T, which: np.ndarray) -> T:
 
 
 def mixed(first: Iterates, other: Iterates, others: np.ndarray) -> Iterates:
-    """Curves chosen one by one from two iterates of a stack: `other` where (G,) `others`, else `first`."""
+    """Merge two iterates of a stack: curves of `other` where (G,) `others` is true, else of `first`."""
     if np.all(others) or not np.any(others):
         return other if np.any(others) else first
 
@@ -373,7 +372,7 @@ def mixed(first: Iterates, other: Iterates, others: np.ndarray) -> Iterates:
 
 
 def stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
-    """Stack G arrays (...) to (G, ...); without a copy where all are the same object."""
+    """Stack G arrays (...) to (G, ...); if all are the same object, a read-only view without a copy."""
     first = arrays[0]
     if all(array is first for array in arrays):
         return np.broadcast_to(first, (len(arrays), *first.shape))
@@ -381,7 +380,7 @@ def stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def taken(array: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """Entries of an array (G, ...), by rising number or (G,) bool; to be read only, perhaps a view."""
+    """Select entries of an array (G, ...) by rising numbers or (G,) bool; perhaps a view, so read it only."""
     count = int(np.sum(which)) if which.dtype == bool else len(which)
     if count == len(array):
         return array
@@ -391,18 +390,18 @@ def taken(array: np.ndarray, which: np.ndarray) -> np.ndarray:
 
 
 def _most(values: np.ndarray) -> np.ndarray:
-    """(G,) the largest of values (G, ...), -inf of none."""
+    """Largest value of each of G arrays (G, ...), as (G,); -inf for empty ones."""
     return np.asarray(np.max(values.reshape(len(values), -1), axis=1, initial=-np.inf))
 
 
 def _motion_kernel(discrete: DiscreteProblem) -> Kernel:
-    """The kernel for attitudes, tangents and loads of one problem's curves."""
+    """Make the kernel for attitudes, tangents and loads of one problem's curves."""
     problem, chart = discrete.problem, discrete.chart
     return partial(motion_at, chart.attitude, chart.turn, body=problem.body, names=problem.names)
 
 
 def _slopes_kernel(discrete: DiscreteProblem) -> Kernel:
-    """The kernel for derivatives of the loads of one problem's curves."""
+    """Make the kernel for derivatives of the loads of one problem's curves."""
     problem = discrete.problem
     return partial(load_slopes_at, discrete.chart.turn, body=problem.body, names=problem.names)
 
@@ -410,7 +409,7 @@ def _slopes_kernel(discrete: DiscreteProblem) -> Kernel:
 def _margins_along(
     discrete: DiscreteProblem, curve: np.ndarray, attitude: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sights, cosines and margins along one curve (4, S, A) with attitudes (S, 3, 3), see `Iterates`."""
+    """Sights, cosines and margins, as of `Iterates`, along a curve (4, S, A) with attitudes (S, 3, 3)."""
     problem, places, joints = discrete.problem, discrete.places, curve[0, :, 3:]
     cones, body = problem.cones, problem.sights.in_body(joints)
     inertial = problem.axes(places) if cones.paths else cones.axis
@@ -419,7 +418,7 @@ def _margins_along(
     margins = np.asarray(margins_of_scores(cones, scores(cones, cosines, of_joints)))
     np.copyto(margins, np.inf, where=~cones.bound.T)
     if np.any(cones.entry != cones.group):
-        # From each place to the next one entry holds at both, or between them none might.
+        # One entry has to hold at both of two neighbouring places, or between them none might hold.
         of_rows = np.min(margins, axis=1, initial=np.inf)
         ends = np.concatenate([of_rows[:1], of_rows, of_rows[-1:]])
         from_to = counted(cones, np.minimum(ends[:-1], ends[1:]))
@@ -428,16 +427,14 @@ def _margins_along(
 
 
 def load_slopes(at: Iterates, curve: int) -> np.ndarray:
-    """(S, C + E, 4, B) derivatives of a curve's loads in its first B axes and derivatives; kept in `at`.
+    """Derivatives (S, C + E, 4, B) of a curve's loads: by place, load, derivative and axis.
 
-    Args:
-        at: the curves.
-        curve: number of the one.
+    They are stored in `at.known_slopes`, for all curves of the same problem at once. `curve` is a number.
     """
     known = at.known_slopes[curve]
     if known is not None:
         return known
-    # Who asks about one curve of a problem asks about its others next.
+    # Whoever needs one curve of a problem will need its other curves next.
     own = at.stack.members[curve]
     unknown = [n for n, slopes in enumerate(at.known_slopes) if slopes is None]
     alike = [n for n in unknown if at.stack.members[n] is own]

@@ -1,16 +1,18 @@
-"""The conditions of optimality of a spline fit, as long as the same rows bind, and their matrix.
+"""The optimality conditions of a spline fit for a fixed set of binding rows, and their derivative matrix.
 
-A *row* is an inequality of the fit (`constraints`); letters of sizes are those of `motion`. The optimum ``x``
-of a fit (its free coefficients), with multipliers ``y`` of the rows that bind, is a root of
+A *row* is an inequality of the fit (`constraints`); it *binds* if it holds with equality. R is the number of
+rows, k that of free coefficients on each axis, and other letters of sizes are those of `motion`. The optimum
+``x`` of a fit (its free coefficients), with multipliers ``y`` of the rows that bind, is a root of
 
     F(x, y; inputs) = (gradient in x of energy + y . rows,  rows that bind) = 0.
 
 In the shortest motion the logarithm ``t`` of its duration is an unknown as well: the gradient is then that in
-``x`` and ``t`` of ``t`` plus a little of the energy's logarithm. The matrix, the derivative of ``F`` in
-``z = (x, y)`` or ``(x, y, t)``, is exact, with the curvature of loads and margins in it.
+``x`` and ``t`` of ``t`` plus a small multiple of the energy's logarithm. The matrix, the derivative of ``F``
+in ``z = (x, y)`` or ``(x, y, t)``, is exact, with the curvature of loads and margins in it.
 
 In all functions below `held` is the active set, which stays fixed, `inputs` are the numbers in which the root
-is differentiated, ``z`` is as above, ``c`` are spline coefficients (n, A), and durations are in s.
+is differentiated, ``z`` is as above, ``c`` are spline coefficients (n, A), and durations are in s. Arrays of
+rows are padded to a few sizes; a row that is padding has no effect.
 """
 
 from collections.abc import Callable
@@ -31,25 +33,25 @@ from jaxplan.trajectory.binding import ActiveSet, BindingLoads, BindingMargins, 
 from jaxplan.trajectory.kernels import loads_at
 from jaxplan.trajectory.sqp import ENERGY_WEIGHT
 
-_REGULARISATION = 1e-13  # of the matrix, where rows that bind depend on each other
+_REGULARISATION = 1e-13  # subtracted from the diagonal of binding rows, which may depend on each other
 
 
 @partial(quick_jit, level=1)
 def linearised(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, Traced]:
-    """The conditions ``F`` and their derivative at ``z``, see `residual` and `matrix`."""
+    """Return the conditions ``F`` and their derivative in ``z``, see `residual` and `matrix`."""
     z = jnp.asarray(z)
     return residual(held, inputs, z), matrix(held, inputs, z)
 
 
 @quick_jit
 def curve_of(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, Traced]:
-    """Spline coefficients (n, A) and duration, s, of the curve at ``z``, such as a root of `residual`."""
+    """Return the curve at ``z``: n spline coefficients on each of A axes (n, A), and the duration in s."""
     x, _, duration = _split(held, inputs, jnp.asarray(z))
     return held.free @ x + offset_of(held, inputs, duration), duration
 
 
 def flat(held: ActiveSet) -> Traced:
-    """``z`` of an active set: free coefficients, multipliers, and ``log(duration)`` if that is free."""
+    """Make ``z`` of an active set: free coefficients, multipliers, and ``log(duration)`` if that is free."""
     parts = [held.x.ravel(), held.multipliers]
     if held.free_time:
         parts.append(array_module(held.duration).log(held.duration)[None])
@@ -57,28 +59,31 @@ def flat(held: ActiveSet) -> Traced:
 
 
 def _split(held: ActiveSet, inputs: FitInputs, z: Traced) -> tuple[Traced, Traced, Traced]:
-    """Free coefficients ``x`` (k, A), multipliers ``y`` (R,) and duration (s) from ``z``."""
+    """Split ``z`` into free coefficients ``x`` (k, A), multipliers ``y`` (R,) of rows, and duration (s)."""
     x, y = z[: held.x.size].reshape(held.x.shape), z[held.x.size :][: len(held.multipliers)]
     return x, y, jnp.exp(z[-1]) if held.free_time else inputs.duration
 
 
 def offset_of(held: ActiveSet, inputs: FitInputs, duration: Traced) -> Traced:
-    """(n, A) coefficients of the curve whose free coefficients are zero, in a duration (s)."""
+    """Spline coefficients (n, A), on A axes, of the curve whose free coefficients are all zero."""
     return held.of_values @ inputs.nodes[held.given] + duration * (held.of_rates @ inputs.ends)
 
 
 def energy_of(held: ActiveSet, inputs: FitInputs, duration: Traced) -> Traced:
-    """(n, n) matrix of the energy of one axis in a duration (s), over the first curve's energy."""
+    """Matrix (n, n) of one axis's energy in n spline coefficients, divided by the first curve's energy."""
     return jnp.tensordot(inputs.weights * duration ** -np.array([1.0, 3.0, 5.0]), held.energies, axes=1)
 
 
 def _on(held: ActiveSet) -> Traced:
-    """(R,) bool, which of all rows are no padding."""
+    """(R,) bool for all rows (linear ones, loads, margins), false for padding."""
     return jnp.concatenate([held.linear.on, held.loads.on, held.zones.on])
 
 
 def residual(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
-    """``F`` at ``z``, a vector like it; for a row that is padding it is the row's multiplier, zero."""
+    """Evaluate the conditions ``F`` at ``z``, a vector of the same length.
+
+    The entry of a row that is padding is that row's multiplier, so that it is zero at the root.
+    """
     x, y, duration = _split(held, inputs, z)
     c, on = held.free @ x + offset_of(held, inputs, duration), _on(held)
     values, slopes = _values(held, inputs, c, duration), _slopes(held, inputs, c, duration)
@@ -98,7 +103,7 @@ def residual(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
 
 
 def _log_energy_slopes(held: ActiveSet, inputs: FitInputs, c: Traced, time: Traced) -> tuple[Traced, Traced]:
-    """Derivatives of ``ENERGY_WEIGHT * log(energy)`` in ``t``, which is `time`, and in ``c`` (n, A)."""
+    """Derivatives of ``ENERGY_WEIGHT * log(energy)`` in ``t`` (the argument `time`) and in ``c``."""
 
     def little(time: Traced, c: Traced) -> Traced:
         energy = jnp.sum(c * (energy_of(held, inputs, jnp.exp(time)) @ c)) / 2
@@ -109,18 +114,23 @@ def _log_energy_slopes(held: ActiveSet, inputs: FitInputs, c: Traced, time: Trac
 
 
 def _powers(held: ActiveSet, inputs: FitInputs) -> Traced:
-    """(R,) powers of the duration by which rows fall; a motion at rest at its ends depends on it only so."""
+    """(R,) power of the duration by which each row falls; zero for margins.
+
+    A motion at rest at its ends depends on the duration in no other way, lesser parts of loads apart.
+    """
     linear = inputs.powers[held.linear.scale]
     loads = jnp.array(inputs.load_powers, float)[held.loads.component]
     return jnp.concatenate([linear, loads, jnp.zeros(len(held.zones.on))])
 
 
 def _lesser_terms(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> Any:
-    """Lesser parts of the rows of loads, by which these fall less, and their slopes in the free coefficients.
+    """Lesser parts of the rows of loads, and their derivatives in the free coefficients.
+
+    A lesser part falls by one power of the duration less than the rest of its load.
 
     Returns:
-        The rows' slice among all, the parts (R,), zero of padding, and the slopes (R, k A); None where no
-        load has a lesser part.
+        The slice of the loads' rows among all rows, their lesser parts (one each, zero for padding), and the
+        derivatives of these (one row each, k A columns); None where no load has a lesser part.
     """
     loads, first = held.loads, len(held.linear.on)
     if not len(loads.on) or max(inputs.lesser) < 0:
@@ -133,13 +143,13 @@ def _lesser_terms(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Trace
 
 
 def _linear_factors(held: ActiveSet, inputs: FitInputs, duration: Traced) -> Traced:
-    """Factors (R,) of the linear rows: their signs over their scales."""
+    """(R,) factors of the linear rows: their signs over their scales, which depend on the duration."""
     scale = inputs.scales[held.linear.scale] * duration ** inputs.powers[held.linear.scale]
     return held.linear.sign / jnp.where(held.linear.on, scale, 1)
 
 
 def _linear_rows(held: ActiveSet, inputs: FitInputs) -> Traced:
-    """(R, n) coefficients of ``c`` in the linear rows, for nodes at the places where they are passed now."""
+    """(R, n) factors of the n coefficients in each linear row, with nodes at their present places."""
     linear = held.linear
     moved = jnp.where(linear.node >= 0, inputs.moved[linear.node], 0)
     powers = jnp.stack([jnp.ones_like(moved), moved, moved**2 / 2, moved**3 / 6], axis=1)
@@ -147,7 +157,7 @@ def _linear_rows(held: ActiveSet, inputs: FitInputs) -> Traced:
 
 
 def _values(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> Traced:
-    """(R,) by how much each row is broken: shares of the bound, for margins rad."""
+    """Excess (R,) of each row over its bound, negative if kept: a fraction of the bound; rad for margins."""
     linear, loads, zones = held.linear, held.loads, held.zones
     value = jnp.einsum("rn,nr->r", _linear_rows(held, inputs), c[:, linear.axis])
     of_node = inputs.nodes[linear.node, linear.axis]
@@ -162,7 +172,7 @@ def _values(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
 
 
 def _slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> Traced:
-    """Derivatives (R, k, A) of the rows' `_values` in the free coefficients."""
+    """(R, k, A) derivatives of each row's `_values` in the k free coefficients of each axis."""
     linear, loads, zones = held.linear, held.loads, held.zones
     axes = c.shape[1]
     rows = _linear_factors(held, inputs, duration)[:, None] * (_linear_rows(held, inputs) @ held.free)
@@ -179,7 +189,15 @@ def _slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
 
 
 def _load_row(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> Traced:
-    """By what share of its limit one load exceeds it, from the first B axes and derivatives, z (4, B)."""
+    """Fraction of its limit by which one load exceeds it, negative if it is kept.
+
+    Args:
+        inputs: as of the module.
+        duration: s.
+        row: a single row, at its place.
+        z: (4, B) the curve's first B axes there (``b``, perhaps joints), and their three derivatives by the
+            place.
+    """
     loads = loads_at(inputs.turn, row.place, z, inputs.body, inputs.names)
     limit = inputs.limits * duration ** np.array(inputs.load_powers, float)
     value = row.sign * loads[row.component] / limit[row.component] - 1
@@ -189,7 +207,7 @@ def _load_row(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced)
 
 
 def _lesser_row(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> Traced:
-    """The part of a load's share of its limit that falls by one power less; arguments as of `_load_row`."""
+    """The lesser part of a load as a fraction of the load's limit; arguments as of `_load_row`."""
     loads = loads_at(inputs.turn, row.place, z, inputs.body, inputs.names)
     number = jnp.array(inputs.lesser)[row.component]
     limit = inputs.limits * duration ** np.array([power - 1.0 for power in inputs.load_powers])
@@ -197,11 +215,11 @@ def _lesser_row(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Trace
 
 
 def _zone_row(inputs: FitInputs, row: BindingMargins, chart: tuple[Traced, Traced], z: Traced) -> Traced:
-    """By how much one margin lacks of what is wanted, rad.
+    """Angle in rad by which one margin falls short of what is wanted; negative if it is kept.
 
     Args:
         inputs: as of the module.
-        row: the row, at its place.
+        row: a single row, at its place.
         chart: its entries of `FitInputs.axes` (3,) and `FitInputs.halves` (3, 3).
         z: (A,) ``b`` and joints there, rad.
     """
@@ -215,9 +233,10 @@ def _zone_row(inputs: FitInputs, row: BindingMargins, chart: tuple[Traced, Trace
 
 
 def _with_slopes(row: Callable[..., Traced], axes: Any) -> tuple[Callable[..., Traced], ...]:
-    """A function of one row mapped over all rows, its first and its second derivative in the last argument.
+    """Map a function of one row over all rows, with its first and second derivative in the last argument.
 
-    They are jitted, so that however often a program calls them they are traced and compiled once.
+    The three functions are jitted, so that they are traced and compiled once however often a program calls
+    them.
 
     Args:
         row: of four arguments.
@@ -233,7 +252,7 @@ _zone_values, _zone_slopes, _zone_bends = _with_slopes(_zone_row, (None, 0, 0, 0
 
 
 def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
-    """Derivative of `residual` in ``z``, square, assembled from small blocks at the rows that bind."""
+    """Derivative of `residual` in ``z``, a symmetric matrix assembled from blocks at the binding rows."""
     x, y, duration = _split(held, inputs, z)
     c, free, on = held.free @ x + offset_of(held, inputs, duration), held.free, _on(held)
     loads, zones = held.loads, held.zones

@@ -1,4 +1,4 @@
-"""Results of a fit from its best attempt: the trajectory, the status, and the message to the user."""
+"""Make the result of a fit from its best attempt: the trajectory, the status, and the message to the user."""
 
 from dataclasses import replace
 
@@ -17,7 +17,10 @@ NOT_OPTIMAL = "it is not the optimum: near the fit none was found that keeps all
 
 
 def better(fit: Fit, other: Fit) -> Fit:
-    """The one of two fits that succeeded or, if both or none did, whose motion takes or needs less time."""
+    """Return the better of two fits: the one that succeeded or, if both or none did, the one that is faster.
+
+    Of failed fits the one with a trajectory is preferred, then the one that needs less time.
+    """
 
     def key(one: Fit) -> tuple[bool, bool, float]:
         found, curve = one.status is Status.OK, one.trajectory
@@ -28,9 +31,10 @@ def better(fit: Fit, other: Fit) -> Fit:
 
 
 def success(attempt: Attempt, *, stretch: bool = False) -> Fit:
-    """The fit of an attempt within all limits on rates and loads.
+    """Make the fit of an attempt within all limits on rates and loads.
 
-    Where the settings ask for the optimum and that is sound, too, it is the optimum near the attempt.
+    Where the settings ask for the optimum and that is sound, too, it is the optimum near the attempt;
+    otherwise a note says that it is not. Its status is UNCERTIFIED if it breaks a zone or a joint's range.
 
     Args:
         attempt: the best one.
@@ -83,12 +87,12 @@ _OTHER_RATES = (
 
 
 def limits_too_tight(closest: Attempt, duration: float, needed: float | None) -> Fit:
-    """The fit that breaks a limit.
+    """Make the fit, LIMITS_TOO_TIGHT, of an attempt that breaks a limit.
 
     Args:
-        closest: the attempt nearest to keeping the limits.
+        closest: the attempt that comes nearest to keeping the limits.
         duration: the one asked for, s.
-        needed: duration at which all limits are kept, s; None if none was found.
+        needed: duration in which all limits are kept, s; None if none was found.
     """
     problem, enough = closest.problem, None
     if needed is None and np.isinf(closest.peaks.stretch):
@@ -105,7 +109,7 @@ def limits_too_tight(closest: Attempt, duration: float, needed: float | None) ->
 
 
 def beyond_charts() -> Fit:
-    """The fit, INFEASIBLE, of a path whose nodes leave every chart."""
+    """Make the fit, INFEASIBLE, of a path with a node too far from the steady rotation in every chart."""
     message = (
         f"the nodes lie more than {np.rad2deg(CHART_REACH):.0f} deg off the steady rotation "
         'from start to goal: set trajectory.method to "paper"'

@@ -2,8 +2,9 @@
 
 Slowing a motion leaves its geometry as it is, and every limited quantity falls by a power of the factor on
 time (`jaxplan.model.limits`). So the shortest uniform scaling within all limits follows from the peaks of one
-curve, exactly. What wheels give and hold has a lesser part, so its peaks move as the time is scaled, and are
-followed. Peaks are maxima over continuous time (`maxima`).
+curve, exactly. Torques and momenta of wheels have a *lesser part*, which falls by one power less, so their
+peaks move as the time is scaled, and are followed. Peaks are maxima over continuous time (`maxima`). In
+shapes, Q counts limited quantities, C their components and E the lesser parts.
 
 Rates of the platform at very many points are computed by cross products in numpy: the same formulas as in
 `curve.chart_motion` (equations 25 to 29), but not differentiable. With ``E = exp(eta^)``, and
@@ -12,10 +13,11 @@ Rates of the platform at very many points are computed by cross products in nump
     omega  = U^T v,                     v  = (Omega + E^T Omega) / 2 + w,   w = D(eta) eta',
     omega' = U^T (v' - Omega x v / 2),  v' = w' - w x (E^T Omega) / 2.
 
-All is analytic in time, so a step of it along the imaginary axis tells the next derivative to the last digit.
-The length of a vector is not where it is zero; its square is, and of that the maxima are looked for. With
+All is analytic in time, so a step along its imaginary axis gives the next derivative to the last digit. The
+length of a vector is not smooth where it is zero; its square is, and of that the maxima are looked for. With
 the chart's base ``R_a`` the total momentum ``H`` of wheels and platform is ``U^T E^T U^T R_a^T H`` in body
-axes. Where stages of gimbals have an inertia the loads need joints, too, and so pieces of both together.
+axes. Where stages of gimbals have an inertia the loads depend on the joints, too, so pieces of both are
+needed.
 """
 
 from collections.abc import Sequence
@@ -45,18 +47,18 @@ from jaxplan.trajectory.curve import Trajectory, on_common_pieces, total_momentu
 from jaxplan.trajectory.maxima import is_resolved, largest, rooted_factors
 from jaxplan.trajectory.splines import derivative_matrix
 
-SAFETY = 1 + 1e-6  # on time, beyond what the peaks ask for, so that an independent proof has room
+SAFETY = 1 + 1e-6  # factor on time beyond what the peaks require, so that an independent proof has room
 
-_ROUNDING = 1e-9  # beyond a joint's range, at whose very end a node may be
+_ROUNDING = 1e-9  # of a joint's range, by which it may be exceeded, since a node may be at its very end
 
-_SHARPER = 2  # times the points where stages turn far on a piece
-_SHARPEST = 4  # such factors at most, one after the other
-_FEW = 8  # pieces; where a trajectory has more they are short
+_SHARPER = 2  # factor on the number of points, where stages turn far on a piece
+_SHARPEST = 4  # most times that this factor is applied
+_FEW = 8  # pieces; where a trajectory has more, they are short and take fewer points
 _POINTS = 4096  # points computed together, so that intermediate results stay in the processor's cache
 
-_SMALL = 0.05  # rad^2, below which series are used
-_ZERO = 1e-300  # rad^2
-_STEP = 1e-30  # s, along the imaginary axis
+_SMALL = 0.05  # rad^2, square of the angle below which series are used
+_ZERO = 1e-300  # rad^2, least square of an angle whose root is divided by
+_STEP = 1e-30  # s, along the imaginary axis, of complex-step derivatives
 
 Asked = tuple[Trajectory, Spacecraft, tuple[str, ...]]
 """A trajectory of positive duration, its spacecraft, and names of the quantities asked for."""
@@ -64,15 +66,15 @@ Asked = tuple[Trajectory, Spacecraft, tuple[str, ...]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Peaks:
-    """The largest share of each limit that a trajectory uses.
+    """The largest fraction of each limit that a trajectory uses, for Q limited quantities.
 
     Attributes:
         names: of the quantities, such as ``platform rate x`` or ``terminal-1 yaw acceleration``.
         ratios: (Q,) largest magnitude over limit.
-        powers: (Q,) the ratio falls by this power of the time scaling.
-        in_range: whether every joint stays within its angles, on which time has no influence.
-        rooted: (Q,) time factors of quantities with a lesser part that is not zero, NaN of the others; None
-            without any.
+        powers: (Q,) the power of the time scaling by which the ratio falls.
+        in_range: whether every joint stays within its range of angles, on which time has no influence.
+        rooted: (Q,) time factors of quantities with a lesser part that is not zero, NaN for the others; None
+            without wheels.
     """
 
     names: tuple[str, ...]
@@ -83,36 +85,36 @@ class Peaks:
 
     @property
     def stretch(self) -> float:
-        """Factor on time at which the first limit is just met; NaN if a peak is not a number.
+        """Least factor on time with which all limits are kept, so that one of them is just met.
 
-        With wheels it is infinite where slowing down does not help.
+        It is NaN if a peak is not a number, and infinite if slowing down does not help, as with full wheels.
         """
         return float(np.max(self.time_factors, initial=0.0))
 
     @property
     def kept(self) -> bool:
-        """Whether all limits are kept as it is, but for joint angles; a slower motion may break one."""
+        """Whether all limits but those of joint angles are kept as it is; a slower motion may break one."""
         return self.stretch <= 1 or bool(np.all(self.ratios <= 1))
 
     @property
     def sound(self) -> bool:
-        """Whether all peaks are finite."""
+        """Whether all peaks are finite numbers."""
         return bool(np.all(np.isfinite(self.ratios)))
 
     @property
     def binding(self) -> int:
-        """Index of the quantity that asks for the longest time."""
+        """Index of the quantity that requires the longest time."""
         return int(np.argmax(self.time_factors))
 
     @property
     def time_factors(self) -> np.ndarray:
-        """(Q,) factors on time at which each limit is just met."""
+        """(Q,) factor on time for each quantity at which its limit is just met; below 1 it is kept."""
         found = np.asarray(time_factor(self.ratios, self.powers))
         return found if self.rooted is None else np.where(np.isnan(self.rooted), found, self.rooted)
 
 
 def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
-    """Peaks of a trajectory, over their limits, of all quantities that the spacecraft limits.
+    """Compute the peaks of a trajectory, over their limits, of all quantities that the spacecraft limits.
 
     Args:
         trajectory: of positive duration.
@@ -125,7 +127,7 @@ def peaks(trajectory: Trajectory, spacecraft: Spacecraft) -> Peaks:
 
 
 def all_peaks(curves: Sequence[tuple[Trajectory, Spacecraft]]) -> list[Peaks]:
-    """`peaks` of many trajectories."""
+    """Compute the `peaks` of many pairs of a trajectory and its spacecraft, in the same order."""
     limits = [timed_limits(craft) for _, craft in curves]
     names = [tuple(limit.quantity.name for limit in of_platform) for of_platform, _ in limits]
     loads = _platform_loads([(*curve, own) for curve, own in zip(curves, names, strict=True)])
@@ -140,7 +142,7 @@ def all_peaks(curves: Sequence[tuple[Trajectory, Spacecraft]]) -> list[Peaks]:
 
 
 def wheel_rows(craft: Spacecraft) -> int:
-    """Number of rows of a spacecraft's array of wheels."""
+    """Number of rows of a spacecraft's wheel array; 0 without wheels."""
     return 0 if craft.wheel_array is None else len(craft.wheel_array.rows)
 
 
@@ -151,9 +153,14 @@ def _shares(
     joints: np.ndarray,
     loads: np.ndarray,
 ) -> Peaks:
-    """Peaks from the largest magnitudes of the platform's limited quantities (C,) and of joints (3J,).
+    """Make the `Peaks` of a trajectory from largest magnitudes.
 
-    `loads` (N, G, C + E) are those of the platform over time.
+    Args:
+        craft: the spacecraft.
+        limits: of its platform and of its joints.
+        platform: (C,) largest magnitudes of the components of the platform's limited quantities.
+        joints: (3J,) those of `_joint_values`.
+        loads: (N, G, C + E) of the platform over time, as of `_platform_loads`.
     """
     angles, *of_joints = np.split(joints, 3)
     rows, names = wheel_rows(craft), [limit.quantity.name for limit in limits[0]]
@@ -178,19 +185,19 @@ def _shares(
 
 
 def _platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
-    """Loads of the platform along trajectories, C components of its limited quantities.
+    """Loads of the platform along trajectories: C components of its limited quantities, and E lesser parts.
 
     Args:
         asked: each with names of quantities of the platform.
 
     Returns:
         For each (N, G, C + E), at G Chebyshev points of each of its N pieces, enough to interpolate between
-        them, with the E lesser parts last; of quantities that are a vector's length, its square.
+        them, with the E lesser parts last. For quantities that are a vector's length, their squares.
     """
 
     def kind(one: tuple[Asked, int]) -> tuple[Any, ...]:
         (trajectory, craft, names), points = one
-        alone = None if craft.stages is None else id(craft)  # its stages are its own
+        alone = None if craft.stages is None else id(craft)  # stages differ between spacecraft
         return points, trajectory.coefficients.shape[1], names, wheel_rows(craft), alone
 
     def at_points(some: Sequence[Asked], points: Sequence[int]) -> list[np.ndarray]:
@@ -222,9 +229,10 @@ def _platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
 
 
 def _joint_values(trajectory: Trajectory, craft: Spacecraft) -> np.ndarray:
-    """(M, G, 3J) values at G Chebyshev points of each of M pieces of the joints' motion.
+    """Values of the J joints at G Chebyshev points of each of M pieces of their motion, (M, G, 3J).
 
-    They are the J angles off the middle of their ranges (rad), then the rates, then the accelerations.
+    They are the J angles relative to the middle of their ranges (rad), then the rates (rad/s), then the
+    accelerations (rad/s^2).
     """
     coefficients = trajectory.joint_coefficients
     count, size, joints = coefficients.shape
@@ -257,7 +265,7 @@ def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
     for first in range(0, len(length), block):
         part = slice(first, first + block)
         b = _curves(coefficients[part], length[part], points, orders)
-        with np.errstate(invalid="ignore", over="ignore"):  # what is no number is found by who asks
+        with np.errstate(invalid="ignore", over="ignore"):  # callers check for NaN
             chart = (
                 np.repeat(chart_rate[part].T, points, axis=1),
                 (since[part, None] + length[part, None] * shares).reshape(-1),
@@ -282,11 +290,11 @@ def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
 
 
 def _totals(asked: Sequence[Asked]) -> tuple[np.ndarray, ...]:
-    """What loads of wheels take, for each of N pieces of trajectories of spacecraft with as many rows.
+    """Collect what loads of wheels depend on, for each of N pieces of trajectories with equally many rows.
 
     Returns:
         Total momenta (N, 3) N m s in the axes of the charts' bases, then `rows` (N, r, 3) and `apart` (N, r)
-        of the arrays.
+        of the wheel arrays.
     """
     found = []
     for trajectory, craft, _ in asked:
@@ -297,13 +305,13 @@ def _totals(asked: Sequence[Asked]) -> tuple[np.ndarray, ...]:
 
 
 def _curves(coefficients: np.ndarray, lengths: np.ndarray, points: int, orders: int) -> np.ndarray:
-    """(N, orders, points, d) polynomials and derivatives in time at Chebyshev points of N pieces.
+    """(N, orders, points, d) polynomials and their time derivatives at Chebyshev points of N pieces.
 
     Args:
         coefficients: (N, size, d) in the Legendre basis.
-        lengths: (N,) s, of the pieces.
+        lengths: (N,) s, of the pieces; on one of no length derivatives are zero.
         points: how many on each piece.
-        orders: how many derivatives, the polynomials themselves counted.
+        orders: number of arrays wanted: the values count as one, each derivative as another.
     """
     count, size, axes = coefficients.shape
     with np.errstate(invalid="ignore", over="ignore"):
@@ -314,9 +322,9 @@ def _curves(coefficients: np.ndarray, lengths: np.ndarray, points: int, orders: 
 
 @cache
 def _rows(size: int, points: int, orders: int) -> np.ndarray:
-    """(orders * points, size) from Legendre coefficients to a polynomial and its derivatives in [-1, 1].
+    """(orders * points, size) matrix from Legendre coefficients to values and derivatives in [-1, 1].
 
-    At Chebyshev points, all of the polynomial first, then those of each derivative.
+    They are at Chebyshev points, all values first, then all of each derivative.
     """
     values = np.polynomial.legendre.legvander(_chebyshev(points), size - 1)
     matrix = derivative_matrix(size - 1)
@@ -326,17 +334,17 @@ def _rows(size: int, points: int, orders: int) -> np.ndarray:
 
 
 def _chebyshev(points: int) -> np.ndarray:
-    """Chebyshev points (points,) in [-1, 1], from 1 to -1, both included."""
+    """Chebyshev points (points,) in [-1, 1], in descending order, both ends included."""
     return np.cos(np.pi * np.arange(points) / (points - 1))
 
 
 def rates(chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
-    """Angular velocity, angular acceleration and perhaps angular jerk.
+    """Angular velocity, angular acceleration and, if asked for, angular jerk on a chart.
 
     Args:
         chart_rate: (3, n) rad/s, ``Omega``.
         tau: (n,) s since the chart's start.
-        b: (k + 1, 3, n) rad, the curve and its first derivatives by time: two, or three for the jerk.
+        b: (k + 1, 3, n) rad, the curve and its first k derivatives by time: two, or three for the jerk.
 
     Returns:
         k arrays (3, n), in rad/s, rad/s^2 and rad/s^3, body axes.
@@ -351,14 +359,14 @@ def rates(chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray) -> list[np.nda
 def _velocity_and_acceleration(
     chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray, b_rate: np.ndarray, b_acceleration: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Angular velocity and acceleration, (3, n) each, see `rates`; also of complex arguments."""
+    """Angular velocity and acceleration at n instants, (3, n) each, see `rates`; arguments may be complex."""
     eta, eta_rate = b - tau * chart_rate, b_rate - chart_rate
     square = dot(eta, eta)
     sine, cosine = _sine_and_cosine(square)
     cubic, cosine_slope, cubic_slope = _further(square, sine, cosine)
 
     def tangent(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """``D x``, with ``eta x x`` and ``eta x (eta x x)``."""
+        """Return ``D x``, with ``eta x x`` and ``eta x (eta x x)``."""
         once = cross(eta, vector)
         twice = cross(eta, once)
         return vector - cosine * once + cubic * twice, once, twice
@@ -377,7 +385,7 @@ def _velocity_and_acceleration(
 
 
 def _in_body(chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Vectors (3, n) in the axes of charts' bases, in body axes; other arguments as of `rates`."""
+    """Turn vectors (3, n) from the axes of charts' bases to body axes, for n instants; see `rates`."""
     turn = tau * chart_rate / 2
     eta = b[0] - 2 * turn
     around, between = (_sine_and_cosine(dot(each, each)) for each in (turn, eta))
@@ -385,7 +393,7 @@ def _in_body(chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray, vector: np.
 
 
 def _turned_back(turn: np.ndarray, sine: np.ndarray, cosine: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """``exp(turn^)^T x`` of vectors ``x`` (3, n), from `_sine_and_cosine` of the squared angles."""
+    """Compute ``exp(turn^)^T x`` for vectors ``x`` (3, n), from `_sine_and_cosine` of the squared angles."""
     once = cross(turn, vector)
     return np.asarray(vector - sine * once + cosine * cross(turn, once))
 
@@ -400,7 +408,7 @@ def _sine_and_cosine(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _further(
     square: np.ndarray, sine: np.ndarray, cosine: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """``(t - sin t) / t^3``, and the derivatives of ``(1 - cos t) / t^2`` and of the former in ``t^2``.
+    """Return ``(t - sin t) / t^3``, and derivatives by ``t^2`` of ``(1 - cos t) / t^2`` and of the former.
 
     Args:
         square: (n,) ``t^2``, real or complex.
@@ -422,5 +430,5 @@ def _further(
 
 
 def cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Cross product of vectors (3, n)."""
+    """Cross products of n pairs of vectors (3, n)."""
     return np.array(vectors.cross(first, second))  # quicker than a stack

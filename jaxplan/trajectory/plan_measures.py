@@ -1,8 +1,11 @@
-"""Measures of a trajectory as functions of a plan, too, and run as one kernel each.
+"""Decorators by which measures of a trajectory accept plans, and run as one compiled kernel each.
 
-Outside of what JAX traces a measure and its gradient are a compiled kernel each: otherwise `jax.grad` would
-compile one for each of the hundreds of operations that they take. A plan may stand for its trajectory, and
-then its own spacecraft and zones are meant where none are told.
+Outside of what JAX traces, a measure and its gradient are a compiled kernel each: otherwise `jax.grad` would
+compile one for each of the hundreds of operations that they take. A plan may be given in place of its
+trajectory; then its own spacecraft and zones are used where none are given.
+
+In this module *numbers* are the leaves of a measure's arguments that can be differentiated, and a *way* is a
+tangent, that is, a direction in which they change.
 """
 
 from collections.abc import Callable
@@ -26,34 +29,34 @@ Given = ParamSpec("Given")
 Out = TypeVar("Out")
 
 _MEASURES: dict[str, Callable[..., Array]] = {}  # the undecorated functions by name
-_OF_ARRAYS: set[str] = set()  # names of those that are no single number
+_OF_ARRAYS: set[str] = set()  # names of the measures whose value is an array, not a single number
 
-# Arguments that a plan's scene has: their classes, and functions that find them.
+# Arguments that a plan's scene supplies: their classes, and functions that get them from the scene.
 _OF_SCENES: dict[str, tuple[type, Callable[[Any], Any]]] = {
     "craft": (Spacecraft, lambda scene: scene.spacecraft),
     "cones": (Constraints, lambda scene: scene.constraints),
 }
 
-Chosen = tuple[tuple[str, Any], ...]  # names and values of arguments that are no numbers
+Chosen = tuple[tuple[str, Any], ...]  # names and values of the arguments that are not numbers
 
 
 def _measured(name: str, chosen: Chosen, given: dict[str, Any]) -> Array:
-    """The measure of this name, of its arguments that are no numbers and of those that are."""
+    """Call the measure of this name with its arguments `given` and those that are not numbers, `chosen`."""
     return _MEASURES[name](**given, **dict(chosen))
 
 
 def _measured_with_slopes(name: str, chosen: Chosen, given: dict[str, Any]) -> tuple[Array, Any]:
-    """`_measured` and its gradient in the numbers, a tree like `given`."""
+    """Return `_measured` and its gradient in the numbers, a tree like `given`."""
     return jax.value_and_grad(partial(_measured, name, chosen), allow_int=True)(given)
 
 
 def _is_real(leaf: Any) -> bool:
-    """Whether a number can be differentiated: floating-point ones."""
+    """Whether a leaf of the arguments can be differentiated, as floating-point numbers can."""
     return bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating))
 
 
 def _by_numbers(name: str, chosen: Chosen, given: dict[str, Any]) -> tuple[Callable[..., Array], list[Any]]:
-    """`_measured` as a function of those numbers that can be differentiated, and these, leaves in order."""
+    """Return `_measured` as a function of a list of its differentiable numbers, and that list."""
 
     def measured(numbers: list[Any]) -> Array:
         left = iter(numbers)
@@ -65,14 +68,14 @@ def _by_numbers(name: str, chosen: Chosen, given: dict[str, Any]) -> tuple[Calla
 
 @partial(quick_jit, level=0, static_argnums=(0, 1))
 def _pushed(name: str, chosen: Chosen, given: dict[str, Any], way: list[Any]) -> Array:
-    """The derivative of a measure along tangents `way` of its numbers, see `_by_numbers`."""
+    """Derivative of a measure along a tangent `way` of its numbers, see `_by_numbers`."""
     measured, numbers = _by_numbers(name, chosen, given)
     return jax.jvp(measured, (numbers,), (way,))[1]
 
 
 @partial(quick_jit, level=0, static_argnums=(0, 1))
 def _pulled(name: str, chosen: Chosen, given: dict[str, Any], cotangents: Array) -> list[Any]:
-    """The product of cotangents with a measure's derivatives by its numbers, see `_by_numbers`."""
+    """Multiply cotangents by a measure's derivatives in its numbers, see `_by_numbers`."""
     measured, numbers = _by_numbers(name, chosen, given)
     (slopes,) = jax.vjp(measured, numbers)[1](cotangents)
     return list(slopes)
@@ -80,7 +83,7 @@ def _pulled(name: str, chosen: Chosen, given: dict[str, Any], cotangents: Array)
 
 @cache
 def _slopes(name: str, chosen: Chosen) -> Callable[..., list[Array]]:
-    """The derivative of a measure that is an array, as a linear map of tangents of its numbers."""
+    """Make the derivative of a measure that is an array, as a linear map of tangents of its numbers."""
     return linear_map(
         f"slopes of {name}",
         lambda given, way: [_pushed(name, chosen, given, list(way))],
@@ -95,10 +98,14 @@ _followed = jax.custom_jvp(_measured, nondiff_argnums=(0, 1))
 
 @_followed.defjvp
 def _follow(name: str, chosen: Chosen, own: tuple[Any], ways: tuple[Any]) -> tuple[Array, Array]:
-    """The rule of `_followed` for tangents `ways`: outside traces by the kernel for value and gradient."""
+    """Derivative rule of `_followed` for tangents `ways`: outside traces it uses compiled kernels.
+
+    Returns:
+        The measure's value and its derivative along the tangents.
+    """
     if is_traced(own):
         return jax.jvp(partial(_measured, name, chosen), own, ways)
-    if name in _OF_ARRAYS:  # a gradient of each entry would be much for one number that is made of them
+    if name in _OF_ARRAYS:  # gradients of all entries would be too much if one number is made of them
         found, leaves = _value(name, chosen, *own), map(jax.tree.leaves, (own, ways))
         way = [way for leaf, way in zip(*leaves, strict=True) if _is_real(leaf)]
         return found, _slopes(name, chosen)(*own, way, [found])[0]
@@ -111,9 +118,11 @@ def at_once(
 ) -> Callable[[Callable[Given, Array]], Callable[Given, Array]]:
     """Make a decorator that runs a measure, and its gradient, as one jitted kernel each outside traces.
 
+    A measure of numpy arrays is computed in 64 bits and returned as a numpy number or array.
+
     Args:
-        choices: names of the arguments that are no numbers.
-        of_arrays: whether the measure is an array and no single number.
+        choices: names of the arguments that are not numbers; they must be hashable.
+        of_arrays: whether the measure is an array rather than a single number.
     """
 
     def decorate(measure: Callable[Given, Array]) -> Callable[Given, Array]:
@@ -140,7 +149,7 @@ def at_once(
 
 @jax.jit
 def _along(slopes: Any, ways: Any) -> Array:
-    """Derivative along a change `ways` of all numbers of a tree, from the gradient `slopes` in them."""
+    """Derivative along a tangent `ways` of all numbers of a tree, from the gradient `slopes` in them."""
     pairs = zip(jax.tree.leaves(slopes), jax.tree.leaves(ways), strict=True)
     return sum(
         (jnp.sum(slope * way) for slope, way in pairs if slope.dtype != jax.dtypes.float0), jnp.zeros(())
@@ -148,9 +157,9 @@ def _along(slopes: Any, ways: Any) -> Array:
 
 
 def of_plans(measure: Callable[..., Out]) -> Callable[..., Out]:
-    """Make a measure of a trajectory, its first argument, one of a plan, too.
+    """Make a measure of a trajectory, its first argument, accept a plan in place of the trajectory.
 
-    Of a plan ``craft`` and ``cones`` may be left out.
+    With a plan the arguments ``craft`` and ``cones`` may be left out; those of the plan are then used.
     """
     parameters = signature(measure)
     wanted = [name for name in _OF_SCENES if name in parameters.parameters]
@@ -175,10 +184,10 @@ def of_plans(measure: Callable[..., Out]) -> Callable[..., Out]:
 
 
 def _trajectory_of(plan: object) -> Trajectory:
-    """The trajectory of a plan.
+    """Return the trajectory of a plan, or the argument itself if it is a trajectory.
 
     Raises:
-        TypeError: if it is none.
+        TypeError: if it is neither.
         ValueError: if the plan has no trajectory.
     """
     found = getattr(plan, "trajectory", plan)

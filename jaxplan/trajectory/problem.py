@@ -1,8 +1,9 @@
-"""The problem of a spline fit: nodes of a path with all that is asked of the curve, and the same discretised.
+"""The problem of a spline fit: the nodes of a path, what is asked of the curve, and its discretisation.
 
 All attempts at a fit share its `FitProblem`. Each works on a `DiscreteProblem`: splines on one mesh, in one
-chart of SO(3), evaluated at finitely many places. A *place* is a share of the duration, from 0 to 1; the
-*tube* is a ball about each node, in which the curve is to pass it. Letters of sizes are those of `motion`.
+chart of SO(3), evaluated at finitely many places. A *place* is a fraction of the duration, from 0 to 1. The
+*tube* is a ball about each node, through which the curve has to pass. Letters of sizes are those of `motion`;
+a path has m + 1 nodes, and 2n counts the joint angles (J in `motion`).
 """
 
 from dataclasses import dataclass, replace
@@ -34,18 +35,18 @@ from jaxplan.trajectory.kernels import Body
 from jaxplan.trajectory.schedule import TrapezoidalProfile, along
 from jaxplan.trajectory.splines import Basis, CurveSpace
 
-_INTERVALS = 32  # of a spline, or a multiple of it; more follow zones closer, but cost time
-_PER_NODE = 1.5  # intervals for a node that is passed exactly; fewer leave no freedom between nodes
-_PER_TUBE = 2 / 3  # intervals for a node in a tube, which asks for less
-_POINTS = 8  # places on each interval; more leave less unseen between them
-_FEW_POINTS = 4  # places on each interval where there are many of them, so short
-_MANY = 128  # intervals from which on there are `_FEW_POINTS` on each
+_INTERVALS = 32  # least number of intervals of a spline; more follow zones more closely, but cost time
+_PER_NODE = 1.5  # intervals per node that is passed exactly; fewer leave no freedom between nodes
+_PER_TUBE = 2 / 3  # intervals per node in a tube, which constrains less
+_POINTS = 8  # places on each interval; with more, less is overlooked between them
+_FEW_POINTS = 4  # places on each interval where intervals are many, and so short
+_MANY = 128  # number of intervals from which on each has `_FEW_POINTS`
 _FEWEST_TUBE_NODES = 8  # least padded number of nodes in tubes; a larger one makes more fits alike
 _SMOOTHING = 1e-9  # weight of the third derivative beside the distance from the path, in first curves
-_TUBE_RADIUS = float(np.deg2rad(1.0))  # rad about nodes, unless the settings of a fit have one
-_CLEARANCE = float(np.deg2rad(0.3))  # rad of margin at the places, so that zones are kept between them, too
-_BALANCED = 1.05  # factor on the platform's own least time; if the joints take longer, these alone bind
-_SHARE_OF_ENDS = 0.5  # of the margin at start or goal, the most that is wanted elsewhere
+_TUBE_RADIUS = float(np.deg2rad(1.0))  # rad, of the tube about nodes, unless the settings give one
+_CLEARANCE = float(np.deg2rad(0.3))  # rad, margin wanted at places, so that zones are kept between them
+_BALANCED = 1.05  # factor on the platform's own least time; if the joints take longer, they alone bind
+_SHARE_OF_ENDS = 0.5  # fraction of the margin at start or goal that is wanted elsewhere, at most
 
 Timing = Literal["given", "stretched", "shortest"]
 """How the duration of a curve is determined: "given" by the settings; "stretched" to the limits, after a fit
@@ -54,14 +55,14 @@ that ignores them; "shortest", an unknown of the fit, as short as the limits all
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mesh:
-    """Where a spline has its breaks, and where it passes the nodes.
+    """Where a spline has its breaks, and at which places it passes the nodes.
 
     Attributes:
-        places: (m + 1,) of the nodes in [0, 1].
-        basis: of the splines.
-        points: places on each interval at which loads and margins are looked at.
-        radius: rad, of the tube about the nodes; 0 to pass them exactly, inf for none.
-        flank: share of the duration of the pace's flanks, near which breaks lie close; NaN where they do not.
+        places: (m + 1,) fractions of the duration, in [0, 1], at which the nodes are passed.
+        basis: B-splines on the breaks.
+        points: number of places on each interval between breaks at which loads and margins are evaluated.
+        radius: rad, of the tube about the nodes; 0 to pass them exactly, inf for no tube.
+        flank: fraction of the duration that a flank of the pace takes, if breaks lie close there; else NaN.
     """
 
     places: np.ndarray
@@ -76,17 +77,17 @@ class FitProblem:
     """The nodes of a path with all that is asked of the curve.
 
     Attributes:
-        attitudes: (m + 1, 3, 3) body to inertial.
-        joints: (m + 1, 2n) rad.
-        turns: (m, 3) rad, rotation of each edge in the axes of its first node.
-        fractions: (m + 1,) times of the nodes over the duration, None for those of the profile.
+        attitudes: (m + 1, 3, 3) body to inertial, of the nodes.
+        joints: (m + 1, 2n) rad, of the nodes.
+        turns: (m, 3) rad, rotation vector of each edge in the body axes of its first node.
+        fractions: (m + 1,) places of the nodes, given; None to derive them from the pace along the path.
         rates: (2, 3 + 2n) rad/s at start and end, of body axes and joints.
-        spacecraft: its limits.
+        spacecraft: its limits and geometry.
         cones: the pointing constraints.
         settings: of step 3.
-        horizon: s; at a place ``s`` axes that move are taken where they are at the time ``s * horizon``.
+        horizon: s; at place ``s``, axes that move are taken where they are at the time ``s * horizon``.
         near: a motion near which the shortest one is looked for, on its breaks; None for breaks of its own.
-        at_most: s; a shortest motion that takes longer is of no use.
+        at_most: s; a shortest motion that takes longer is of no use, so the search may give up there.
     """
 
     attitudes: np.ndarray
@@ -103,17 +104,17 @@ class FitProblem:
 
     @property
     def at_speed(self) -> bool:
-        """Whether the motion starts or ends with a rate."""
+        """Whether any rate at the start or the end is not zero."""
         return bool(np.any(self.rates))
 
     @property
     def rests(self) -> bool:
-        """Whether accelerations are zero at both ends; else they are free."""
+        """Whether accelerations are required to be zero at both ends; otherwise they are free."""
         return self.settings.end_acceleration == "zero"
 
     @property
     def resting(self) -> "FitProblem":
-        """The same problem with accelerations of zero at both ends, whose solutions solve this one, too."""
+        """The same problem with zero accelerations at both ends; its solutions solve this one, too."""
         return self if self.rests else replace(self, settings=replace(self.settings, end_acceleration="zero"))
 
     @property
@@ -124,63 +125,66 @@ class FitProblem:
 
     @property
     def width(self) -> float:
-        """Radius of the tube about the nodes, if a tube is used, rad."""
+        """Radius of the tube about the nodes in rad, for attempts that use a tube."""
         return tube_radius(self.settings)
 
     @property
     def radius(self) -> float:
-        """Radius of the tube asked for, rad; inf (none) for the shortest motion unless settings give one."""
+        """Radius in rad of the tube asked for; inf for a shortest motion unless the settings give one."""
         free = self.settings.duration == MINIMUM and self.settings.node_tube is None
         return np.inf if free else self.width
 
     @cached_property
     def limits(self) -> tuple[Limit, ...]:
-        """Limits on the platform's loads."""
+        """Limits on the platform's loads, such as rates, accelerations, torques and wheel momenta."""
         return timed_limits(self.spacecraft)[0]
 
     @cached_property
     def joint_limits(self) -> tuple[Limit, ...]:
-        """Limits on rates and accelerations of the joints."""
+        """Limits on the rates and accelerations of the joints."""
         return timed_limits(self.spacecraft)[1]
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names (Q,) of the platform's loads that are limited."""
+        """Names of the limited quantities of the platform."""
         return tuple(limit.quantity.name for limit in self.limits)
 
     @cached_property
     def components(self) -> list[slice]:
-        """Slices of the C components of all loads that belong to each of `names`."""
+        """For each of `names`, the slice of its components among the C components of all loads."""
         return components(self.names, self.wheel_rows)
 
     @cached_property
     def lesser(self) -> list[slice | None]:
-        """Slices of their lesser parts, which follow the components; None for a load without."""
+        """Slices of the lesser parts (see `kernels`) of each of `names` among all loads; None without."""
         return lesser_components(self.names, self.wheel_rows)
 
     @property
     def wheel_rows(self) -> int:
-        """Number of rows of the array of wheels."""
+        """Number of rows of the wheel array; 0 without wheels."""
         array = self.spacecraft.wheel_array
         return 0 if array is None else len(array.rows)
 
     @cached_property
     def body(self) -> Body:
-        """What turns."""
+        """What the loads depend on: inertia, wheels, total momentum and gimbal stages."""
         return Body.of(self.spacecraft, self.joints[0], self.rates[0])
 
     @cached_property
     def sights(self) -> Sights:
-        """The D directions that the constraints bind."""
+        """The D sights, which are the directions that the constraints bind."""
         return self.cones.sights(self.spacecraft.gimbals, np.asarray(self.spacecraft.fixed_boresights, float))
 
     def axes(self, places: np.ndarray) -> np.ndarray:
-        """Axes (S, Z, 3) of the constraints' rows at places (S,); in body axes for those of the body."""
+        """Axes (S, Z, 3) of the Z rows of constraints at S places, each in the frame of its row."""
         return self.cones.axes(np.minimum(places, 1.0) * self.horizon)
 
     @cached_property
     def end_margins(self) -> np.ndarray:
-        """Margins at start and goal, of every sight to every row of the constraints: (2, D, Z) rad."""
+        """Margins in rad at start and goal: (2, D, Z) for ends, sights and rows of the constraints.
+
+        It is inf where a row does not bind a sight, and for all entries of a constraint but the best.
+        """
         cones, ends = self.cones, [0, -1]
         joints = self.joints[ends]
         seen = self.sights.in_body(joints)
@@ -192,12 +196,12 @@ class FitProblem:
 
     @cached_property
     def wanted(self) -> np.ndarray:
-        """Margins to keep (D, Z), rad, see `wanted_margins`."""
+        """(D, Z) rad, margins to keep of each sight to each row of the constraints, see `wanted_margins`."""
         return np.asarray(wanted_margins(self.cones, np.min(self.end_margins, axis=0)))
 
     @cached_property
     def bound(self) -> float:
-        """Lower bound of the duration of any motion between the two ends, s."""
+        """Strict lower bound in s of the duration of any motion between the two ends."""
         ends = [0, -1]
         return duration_bound(
             self.spacecraft, self.attitudes[ends], self.joints[ends], self.rates[:, :3], self.rates[:, 3:]
@@ -205,10 +209,11 @@ class FitProblem:
 
     @cached_property
     def platform_binds(self) -> bool:
-        """Whether the platform by itself takes about as long as the joints do, or longer.
+        """Whether the platform alone takes about as long as the joints do, or longer.
 
-        The bound is farther below what wheels reach, since directions in which many of them pull are few. So
-        of wheels a turn about one axis counts too, if it is clearly slower than the joints.
+        Its bound from rest to rest is compared. With wheels, which are strong in few directions, that bound
+        is loose; so the platform also counts as slow if a turn about one axis takes clearly longer than
+        `bound`.
         """
         turn = so3.log(self.attitudes[0].T @ self.attitudes[-1])
         alone = rest_bounds(self.spacecraft, turn[None], np.zeros((1, self.joints.shape[1])))[0]
@@ -218,32 +223,33 @@ class FitProblem:
 
     @cached_property
     def times(self) -> np.ndarray:
-        """(m,) s, time that each edge takes at full speed."""
+        """(m,) s, time that each of the m edges takes at full speed."""
         return np.asarray(schedule.edge_times(self.turns, np.diff(self.joints, axis=0), self.spacecraft))
 
     @cached_property
     def rise(self) -> float:
-        """Time in which the axis that moves longest reaches its full rate, s."""
+        """Time in s in which the axis that moves longest accelerates to its full rate."""
         return float(schedule.rise_time(self.turns, np.diff(self.joints, axis=0), self.spacecraft))
 
     @property
     def least_length(self) -> float:
-        """The least length that a path is taken to have, s at full speed."""
+        """The least length that a path is taken to have, in s at full speed."""
         return max(self.bound / 100, 1e-6 * self.rise)
 
     @cached_property
     def quickest(self) -> TrapezoidalProfile:
-        """The pace at full speed along the path."""
+        """The trapezoidal pace at full speed along the path, or as fast as a short path allows."""
         return TrapezoidalProfile.quickest(max(float(np.sum(self.times)), self.least_length), self.rise)
 
     def mesh(self, profile: TrapezoidalProfile, radius: float, finer: int, *, graded: bool) -> Mesh:
-        """The mesh for a pace along the path.
+        """Make the mesh for a pace along the path.
 
         Args:
-            profile: along the path.
-            radius: rad, of the tube.
+            profile: the pace, on which the places of nodes and flanks depend.
+            radius: rad, of the tube; 0 to pass nodes exactly, inf for no tube.
             finer: factor on the number of intervals.
-            graded: whether breaks lie close together near the flanks; else they are even.
+            graded: whether breaks lie close together near the flanks, else they are equidistant; without
+                effect if nodes are passed exactly or the motion starts or ends with a rate.
         """
         count = len(self.attitudes) - 1
         if self.fractions is not None:
@@ -267,42 +273,45 @@ class FitProblem:
 
 
 def tube_radius(settings: TrajectorySettings) -> Any:
-    """Radius of the tube about the nodes by the settings, if a tube is used, rad."""
+    """Radius of the tube about the nodes in rad: that of the settings, or the default of 1 deg."""
     return _TUBE_RADIUS if settings.node_tube is None else settings.node_tube
 
 
 def wanted_margins(cones: Constraints, left: AnyArray) -> AnyArray:
-    """Margins to keep (D, Z), rad: at most half of the margin at either end and half of the cone's own room.
+    """Margins (D, Z) in rad that the curve is to keep: `_CLEARANCE`, or less where that is not possible.
+
+    It is at most half of the margin at either end and at most half of the cone's own room, and never
+    negative.
 
     Args:
         cones: the pointing constraints.
         left: (D, Z) rad, the smaller of the margins at the two ends.
     """
     xp, least, most = arrays(left, room(cones))
-    # The room is for rows of an entry beside which another one holds at both ends.
+    # The room matters for rows of an entry that need not hold, since another entry holds at both ends.
     return xp.minimum(xp.minimum(_CLEARANCE, most), _SHARE_OF_ENDS * xp.maximum(least, 0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DiscreteProblem:
-    """A fit in finitely many numbers: splines in a chart, evaluated at some places.
+    """A fit in finitely many numbers: splines in a chart, evaluated at finitely many places.
 
     Attributes:
         problem: what is fitted.
         mesh: breaks of the splines, and the tube about the nodes.
-        chart: of the platform.
-        nodes: (m + 1, A) ``b`` in the chart and joints, rad.
-        share: of the limits on the platform's loads that may be used; the joints' may be used in full, since
-            these are kept at every instant and not only at the places.
+        chart: of the platform's motion.
+        nodes: (m + 1, A) rad, chart coordinates ``b`` and joint angles of the nodes.
+        share: fraction of the limits on the platform's loads that may be used; the joints' may be used in
+            full, since they are kept at every instant and not only at the places.
         timing: see `Timing`.
-        space: the curves to choose from.
-        places: (S,) where loads and margins are evaluated.
+        space: the curves to choose from, with n spline coefficients on each of A axes.
+        places: (S,) in [0, 1], where loads and margins are evaluated.
         rows: (4, S, n) values of the splines, and of their first three derivatives, at the places.
-        tube_rows: (M, n) values of the splines at nodes with a tube; padded with zeros, so that more problems
-            are alike; M is 0 where there is no tube.
+        tube_rows: (M, n) values of the splines at M nodes with a tube, padded with zeros so that more
+            problems are alike; M is 0 where there is no tube.
         tube_values: (M, A) rad, these nodes, padded likewise.
         tube_radius: (A,) rad, for each axis; for the platform's three, of a cube within the ball.
-        freed: whether the duration is given and only free until the limits are kept.
+        freed: whether the duration asked for is given, and is made free only until the limits are kept.
         to_the_end: whether a search goes on to the optimum, however little is to be gained.
     """
 
@@ -323,7 +332,7 @@ class DiscreteProblem:
 
     @property
     def limited(self) -> bool:
-        """Whether the fit has to keep limits of rates and loads."""
+        """Whether the fit itself has to keep limits of rates and loads."""
         return self.timing != "stretched"
 
     @property
@@ -333,12 +342,12 @@ class DiscreteProblem:
 
     @property
     def hastens(self) -> bool:
-        """Whether a search for a shortest motion from rest to rest may end once little is to be gained."""
+        """Whether a search for a shortest motion from rest to rest may end once little is left to gain."""
         return self.free_time and not self.freed and not self.to_the_end and not self.problem.at_speed
 
     @property
     def kind(self) -> tuple[Any, ...]:
-        """Sizes and choices that the problems of one stack must share."""
+        """Key of sizes and choices; only problems with equal keys can be put into one stack."""
         problem = self.problem
         return (
             self.rows.shape,
@@ -359,7 +368,7 @@ class DiscreteProblem:
         )
 
     def nearest(self, duration: float) -> np.ndarray:
-        """Coefficients (n, A) of the curve of a duration (s) nearest to the path, slightly smoothed."""
+        """Coefficients (n, A) of the slightly smoothed curve nearest to the path, for a duration (s)."""
         space, rows = self.space, self.rows[0]
         wanted = along(self.nodes, self.mesh.places, self.places)
         start = space.fixed + duration * space.by_time
@@ -380,16 +389,17 @@ class DiscreteProblem:
 def discretise(
     problem: FitProblem, mesh: Mesh, timing: Timing, *, share: float = 1.0
 ) -> DiscreteProblem | None:
-    """The discrete problem that an attempt works on.
+    """Make the discrete problem that an attempt works on.
 
     Args:
         problem: what is fitted.
         mesh: breaks of the spline, places of the nodes, and the tube about them.
-        timing: of the curve.
-        share: of the limits on the platform's loads that may be used.
+        timing: how the duration is determined.
+        share: fraction of the limits on the platform's loads that may be used.
 
     Returns:
-        It, in the chart in which the nodes lie nearest to a steady turn; None if they leave every chart.
+        The problem in the chart in which nodes lie nearest to a steady turn; None if one is beyond
+        `CHART_REACH`.
     """
     chart, b = fitting(problem.attitudes, problem.turns, mesh.places)
     if not farthest(chart, b, mesh.places) <= CHART_REACH:
@@ -400,7 +410,7 @@ def discretise(
 def _in_chart(
     problem: FitProblem, mesh: Mesh, timing: Timing, share: float, chart: Chart, b: np.ndarray
 ) -> DiscreteProblem:
-    """The discrete problem in a chart in which the nodes are at ``b`` (m + 1, 3)."""
+    """Make the discrete problem in a chart in which the nodes have coordinates ``b`` (m + 1, 3), rad."""
     nodes, rates = np.column_stack([b, problem.joints]), problem.rates
     if np.any(rates[1, :3]):  # at the goal the chart has turned
         rates = rates.copy()
@@ -409,7 +419,7 @@ def _in_chart(
     exact = inner if mesh.radius == 0 else nobody
     in_tube = inner if 0 < mesh.radius < np.inf else nobody
     radius = np.full(nodes.shape[1], mesh.radius)
-    radius[:3] /= np.sqrt(3.0)  # what b is off bounds what the attitude is
+    radius[:3] /= np.sqrt(3.0)  # an error of b bounds that of the attitude
     count, (size, axes) = len(nodes[in_tube]), (mesh.basis.size, nodes.shape[1])
     tube_rows, tube_values = (
         np.zeros((padded_count(count, _FEWEST_TUBE_NODES), width)) for width in (size, axes)
@@ -417,7 +427,7 @@ def _in_chart(
     if count:
         tube_rows[:count] = mesh.basis.rows(mesh.places[in_tube], 1)[0]
         tube_values[:count] = nodes[in_tube]
-    # At an end in rest with no acceleration only what is made of the jerk may be the largest there is.
+    # At an end at rest without acceleration only loads that depend on the jerk may have their peak.
     to_end = highest_derivative(problem.names) > 2 or not problem.rests
     places, rows = mesh.basis.within(mesh.points, to_end=to_end)
     return DiscreteProblem(

@@ -2,12 +2,14 @@
 
     minimise   dc^T H dc / 2 + g^T dc   [ + dT / T + duration_hessian (dT / T)^2 / 2 ]
 
-over the free changes ``dc`` of all axes, subject to elastic rows (inequalities that may be broken at a linear
-penalty). ``H`` is the same for every axis, so its inverse is that of one small matrix, and the dual has one
-unknown a row (`qp`). Few rows are near their bounds: a program begins with those, and is solved again with
-the rows added that its solution breaks (at first, of rows that are exact, only the worst ones), and without
-those to which it leaves much slack. What is only a step towards something else may be solved roughly, from
-the multipliers of the program before. Letters of sizes are those of `motion`; P counts products.
+over the free changes ``dc`` of all axes, and in brackets over the change ``dT`` of a free duration ``T``,
+subject to elastic rows (inequalities that may be broken at a linear penalty). ``H`` is the same for every
+axis, so its inverse is that of one small matrix, and the dual has one unknown for each row (`qp`). Few rows
+are near their bounds: a program begins with those, and is solved again, in *rounds*, with the rows added that
+its solution breaks (at first, of rows that are exact, only the worst ones), and without those to which it
+leaves much slack. A program that is only a step of a search may be solved *roughly*, from the multipliers of
+the program before. Letters of sizes are those of `motion`; besides, k counts the free coefficients of an
+axis, R the rows, P the products of a slope (`constraints`), and g some of the G curves.
 
 The matrix of the dual, ``G H^-1 G^T`` of the rows ``G``, is that of `gram`.
 """
@@ -23,12 +25,12 @@ from jaxplan.trajectory.gram import gram_of, order_by_place, times
 from jaxplan.trajectory.motion import taken
 from jaxplan.trajectory.qp import ROUGHLY, BoxQP, solve_box_qps
 
-_ROUNDS = 6  # how often a program is solved, each time with the rows that were missed before
+_ROUNDS = 6  # most times that a program is solved, each time with the rows that were missed before
 _WORST_ONLY = 2  # rounds after which all broken rows are added, not only the worst ones
-_KEPT = 0.1  # of a row's tolerance; a row that a step leaves more slack is taken out again
-_BINDING = 1e-6  # of the largest multiplier; smaller ones count as zero
-_MOST_ROWS = 512  # of a dual; no more can bind in the usual number of intervals
-_SHORTEST_STEP = -0.5  # of the duration, the most that is taken off at once: it stays positive
+_KEPT = 0.1  # of a row's tolerance; a row to which a step leaves more slack is taken out again
+_BINDING = 1e-6  # of the largest multiplier of a program; smaller ones count as zero
+_MOST_ROWS = 512  # most rows of a dual; no more can bind on the usual number of intervals
+_SHORTEST_STEP = -0.5  # of the duration, the largest decrease in one step, so that it stays positive
 _NO_SLOPE = 1e-9  # rows with smaller derivatives are left out, as no step changes them
 
 Multipliers = dict[str, np.ndarray]  # by name of the block, one for each of its rows
@@ -39,20 +41,21 @@ class QuadraticProgram:
     """The quadratic programs at a stack of G curves.
 
     Attributes:
-        free: (G, n, k) ``F``: free changes are ``F x``.
-        by_time: (G, n, A) what the coefficients change by with the relative change of the duration.
-        hessian: (G, n, n) ``H``.
+        free: (G, n, k) ``F``: the changes of n coefficients of an axis are ``F x`` with k free ``x``.
+        by_time: (G, n, A) change of the coefficients of A axes with the relative change of the duration.
+        hessian: (G, n, n) ``H`` of one axis.
         gradient: (G, n, A) ``g``.
-        duration_hessian: (G,) of the duration's own term, whose slope is 1; None for a given duration.
-        rows: (G, 4, S, n) values of the splines, and of their derivatives, at the places.
+        duration_hessian: (G,) second derivative in the relative change of the duration, in which the slope is
+            1; None for a given duration.
+        rows: (G, 4, S, n) values of the n splines, and of their three derivatives, at S places.
         blocks: all rows of the constraints at the curves.
-        penalty: (G, 3) for each unit by which a row is broken, by kind.
-        overlooked: (G,) share of a row's tolerance; a row that a step breaks by more is added.
-        leeway: the same for each unit of the relative change of the duration, where that is more.
-        few_rounds: (count, share) of rounds of a program that shortens the duration by more than this share;
-            None for as many as others may take.
-        roughly: (G,) whether programs, which begin with the multipliers before, are solved roughly; None
-            where they begin anew.
+        penalty: (G, 3) for each unit by which a row is broken, by kind of constraint.
+        overlooked: (G,) fraction of a row's tolerance; a row that a step breaks by more is added.
+        leeway: the same for each unit of the relative change of the duration; the larger of both counts.
+        few_rounds: (count, share): programs that shorten the duration by more than `share` take at most
+            `count` rounds; None for no such limit.
+        roughly: (G,) bool, which programs are solved roughly; all of them then begin with the multipliers
+            before. None if they begin anew and are solved precisely.
     """
 
     free: np.ndarray
@@ -73,9 +76,9 @@ class QPSolution(NamedTuple):
     """Solutions of the programs at a stack of G curves.
 
     Attributes:
-        coefficients: (G, n, A) changes to make; not finite where a program broke down.
+        coefficients: (G, n, A) changes to make, n on each of A axes; not finite where a program broke down.
         stretch: (G,) relative changes of the duration.
-        multipliers: by block, of every row (G, ...); zero where it does not bind.
+        multipliers: by name of the block, of every row (G, ...); zero where it does not bind.
     """
 
     coefficients: np.ndarray
@@ -84,17 +87,17 @@ class QPSolution(NamedTuple):
 
 
 class ActiveRows(NamedTuple):
-    """Rows of some curves of a stack, R in all, block after block.
+    """Some rows of some curves of a stack, R in all, block after block.
 
     Attributes:
         which: (g,) numbers of the curves.
-        of_curve: for each of these curves the numbers, among the R, of its rows, rising.
+        of_curve: for each of these curves the rising indices, among the R, of its rows.
         of_block: for each block the indices of its rows.
-        slack: (R,).
+        slack: (R,) of each row.
         time: (R,) coefficient of the relative change of the duration.
         kind: (R,) int, kind of constraint.
-        axes: (R, P, A), with ``basis`` the slopes; products beyond those of a row are zero.
-        basis: (R, P, n).
+        axes: (R, P, A), which with `basis` are the slopes, sums of P products; zero for missing products.
+        basis: (R, P, n), see `axes`.
     """
 
     which: np.ndarray
@@ -108,12 +111,12 @@ class ActiveRows(NamedTuple):
 
 
 class _Forms(NamedTuple):
-    """Programs at a stack of G curves in the free coefficients, without rows.
+    """The programs at a stack of G curves in the free coefficients, without any rows.
 
     Attributes:
-        hessian: (G, k, k) of one axis.
-        inverse: (G, k, k) of it.
-        alone: (G, k, A) the steps without any rows.
+        hessian: (G, k, k) in the k free coefficients of one axis.
+        inverse: (G, k, k) its inverse.
+        alone: (G, k, A) the steps of A axes that would be best without rows.
     """
 
     hessian: np.ndarray
@@ -126,7 +129,8 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
 
     Args:
         quadratic: the programs.
-        multipliers: by block, of earlier programs; rows with a positive one are in from the start.
+        multipliers: of earlier programs, by name of the block; rows with a positive one take part from the
+            start. Empty for none. They are not changed.
     """
     count, blocks = len(quadratic.gradient), quadratic.blocks
     which = np.arange(count)
@@ -138,7 +142,7 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
     found = {block.name: np.zeros(block.slack.shape) for block in blocks}
     chosen = [block.chosen(block.slack < block.tolerance, block.slack, which) for block in blocks]
     for block, mask in zip(blocks, chosen, strict=True):
-        if block.name in multipliers:  # in a group another entry may hold now
+        if block.name in multipliers:  # slack is infinite where now another entry of a group holds
             mask |= (multipliers[block.name] > 0) & np.isfinite(block.slack)
             mask[~block.may_bind] = False
     for round_ in range(_ROUNDS):
@@ -184,13 +188,13 @@ def decrease_bound(quadratic: QuadraticProgram, multipliers: Multipliers, which:
 
     Args:
         quadratic: the programs at a stack of curves.
-        multipliers: by block, of every row, none larger than its penalty.
+        multipliers: by name of the block, of every row, none larger than its penalty.
         which: (g,) numbers of the curves that are asked about.
 
     Returns:
-        (g,).
+        (g,) in the unit of the objective.
     """
-    # In a group another entry may hold now; without its multiplier the bound remains one.
+    # Another entry of a group may hold now; without its multiplier the bound is still valid.
     blocks = quadratic.blocks
     pushing = [(multipliers[block.name] > 0) & np.isfinite(block.slack) for block in blocks]
     rows = active_rows(blocks, pushing, which)
@@ -206,7 +210,11 @@ def decrease_bound(quadratic: QuadraticProgram, multipliers: Multipliers, which:
 
 
 def _guessed(rows: "ActiveRows", blocks: Sequence[ConstraintBlock], multipliers: Multipliers) -> np.ndarray:
-    """Multipliers (R,) of rows among those of earlier programs; zero of blocks that were not in these."""
+    """Look up multipliers of rows in those of earlier programs; zero for blocks that had none.
+
+    Returns:
+        (R,) one for each row.
+    """
     of_block = [
         multipliers[block.name][index] if block.name in multipliers else np.zeros(len(index[0]))
         for block, index in zip(blocks, rows.of_block, strict=True)
@@ -226,7 +234,7 @@ def _drop_small(multipliers: Multipliers, count: int) -> None:
 def active_rows(
     blocks: Sequence[ConstraintBlock], chosen: Sequence[np.ndarray], which: np.ndarray
 ) -> ActiveRows:
-    """The chosen rows of some curves.
+    """Collect the chosen rows of some curves.
 
     Args:
         blocks: of rows.
@@ -259,7 +267,7 @@ def active_rows(
 
 
 def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Concatenate arrays (r, P, w), those with fewer products P padded with zeros."""
+    """Concatenate arrays (r, P, w), of r rows by P products, along r; missing products become zeros."""
     parts = [part for part in parts if len(part)]
     most = max((part.shape[1] for part in parts), default=1)
     found = np.zeros((sum(map(len, parts)), most, parts[0].shape[2] if parts else 0))
@@ -271,7 +279,13 @@ def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def transposed_product(rows: ActiveRows, multipliers: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Sum of the rows' derivatives times their multipliers (R,), by curve: (g, n, A), which is `shape`."""
+    """Sum the rows' derivatives times their multipliers, for each curve.
+
+    Args:
+        rows: R rows of g curves.
+        multipliers: (R,) of the rows.
+        shape: (g, n, A) of the result: curves, spline coefficients, axes.
+    """
     found = np.zeros(shape)
     for own, part in enumerate(rows.of_curve):
         if len(part):
@@ -280,7 +294,16 @@ def transposed_product(rows: ActiveRows, multipliers: np.ndarray, shape: tuple[i
 
 
 def _gradient(y: np.ndarray, axes: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """(n, A) sum of the derivatives of rows times ``y`` (r,), from slopes (r, P, A) and (r, P, n)."""
+    """Sum of the derivatives of some rows times ``y``, by n spline coefficients and A axes.
+
+    Args:
+        y: (r,) a factor for each row.
+        axes: (r, P, A) slopes of the rows, with P products.
+        basis: (r, P, n) likewise.
+
+    Returns:
+        (n, A).
+    """
     pull = y[:, None, None] * axes
     return np.asarray(basis.reshape(-1, basis.shape[2]).T @ pull.reshape(-1, axes.shape[2]))
 
@@ -291,13 +314,13 @@ def _solve_duals(
     rows: ActiveRows,
     guess: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The best steps under some rows.
+    """Compute the best steps under some rows.
 
     Args:
         quadratic: the programs of a stack.
         forms: of these programs.
         rows: of some of the curves.
-        guess: (R,) multipliers near the answer.
+        guess: (R,) multipliers near the solution.
 
     Returns:
         Changes of the coefficients (g, n, A), relative changes of the durations (g,), and multipliers (R,).
@@ -328,7 +351,10 @@ def _dual(
     guess: np.ndarray,
     own: int,
 ) -> tuple[BoxQP, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The dual of one curve's program, that of index `own` in `rows`; other arguments as of `_solve_duals`.
+    """Make the dual of the program of one curve, that of index `own` in `rows`.
+
+    Other arguments are those of `_solve_duals`. Rows without slopes are left out, as are those with the most
+    slack beyond `_MOST_ROWS`.
 
     Returns:
         The dual, the numbers (r,) of the rows that it has, their slopes in the free coefficients, (r, P, A)
@@ -344,13 +370,13 @@ def _dual(
     along = times(basis, quadratic.free[curve])
     steep = np.einsum("rpa,rpa->rp", axes, axes) * np.einsum("rpk,rpk->rp", along, along)
     stays = np.flatnonzero(np.any(steep > _NO_SLOPE**2, axis=1))
-    if len(stays) > _MOST_ROWS:  # those with the least slack
+    if len(stays) > _MOST_ROWS:  # keep those with the least slack
         order = np.argsort(rows.slack[kept[stays]], kind="stable")
         stays = np.sort(stays[order[:_MOST_ROWS]])
     if len(stays) < len(kept):
         kept, axes, basis, along = kept[stays], axes[stays], basis[stays], along[stays]
     count = 0
-    if quadratic.roughly is not None:  # optima that slopes are of ask for the smallest multipliers, too
+    if quadratic.roughly is not None:  # optima that are differentiated need the smallest multipliers, too
         order, count = order_by_place(axes, along)
     if count:
         kept, axes, basis, along = kept[order], axes[order], basis[order], along[order]
@@ -374,9 +400,9 @@ def _dual(
 
 
 def _inverses_of_forms(matrices: np.ndarray) -> np.ndarray:
-    """Inverses of positive definite matrices (G, n, n), scaled to unit diagonals on the way.
+    """Inverses of G positive definite matrices (G, n, n), scaled to unit diagonals on the way.
 
-    So splines on unequal intervals cost no digits.
+    The scaling keeps splines on unequal intervals from costing digits.
     """
     size = np.sqrt(np.diagonal(matrices, axis1=1, axis2=2))
     outer = size[:, :, None] * size[:, None, :]
@@ -384,10 +410,10 @@ def _inverses_of_forms(matrices: np.ndarray) -> np.ndarray:
 
 
 def inverses(matrices: np.ndarray) -> np.ndarray:
-    """Inverses of square matrices (G, n, n); NaN where there is none."""
+    """Inverses of G square matrices (G, n, n); NaN for those that are singular."""
     try:
         return np.linalg.inv(matrices)
-    except np.linalg.LinAlgError:  # of one: the others have theirs
+    except np.linalg.LinAlgError:  # one of them is singular; the others have an inverse
         if len(matrices) == 1:
             return np.full_like(matrices, np.nan)
         return np.concatenate([inverses(own[None]) for own in matrices])

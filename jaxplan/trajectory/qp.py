@@ -1,13 +1,13 @@
-"""Small quadratic programs in a box.
+"""Solve small quadratic programs in a box.
 
 That is the form of the dual of a program with elastic rows:
 
     minimise  y^T M y / 2 - d^T y    subject to    0 <= y <= penalty
 
-``M`` is symmetric and positive semidefinite. Mehrotra's predictor-corrector method with a Cholesky
+``M`` is symmetric and positive semidefinite. The method is Mehrotra's predictor-corrector, with a Cholesky
 factorisation (`gram`); what is factored is ``M`` plus a positive diagonal, so rows may depend on each other.
-Programs have tens or hundreds of rows, no two the same number: LAPACK takes each as it is. All else is done
-for many programs at once, their rows one after the other.
+Programs have tens or hundreds of rows, no two the same number: LAPACK factors each separately. Everything
+else is done for P programs at once, with their rows one after the other, N in all.
 """
 
 from collections.abc import Sequence
@@ -19,28 +19,28 @@ import numpy as np
 from jaxplan.runtime.batching import parts
 from jaxplan.trajectory.gram import DenseGram, Gram
 
-_MOST_ITERATIONS = 60  # after which the answer is taken if it is usable
+_MOST_ITERATIONS = 60  # most iterations, after which the answer is taken if it is usable
 _TOLERANCE = 1e-9  # of the scaled residual, relative to the size of the linear term
-ROUGHLY = 1e-6  # the same of an answer that is a step towards something else
-_USABLE = 1e-4  # the largest residual of an answer, where rounding or the number of iterations ends it
-_INTERIOR = 0.995  # share of the way to the boundary that a step may take
-_INSIDE = 0.5  # of the size of the linear term: how far inside the box the iteration begins
+ROUGHLY = 1e-6  # the same, of a program whose solution is only a step of another iteration
+_USABLE = 1e-4  # largest residual of an answer, if rounding or the number of iterations ends the method
+_INTERIOR = 0.995  # fraction of the distance to the boundary that a step may take
+_INSIDE = 0.5  # of the size of the linear term, distance from the bounds at which the iteration begins
 _REGULARISATION = 1e-14  # added to the diagonal, which is of order one
-# The same where multipliers are guessed, of these and of the bounds' multipliers. Those that bind are large.
+# The same where multipliers are guessed: of these, and of the bounds' multipliers. Binding ones are large.
 _INSIDE_GUESS = (10.0, 0.3)
-TOGETHER = 16  # programs; their matrices are then still in the processor's cache
+TOGETHER = 16  # programs solved together; their matrices are then still in the processor's cache
 
-_TINY = 1e-12  # least size of d
+_TINY = 1e-12  # least size of d that is divided by
 
 
 class BoxQP(NamedTuple):
-    """A quadratic program in a box.
+    """A quadratic program in a box, with R rows.
 
     Attributes:
-        matrix: (R, R) ``M``, with a positive diagonal, as an array or as what solves systems with it.
+        matrix: (R, R) ``M``, with a positive diagonal, as an array or as a `Gram`.
         linear: (R,) ``d``.
-        penalty: (R,) positive and finite.
-        guess: (R,) ``y`` near the answer, from which it begins; None for none.
+        penalty: (R,) upper bounds of ``y``, positive and finite.
+        guess: (R,) ``y`` near the solution, from which the iteration begins; None for a default.
         tolerance: of the residual, see `BoxQPSolution`.
     """
 
@@ -56,7 +56,8 @@ class BoxQPSolution(NamedTuple):
 
     Attributes:
         multipliers: (R,) ``y``; NaN where the iteration broke down.
-        residual: the largest residual of the optimality conditions, in their scaled form.
+        residual: the largest residual of the optimality conditions, in their scaled form; NaN where input
+            numbers are not finite.
     """
 
     multipliers: np.ndarray
@@ -64,7 +65,10 @@ class BoxQPSolution(NamedTuple):
 
 
 def solve_box_qps(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
-    """Solve many quadratic programs in boxes; the solutions are in the same order."""
+    """Solve many quadratic programs in boxes; there is one solution for each, in the same order.
+
+    A solution that is not precise enough to be used is NaN.
+    """
     solutions: dict[int, BoxQPSolution] = {}
     scaled, scales = {}, {}
     for number, (matrix, linear, penalty, guess, tolerance) in enumerate(programs):
@@ -91,10 +95,10 @@ class _Iterate(NamedTuple):
     """An iterate of P programs with N rows in all.
 
     Attributes:
-        values: (4, N), all positive: ``y``, the room above it, the multipliers of the lower and the upper
-            bounds.
+        values: (4, N), all positive: ``y``, the room between it and its upper bound, and the multipliers of
+            the lower and of the upper bounds.
         gradient: (N,) residual of stationarity, ``M y - d`` less the lower bounds' multipliers plus the upper
-            ones'.
+            bounds'.
         gap: (P,) mean product of the room to a bound and that bound's multiplier.
     """
 
@@ -109,7 +113,7 @@ class _BoxQPStack:
 
     Attributes:
         matrices: ``M`` of each program.
-        parts: slice of the rows of each.
+        parts: slice of the rows of each program among the N.
         first: (P,) index of the first row of each.
         count: (P,) number of rows of each.
         d: (N,) linear terms.
@@ -129,7 +133,7 @@ class _BoxQPStack:
 
     @classmethod
     def of(cls, programs: Sequence[BoxQP]) -> "_BoxQPStack":
-        """The stack of some programs."""
+        """Make the stack of some programs, none of which is empty."""
         matrices, d, top, _, tolerance = zip(*programs, strict=True)
         count = np.array([len(own) for own in d])
         last = np.cumsum(count)
@@ -147,7 +151,7 @@ class _BoxQPStack:
         )
 
     def at(self, values: np.ndarray) -> "_Iterate":
-        """The iterate of values (4, N), and its residuals."""
+        """Make the iterate of given values, (4, N) as in `_Iterate`, with its residuals."""
         gradient = values[3] - values[2]
         gradient -= self.d
         for m, rows in zip(self.matrices, self.parts, strict=True):
@@ -155,26 +159,29 @@ class _BoxQPStack:
         return _Iterate(values, gradient, self.gap(values))
 
     def gap(self, values: np.ndarray) -> np.ndarray:
-        """(P,) mean product of the room to a bound and that bound's multiplier; `values` as of `_Iterate`."""
+        """Mean product (P,), for each program, of the room to a bound and that bound's multiplier.
+
+        `values` are those of an `_Iterate`.
+        """
         products = values[:2] * values[2:]
         return np.add.reduceat(products[0] + products[1], self.first) / (2 * self.count)
 
     def residual(self, iterate: "_Iterate") -> np.ndarray:
-        """(P,) how far an iterate is from the optimality conditions, over the size of the linear terms."""
+        """Error (P,) of each program's iterate in the optimality conditions, relative to the linear terms."""
         squares = np.add.reduceat(iterate.gradient * iterate.gradient, self.first)
         return np.maximum(np.sqrt(squares / self.count) / self.size, iterate.gap / self.size**2)
 
     def least(self, values: np.ndarray) -> np.ndarray:
-        """(P,) the least of the values (4, N) of each program; NaN where one is."""
+        """Least of the values (4, N) of all rows for each program, (P,); NaN where one is NaN."""
         return np.asarray(np.minimum.reduceat(values, self.first, axis=1).min(axis=0))
 
     def spread(self, own: np.ndarray) -> np.ndarray:
-        """Values (P,) of the programs repeated for each of their rows: (N,), or (1,) for a single program."""
+        """Repeat one number for each program (P,) for each of its rows (N,); (1,) for a single program."""
         return own if len(own) == 1 else np.repeat(own, self.count)
 
 
 def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
-    """Solve programs in their scaled form, each as nearly as rounding and `_MOST_ITERATIONS` allow."""
+    """Solve programs in their scaled form, each to its tolerance if rounding and `_MOST_ITERATIONS` allow."""
     stack, number = _BoxQPStack.of(programs), np.arange(len(programs))
     solutions: dict[int, BoxQPSolution] = {}
     iterate, residual = stack.at(_first(stack, programs)), np.full(len(programs), np.inf)
@@ -200,9 +207,9 @@ def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
 
 
 def _first(stack: _BoxQPStack, programs: Sequence[BoxQP]) -> np.ndarray:
-    """Values (4, N) of the first iterate.
+    """Values of the first iterate of all programs, (4, N) as in `_Iterate`.
 
-    The products of each bound's room and multiplier are alike, however wide the box is.
+    The products of each bound's room and multiplier are similar, however wide the box is.
     """
     first = _unguessed(stack)
     of_each = zip(programs, stack.matrices, stack.parts, stack.size, strict=True)
@@ -216,14 +223,14 @@ def _first(stack: _BoxQPStack, programs: Sequence[BoxQP]) -> np.ndarray:
 
 
 def _unguessed(stack: _BoxQPStack) -> np.ndarray:
-    """`_first` without guesses."""
+    """Do the same as `_first` for programs without guesses."""
     inside, d, top = stack.spread(_INSIDE * stack.size), stack.d, stack.top
     y = np.minimum(np.maximum(d, 0) + inside, top / 2)
     return np.stack([y, top - y, np.maximum(-d, 0) + inside, inside**2 / (top - y)])
 
 
 def _iterate(stack: _BoxQPStack, iterate: _Iterate) -> tuple[_Iterate, np.ndarray]:
-    """Take one predictor and one corrector step, from the same factorisations.
+    """Take one predictor and one corrector step, both with the same factorisations.
 
     Args:
         stack: the programs.
@@ -240,9 +247,9 @@ def _iterate(stack: _BoxQPStack, iterate: _Iterate) -> tuple[_Iterate, np.ndarra
     solvers = [m.factored(diagonal[rows]) for m, rows in zip(stack.matrices, stack.parts, strict=True)]
 
     def direction(wanted: np.ndarray) -> np.ndarray:
-        """Newton's direction (4, N) for the changes wanted of the products room * multiplier.
+        """Newton's direction, (4, N) like the values, for wanted changes of the products room * multiplier.
 
-        These are divided by the room, (2, N).
+        `wanted` (2, N) are these changes divided by the room, for lower and upper bounds.
         """
         step = np.empty_like(values)
         right = wanted[0] - wanted[1]
@@ -255,9 +262,9 @@ def _iterate(stack: _BoxQPStack, iterate: _Iterate) -> tuple[_Iterate, np.ndarra
         return step
 
     def beyond(step: np.ndarray, share: float) -> np.ndarray:
-        """Values (4, N) after `share` of the way along a step to where one meets zero, at most all of it.
+        """Values (4, N) after a `share` of the largest step that keeps them positive, at most the whole step.
 
-        It is the same for all rows of a program.
+        The step has one length for all rows of a program.
         """
         steepest = stack.least(step / values)
         ahead = stack.spread(share / np.maximum(-steepest, share)) * step

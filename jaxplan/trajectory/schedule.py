@@ -1,14 +1,15 @@
-"""When a motion passes the nodes of a path.
+"""When a motion passes the nodes of a path, and the trapezoidal pace along it.
 
-The duration is divided among the edges by their costs, which are the times that they take at full speed;
-equal costs give the equal split of the paper. An edge of little cost still gets a tenth of the mean, so that
-two near nodes with a corner between them do not ask for a jolt. Nodes without motion between them count as
-one.
+A path has m + 1 nodes and m edges. The duration is divided among the edges by their costs, which are the
+times that they take at full speed; equal costs give the equal split of the paper. An edge of little cost
+still gets a tenth of the mean, so that two near nodes with a corner between them do not ask for a jolt.
+Successive nodes without motion between them count as one.
 
-For the spline fit the length of a path is the time that its edges take at full speed. The motion along it has
-a trapezoid of the rate (the *pace*), with a rising and a falling flank: the faster, the steeper. In a
-shortest motion the slowest joint moves in just this way, so the spline's breaks lie close together near the
-flanks, and few suffice between them. A *place* is a share of the duration, from 0 to 1.
+For the spline fit the *length* of a path is the time in s that its edges take at full speed. The motion along
+it has a trapezoidal profile of the rate (the *pace*), with a rising and a falling *flank*, in which it
+accelerates and brakes; between them it cruises. In a shortest motion the slowest joint moves in just this
+way, so the spline's breaks lie close together near the flanks, and few suffice between them. A *place* is a
+fraction of the duration, from 0 to 1.
 """
 
 from dataclasses import dataclass
@@ -23,23 +24,23 @@ from jaxplan.model.path import Path
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
 
-_CALM_FLANK = 1 / 3  # of the duration, where there is time; near the least acceleration energy
-_STEEP_FLANK = 0.1  # of the duration, the least flank where time is short
-_STEEP_RISES = 2.0  # times the quickest rise, likewise
+_CALM_FLANK = 1 / 3  # of the duration, each flank if there is time; near the least acceleration energy
+_STEEP_FLANK = 0.1  # of the duration, the least flank if time is short
+_STEEP_RISES = 2.0  # times the shortest time to full speed, the least flank likewise
 _FLANK_BREAKS = 9  # intervals that cover a flank and a little more
-_FLANK_STEP = 0.25  # of the flank, the length of one such interval
-FIRST_GUESS = 1.01  # times the duration of a trapezoid, whose accelerations jump: the first guess
+_FLANK_STEP = 0.25  # of the flank, length of one such interval at most
+FIRST_GUESS = 1.01  # first guess of a duration, over that of the trapezoid, whose accelerations jump
 
 FEWEST_NODES = 32  # smallest number that nodes are padded to
 
-_NO_ROW = 1e-9  # length of a row of wheels that is none
+_NO_ROW = 1e-9  # least length of a row of the wheel array that is divided by
 
-_LEAST_SHARE = 0.1  # of the mean edge's time
-_SAME_NODE = 1e-10  # rad, or matrix element
+_LEAST_SHARE = 0.1  # of the mean edge's time, the least that an edge gets
+_SAME_NODE = 1e-10  # rad, or difference of matrix elements, up to which nodes are the same
 
 
 def _distinct_nodes(path: Path) -> np.ndarray:
-    """(m + 1,) bool, whether each node of a path differs from the one before; true of the first."""
+    """Bool for each of m + 1 nodes of a path, whether it differs from the one before; true for the first."""
     turned = np.abs(np.diff(path.attitudes, axis=0)).max(axis=(1, 2), initial=0.0)
     moved = np.abs(np.diff(path.joints, axis=0)).max(axis=1, initial=0.0)
     same = (turned <= _SAME_NODE) & (moved <= _SAME_NODE)  # a NaN is not the same
@@ -47,12 +48,12 @@ def _distinct_nodes(path: Path) -> np.ndarray:
 
 
 def passed_nodes(path: Path, *, at_speed: bool, every: bool) -> tuple[Path, np.ndarray]:
-    """The path without repeated nodes that a motion passes, with at least two nodes unless nothing moves.
+    """Remove repeated nodes from a path; what remains has at least two nodes unless nothing moves.
 
     Args:
         path: with m + 1 nodes.
         at_speed: whether the motion starts or ends with a rate: then it leaves even a single node, and comes
-            back to it.
+            back to it, so that the node is listed twice.
         every: whether repeated nodes are kept, unless nothing moves.
 
     Returns:
@@ -77,14 +78,15 @@ def passed_nodes(path: Path, *, at_speed: bool, every: bool) -> tuple[Path, np.n
 
 
 def node_fractions(edge_costs: AnyArray, on: AnyArray | None = None) -> AnyArray:
-    """Times of the nodes as fractions of the duration.
+    """Divide the duration among edges in proportion to their costs.
 
     Args:
-        edge_costs: (m,) finite and not negative, m >= 1.
+        edge_costs: (m,) finite and not negative, m >= 1; those below a tenth of the mean count as that, and
+            all count as equal if all are zero.
         on: (m,) bool, the edges that count; the others, at the end, are padding. None for all.
 
     Returns:
-        (m + 1,) strictly increasing from 0 to 1; 1 at padding.
+        (m + 1,) times of the nodes over the duration, strictly increasing from 0 to 1; 1 at padding.
     """
     xp, costs = arrays(edge_costs)
     own = xp.ones(len(costs), bool) if on is None else on
@@ -97,16 +99,16 @@ def node_fractions(edge_costs: AnyArray, on: AnyArray | None = None) -> AnyArray
 
 
 def edge_times(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
-    """Times (m,) of edges at full speed, s.
+    """Times (m,) in s that edges take at full speed, cruising all the way.
 
     Args:
-        turns: (m, 3) rad, of the platform along each edge, in the axes of its first node.
+        turns: (m, 3) rad, rotation vector of the platform along each edge, in the axes of its first node.
         moves: (m, 2n) rad, of the joints.
         craft: its limits of rates and momentum.
     """
-    # In a second every edge is gone along at a steady pace, which is to be slowed to the limits. Wheels count
+    # Each edge is passed in one second at a steady pace, which is then slowed to the limits. Wheels count
     # as if they held nothing at the start: what they hold then fills them more on one edge, less on another.
-    # Of stages it counts neither how they are turned nor what they carry.
+    # How stages are turned, and what momentum they carry, is ignored.
     steady = Kinematics(spin=[turns.T], joints=[0 * moves.T, moves.T], inertia=craft.whole_inertia)
     if craft.wheel_array is not None:
         empty = craft.wheel_array
@@ -118,7 +120,7 @@ def edge_times(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
 
 
 def rise_time(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
-    """Time in which the axis that moves longest reaches its full rate, s; arguments as of `edge_times`."""
+    """Time in s in which the axis that moves longest reaches its full rate; arguments as of `edge_times`."""
     rate, acceleration, jerk = (axis_bounds(craft, power) for power in (1, 2, 3))
     xp, turned, moved, rate, acceleration = arrays(turns, moves, rate, acceleration)
     needed = rate / acceleration + acceleration / jerk
@@ -127,12 +129,16 @@ def rise_time(turns: AnyArray, moves: AnyArray, craft: Spacecraft) -> AnyArray:
 
 
 def turn_time(turn: np.ndarray, craft: Spacecraft) -> float:
-    """Time of a turn (3,) rad about one axis at full speed and acceleration, from rest to rest, s.
+    """Time in s of a turn about one axis at full speed and acceleration, from rest to rest.
 
     Wheels count as if they held nothing at the start.
+
+    Args:
+        turn: (3,) rad, rotation vector in body axes.
+        craft: its limits of rates, accelerations, momentum and torque.
     """
     still = np.zeros((1, len(craft.joint_names)))
-    # likewise in a second, now at a steady acceleration from rest
+    # As in `edge_times`, in one second, but at a steady acceleration from rest.
     begun = Kinematics(
         spin=[np.zeros((3, 1)), turn[:, None], np.zeros((3, 1))],
         inertia=craft.whole_inertia,
@@ -145,10 +151,10 @@ def turn_time(turn: np.ndarray, craft: Spacecraft) -> float:
 
 
 def axis_bounds(craft: Spacecraft, power: int) -> AnyArray:
-    """Bounds (3 + 2n,) on a derivative of the motion about each body axis and of each joint, or inf.
+    """Bounds (3 + 2n,) on a derivative of the motion, about each body axis and of each joint; inf for none.
 
-    That of the torque is taken about the axis of the largest inertia, for every axis. Momentum is left to
-    `edge_times`, which knows the axis of each edge.
+    A torque limit is converted with the largest principal moment of inertia, for every axis. Limits on
+    momentum are left to `edge_times`, which knows the axis of each edge.
 
     Args:
         craft: its limits.
@@ -165,14 +171,14 @@ def axis_bounds(craft: Spacecraft, power: int) -> AnyArray:
         if quantity.of_joints:
             joints = bound
         else:
-            if quantity.of_wheels:  # in every direction they give what a ball within their limits has
+            if quantity.of_wheels:  # the radius of a ball within their limits, which holds in all directions
                 bound = bound / xp.maximum(length(craft.wheel_array.rows), _NO_ROW)  # type: ignore[union-attr]
             platform = xp.minimum(platform, xp.min(bound) / heaviest if quantity.by_inertia else bound)
     return xp.concatenate([platform, joints])
 
 
 def edge_turns(attitudes: np.ndarray) -> np.ndarray:
-    """Rotation along each edge.
+    """Compute the rotation along each edge.
 
     Args:
         attitudes: (m + 1, 3, 3) body to inertial.
@@ -184,10 +190,10 @@ def edge_turns(attitudes: np.ndarray) -> np.ndarray:
 
 
 def padded(array: np.ndarray, least: int) -> np.ndarray:
-    """An array padded to one of few lengths by repeating its last entry, so that kernels are compiled once.
+    """Pad an array to one of few lengths by repeating its last entry, so that few kernels are compiled.
 
     Args:
-        array: (k, ...).
+        array: (k, ...), k at least 1.
         least: the smallest length, see `padded_count`.
     """
     extra = padded_count(len(array), least) - len(array)
@@ -196,12 +202,12 @@ def padded(array: np.ndarray, least: int) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrapezoidalProfile:
-    """A trapezoid of the rate along a path.
+    """A trapezoid of the rate over time along a path; its numbers may be arrays that JAX traces.
 
     Attributes:
         length: of the path, s at full speed.
         duration: s.
-        flank: s, of each of the two flanks.
+        flank: s, duration of each of the two flanks.
     """
 
     length: AnyArray
@@ -210,7 +216,7 @@ class TrapezoidalProfile:
 
     @classmethod
     def quickest(cls, length: AnyArray, rise: AnyArray) -> "TrapezoidalProfile":
-        """The quickest profile: up to full speed in ``rise`` seconds, or to less if the path is too short.
+        """The quickest profile: it reaches full speed in ``rise`` seconds, or less speed on a short path.
 
         Args:
             length: of the path, s at full speed.
@@ -223,12 +229,12 @@ class TrapezoidalProfile:
 
     @classmethod
     def within(cls, duration: AnyArray, length: AnyArray, rise: AnyArray) -> "TrapezoidalProfile":
-        """The profile of a given duration: where there is time, at most half the full speed, and long flanks.
+        """The profile of a given duration: if there is time, at most half the full speed and long flanks.
 
         Args:
             duration: s.
             length: of the path, s at full speed.
-            rise: s, quickest rise to full speed.
+            rise: s, shortest time in which full speed is reached.
         """
         xp, duration, length, rise = arrays(duration, length, rise)
         calm = _CALM_FLANK * duration
@@ -239,11 +245,11 @@ class TrapezoidalProfile:
 
     @property
     def flank_share(self) -> AnyArray:
-        """The flank as a share of the duration: all that `progress`, `places` and `breaks` depend on."""
+        """Fraction of the duration that a flank takes, on which alone the methods below depend."""
         return self.flank / self.duration
 
     def progress(self, places: np.ndarray) -> np.ndarray:
-        """Share (S,) of the path passed at places (S,) in [0, 1]."""
+        """Fractions of the path that have been passed at places in [0, 1], of the same shape (S,)."""
         flank = self.flank_share
         speed = 1 / (1 - flank)
         rising = speed * places**2 / (2 * flank)
@@ -252,7 +258,7 @@ class TrapezoidalProfile:
         return np.where(places < flank, rising, np.where(places > 1 - flank, falling, cruising))
 
     def places(self, shares: AnyArray) -> AnyArray:
-        """Places (m + 1,) at which shares (m + 1,) of the path are passed: the inverse of `progress`."""
+        """Places in [0, 1] at which given fractions of the path are passed: the inverse of `progress`."""
         xp, shares, flank = arrays(shares, self.flank_share)
         speed = 1 / (1 - flank)
         low = _root(2 * flank * shares / speed)
@@ -261,7 +267,10 @@ class TrapezoidalProfile:
         return xp.where(low < flank, low, xp.where(high > 1 - flank, high, middle))
 
     def breaks(self, intervals: int) -> np.ndarray:
-        """Breaks (intervals + 1,) in [0, 1], close together about the flanks."""
+        """Make `intervals` + 1 breaks from 0 to 1, close together near the flanks.
+
+        They are equidistant if there is next to no cruise.
+        """
         flank = self.flank_share
         if 2 * flank < 0.9:
             near = np.arange(_FLANK_BREAKS + 1) * min(_FLANK_STEP * flank, 1 / (3 * _FLANK_BREAKS))
@@ -272,14 +281,14 @@ class TrapezoidalProfile:
 
 
 def _root(values: AnyArray) -> AnyArray:
-    """Square roots, zero of what is not positive; its derivative at zero is taken as zero."""
+    """Square roots of numbers, zero for those that are not positive; at zero the derivative is zero."""
     xp, values = arrays(values)
     positive = values > 0
     return xp.where(positive, xp.sqrt(xp.where(positive, values, 1)), 0)
 
 
 def along(values: np.ndarray, shares: np.ndarray, gone: np.ndarray) -> np.ndarray:
-    """Points on the straight lines between nodes.
+    """Interpolate points on the straight lines between nodes.
 
     Args:
         values: (m + 1, A) of the nodes.

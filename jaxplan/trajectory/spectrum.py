@@ -1,14 +1,14 @@
-"""Fourier transforms of what a trajectory needs, without sampling in the frequency domain's sense.
+"""Fourier transforms of quantities along a trajectory, at any frequency and without sampling.
 
 On each interval a quantity is expanded in Legendre polynomials, of which the transform is known,
 
     integral over u in [-1, 1] of P_n(u) exp(-i x u) = 2 (-i)^n j_n(x),
 
-with the spherical Bessel functions ``j_n``. So what is left out is what the polynomials leave out, at any
+with the spherical Bessel functions ``j_n``. So the only error is what the polynomials leave out, at any
 frequency alike: its transform is at most the integral of its magnitude, and nothing is aliased, however high
-the frequency. For ``x`` up to the number of polynomials the integral is taken by Gauss' rule, of which the
-nodes are enough there; beyond, by the recurrence ``j_(n+1) = (2 n + 1) / x j_n - j_(n-1)``, which is stable
-for ``n < x``.
+the frequency. For ``x`` up to the number of polynomials the integral is taken by Gauss' rule, whose nodes are
+enough there; beyond, by the recurrence ``j_(n+1) = (2 n + 1) / x j_n - j_(n-1)``, which is stable for
+``n < x``.
 """
 
 from collections.abc import Callable
@@ -25,18 +25,19 @@ from jaxplan.runtime.jit import is_traced
 
 _COUNT = 24  # polynomials on an interval
 _PARTS = 2  # intervals of a piece
-_NODES = 64  # of Gauss' rule for the transforms of the polynomials, where x is at most `_COUNT`
+_NODES = 64  # nodes of Gauss' rule for transforms of the polynomials, if |x| is at most `_COUNT`
 
 
 def expect_frequencies(given: object, *, zero: bool = True) -> Any:
-    """The frequencies (f,) Hz that are given, one where it is a number; traced ones stay traced.
+    """Check frequencies and return them as an array (f,) in Hz, (1,) for a number; traced ones stay traced.
 
     Args:
         given: of any type. Values of traced numbers are not looked at.
         zero: whether a frequency may be zero.
 
     Raises:
-        ValueError: if they are no finite real numbers in one row, or one is negative, or zero and may not be.
+        ValueError: if they are not finite real numbers in one row, or one is negative, or zero and may not
+            be.
     """
     wanted = f"{'numbers of Hz in [0, inf)' if zero else 'positive numbers of Hz'}, one or a row of them"
     fault = f"frequencies = {show(given)}: must be {wanted}"
@@ -52,12 +53,14 @@ def expect_frequencies(given: object, *, zero: bool = True) -> Any:
 
 
 def transform(values: Callable[[Array], Array], breaks: Array, frequencies: Array) -> Array:
-    """The Fourier transform ``integral of f(t) exp(-2 pi i nu t)`` of a quantity over all time.
+    """Compute the Fourier transform ``integral of f(t) exp(-2 pi i nu t)`` of a quantity over all time.
 
     Args:
-        values: of times (k,) s, to (k, c); smooth between the breaks.
-        breaks: (m + 1,) s, ascending; intervals of no length count nothing.
-        frequencies: (f,) Hz.
+        values: function from times (k,) in s to the quantity's c components (k, c); smooth between the
+            breaks.
+        breaks: (m + 1,) s, ascending, from start to end; outside the quantity counts as zero. Intervals of no
+            length contribute nothing.
+        frequencies: (f,) Hz, ``nu``.
 
     Returns:
         (f, c) complex, in the quantity's unit times s.
@@ -76,7 +79,7 @@ def transform(values: Callable[[Array], Array], breaks: Array, frequencies: Arra
 
 
 def _of_polynomials(x: Array) -> Array:
-    """Transforms (..., `_COUNT`) of the Legendre polynomials at (...), of either sign."""
+    """Transforms (..., `_COUNT`) of the Legendre polynomials at arguments ``x`` (...), of either sign."""
     nodes, weights = legendre.leggauss(_NODES)
     near = jnp.abs(x) <= _COUNT
     small, large = jnp.where(near, x, 0.0), jnp.where(near, float(_COUNT), x)
@@ -91,7 +94,7 @@ def _of_polynomials(x: Array) -> Array:
 
 
 def magnitude(values: Array) -> Array:
-    """Sizes of complex numbers; where one is zero its derivative is zero, too."""
+    """Absolute values of complex numbers; where one is zero its derivative is taken as zero."""
     square = values.real**2 + values.imag**2
     zero = square == 0  # not where it is a NaN
     return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, square)))

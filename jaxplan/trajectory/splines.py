@@ -30,28 +30,28 @@ from jaxplan.geometry.vectors import AnyArray, array_module
 
 DEGREE = 5  # of the splines
 SMOOTHNESS = DEGREE - 1  # continuous derivatives of a spline
-_DERIVATIVES = 4  # the curve itself and three more
+_DERIVATIVES = 4  # number of curves: the curve itself and its first three derivatives
 
 
 def legendre(x: ArrayLike, order: int) -> AnyArray:
-    """Values of all Legendre polynomials up to an order, by their three-term recurrence.
+    """Evaluate all Legendre polynomials up to an order, by their three-term recurrence.
 
     Args:
         x: (...) in [-1, 1].
         order: the highest degree ``l``, at least 1.
 
     Returns:
-        (..., l + 1).
+        (..., l + 1) values of ``P_0`` to ``P_l``; numpy for numpy arguments, JAX for JAX arguments.
     """
     if array_module(x) is np:
         values = np.polynomial.legendre.legvander(np.asarray(x), order)
-        return values.reshape(*np.shape(x), order + 1)  # which has an axis too many for a single number
+        return values.reshape(*np.shape(x), order + 1)  # legvander adds an axis to a single number
     return _legendre(order, jnp.asarray(x))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _legendre(order: int, x: Array) -> Array:
-    """`legendre` in JAX."""
+    """Do the same as `legendre` in JAX, with a derivative rule that compiles fast."""
 
     def step(last: tuple[Array, Array], n: Array) -> tuple[tuple[Array, Array], Array]:
         before, value = last
@@ -65,17 +65,17 @@ def _legendre(order: int, x: Array) -> Array:
 
 @_legendre.defjvp
 def _(order: int, at: tuple[Array], along: tuple[Array]) -> tuple[Array, Array]:
-    # The derivative of a recurrence takes many times as long to compile as that of its values.
+    # Compiling the derivative of the recurrence would take many times as long as compiling its values.
     values = _legendre(order, *at)
     return values, values @ jnp.asarray(derivative_matrix(order), values.dtype) * along[0][..., None]
 
 
 @cache
 def derivative_matrix(order: int) -> np.ndarray:
-    """Matrix ``D`` that takes the coefficients of a curve to those of its derivative in ``x``.
+    """Matrix ``D`` that takes Legendre coefficients of a curve to those of its derivative in ``x``.
 
-    From ``P_n' = sum of (2 k + 1) P_k`` over ``k = n - 1, n - 3, ...``. Transposed, it takes values to
-    derivatives: ``P'(x) = D^T P(x)``.
+    It follows from ``P_n' = sum of (2 k + 1) P_k`` over ``k = n - 1, n - 3, ...``. Transposed, it takes
+    values of the polynomials to their derivatives: ``P'(x) = D^T P(x)``.
 
     Args:
         order: the highest degree ``l``.
@@ -112,13 +112,13 @@ def energy(order: int, derivative: int) -> np.ndarray:
 
 @cache
 def end_derivatives(order: int) -> np.ndarray:
-    """First and second derivative in ``x`` of all polynomials at both ends, in closed form.
+    """First and second derivatives in ``x`` of all Legendre polynomials at both ends, in closed form.
 
     Args:
         order: the highest degree ``l``.
 
     Returns:
-        (2, 2, l + 1): at -1 and at 1; read-only.
+        (2, 2, l + 1), indexed by end (-1, then 1), derivative (first, then second) and degree; read-only.
     """
     n = np.arange(order + 1.0)
     at_end = np.stack([n * (n + 1) / 2, (n - 1) * n * (n + 1) * (n + 2) / 8])
@@ -130,12 +130,12 @@ def end_derivatives(order: int) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Basis:
-    """The B-splines on some breaks.
+    """The B-splines of degree 5 on given breaks.
 
     Attributes:
-        breaks: (K + 1,) from 0 to 1, rising.
-        differences: four matrices (n - d, n) from the n = K + 5 coefficients of a curve to those of its d-th
-            derivative.
+        breaks: (K + 1,) ends of the K intervals, rising from 0 to 1.
+        differences: four matrices (n - d, n), d from 0 to 3, which take the n = K + 5 coefficients of a curve
+            to those of its d-th derivative.
     """
 
     breaks: np.ndarray
@@ -147,7 +147,7 @@ class Basis:
 
     @classmethod
     def on(cls, breaks: np.ndarray) -> "Basis":
-        """Make the spline basis on breaks (K + 1,) in [0, 1]."""
+        """Make the spline basis on given breaks, K + 1 numbers that rise from 0 to 1."""
         knots = _knots(breaks, DEGREE)
         matrices = [np.eye(len(breaks) - 1 + DEGREE)]
         for degree in range(DEGREE, DEGREE - _DERIVATIVES + 1, -1):
@@ -163,23 +163,23 @@ class Basis:
     @classmethod
     @cache
     def even(cls, intervals: int) -> "Basis":
-        """The basis on breaks at equal distances, made once."""
+        """Return the basis on breaks at equal distances; it is made once for each number of intervals."""
         return cls.on(np.linspace(0, 1, intervals + 1))
 
     @property
     def size(self) -> int:
-        """Number of coefficients, n."""
+        """Number n of coefficients of a curve on each axis."""
         return self.differences[0].shape[0]
 
     def rows(self, places: np.ndarray, derivatives: int = _DERIVATIVES) -> np.ndarray:
-        """Values of the B-splines and of their derivatives; times coefficients they are those of a curve.
+        """Evaluate the B-splines and their derivatives; multiplied by coefficients they are those of a curve.
 
         Args:
             places: (S,) in [0, 1].
-            derivatives: how many, the curve itself counted.
+            derivatives: number of arrays wanted: 1 for the values alone, up to 4 with the third derivative.
 
         Returns:
-            (derivatives, S, n), the derivatives being those in the place.
+            (derivatives, S, n) values, then derivatives by the place, of n B-splines at S places.
         """
         span = np.clip(np.searchsorted(self.breaks, places, side="right") - 1, 0, len(self.breaks) - 2)
         by_degree = _local_values(self.breaks, places, span)
@@ -195,12 +195,12 @@ class Basis:
         return found
 
     def within(self, points: int, *, to_end: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Evenly spaced places, so many on each interval.
+        """Return places spaced evenly on each interval, and the B-splines there.
 
         Args:
-            points: on each interval, at least 2.
+            points: number of places on each interval, at least 2.
             to_end: whether the last place is 1, so that those of the last interval are a little farther
-                apart; else 1 is left out.
+                apart; otherwise 1 is left out.
 
         Returns:
             The places (K * points,), and `rows` there, (4, K * points, n).
@@ -217,7 +217,10 @@ class Basis:
 
     @cached_property
     def energies(self) -> np.ndarray:
-        """(4, n, n) integrals of products of the B-splines' d-th derivatives, exact by Gauss' rule."""
+        """Gram matrices of the n B-splines and of their three derivatives: integrals of products over [0, 1].
+
+        It is (4, n, n), exact by Gauss' rule.
+        """
         nodes, weights = np.polynomial.legendre.leggauss(DEGREE + 1)
         half = np.diff(self.breaks)[:, None] / 2
         rows = self.rows((self.breaks[:-1, None] + half * (nodes + 1)).ravel())
@@ -225,9 +228,10 @@ class Basis:
 
     @cached_property
     def _on_intervals(self) -> list[np.ndarray]:
-        """For each derivative d, the B-splines (K, 3, 6 - d) of degree 5 - d at ends and middles.
+        """Values of the B-splines of degree 5 - d, for each derivative d from 0 to 3, on all K intervals.
 
-        These are the start, the middle and the end of each of the K intervals.
+        Each array is (K, 3, 6 - d): at the start, the middle and the end of each interval, the 6 - d
+        B-splines that are not zero there.
         """
         intervals = len(self.breaks) - 1
         places = self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * [0.0, 0.5, 1.0]
@@ -235,13 +239,14 @@ class Basis:
         return [by_degree[DEGREE - d].reshape(intervals, 3, -1) for d in range(_DERIVATIVES)]
 
     def ends(self, rest: bool) -> tuple[np.ndarray, ...]:
-        """Matrices that describe all coefficients ``F x + V values + R rates`` with given ends.
+        """Matrices that describe all coefficients ``F x + V values + R rates`` of curves with given ends.
 
         Args:
-            rest: whether accelerations are zero at both ends; else they are free.
+            rest: whether accelerations are zero at both ends; otherwise they are free.
 
         Returns:
-            ``F`` (n, k), ``V`` (n, 2) and ``R`` (n, 2); values and rates (in the place) are of both ends.
+            ``F`` (n, k) of the k free coefficients, ``V`` (n, 2) of the values and ``R`` (n, 2) of the rates
+            (by the place) at both ends; read-only.
         """
         if rest not in self._ends:
             count = 3 if rest else 2
@@ -258,15 +263,15 @@ class Basis:
         return self._ends[rest]
 
     def pieces(self, coefficients: np.ndarray) -> np.ndarray:
-        """The same curve in Legendre polynomials on each interval.
+        """Rewrite a curve in Legendre polynomials on each interval.
 
         Args:
-            coefficients: (n, d).
+            coefficients: (n, d) of d components.
 
         Returns:
-            (K, 6, d) in the basis of `jaxplan.trajectory.splines`.
+            (K, 6, d) coefficients of ``P_0`` to ``P_5`` on each of the K intervals.
         """
-        # The splines sum to one, so a constant goes by itself and what stands still does so to the last bit.
+        # B-splines sum to one, so a constant is split off, and what stands still does so to the last bit.
         base = coefficients[:1]
         moved = coefficients - base
         half = np.diff(self.breaks)[:, None, None] / 2
@@ -276,7 +281,7 @@ class Basis:
             control = self.differences[derivative] @ moved
             return self._on_intervals[derivative] @ control[interval + np.arange(DEGREE + 1 - derivative)]
 
-        # Neighbours share the coefficients of derivatives, so that none jumps by more than its own rounding.
+        # Neighbours share coefficients of derivatives, so that none jumps by more than its own rounding.
         # From values of the curve alone, the third derivative would lose twelve digits on short intervals.
         found: np.ndarray = _PARABOLA @ values(_DERIVATIVES - 1)
         for derivative in reversed(range(_DERIVATIVES - 1)):
@@ -291,14 +296,15 @@ _PARABOLA = np.array([[1 / 6, 2 / 3, 1 / 6], [-1 / 2, 0, 1 / 2], [1 / 3, -2 / 3,
 
 
 def _local_values(breaks: np.ndarray, places: np.ndarray, span: np.ndarray) -> list[np.ndarray]:
-    """For each degree from 0 to `DEGREE`, the B-splines (S, degree + 1) that are not zero at places.
+    """For each degree from 0 to `DEGREE`, values (S, degree + 1) of the B-splines not zero at S places.
 
-    The recursion of Cox and de Boor; scipy's design matrices take a call and a sparse matrix for each degree.
+    It is the recursion of Cox and de Boor; scipy's design matrices take a call and a sparse matrix for each
+    degree.
 
     Args:
-        breaks: (K + 1,).
+        breaks: (K + 1,) of the splines.
         places: (S,) in [0, 1].
-        span: (S,) int, the interval that each place is on.
+        span: (S,) int, index of the interval that each place is on.
     """
     knots = _knots(breaks, DEGREE)
     reach = np.arange(1, DEGREE + 1)
@@ -316,21 +322,21 @@ def _local_values(breaks: np.ndarray, places: np.ndarray, span: np.ndarray) -> l
 
 
 def _knots(breaks: np.ndarray, degree: int) -> np.ndarray:
-    """The knots of splines on breaks (K + 1,): both ends ``degree + 1`` times, the others once."""
+    """Knots of splines on given breaks: both ends repeated ``degree + 1`` times, the others once."""
     return np.concatenate([np.repeat(breaks[:1], degree), breaks, np.repeat(breaks[-1:], degree)])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurveSpace:
-    """Splines with given ends, which perhaps pass given nodes.
+    """All splines with given ends, and perhaps through given nodes, on A axes: ``c = F x + f + T g``.
 
     Attributes:
-        basis: of the splines.
-        free: (n, k) ``F``.
-        of_values: (n, v) matrix from the given values, those at the ends first, to ``f``.
+        basis: the B-splines.
+        free: (n, k) ``F``, from the k free coefficients ``x`` of each axis to all n of them.
+        of_values: (n, v) matrix from v given values, those at the two ends first, to ``f``.
         of_rates: (n, 2) matrix from the rates at the ends to ``g``.
-        fixed: (n, A) ``f``.
-        by_time: (n, A) 1/s, ``g``.
+        fixed: (n, A) ``f``, rad.
+        by_time: (n, A) rad/s, ``g``, which is multiplied by the duration ``T``.
     """
 
     basis: Basis
@@ -342,7 +348,7 @@ class CurveSpace:
 
     @property
     def energies(self) -> np.ndarray:
-        """(4, n, n) Gram matrices of the basis, see `Basis.energies`."""
+        """(4, n, n) Gram matrices of the n B-splines and of their three derivatives, see `Basis.energies`."""
         return self.basis.energies
 
     @classmethod
@@ -355,13 +361,13 @@ class CurveSpace:
         places: Sequence[float] | np.ndarray = (),
         nodes: Sequence[float] | np.ndarray = (),
     ) -> Self:
-        """The space of all splines with given ends and nodes.
+        """Make the space of all splines with given ends and nodes.
 
         Args:
-            basis: of the splines.
-            ends: (2, A) rad, in the chart.
-            rates: (2, A) rad/s.
-            rest: whether accelerations are zero at both ends; else they are free.
+            basis: the B-splines.
+            ends: (2, A) rad, values at start and end, in the chart.
+            rates: (2, A) rad/s, at start and end.
+            rest: whether accelerations are zero at both ends; otherwise they are free.
             places: (m,) in (0, 1) of nodes; on no interval more than the splines have freedom there.
             nodes: (m, A) rad, which are passed exactly.
         """
@@ -385,7 +391,9 @@ class CurveSpace:
 
 
 def weighted(energies: np.ndarray, duration: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Matrices (G, n, n) of the energy of one axis: the integral over time of weighted squares.
+    """Matrices (G, n, n) of the energy of one axis for G curves: the integral over time of weighted squares.
+
+    With coefficients ``c`` (n,) the energy is ``c . M c``, without a factor 1/2.
 
     Args:
         energies: (G, 4, n, n) as `CurveSpace` has them.

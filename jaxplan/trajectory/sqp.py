@@ -2,14 +2,15 @@
 
     minimise   energy(c) / energy_0          or          T / T_0 + small * energy(c) / energy_0
 
-subject to limits, zones and tubes (`constraint_blocks`), each elastic with an exact penalty, so that every
-program has a solution. Steps that do not lower the merit (objective and penalties at the true curve) are
-rejected, and repeated with more damping. Alike problems are worked on together, each until it is done;
-letters of sizes are those of `motion`.
+over the coefficients ``c`` and perhaps the duration ``T``; index 0 means the first curve. Limits, zones and
+tubes (`constraint_blocks`) are *elastic*: they may be broken at an exact penalty, so that every program has a
+solution. The *merit* is the objective plus the penalties at the true curve. A step that does not lower it is
+rejected, and repeated with more *damping*, a term of the program that keeps steps short. Alike problems are
+worked on together, each until it is done; letters of sizes are those of `motion`.
 
-Where the shortest motion from rest to rest is asked for (`hastens` of its `DiscreteProblem`), a part of a
-step is tried before it is repeated, programs are solved as precisely as a step deserves, and what a program
-gains, and how much of that its step missed, tell when to end.
+Where the shortest motion from rest to rest is asked for (`DiscreteProblem.hastens`), a part of a failed step
+is tried before the step is repeated, and programs are solved only as precisely as a step deserves. What a
+program gains, and how much of that its step missed, decide when to end.
 """
 
 from collections.abc import Sequence
@@ -25,39 +26,39 @@ from jaxplan.trajectory.problem import DiscreteProblem
 from jaxplan.trajectory.program import Multipliers, QPSolution, QuadraticProgram, decrease_bound, solve
 from jaxplan.trajectory.splines import weighted
 
-TOGETHER = 16  # problems of a stack; with more, memory is what takes the time
-_ENOUGH_STEPS = 16  # steps after which only searches go on whose duration still falls
+TOGETHER = 16  # problems of a stack; with more, access to memory takes the time
+_ENOUGH_STEPS = 16  # steps after which a search goes on only if its duration still falls
 _MOST_STEPS = 64  # steps after which every search ends
-_FALLING = 0.05  # of the duration: by so much in a step, and it still falls
-_PENALTY_UPDATES = 1  # how often penalties grow where something stays broken
-_PENALTY_GROWTH = 30.0  # factor by which they grow
-ENERGY_WEIGHT = 1e-3  # of the energy beside the duration, where that is looked for
+_FALLING = 0.05  # of the duration; one that falls by as much in a step counts as falling
+_PENALTY_UPDATES = 1  # most times that penalties grow where something stays broken
+_PENALTY_GROWTH = 30.0  # factor by which penalties grow
+ENERGY_WEIGHT = 1e-3  # weight of the energy beside the duration, where a shortest motion is looked for
 _DURATION_HESSIAN = 12.0  # in the logarithm of the duration: without constraints it falls by 1 / 12 in a step
 _BOLD_HESSIAN = 3.0  # the same where the duration alone is lowered, and not the energy
-_OVERLOOKED = 1e-3  # of a row's tolerance: a step that breaks it by less is not computed again with it
+_OVERLOOKED = 1e-3  # of a row's tolerance: if a step breaks it by less, the row is not added
 _BOLDLY_OVERLOOKED = 3e-2  # the same where the duration alone is lowered, and the end is less precise
-_ROUGHLY_BROKEN = 5e-4  # of a limit, or rad; by less a curve is still the beginning of another search
+_ROUGHLY_BROKEN = 5e-4  # of a limit, or rad; a curve that breaks less may still start another search
 _SETTLED = 1e-4  # of the merit: a smaller change between steps ends the search, as `ftol` does
 _FTOL = 1e-3  # of the energy: the least decrease for which another step is made
 _DAMPING = 8.0  # factor by which damping grows after a failed step, and falls after a good one
 _FIRST_DAMPING = 1e-2  # of the energy's form: the damping after the first failed step
 _NO_DAMPING = 1e-6  # of the energy's form: smaller damping is dropped
-_MOST_FAILED = 2  # failed steps in a row, once penalties have grown: nothing better is near
-_HOPELESS = 0.5  # of a limit, broken in a given duration by a curve with rates at its ends: likewise at once
+_MOST_FAILED = 2  # failed steps in a row after which a search ends, once penalties have grown
+_HOPELESS = 0.5  # excess over a limit, in a given duration with rates at the ends: then it ends at once
 
-# Of the shortest motions that are asked for, whose durations tell how near the end is.
-_LEEWAY = 1.0  # share of a row's tolerance, for each unit of the change of the duration: overlooked
-_FEW_ROUNDS = (3, 0.1)  # rounds of programs that change the duration by more than this share
-_FIRST_PROXIMITY = 0.1  # the damping to begin with: of motions that are as quick the nearest is taken
-_LEAST_PROXIMITY = 0.01  # the least damping
-_PROXIMITY = 0.3  # the least damping after a step that failed as a whole
-_UNDAMPED = 0.1  # damping by less hardly changes what a program gains
-_POOR = 0.25  # of what a program gains; a step that gains less is followed by damping as one that failed
-_SHORTER = 0.4  # share of a step that is tried where all of it does not lower the merit
-_NEAR_END = 0.03  # of the duration: where a program gains less, what it missed is about what is left to gain
-_LITTLE = 5.0  # times what settles a search: a gain by less, if it fails, ends it
-_PROMISE = 1.5  # of what a program gains: no search comes to more
-_CLIPPED = 0.6  # of the most that a program can gain: where it gains more, more may follow
+# For shortest motions from rest to rest, whose durations tell how near the end is.
+_LEEWAY = 1.0  # fraction of a row's tolerance that is overlooked, per relative change of the duration
+_FEW_ROUNDS = (3, 0.1)  # most rounds of programs that shorten the duration by more than this fraction
+_FIRST_PROXIMITY = 0.1  # damping to begin with: of equally quick motions the nearest is taken
+_LEAST_PROXIMITY = 0.01  # least damping
+_PROXIMITY = 0.3  # least damping after a step that failed as a whole
+_UNDAMPED = 0.1  # damping; with no more, what a program gains is hardly changed
+_POOR = 0.25  # of what a program gains; a step that gains less is followed by the damping of a failed one
+_SHORTER = 0.4  # fraction of a step that is tried where the whole does not lower the merit
+_NEAR_END = 0.03  # of the duration; if a program gains less, what it missed is about what is left
+_LITTLE = 5.0  # times `settled`: a program that promises less, whose step fails, ends the search
+_PROMISE = 1.5  # times what a program gains: the most that a search is expected to gain
+_CLIPPED = 0.6  # of the most that a program can gain; if it gains more, the search may gain far more
 
 # Penalties by kind of constraint, larger than any multiplier of a problem that has a solution.
 _PENALTIES = {LIMIT: 1e3, ZONE: 1e3, TUBE: 1e2}
@@ -66,18 +67,18 @@ _PENALTIES_OF_FREE_TIME = {LIMIT: 1e1, ZONE: 2e1, TUBE: 1e1}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InitialGuess:
-    """A curve from which the best one near it is looked for.
+    """A curve from which the best one near it is looked for, and when that search ends.
 
     Attributes:
         discrete: the problem.
-        coefficients: (n, A) of the curve.
+        coefficients: (n, A) of the curve, n on each of A axes.
         duration: s.
         target_duration: s; the search ends once the duration is no longer than this.
-        max_violation: the curve is returned as it is if it breaks a limit by more than this share.
-        ftol: relative decrease below which the search ends: of sound curves in a given time the decrease that
-            the next program promises, else the change of the merit.
-        by_time_to: not None where the duration alone is looked for, and the energy only measures the steps:
-            these are bolder then, and end where one gains less than this share of the duration.
+        max_violation: if the curve breaks a limit by more than this fraction, it is returned as it is.
+        ftol: relative decrease below which the search ends: for sound curves in a given time the decrease
+            that the next program promises, otherwise the change of the merit.
+        by_time_to: not None where only the duration is to be lowered, and the energy serves to measure steps:
+            these are bolder then, and end where one gains less than this fraction of the duration.
     """
 
     discrete: DiscreteProblem
@@ -93,12 +94,13 @@ class SQPSolution(NamedTuple):
     """A curve with its duration, margins and violations.
 
     Attributes:
-        coefficients: (n, A).
+        coefficients: (n, A) of the curve, n on each of A axes.
         duration: s.
-        margins: (S, D, Z) rad, as `Iterates` has them.
-        violations: (3,) by kind of constraint, the largest; zero or less where none is broken.
+        margins: (S, D, Z) rad, by place, sight and row of the constraints, as `Iterates` has them.
+        violations: (3,) the largest by kind (`LIMIT`, `ZONE`, `TUBE`); zero or less where none is broken.
         finite: whether all loads and cosines of angles are finite.
-        steps: how many were taken, or tried, from the first curve.
+        steps: how many steps were tried, successful or not; 0 if the first curve breaks limits too far to be
+            improved.
     """
 
     coefficients: np.ndarray
@@ -116,35 +118,37 @@ def improve(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
         begins: first curves, and when to end.
 
     Returns:
-        For each the curve of the lowest merit; its violations tell which constraints are broken.
+        For each the curve of the lowest merit, in the same order; `violations` tell which constraints it
+        breaks.
     """
     return in_groups(begins, lambda begin: begin.discrete.kind, _improved, most=TOGETHER)
 
 
 @dataclass(kw_only=True, eq=False)
 class SQPState:
-    """The members of a stack that are not done, and how far they are; all arrays are (G,) or (G, ...).
+    """Those members of a stack that are not done, and how far they are; all arrays are (G,) or (G, ...).
 
     Attributes:
-        at: the curves.
-        number: of each member among those that began together.
+        at: the present curves.
+        number: index of each member among those that began together.
         share: energies of the first curves, by which energies are divided.
         first_duration: s, of the first curves.
         target_duration: see `InitialGuess`.
-        ftol: likewise.
+        ftol: see `InitialGuess`.
         settled: relative changes of the merits below which the searches end.
-        pull: weights of the energies in the objectives: 1 in a given duration, else less, or 0.
+        pull: weights of the energies in the objectives: 1 in a given duration, otherwise less, or 0.
         duration_hessian: second derivatives assumed in the logarithms of the durations.
-        overlooked: shares of rows' tolerances, by which steps may break them.
-        penalty: (G, 3) by kind of constraint.
+        overlooked: fractions of rows' tolerances, by which steps may break them.
+        penalty: (G, 3) by kind of constraint, for each unit of violation.
         spent: energies of the curves, divided by `share`.
         value: merits of the curves.
-        damping: of the next step.
-        failed: steps in a row that did not lower the merit.
+        damping: of the next steps.
+        failed: number of steps in a row that did not lower the merit.
         penalty_updates: how often penalties grew.
         falling: whether the last step made the duration much shorter.
-        multipliers: of the last program.
-        promise: durations that the searches come to at best by the last programs, s; 0 if these do not tell.
+        multipliers: of the last programs.
+        promise: s, estimates of the shortest durations that the searches can come to, from the last programs;
+            0 if these do not tell.
     """
 
     at: Iterates
@@ -170,7 +174,7 @@ class SQPState:
 
     @classmethod
     def of(cls, begins: Sequence[InitialGuess]) -> "SQPState":
-        """The state at first curves of alike problems."""
+        """Make the state at first curves of alike problems."""
         stack, count = Stack.of([begin.discrete for begin in begins]), len(begins)
         at = stack.iterates(
             np.stack([begin.coefficients for begin in begins]),
@@ -209,38 +213,41 @@ class SQPState:
 
     @property
     def stack(self) -> Stack:
-        """The problems."""
+        """The problems of the members."""
         return self.at.stack
 
     @property
     def _free_time(self) -> bool:
-        """Whether the durations are unknowns, which is the same of all members."""
+        """Whether the durations are unknowns; it is the same for all members."""
         return self.stack.members[0].free_time
 
     @property
     def _hastens(self) -> bool:
-        """Whether the shortest motions from rest to rest are looked for, the same of all members."""
+        """Whether the shortest motions from rest to rest are looked for; it is the same for all members."""
         return self.stack.members[0].hastens
 
     def _form(self, duration: np.ndarray) -> np.ndarray:
-        """Matrices (G, n, n) of the energy of one axis over the first curve's energy, in durations (G,) s."""
+        """Matrix (n, n) of one axis's energy over the first curve's energy, for each of G durations in s."""
         return weighted(self.stack.energies, duration, self.stack.weights / self.share[:, None])
 
     def energy(self, at: Iterates) -> np.ndarray:
-        """Energies (G,) of curves, divided by `share`."""
+        """Energy (G,) of each curve, divided by that of the first curve."""
         bare = _without_offset(at)
         product = bare * (self._form(at.duration) @ bare)
         return np.asarray(np.sum(product.reshape(len(product), -1), axis=1) / 2)
 
     def merit(self, at: Iterates, energy: np.ndarray) -> np.ndarray:
-        """Merits (G,), objectives plus penalties, of curves with energies (G,)."""
+        """Merit (G,) of each curve, objective plus penalties; `energy` (G,) are the curves' energies."""
         value = self.pull * energy
         if self._free_time:
             value = value + at.duration / self.first_duration
         return np.asarray(value + np.sum(self.penalty * np.maximum(at.violations, 0.0), axis=1))
 
     def program(self, at: Iterates, damping: np.ndarray) -> QuadraticProgram:
-        """The quadratic programs at curves, with damping (G,); changes of durations are relative in them."""
+        """Make the quadratic programs at curves, each with its damping (G,).
+
+        In them a change of the duration is relative to the duration.
+        """
         stack = self.stack
         energy = self._form(at.duration)
         form = energy * (ENERGY_WEIGHT if self._free_time else 1.0)
@@ -261,17 +268,21 @@ class SQPState:
 
     @property
     def _own_duration_hessian(self) -> np.ndarray:
-        """(G,) those of the next programs, bold where the last step made the duration much shorter."""
+        """Second derivative (G,) in the duration for each next program; smaller if that falls fast."""
         return np.where(self._hastens & self.falling, _BOLD_HESSIAN, self.duration_hessian)
 
     def _blocks_at(self, at: Iterates) -> list[ConstraintBlock]:
-        """The constraints at curves, kept so that a step and `_stop` after it share them."""
+        """Constraint blocks at curves, cached for the curves of the last call."""
         if self._blocks is None or self._blocks[0] is not at:
             self._blocks = at, list(constraint_blocks(at))
         return self._blocks[1]
 
     def step(self) -> np.ndarray:
-        """Try a step of each member, and take it if it lowers the merit; return (G,) bool, which are done."""
+        """Try a step of each member, and take it if it lowers the merit.
+
+        Returns:
+            (G,) bool for each member, whether its search is done.
+        """
         proposal = solve(self.program(self.at, self.damping), self.multipliers)
         self.multipliers = proposal.multipliers
         ahead = self.stack.iterates(
@@ -316,7 +327,11 @@ class SQPState:
     def _shortened(
         self, proposal: QPSolution, ahead: Iterates, energy: np.ndarray, value: np.ndarray
     ) -> tuple[Iterates, np.ndarray, np.ndarray]:
-        """Curves ahead, energies and merits: of a share of the step where that alone lowers the merit."""
+        """Replace failed steps by a fraction of them, where that lowers the merit.
+
+        Returns:
+            Curves ahead, their energies and their merits; those of the whole step where no part was taken.
+        """
         shorter = self.stack.iterates(
             self.at.coefficients + _SHORTER * proposal.coefficients,
             self.at.duration * (1 + _SHORTER * proposal.stretch),
@@ -327,7 +342,7 @@ class SQPState:
         return mixed(ahead, shorter, taken), np.where(taken, spent, energy), np.where(taken, worth, value)
 
     def _next_damping(self, whole: np.ndarray, better: np.ndarray) -> np.ndarray:
-        """Damping (G,) of the next steps, after steps that were `better` in `whole` or in part."""
+        """Damping (G,) of the next steps, after steps `better` as a `whole`, only in part, or not at all."""
         least, first = (_LEAST_PROXIMITY, _PROXIMITY) if self._hastens else (0.0, _FIRST_DAMPING)
         calmer = np.where(self.damping > _NO_DAMPING, self.damping / _DAMPING, 0.0)
         calmer = np.where(self.failed > 0, self.damping, np.maximum(calmer, least))
@@ -335,9 +350,9 @@ class SQPState:
 
     @property
     def kept(self) -> np.ndarray:
-        """(G,) whether constraints are kept, or nearly so where only the duration is looked for.
+        """Bool (G,) for each curve: whether constraints are kept, or nearly so if only the duration counts.
 
-        Such a curve is the beginning of another search, which mends that.
+        In the latter case the curve is the beginning of another search, which mends small violations.
         """
         return self.at.is_sound | (self.pull == 0) & np.all(self.at.violations <= _ROUGHLY_BROKEN, axis=1)
 
@@ -350,7 +365,7 @@ class SQPState:
             done[which] = promised <= self.ftol[which] * self.value[which]
 
     def _increase_penalty(self, which: np.ndarray) -> None:
-        """Increase the penalties of the members for which (G,) bool is true; drop their damping."""
+        """Increase, in place, the penalties of the members `which` (G,) bool, and drop their damping."""
         if not np.any(which):
             return
         self.penalty_updates[which] += 1
@@ -360,14 +375,17 @@ class SQPState:
 
 
 def _without_offset(at: Iterates) -> np.ndarray:
-    """Coefficients (G, n, A) of the curves shifted to begin at zero, so that energies lose no digits."""
+    """Coefficients of the curves shifted to begin at zero, so that energies lose no digits, (G, n, A).
+
+    G counts curves, n coefficients and A axes.
+    """
     return at.coefficients - at.coefficients[:, :1]
 
 
 def solution_at(at: Iterates, member: int, steps: int) -> SQPSolution:
-    """The curve of number `member` as a solution, after so many steps."""
+    """Extract the curve of number `member` as a solution, after so many `steps`."""
     return SQPSolution(
-        coefficients=at.coefficients[member].copy(),  # no view, which would keep the whole stack
+        coefficients=at.coefficients[member].copy(),  # a view would keep the whole stack in memory
         duration=float(at.duration[member]),
         margins=at.margins[member].copy(),
         violations=at.violations[member].copy(),
@@ -377,10 +395,10 @@ def solution_at(at: Iterates, member: int, steps: int) -> SQPSolution:
 
 
 def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
-    """`improve` for first curves of problems of one kind."""
+    """Do the same as `improve` for first curves of problems of one kind."""
     state = SQPState.of(begins)
     solutions: dict[int, SQPSolution] = {}
-    best: dict[int, float] = {}  # s, shortest curves of each problem
+    best: dict[int, float] = {}  # s, shortest durations found for each problem
     done = ~(state.at.violations[:, LIMIT] <= np.array([begin.max_violation for begin in begins]))
     for steps in range(_MOST_STEPS + 1):
         if steps > 0:

@@ -1,14 +1,17 @@
 """The strategy of the spline fit: which durations, intervals and tubes are tried, and which curve is taken.
 
-It finds many fits at once. Each has a number: functions take problems by number and return attempts or fits
-by number, and attempts that are needed at the same time are made together. A fit is looked for on a `Ladder`
-of attempts; which ladder, and what is made of its best attempt, depends on the duration that is asked for:
+Many fits are made at once. Each has a number: functions take problems by number and return attempts or fits
+by number, and attempts that are needed at the same time are made together. An *attempt* is one curve fitted
+to one problem; a fit climbs a `Ladder` of attempts, whose *rungs* are numbers of intervals with radii of the
+tube. Which ladder, and what is made of its best attempt, depends on the duration that is asked for:
 
     a number      `Strategy.timed`: a curve in that time, or else the shortest one, which says what is needed
     "stretched"   `Strategy.stretched`: a curve without limits, then slowed until the first limit binds
     "minimum"     `Strategy.shortest`: the shortest curve within all limits
 
-Where a limit, a zone or the tube is broken more intervals are tried, then a wider tube, then none.
+Where a limit, a zone or the tube is broken more intervals are tried, then a wider tube, then none. An attempt
+is *sound* if it keeps zones, joint ranges and its tube, and limits at least when slowed. The *bound* is a
+strict lower bound of the duration.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -38,23 +41,23 @@ from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess
 
-_RATE_ROUNDING = 1e-9  # of a limit, by which rates at start and end may be beyond it
-_TIGHTER = (1e-3, 1e-2)  # shares of the limits left unused at the places, in first and further attempts
-_LONGER = 1.02  # factor from one duration to the next, when one is looked for that is long enough
-_MOST_LONGER = 1.1  # the most of such a factor in a step, for motions with rates at the ends
+_RATE_ROUNDING = 1e-9  # of a limit, by which rates at start and end may exceed it
+_TIGHTER = (1e-3, 1e-2)  # fractions of the limits left unused at places, in first and further attempts
+_LONGER = 1.02  # factor from one duration to the next in the search for one that is long enough
+_MOST_LONGER = 1.1  # largest such factor in one step, for motions with rates at the ends
 _SAME_TIME = 1e-12  # of a duration, by which the shortest motion may exceed it by rounding
-_LOOKS = 8  # at most so many durations are tried
-_SLOW = 2.0  # times the bound; beyond, a stretched motion is tried without a tube as well
-_DETOUR = 1.1  # times the bound; beyond, a shortest motion is compared with a stretched one
-_HURRY = 0.97  # of the quickest time along the nodes; in less they are only a first guess
-_LEISURE = 1.15  # of the quickest time along the nodes; in less breaks lie close about the flanks
+_LOOKS = 8  # most durations that are tried
+_SLOW = 2.0  # times the bound; if longer, a stretched motion is tried without a tube as well
+_DETOUR = 1.1  # times the bound; if longer, a shortest motion is compared with a stretched one
+_HURRY = 0.97  # of the quickest time along the nodes; in less time they are only a first guess
+_LEISURE = 1.15  # of the quickest time along the nodes; in less time breaks lie close about the flanks
 
-Problems = dict[int, FitProblem]  # by fit
+Problems = dict[int, FitProblem]  # by the number of the fit
 Radius = Callable[[FitProblem], float]  # of a tube about the nodes, rad
 
 
 def _asked(problem: FitProblem) -> float:
-    """Radius of the tube that a problem asks for, rad."""
+    """Radius in rad of the tube that a problem asks for."""
     return problem.radius
 
 
@@ -68,20 +71,23 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
 
     It has four continuous derivatives and least energy (rate, acceleration and jerk with the settings'
     weights) among those that pass the nodes within the tube, keep all limits and stay clear of the zones. The
-    nodes are passed at the pace of a trapezoid. A number for ``settings.duration`` is kept. "stretched" fits
-    at the quickest pace without limits and scales the time until the first limit binds; unless the settings
-    give a tube, it leaves the nodes where that takes twice the bound and a motion without them is quicker.
-    "minimum" looks for the shortest duration within all limits and zones; the nodes are then only a first
-    guess, unless the settings give a tube. With a rate at the start or end, "stretched" is the same with the
-    tube.
+    nodes are passed at the pace of a trapezoid (`schedule`). What else is done depends on
+    ``settings.duration``:
+
+    - A number of seconds is kept.
+    - "stretched" fits at the quickest pace without limits and scales the time until the first limit binds.
+      Without a tube in the settings it leaves the nodes if that takes twice the bound and a motion off them
+      is quicker. With a rate at an end it is "minimum" with the tube.
+    - "minimum" looks for the shortest duration within all limits and zones; the nodes are then only a first
+      guess, unless the settings give a tube.
 
     Args:
-        queries: one a fit.
-        seconds: where the time of each fit is added, s.
+        queries: one for each fit.
+        seconds: accumulates the computation time of each fit, s, in place; None to measure nothing.
 
     Returns:
-        The fits; one that is OK keeps zones at the places that were looked at, and the certificate has the
-        last word on them. It is UNCERTIFIED where one is broken there.
+        The fits. One that is OK keeps zones at the places that were looked at, and the certificate has the
+        last word on them; one that is UNCERTIFIED breaks a zone there, or leaves a joint's range.
 
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
@@ -90,10 +96,10 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
 
 
 def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
-    """Make the problem of a query, and for each given node its number there; or the fit if it is known.
+    """Make the problem of a query and the index there of each given node, or the fit if it is known at once.
 
-    Known is that of a path without motion, of numbers that are not finite, or of wheels that would be full at
-    the goal however it is reached. Raises a ValueError, see `fit`.
+    It is known if nothing moves, numbers are not finite, or wheels would be full at the goal. See `fit` on
+    errors.
     """
     spacecraft, fractions = query.spacecraft, query.node_fractions
     path, rates = checked(query)
@@ -129,17 +135,17 @@ def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
 
 
 class Strategy:
-    """Finds many fits; see the module.
+    """Makes many fits together; see the module.
 
     Attributes:
-        seconds: where the time of each fit's attempts is added, s.
+        seconds: accumulates the computation time of each fit's attempts, s.
     """
 
     def __init__(self, seconds: Seconds) -> None:
         self.seconds = seconds
 
     def fits(self, problems: Problems) -> dict[int, Fit]:
-        """Find the fits in the durations that the settings ask for.
+        """Make the fits in the durations that the settings ask for.
 
         A motion with accelerations of zero at both ends is also one where these are free. So where they are
         free both are tried: a motion is found if there is one with zero, and it is never longer than that.
@@ -149,7 +155,7 @@ class Strategy:
         return self._in_given_time(timed) | self._in_least_time(others)
 
     def _in_given_time(self, problems: Problems) -> dict[int, Fit]:
-        """Fits in given durations, with free end accelerations first, then with zero where those fail."""
+        """Fits in given durations; where free end accelerations fail, zero ones are tried."""
         fits = self.timed(problems)
         failed = {n: one for n, one in problems.items() if fits[n].status is not Status.OK and not one.rests}
         for n, other in self.timed({n: one.resting for n, one in failed.items()}).items():
@@ -157,7 +163,7 @@ class Strategy:
         return fits
 
     def _in_least_time(self, problems: Problems) -> dict[int, Fit]:
-        """Fits for "stretched" and "minimum", with end accelerations of zero, then free if allowed."""
+        """Fits for "stretched" and "minimum", with zero end accelerations, then with free ones if allowed."""
         best = self._quickest({n: one.resting for n, one in problems.items()})
         fits = self._within_limits(best)
         free = {n: one for n, one in problems.items() if not one.rests}
@@ -173,7 +179,7 @@ class Strategy:
         return fits
 
     def timed(self, problems: Problems) -> dict[int, Fit]:
-        """Fits in given durations; where that fails, the shortest motion tells which duration is needed."""
+        """Fits in given durations; if one fails, the shortest motion tells which duration is needed."""
         durations = {n: float(one.settings.duration) for n, one in problems.items()}
         possible = {n: one for n, one in problems.items() if durations[n] >= one.bound}
         attempts = dict.fromkeys(problems) | self._in_time(possible, durations)
@@ -201,10 +207,10 @@ class Strategy:
         return fits
 
     def _needed(self, quickest: dict[int, Attempt], durations: dict[int, float]) -> dict[int, float | None]:
-        """Durations (s) at which all limits are kept, None where none is found.
+        """Durations in s in which all limits are kept, None where none is found.
 
         Args:
-            quickest: the shortest motions; one at rest at its ends is only scaled in time, for the others
+            quickest: the shortest motions. One at rest at both ends is only scaled in time; for the others
                 longer durations are tried, near the motion at first.
             durations: s, asked for.
         """
@@ -228,7 +234,7 @@ class Strategy:
         return found
 
     def _near(self, attempts: Mapping[int, Attempt], durations: Mapping[int, float]) -> Attempts:
-        """Attempts in given durations (s) near other motions, on the breaks of these."""
+        """Attempts in given durations in s that start from other attempts, on the breaks of these."""
 
         def begin(n: int) -> InitialGuess | None:
             return guesses.in_time(attempts[n], durations[n], tighter=_TIGHTER[0])
@@ -236,7 +242,7 @@ class Strategy:
         return self._attempts(attempts, begin)
 
     def _in_time(self, problems: Problems, durations: dict[int, float], radius: Radius = _asked) -> Attempts:
-        """The first sound attempts within all limits in given durations (s), or the ones nearest to it."""
+        """The first sound attempts within all limits in given durations in s, or else the best ones made."""
         ladders = {}
         for n, problem in problems.items():
             hurry = durations[n] / problem.quickest.duration
@@ -252,12 +258,12 @@ class Strategy:
         return self._climb(ladders)
 
     def _along(self, problems: Problems, timing: Timing, radius: Radius = _asked) -> Attempts:
-        """The first sound attempts at the quickest pace, or the ones nearest to it.
+        """The first sound attempts at the quickest pace along the path, or else the best ones made.
 
         Args:
             problems: what is fitted.
-            timing: of the motions, stretched or shortest.
-            radius: rad, of the tube of each.
+            timing: of the motions, "stretched" or "shortest".
+            radius: from a problem to the radius of its tube, rad.
         """
         return self._climb(
             {
@@ -273,13 +279,13 @@ class Strategy:
         )
 
     def _quickest(self, problems: Problems) -> Attempts:
-        """The best attempts of `stretched` or of `shortest`, as the settings ask."""
+        """The best attempts of `stretched` or of `shortest`, as the settings and end rates ask."""
         stretching = {n: one for n, one in problems.items() if _stretches(one)}
         others = {n: one for n, one in problems.items() if n not in stretching}
         return self.stretched(stretching) | self.shortest(others)
 
     def stretched(self, problems: Problems) -> Attempts:
-        """The best attempts that ignore limits, to be stretched to them afterwards."""
+        """The best attempts that ignore limits, to be stretched to the limits afterwards."""
         best = self._along(problems, "stretched")
         slow = {
             n: one
@@ -292,12 +298,13 @@ class Strategy:
         return best | quicker(self._along(slow, "stretched", _no_tube), best)
 
     def shortest(self, problems: Problems, radius: Radius = _asked) -> Attempts:
-        """The shortest motions within all limits, or the ones nearest to it.
+        """The shortest motions within all limits, or else the best attempts made.
 
-        Where a problem names a motion with breaks at switches, it is looked for near that alone. Else, where
-        the platform is not much quicker than the joints, it is looked for near curves bent away from the
-        path; otherwise along the path, and near bent curves where there is something to gain. One from rest
-        to rest that is far above the lower bound is compared with a motion without limits, stretched to them.
+        If a problem names a motion with breaks at switches, only motions near that are looked for. Otherwise,
+        if the platform is not much quicker than the joints, the search starts from curves bent away from the
+        path (`guesses`); else it starts along the path, and from bent curves where there is something to
+        gain. A motion from rest to rest far above the lower bound is compared with one without limits,
+        stretched to them.
         """
         near = {n: begin for n, one in problems.items() if (begin := guesses.near(one)) is not None}
         found = {n: own for n, own in self._attempts(near, near.get).items() if own is not None and own.sound}
@@ -336,7 +343,7 @@ class Strategy:
 
         Args:
             begins: the curves; None beyond every chart.
-            problems: whose settings say how many bent curves are tried; none, then no attempt is made.
+            problems: whose settings say how many bent curves are tried; if none, no attempt is made.
         """
         counts = {n: problems[n].settings.first_guesses for n in begins}
         every = {
@@ -366,8 +373,7 @@ class Strategy:
     def _released(self, problems: Problems, shortened: dict[int, Attempt]) -> Attempts:
         """The shortest motions with free end accelerations, near those with zero ones (`shortened`).
 
-        If it were looked for from the path itself, the one with free ones might be longer: it begins farther
-        away, since close to a path such accelerations are large, and may end in another local minimum.
+        Started from the path, where end accelerations are large, it might end in a longer local minimum.
         """
 
         def begin(n: int) -> InitialGuess | None:
@@ -377,7 +383,7 @@ class Strategy:
         return self._attempts(shortened, begin)
 
     def _within_limits(self, attempts: Attempts) -> dict[int, Fit]:
-        """Fits from attempts, in the shortest time in which each keeps all limits."""
+        """Make fits from attempts, each in the shortest time in which its motion keeps all limits."""
         fits = {n: beyond_charts() for n, own in attempts.items() if own is None}
         best = {n: own for n, own in attempts.items() if own is not None}
         best |= self._slowed({n: own for n, own in best.items() if own.problem.at_speed})
@@ -391,9 +397,9 @@ class Strategy:
         return fits
 
     def _slowed(self, attempts: dict[int, Attempt]) -> dict[int, Attempt]:
-        """Attempts with rates at the ends, fitted again in longer durations until they keep all limits.
+        """Repeat attempts with rates at the ends in longer durations until they keep all limits.
 
-        Scaling their time would change these rates.
+        Scaling their time instead would change these rates.
         """
         best, open_ = dict(attempts), list(attempts)
         durations = {n: own.trajectory.duration for n, own in best.items()}
@@ -402,7 +408,7 @@ class Strategy:
             problem, stretch = best[n].problem, best[n].peaks.stretch
             least, most = _TIGHTER
             tighter = min(least + 2 * max(0.0, stretch - 1), most)
-            # Tighter limits alone take longer by as much.
+            # Tighter limits by themselves make the motion longer by as much.
             longer = float(np.clip(stretch, 1 + tighter, _MOST_LONGER))
             durations[n] *= longer ** (2**look)
             mesh = problem.mesh(problem.quickest, best[n].radius, 1, graded=True)
@@ -410,7 +416,7 @@ class Strategy:
 
         for look in range(_LOOKS):
             open_ = [n for n in open_ if not (best[n].peaks.kept and best[n].sound)]
-            # full wheels are no less full in more time
+            # Wheels that are full stay as full in more time.
             open_ = [n for n in open_ if not np.isinf(best[n].peaks.stretch)]
             made = self._attempts(open_, partial(begin, look=look))
             open_ = [n for n, own in made.items() if own is not None]
@@ -418,7 +424,7 @@ class Strategy:
         return best
 
     def _climb(self, ladders: dict[int, Ladder]) -> Attempts:
-        """Make attempts on ladders to their ends, those of all fits together; return the best ones."""
+        """Make attempts on ladders to their ends, those of all fits together; return the best of each."""
 
         def begin(n: int) -> InitialGuess | None:
             return ladders[n].first_curve()
@@ -431,7 +437,7 @@ class Strategy:
         return {n: own.best for n, own in ladders.items()}
 
     def _attempts(self, which: Iterable[int], begin: Callable[[int], InitialGuess | None]) -> Attempts:
-        """Make attempts of some fits together, from first curves, which `begin` makes by number."""
+        """Make attempts of some fits together, from first curves that `begin` makes by number."""
         numbers = list(which)
         if not numbers:
             return {}
@@ -440,5 +446,5 @@ class Strategy:
 
 
 def _stretches(problem: FitProblem) -> bool:
-    """Whether a fit without limits is to be stretched to them: asked for, and at rest at its ends."""
+    """Whether a fit without limits is to be stretched to them: if asked for, and at rest at both ends."""
     return problem.settings.duration == STRETCHED and not problem.at_speed

@@ -1,9 +1,10 @@
-"""Margins of devices to zones over a motion, as figures and lists of events have them.
+"""Margins of devices to zones over a motion, for figures and lists of events.
 
 A *pair* is a device (or a further direction that zones bind) with a zone, or with a group of zones of which
-one entry must hold. Its margin at an instant is that of the zone, or of the group's best entry then, as far
-as this binds the device; where it does not there is none, which is NaN. So the least of all margins at an
-instant is that of the scene.
+one entry must hold. Its margin in rad, positive where it is clear, is at each instant that of the zone, or of
+the entry of the group that holds best then. If that entry does not bind the device there is no margin, which
+is NaN. So the least of all margins at an instant is that of the scene. In shapes, k is a number of instants,
+p of pairs, Z of rows of the constraints, S of sights, and 2n + d of joint angles.
 """
 
 from dataclasses import dataclass
@@ -18,19 +19,19 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.tabulation import bound_by
 from jaxplan.model.zones import Zone
 
-_BLOCK = 2**21  # numbers of a table that are computed at once
+_BLOCK = 2**21  # about as many numbers of a table are computed at once
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pair:
-    """A device and what it must keep.
+    """A device and a zone, or group of zones, that it must keep.
 
     Attributes:
-        device: number of the device, or beyond these of a further direction that zones bind, as of
-            `Scenario.sight_names`; edges of a field of view count as their device.
+        device: number of the device; numbers beyond the devices are further directions that zones bind, in
+            the order of `Scenario.sight_names`. Edges of a field of view count as their device.
         zone: name of the zone or of the group.
-        leader: the zone, or of a group its first one.
-        rows: numbers of the rows of the scenario's constraints that it is made of.
+        leader: the zone; for a group the first zone of it.
+        rows: numbers of those rows of the scenario's constraints that the pair is made of.
     """
 
     device: int
@@ -44,7 +45,8 @@ class ZoneMargins:
     """The margins of a scenario's devices to its zones.
 
     Attributes:
-        scenario: whose zones are meant, with the errors that it bears taken off.
+        scenario: whose zones are meant; margins are reduced by the errors of attitude and joints that it
+            states.
     """
 
     scenario: Scenario
@@ -60,7 +62,7 @@ class ZoneMargins:
 
     @cached_property
     def _owners(self) -> np.ndarray:
-        """(S,) numbers of the devices whose margins those of sights count as."""
+        """For each of the S sights, the number of the device to which its margins count."""
         return np.array(bound_by(self.scenario.zones, self.scenario.spacecraft).owners, int)
 
     @cached_property
@@ -83,7 +85,7 @@ class ZoneMargins:
         return tuple(found)
 
     def at(self, times: np.ndarray, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """The margins in states of a motion.
+        """Compute the margins in states of a motion.
 
         Args:
             times: (k,) s, at which zones that move are taken.
@@ -91,7 +93,8 @@ class ZoneMargins:
             joints: (k, 2n + d) rad.
 
         Returns:
-            (k, p) rad, one a pair, zero or more is clear; NaN where a group's best entry does not bind it.
+            (k, p) rad, a column for each of `pairs`, zero or more is clear; NaN where a group's best entry
+            does not bind the device.
 
         Raises:
             ValueError: at a time at which a zone that moves is not known.
@@ -104,7 +107,7 @@ class ZoneMargins:
         return np.concatenate([np.zeros((0, len(self.pairs))), *found])
 
     def _table(self, times: np.ndarray, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
-        """What `at` returns, at once."""
+        """Do the same as `at` for all states at once, without cutting them into blocks."""
         rows = self._rows
         table = np.asarray(state_margins(rows, self._sights, attitudes, joints, times))  # (k, Z, S)
         chosen = chosen_entries(rows, np.min(table, axis=-1, initial=np.inf)) == rows.entry  # (k, Z)
