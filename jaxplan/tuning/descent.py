@@ -275,7 +275,7 @@ class _Descent:
         steps: int,
     ) -> None:
         self._given, self._aim, self._tuned = given, aim, tuned
-        self._optimizer, self._progress = optimizer, progress
+        self._update, self._progress = jax.jit(optimizer.update), progress
         self._messages: list[str] = []
         self._moved = np.zeros(len(tuned), dtype=bool)
         first, self._fits = state.first, list[Fit | None]()
@@ -337,7 +337,8 @@ class _Descent:
     def result(self) -> Tuning:
         """Plan for the most promising numbers, and return the best with certified plans."""
         state, start = self._state, self._state.checkpoints[0]
-        best, refused = self._best(start, self._stop)
+        begun = _Planned(start, state.first, self._mean(state.first))
+        best, refused = self._best(begun, self._stop)
         messages = list(self._messages)
         if not np.array_equal(best.stop.free, state.free):
             why = "have no certified plans" if refused else "are not the best ones"
@@ -354,7 +355,7 @@ class _Descent:
             plans=tuple(best.plans),
             numbers=as_dict(self._tuned, np.asarray(best.stop.free)),
             objective=best.objective,
-            before=self._mean(state.first),
+            before=begun.objective,
             history=(*state.history, self._row),
             message="; ".join(messages),
             state=state,
@@ -387,7 +388,7 @@ class _Descent:
         value = jnp.asarray(row["objective"])
         try:
             gradient = jnp.asarray(self._gradient)
-            change, memory = self._optimizer.update(gradient, state.memory, state.free, value=value)
+            change, memory = self._update(gradient, state.memory, state.free, value=value)
         except TypeError as error:
             raise ValueError(f"the optimizer asks for more than values and gradients: {error}") from error
         after = replace(
@@ -425,14 +426,13 @@ class _Descent:
                 )
         return tuple(plans), fits
 
-    def _best(self, start: Stop, end: Stop) -> tuple[_Planned, bool]:
+    def _best(self, begun: _Planned, end: Stop) -> tuple[_Planned, bool]:
         """Find the best point with certified plans, and whether planning failed at the end of the descent.
 
         Points are planned one after the other, by rising objective, the end before others that are hardly
         lower, until no remaining point is lower than the best one found.
         """
-        state = self._state
-        best, refused = _Planned(start, state.first, self._mean(state.first)), False
+        state, start, best, refused = self._state, begun.stop, begun, False
         alike = _ALIKE * abs(best.objective)
         known = (*filter(None, [state.lowest]), *state.checkpoints, end)
         stops = {stop.step: stop for stop in known if stop.step != start.step}
