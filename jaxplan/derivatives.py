@@ -41,7 +41,7 @@ from jaxplan.runtime.workers import one_thread
 from jaxplan.trajectory import REFITS, Fit, Trajectory, by_name, fit_batch
 from jaxplan.trajectory.active_set import FitRecord, nearer_optima
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded, passed_nodes
-from jaxplan.trajectory.sqp import SQPSolution
+from jaxplan.trajectory.sqp import NearOptimum
 
 _NEEDS_TIME = (
     "has targets or zones that move: derivatives and tuning then know given durations only: set "
@@ -219,7 +219,7 @@ def _held(
     followed: Followed,
     fitted: Fit,
     nodes: int,
-    nearer: SQPSolution | None = None,
+    nearer: NearOptimum | None = None,
 ) -> Held:
     """Return what derivatives hold fixed of an OK plan, given its path, goal and fit.
 

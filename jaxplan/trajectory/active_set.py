@@ -24,7 +24,7 @@ from jaxplan.model.path import Path
 from jaxplan.runtime.batching import padded_count
 from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import quick_jit
-from jaxplan.trajectory import program, sqp
+from jaxplan.trajectory import sqp
 from jaxplan.trajectory.active_set_qp import downward_way, least_change
 from jaxplan.trajectory.binding import ActiveSet, BindingLinear, BindingLoads, BindingMargins
 from jaxplan.trajectory.constraints import SIGNS, ConstraintBlock, Index, LoadBlock
@@ -66,7 +66,7 @@ class FitRecord:
     attempt: Attempt
     stretched: bool
 
-    def hold(self, nodes: int = FEWEST_NODES, nearer: sqp.SQPSolution | None = None) -> ActiveSet:
+    def hold(self, nodes: int = FEWEST_NODES, nearer: sqp.NearOptimum | None = None) -> ActiveSet:
         """Find the optimum near the fit, with the rows that bind and all else that derivatives hold fixed.
 
         Args:
@@ -78,16 +78,9 @@ class FitRecord:
                 motion from rest to rest, or if no optimum is found near it.
         """
         self._expect_an_optimum()
-        discrete, first = self.attempt.discrete, self.guess
-        solution = nearer_optima([self])[0] if nearer is None else nearer
-        first = replace(first, coefficients=solution.coefficients, duration=solution.duration)
-        state = sqp.SQPState.of([first])  # a stack of one
-        at, proposal = state.at, program.solve(state.program(state.at, np.zeros(1)), {})
-        if discrete.free_time:  # limits kept by coefficients take more time than those kept at places
-            longer = at.duration * (1 + proposal.stretch)
-            at = state.stack.iterates(at.coefficients, longer, as_given=True)
+        state, at, multipliers = nearer_optima([self])[0] if nearer is None else nearer
         for careful in (False, True):
-            held = self._settled(state, at, proposal.multipliers, nodes, careful=careful)
+            held = self._settled(state, at, multipliers, nodes, careful=careful)
             if held is not None:
                 return held
         raise ValueError(
@@ -334,9 +327,9 @@ class FitRecord:
         )
 
 
-def nearer_optima(records: Sequence[FitRecord]) -> list[sqp.SQPSolution]:
-    """Improve fits together until each is so near its optimum that it shows which rows bind."""
-    return sqp.improve([record.guess for record in records])
+def nearer_optima(records: Sequence[FitRecord]) -> list[sqp.NearOptimum]:
+    """Improve fits together, until each is so near its optimum that it shows which rows bind."""
+    return sqp.near_optima([record.guess for record in records])
 
 
 def _of_curves(space: CurveSpace) -> dict[str, np.ndarray]:

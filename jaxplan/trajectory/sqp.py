@@ -14,7 +14,7 @@ program gains, and how much of that its step missed, decide when to end.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -416,3 +416,34 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
         if np.any(done):
             state = members_of(state, ~done)
     return [solutions[number] for number in range(len(begins))]
+
+
+class NearOptimum(NamedTuple):
+    """A curve that is near an optimum, and the rows that bind there.
+
+    Attributes:
+        state: of the search, with this curve alone in its stack.
+        at: the curve; an unknown duration is long enough for the limits that the next program sees.
+        multipliers: of every row, from the quadratic program at the curve.
+    """
+
+    state: SQPState
+    at: Iterates
+    multipliers: Multipliers
+
+
+def near_optima(begins: Sequence[InitialGuess]) -> list[NearOptimum]:
+    """Improve curves to the best ones near them, and solve the quadratic program at each of these."""
+    pairs = zip(begins, improve(begins), strict=True)
+    ends = [replace(own, coefficients=best.coefficients, duration=best.duration) for own, best in pairs]
+    return in_groups(ends, lambda end: end.discrete.kind, _with_multipliers, most=TOGETHER)
+
+
+def _with_multipliers(ends: Sequence[InitialGuess]) -> list[NearOptimum]:
+    """Solve the quadratic programs at curves of one kind, all in one stack."""
+    state, count = SQPState.of(ends), len(ends)
+    at, proposal = state.at, solve(state.program(state.at, np.zeros(count)), {})
+    if ends[0].discrete.free_time:  # limits kept by coefficients take more time than those kept at places
+        at = state.stack.iterates(at.coefficients, at.duration * (1 + proposal.stretch), as_given=True)
+    y, numbers = proposal.multipliers, np.arange(count)[:, None]
+    return [NearOptimum(members_of(state, n), members_of(at, n), members_of(y, n)) for n in numbers]
