@@ -27,7 +27,7 @@ from jaxplan.runtime.batching import padded_count
 _CALM_FLANK_SHARE = 1 / 3  # of the duration, each flank if there is time; near the least acceleration energy
 _STEEP_FLANK_SHARE = 0.1  # of the duration, the least flank if time is short
 _STEEP_FLANK_RISES = 2.0  # times the shortest time to full speed, the least flank likewise
-_FLANK_BREAKS = 9  # intervals that cover a flank and a little more
+_FLANK_INTERVALS = 9  # intervals that cover a flank and a little more
 _FLANK_STEP = 0.25  # of the flank, length of one such interval at most
 FIRST_GUESS = 1.01  # first guess of a duration, over that of the trapezoid, whose accelerations jump
 
@@ -273,10 +273,10 @@ class TrapezoidalProfile:
         """
         flank = self.flank_share
         if 2 * flank < 0.9:
-            near = np.arange(_FLANK_BREAKS + 1) * min(_FLANK_STEP * flank, 1 / (3 * _FLANK_BREAKS))
+            near = np.arange(_FLANK_INTERVALS + 1) * min(_FLANK_STEP * flank, 1 / (3 * _FLANK_INTERVALS))
         else:  # no cruise: the acceleration changes its sign in the middle
             return np.linspace(0, 1, intervals + 1)
-        middle = np.linspace(near[-1], 1 - near[-1], intervals + 1 - 2 * _FLANK_BREAKS)
+        middle = np.linspace(near[-1], 1 - near[-1], intervals + 1 - 2 * _FLANK_INTERVALS)
         return np.concatenate([near[:-1], middle, (1 - near)[-2::-1]])
 
 

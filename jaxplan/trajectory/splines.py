@@ -182,7 +182,7 @@ class Basis:
             (derivatives, S, n) values, then derivatives by the place, of n B-splines at S places.
         """
         span = np.clip(np.searchsorted(self.breaks, places, side="right") - 1, 0, len(self.breaks) - 2)
-        by_degree = _local_values(self.breaks, places, span)
+        by_degree = _nonzero_splines(self.breaks, places, span)
         every = np.arange(len(places))[:, None]
         found = np.empty((derivatives, len(places), self.size))
         for d in range(derivatives):
@@ -235,7 +235,7 @@ class Basis:
         """
         intervals = len(self.breaks) - 1
         places = self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * [0.0, 0.5, 1.0]
-        by_degree = _local_values(self.breaks, places.ravel(), np.repeat(np.arange(intervals), 3))
+        by_degree = _nonzero_splines(self.breaks, places.ravel(), np.repeat(np.arange(intervals), 3))
         return [by_degree[DEGREE - d].reshape(intervals, 3, -1) for d in range(_DERIVATIVE_COUNT)]
 
     def ends(self, rest: bool) -> tuple[np.ndarray, ...]:
@@ -295,7 +295,7 @@ class Basis:
 _PARABOLA_TO_LEGENDRE = np.array([[1 / 6, 2 / 3, 1 / 6], [-1 / 2, 0, 1 / 2], [1 / 3, -2 / 3, 1 / 3]])
 
 
-def _local_values(breaks: np.ndarray, places: np.ndarray, span: np.ndarray) -> list[np.ndarray]:
+def _nonzero_splines(breaks: np.ndarray, places: np.ndarray, span: np.ndarray) -> list[np.ndarray]:
     """For each degree from 0 to `DEGREE`, values (S, degree + 1) of the B-splines not zero at S places.
 
     It is the recursion of Cox and de Boor; scipy's design matrices take a call and a sparse matrix for each
