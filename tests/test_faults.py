@@ -101,7 +101,7 @@ def test_wrong_sides_of_osqp_are_no_answer(monkeypatch):
         asked.append(column)
         return RNG.integers(-1, 2, len(given.limits)).astype(float)
 
-    monkeypatch.setattr(qp, "_active_sides", garbage)
+    monkeypatch.setattr(qp, "_find_active_sides", garbage)
     for seed in range(20):
         rng = np.random.default_rng(seed)
         given = qp.SegmentQP(

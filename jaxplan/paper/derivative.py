@@ -28,7 +28,7 @@ from jaxplan.trajectory.peaks import SAFETY
 from jaxplan.trajectory.schedule import FEWEST_NODES, padded
 from jaxplan.trajectory.splines import end_derivatives, energy
 
-_BINDS = 1e-9  # of a limit; a rate or acceleration at a join that is nearer to its limit is held there
+_BINDING_TOLERANCE = 1e-9  # of a limit; a rate or acceleration at a join that is nearer to its limit is held
 
 
 @shown()
@@ -110,10 +110,10 @@ def refit(
     )
     ends = jnp.stack([jnp.asarray(rates), jnp.zeros(jnp.shape(rates))], axis=1)  # (2, 2, A)
     weights = settings.rate_weight, settings.acceleration_weight
-    angles = _chain(
+    angles = _chain_coefficients(
         held.joints, times, joint_rows, joints[held.joints.nodes], (0.0, 1.0), joint_limits, ends[:, :, 3:]
     )
-    coefficients = _chain(
+    coefficients = _chain_coefficients(
         held.platform,
         times,
         rows,
@@ -151,7 +151,7 @@ def nominal_duration(attitudes: Array, joints: Array, fractions: np.ndarray, lim
     return jnp.asarray(shortest_duration(moves, fractions, limits[0], limits[1]))
 
 
-def _chain(
+def _chain_coefficients(
     held: ActiveChain,
     times: Array,
     node_rows: Array,
@@ -192,7 +192,9 @@ def _chain(
         values = jnp.concatenate([node_values, derivatives * to_x, far_values * to_x])
         always = jnp.concatenate([present, jnp.ones(2, bool), jnp.full(2, closing)])
         binds = jnp.concatenate([jnp.zeros((slots + 2, values.shape[1]), bool), sides != 0])
-        x = jax.vmap(_minimiser, (None, None, 1, 1), 1)(objective, rows, values, always[:, None] | binds)
+        x = jax.vmap(_solve_equality_qp, (None, None, 1, 1), 1)(
+            objective, rows, values, always[:, None] | binds
+        )
         return far_rows @ x / to_x, x
 
     number = np.arange(count)
@@ -208,7 +210,7 @@ def _chain(
     return jax.lax.scan(segment, ends[0], own, reverse=backward)[1]
 
 
-def _minimiser(objective: Array, rows: Array, values: Array, on: Array) -> Array:
+def _solve_equality_qp(objective: Array, rows: Array, values: Array, on: Array) -> Array:
     """Minimise ``x^T objective x`` subject to ``rows x = values`` for the rows that are on.
 
     A row that is off is replaced by the equation that its multiplier is zero.
@@ -249,14 +251,14 @@ def held_of(
     platform, joints = (None, None) if limits is None else limits
     return PaperActiveSet(
         fractions=padded(nodes.fractions, count),
-        joints=_active_chain(ends[0], order, curve.joint_breaks, curve.joint_coefficients, joints, 1),
-        platform=_active_chain(ends[1], order, curve.breaks, curve.coefficients, platform, 0),
+        joints=_make_active_chain(ends[0], order, curve.joint_breaks, curve.joint_coefficients, joints, 1),
+        platform=_make_active_chain(ends[1], order, curve.breaks, curve.coefficients, platform, 0),
         order=order,
         stretched=limits is None,
     )
 
 
-def _active_chain(
+def _make_active_chain(
     ends: np.ndarray,
     order: int,
     breaks: np.ndarray,
@@ -280,7 +282,7 @@ def _active_chain(
         half = np.diff(breaks)[:, None, None] / 2
         to_x = half ** np.array([[1], [2]])
         reached = end_derivatives(order)[far] @ coefficients / to_x
-        sides = np.where(np.abs(reached) >= limits * (1 - _BINDS), np.sign(reached), 0.0)
+        sides = np.where(np.abs(reached) >= limits * (1 - _BINDING_TOLERANCE), np.sign(reached), 0.0)
         sides[-1 if far else 0] = 0.0  # the closing segment
     present = np.arange(order - 2) <= np.diff(ends)[:, None]
     return ActiveChain(ends=ends, nodes=nodes, present=present, sides=sides)

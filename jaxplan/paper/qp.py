@@ -16,7 +16,7 @@ import numpy as np
 
 from jaxplan.trajectory.program import inverses
 
-_TOLERANCE = 1e-11
+_CHECK_TOLERANCE = 1e-11
 _OSQP_SETTINGS = {
     "verbose": False,
     "eps_abs": 1e-9,
@@ -68,14 +68,14 @@ def solve_all(programs: Sequence[SegmentQP]) -> list[np.ndarray | None]:
         np.stack([getattr(program, name) for program in programs])
         for name in ("objective", "equalities", "values", "limited", "limits")
     )
-    x = _minimisers(objective, rows, values)[0]
+    x = _solve_equality_qps(objective, rows, values)[0]
     beyond = np.any(~(np.abs(limited @ x) <= limits), axis=(1, 2)) & np.all(np.isfinite(x), axis=(1, 2))
     solved = np.ones(len(programs), dtype=bool)
     for number in np.flatnonzero(beyond).tolist():
         solved[number] = _hold_limits(programs[number], x[number])
     size = 1 + np.abs(values).max(axis=1, initial=0.0)[:, None]
-    solved &= np.all(np.abs(rows @ x - values) <= _TOLERANCE * size, axis=(1, 2))
-    solved &= np.all(np.abs(limited @ x) <= limits + _TOLERANCE * size, axis=(1, 2))
+    solved &= np.all(np.abs(rows @ x - values) <= _CHECK_TOLERANCE * size, axis=(1, 2))
+    solved &= np.all(np.abs(limited @ x) <= limits + _CHECK_TOLERANCE * size, axis=(1, 2))
     return [own if good else None for own, good in zip(x, solved, strict=True)]
 
 
@@ -90,21 +90,21 @@ def _hold_limits(program: SegmentQP, x: np.ndarray) -> bool:
         Whether that succeeded for all of these columns.
     """
     for column in np.flatnonzero(~np.all(np.abs(program.limited @ x) <= program.limits, axis=0)):
-        side = _active_sides(program, int(column))
+        side = _find_active_sides(program, int(column))
         if side is None:
             return False
         active = side != 0
         rows = np.concatenate([program.equalities, program.limited[active]])
         bounds = side[active] * program.limits[active, column]
         wanted = np.concatenate([program.values[:, column], bounds])
-        answer, multipliers = _minimisers(program.objective[None], rows[None], wanted[None, :, None])
-        if not np.all(multipliers[0, len(program.equalities) :, 0] * bounds >= -_TOLERANCE):
+        answer, multipliers = _solve_equality_qps(program.objective[None], rows[None], wanted[None, :, None])
+        if not np.all(multipliers[0, len(program.equalities) :, 0] * bounds >= -_CHECK_TOLERANCE):
             return False  # a limit that pulls is not active: this is no optimum
         x[:, column] = answer[0, :, 0]
     return True
 
 
-def _minimisers(
+def _solve_equality_qps(
     objectives: np.ndarray, rows: np.ndarray, values: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Minimisers ``x`` under equalities alone, and multipliers ``y``: ``P x + A^T y = 0``, ``A x = b``.
@@ -129,7 +129,7 @@ def _minimisers(
     return solution[:, :unknowns], solution[:, unknowns:]
 
 
-def _active_sides(program: SegmentQP, column: int) -> np.ndarray | None:
+def _find_active_sides(program: SegmentQP, column: int) -> np.ndarray | None:
     """Find which limits are active for one column, by OSQP.
 
     A solution that OSQP calls inaccurate is used, too; if its limits are wrong, the caller's check fails.

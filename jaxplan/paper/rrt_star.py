@@ -69,7 +69,7 @@ class _Extension:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Joining:
+class _NewNode:
     """A new node with the motions between it and its neighbours, and on to the goal, not checked yet.
 
     Attributes:
@@ -104,30 +104,30 @@ class Star:
         self.best, self.last = np.inf, 0  # cost of the path, and the node from which it goes straight on
         self.shortest = float(space.distance(space.start, space.goal))
         self.drawn: list[np.ndarray] = []
-        self._enough = np.inf  # extensions after which the path has been improved long enough
-        self._pending: _Extension | _Joining | None = None  # what the last call checks
-        self._limit: Status | None = None
+        self._max_extensions = np.inf  # extensions after which the path has been improved long enough
+        self._pending: _Extension | _NewNode | None = None  # what the last call checks
+        self._reached_limit: Status | None = None
 
     def next_request(self) -> Call | None:
         """Return the next call; None at a limit, or once the path is shortest or improved long enough."""
-        if isinstance(self._pending, _Joining):
-            return self._joining_call(self._pending)
-        self._limit = self.space.spent()
+        if isinstance(self._pending, _NewNode):
+            return self._connections_call(self._pending)
+        self._reached_limit = self.space.spent()
         short = self.best <= self.shortest + ARRIVED
-        if self._limit is not None or short or self.space.extensions >= self._enough:
+        if self._reached_limit is not None or short or self.space.extensions >= self._max_extensions:
             return None
-        return self._extension_call(self._target())
+        return self._extension_call(self._draw_target())
 
     def accept(self, answer: np.ndarray) -> None:
         """Grow the tree by the answer, which tells how far the motions of the last call are clear."""
         pending, self._pending = self._pending, None
-        if isinstance(pending, _Joining):
-            self._join(pending, reached(answer, len(pending.length)))
+        if isinstance(pending, _NewNode):
+            self._add_node(pending, reached(answer, len(pending.length)))
         elif pending is not None:
-            self._pending = self._extended(pending, reached(answer, 1))
+            self._pending = self._make_node(pending, reached(answer, 1))
         if self._pending is None and self.best < np.inf:
             extensions = self.space.extensions
-            self._enough = min(self._enough, extensions + max(extensions, IMPROVE))
+            self._max_extensions = min(self._max_extensions, extensions + max(extensions, IMPROVE))
 
     def result(self) -> SearchResult:
         """Return OK with the path, not smoothed; or the limit that was reached before there was one.
@@ -136,13 +136,13 @@ class Star:
             RuntimeError: if neither is there yet.
         """
         if self.best == np.inf:
-            if self._limit is None:
+            if self._reached_limit is None:
                 raise RuntimeError("the tree is growing: there is no result yet")
-            return self.space.result(self._limit)
+            return self.space.result(self._reached_limit)
         branch = self.tree.states[self.tree.branch(self.last)]
         return self.space.found(np.concatenate([branch, self.space.goal[None]]))
 
-    def _target(self) -> np.ndarray:
+    def _draw_target(self) -> np.ndarray:
         """Draw the state (4 + 2n,) to grow towards: the goal, or a random one that may shorten the path.
 
         After `PATIENCE` draws without success it is any random state.
@@ -175,7 +175,7 @@ class Star:
         from_goal = space.distance(np.stack([begin, end]), space.goal)
         return space.reach_call(begin, end, from_start, from_goal)
 
-    def _extended(self, motion: _Extension, clear: np.ndarray) -> _Joining | None:
+    def _make_node(self, motion: _Extension, clear: np.ndarray) -> _NewNode | None:
         """Make the new node at the end of the clear part of a motion; None where that part is too short.
 
         `clear` (1,) is the fraction of the motion that is clear.
@@ -190,9 +190,9 @@ class Star:
         near = near[away[near] <= RANGE]
         ends = np.concatenate([tree.states[near], space.goal[None]])
         length = space.distance(ends, np.broadcast_to(state, ends.shape))
-        return _Joining(state, motion.nearest, float(tree.costs[motion.nearest]) + gone, near, length)
+        return _NewNode(state, motion.nearest, float(tree.costs[motion.nearest]) + gone, near, length)
 
-    def _joining_call(self, node: _Joining) -> Call:
+    def _connections_call(self, node: _NewNode) -> Call:
         """Make the call that checks the motions between a new node, its neighbours and the goal."""
         space, costs = self.space, self.tree.costs[node.near]
         first = np.concatenate([self.tree.states[node.near], space.goal[None]])
@@ -202,7 +202,7 @@ class Star:
         from_goal = space.distance(np.stack([first, second]), space.goal)
         return space.reach_call(first, second, from_start, from_goal)
 
-    def _join(self, node: _Joining, fractions: np.ndarray) -> None:
+    def _add_node(self, node: _NewNode, fractions: np.ndarray) -> None:
         """Add a node under its best parent, make it that of neighbours that gain, and update the best path.
 
         Args:

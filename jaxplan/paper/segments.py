@@ -304,13 +304,13 @@ class ChainRequest:
 
 def plan_chains(requests: Sequence[ChainRequest]) -> list[Trajectory | None]:
     """Plan many trajectories, all their segments; None for one with a program that has no solution."""
-    pairs = [_chains(request) for request in requests]
+    pairs = [_make_chains(request) for request in requests]
     chains = [chain for _, *both in pairs for chain in both]
     run_all(chains, lambda _, programs: qp.solve_all(programs), most=max(len(chains), 1))
-    return [_joined(request, *pair) for request, pair in zip(requests, pairs, strict=True)]
+    return [_join_chains(request, *pair) for request, pair in zip(requests, pairs, strict=True)]
 
 
-def _chains(request: ChainRequest) -> tuple[Charts, "Chain", "Chain"]:
+def _make_chains(request: ChainRequest) -> tuple[Charts, "Chain", "Chain"]:
     """Make the charts of a request, and the chains of the platform and of the joints, not planned yet."""
     nodes, settings = request.nodes, request.settings
     joint_ends, platform_ends = split(len(nodes.turns), request.segments, settings.order)
@@ -333,7 +333,9 @@ def _chains(request: ChainRequest) -> tuple[Charts, "Chain", "Chain"]:
     )
 
 
-def _joined(request: ChainRequest, charts: Charts, platform: "Chain", joints: "Chain") -> Trajectory | None:
+def _join_chains(
+    request: ChainRequest, charts: Charts, platform: "Chain", joints: "Chain"
+) -> Trajectory | None:
     """Make the trajectory of two planned chains; None if one of them has a program without a solution."""
     if platform.failed or joints.failed:
         return None
@@ -385,38 +387,38 @@ class Chain:
         """
         count, size = segments.objective.shape[:2]
         self.coefficients, self.failed = np.zeros((count, size, first.shape[1])), False
-        self._segments, self._derivatives, self._last = segments, first, last
+        self._segments, self._near_derivatives, self._final_derivatives = segments, first, last
         self._limits, self._end_turns = limits, end_turns
         near, far = (0, 1) if end_turns is None else (1, 0)  # of the two ends of a segment
         self._near_rows, self._far_rows = end_derivatives(size - 1)[near], end_derivatives(size - 1)[far]
-        self._open = list(range(count) if end_turns is None else reversed(range(count)))
+        self._open_segments = list(range(count) if end_turns is None else reversed(range(count)))
 
     @property
-    def _to_x(self) -> np.ndarray:
+    def _factors_to_x(self) -> np.ndarray:
         """(2, 1) factors from first and second time derivatives to those in ``x``, on the next segment."""
-        half = self._segments.length[self._open[0]] / 2
+        half = self._segments.length[self._open_segments[0]] / 2
         return np.array([[half], [half**2]])
 
     def next_request(self) -> qp.SegmentQP | None:
         """Return the program of the next segment; None at the end of the chain or after a failure."""
-        if not self._open or self.failed:
+        if not self._open_segments or self.failed:
             return None
-        segments, k = self._segments, self._open[0]
+        segments, k = self._segments, self._open_segments[0]
         if self._end_turns is not None:
-            self._derivatives = self._derivatives @ self._end_turns[k]  # W^T omega, as rows
-        present, to_x = segments.present[k], self._to_x
+            self._near_derivatives = self._near_derivatives @ self._end_turns[k]  # W^T omega, as rows
+        present, to_x = segments.present[k], self._factors_to_x
         rows = [segments.node_rows[k, present], self._near_rows]
-        values = [segments.node_values[k, present], self._derivatives * to_x]
-        closing = len(self._open) == 1
+        values = [segments.node_values[k, present], self._near_derivatives * to_x]
+        closing = len(self._open_segments) == 1
         if closing:
             rows.append(self._far_rows)
-            values.append(self._last * to_x)
+            values.append(self._final_derivatives * to_x)
         return qp.SegmentQP(
             objective=segments.objective[k],
             equalities=np.concatenate(rows),
             values=np.concatenate(values),
             limited=self._far_rows[:0] if self._limits is None or closing else self._far_rows,
-            limits=self._last[:0] if self._limits is None or closing else self._limits * to_x,
+            limits=self._final_derivatives[:0] if self._limits is None or closing else self._limits * to_x,
         )
 
     def accept(self, solution: np.ndarray | None) -> None:
@@ -424,5 +426,5 @@ class Chain:
         if solution is None:
             self.failed = True
             return
-        self._derivatives = self._far_rows @ solution / self._to_x
-        self.coefficients[self._open.pop(0)] = solution
+        self._near_derivatives = self._far_rows @ solution / self._factors_to_x
+        self.coefficients[self._open_segments.pop(0)] = solution

@@ -43,10 +43,10 @@ from jaxplan.trajectory.peaks import SAFETY, Peaks, all_peaks
 from jaxplan.trajectory.schedule import FEWEST_NODES
 
 _DEFAULT_SEGMENTS = 3
-_MORE_SEGMENTS = 1.5  # factor on the number of segments from one attempt to the next
-_LONGER = 1.001  # factor beyond the time that the last curve requires, in search of a needed duration
-_LOOKS = 12  # most durations that are tried in search of one that is long enough
-_CALM = 2.5  # times the nominal duration; on the nodes of the paper's cases a fit needs 1.5 to 2.1
+_SEGMENT_GROWTH = 1.5  # factor on the number of segments from one attempt to the next
+_DURATION_FACTOR = 1.001  # factor beyond the time that the last curve requires, where that was too short
+_MAX_DURATIONS = 12  # most durations that are tried in search of one that is long enough
+_MAX_CALM_STRETCH = 2.5  # times the nominal duration; on nodes of the paper's cases a fit needs 1.5 to 2.1
 
 
 def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit]:
@@ -78,10 +78,10 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
     """
-    return fit_each(queries, _begin, _Strategy(Seconds(len(queries)) if seconds is None else seconds).fits)
+    return fit_each(queries, _prepare, _Strategy(Seconds(len(queries)) if seconds is None else seconds).fits)
 
 
-def _begin(query: FitQuery) -> "Fit | tuple[PaperProblem, np.ndarray]":
+def _prepare(query: FitQuery) -> "Fit | tuple[PaperProblem, np.ndarray]":
     """Make the problem of a query and the index there of each given node; or the fit if nothing moves.
 
     Raises a ValueError, see `fit`.
@@ -159,7 +159,7 @@ class PaperProblem:
         while count < intervals:
             if charts_suffice(self.nodes.turns, split(intervals, count, order)[1]):
                 yield count
-            count = max(count + 1, int(_MORE_SEGMENTS * count))
+            count = max(count + 1, int(_SEGMENT_GROWTH * count))
         yield intervals
 
     def is_full(self, segments: int) -> bool:
@@ -196,7 +196,7 @@ class PaperAttempt:
     @property
     def calm(self) -> bool:
         """Whether it does not swing between nodes: peaks are near limits, and joints keep their ranges."""
-        return self.peaks.stretch <= _CALM and self.peaks.in_range
+        return self.peaks.stretch <= _MAX_CALM_STRETCH and self.peaks.in_range
 
     def better_than(self, other: "PaperAttempt | None") -> bool:
         """Whether it keeps joint ranges where the other does not or, if both or none do, needs less time.
@@ -229,24 +229,25 @@ class _Strategy:
             for n, problem in timed.items()
         }
         at_speed = {n: problem for n, problem in timed.items() if problem.settings.duration == STRETCHED}
-        needed = self._needed_durations(at_speed, durations)
+        needed = self._find_needed_durations(at_speed, durations)
         durations |= {n: own for n, own in needed.items() if own is not None}
-        return self._stretched(stretched) | self._timed(timed, durations)
+        return self._fit_stretched(stretched) | self._fit_timed(timed, durations)
 
-    def _timed(self, problems: dict[int, PaperProblem], durations: dict[int, float]) -> dict[int, Fit]:
+    def _fit_timed(self, problems: dict[int, PaperProblem], durations: dict[int, float]) -> dict[int, Fit]:
         """Make fits in given durations in s; one that breaks limits says which duration would do."""
-        attempts = self._best_at(problems, durations)
+        attempts = self._find_best_attempts(problems, durations)
         good = {n: own for n, own in attempts.items() if own is not None and own.peaks.kept}
         left = {n: problem for n, problem in problems.items() if n not in good}
         first = {
-            n: durations[n] * (2 if (own := attempts[n]) is None else _LONGER * _finite(own.peaks.stretch))
+            n: durations[n]
+            * (2 if (own := attempts[n]) is None else _DURATION_FACTOR * _finite_stretch(own.peaks.stretch))
             for n in left
         }
-        needed = self._needed_durations(left, first)
-        fits = {n: _success(own.trajectory, own) for n, own in good.items()}
-        return fits | {n: _failure(left[n], durations[n], attempts[n], needed[n]) for n in left}
+        needed = self._find_needed_durations(left, first)
+        fits = {n: _make_success(own.trajectory, own) for n, own in good.items()}
+        return fits | {n: _make_failure(left[n], durations[n], attempts[n], needed[n]) for n in left}
 
-    def _best_at(
+    def _find_best_attempts(
         self, problems: dict[int, PaperProblem], durations: dict[int, float]
     ) -> "dict[int, PaperAttempt | None]":
         """The attempts in given durations (s) with the fewest segments that keep limits, or else the best.
@@ -257,34 +258,34 @@ class _Strategy:
         def enough(n: int, segments: int, own: PaperAttempt | None, best: PaperAttempt | None) -> bool:
             return own is not None and (own is not best or own.kept)
 
-        return self._climb(problems, durations, enough, limited=True)
+        return self._try_segment_counts(problems, durations, enough, limited=True)
 
-    def _needed_durations(
+    def _find_needed_durations(
         self, problems: dict[int, PaperProblem], durations: dict[int, float]
     ) -> dict[int, float | None]:
-        """Durations (s), from the given ones on, in which fits keep all limits; None after `_LOOKS` tries.
+        """Durations (s), from given ones on, in which fits keep limits; None after `_MAX_DURATIONS` tries.
 
         Scaling a curve's time is not enough, since the fit in the longer time is another curve.
         """
         found: dict[int, float | None] = dict.fromkeys(problems)
         durations = {n: durations[n] for n in problems}
-        for look in range(_LOOKS):
-            for n, own in self._best_at({n: problems[n] for n in durations}, durations).items():
-                stretch = 2.0 if own is None else _finite(own.peaks.stretch)
+        for look in range(_MAX_DURATIONS):
+            for n, own in self._find_best_attempts({n: problems[n] for n in durations}, durations).items():
+                stretch = 2.0 if own is None else _finite_stretch(own.peaks.stretch)
                 if own is not None and own.peaks.kept:
                     found[n] = durations.pop(n)
                 else:  # in ever longer steps, in case the durations do not settle
-                    durations[n] *= stretch * _LONGER ** (2**look)
+                    durations[n] *= stretch * _DURATION_FACTOR ** (2**look)
         return found
 
-    def _stretched(self, problems: dict[int, PaperProblem]) -> dict[int, Fit]:
+    def _fit_stretched(self, problems: dict[int, PaperProblem]) -> dict[int, Fit]:
         """Make the quickest fits of the nominal durations without limits, scaled in time to the limits."""
 
         def enough(n: int, segments: int, own: PaperAttempt | None, best: PaperAttempt | None) -> bool:
             return best is not None and best.calm and not problems[n].is_full(segments)
 
         durations = {n: problem.nominal_duration for n, problem in problems.items()}
-        best = self._climb(problems, durations, enough, limited=False)
+        best = self._try_segment_counts(problems, durations, enough, limited=False)
         message = "with any number of segments a quadratic program has no solution: change trajectory.order"
         none = Fit(trajectory=None, status=Status.INFEASIBLE, message=message)
         fits = dict.fromkeys(best, none)
@@ -292,12 +293,12 @@ class _Strategy:
             if own is None:
                 continue
             if np.isinf(own.peaks.stretch):  # wheels are full, and as full in a slower motion
-                fits[n] = _failure(problems[n], durations[n], own, None)
+                fits[n] = _make_failure(problems[n], durations[n], own, None)
             else:
-                fits[n] = _success(own.trajectory.scaled(own.peaks.stretch * SAFETY), own)
+                fits[n] = _make_success(own.trajectory.scaled(own.peaks.stretch * SAFETY), own)
         return fits
 
-    def _climb(
+    def _try_segment_counts(
         self,
         problems: dict[int, PaperProblem],
         durations: dict[int, float],
@@ -317,14 +318,14 @@ class _Strategy:
         counts = {n: problem.segment_counts() for n, problem in problems.items()}
         while tries := {n: count for n, own in counts.items() if (count := next(own, None)) is not None}:
             counts = {n: counts[n] for n in tries}
-            for n, own in self._attempts(problems, durations, tries, limited=limited).items():
+            for n, own in self._attempt(problems, durations, tries, limited=limited).items():
                 if own is not None and own.better_than(best[n]):
                     best[n] = own
                 if enough(n, tries[n], own, best[n]):
                     del counts[n]
         return best
 
-    def _attempts(
+    def _attempt(
         self,
         problems: dict[int, PaperProblem],
         durations: dict[int, float],
@@ -332,7 +333,7 @@ class _Strategy:
         *,
         limited: bool,
     ) -> "dict[int, PaperAttempt | None]":
-        """Plan trajectories in `counts` segments; None where that fails. Other arguments as of `_climb`."""
+        """Plan trajectories in `counts` segments; None where one fails; see `_try_segment_counts`."""
         requests = {
             n: ChainRequest(
                 nodes=problems[n].nodes,
@@ -357,18 +358,18 @@ class _Strategy:
         return found
 
 
-def _finite(stretch: float) -> float:
+def _finite_stretch(stretch: float) -> float:
     """Return a factor on time to try: `stretch` itself, or 2 where it is not finite."""
     return stretch if np.isfinite(stretch) else 2.0
 
 
-def _success(trajectory: Trajectory, attempt: PaperAttempt) -> Fit:
+def _make_success(trajectory: Trajectory, attempt: PaperAttempt) -> Fit:
     """Make the fit, OK, of a trajectory that keeps all limits, which came from an attempt."""
     message = within_limits(trajectory, attempt.peaks)
     return Fit(trajectory=trajectory, status=Status.OK, message=message, origin=attempt)
 
 
-def _failure(
+def _make_failure(
     problem: PaperProblem, duration: float, attempt: PaperAttempt | None, needed: float | None
 ) -> Fit:
     """Make the fit of a problem that could not be solved within its limits, with status and message.

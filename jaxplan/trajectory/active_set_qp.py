@@ -10,12 +10,12 @@ from contextlib import suppress
 import numpy as np
 
 # Weights of the squares of binding rows, relative to the Hessian; tried in turn until it is positive.
-_SQUARES = tuple(10.0**power for power in range(-2, 7))
-_DEPENDENT = 1e-9  # of the largest singular value of rows; directions with smaller ones count as free
-_LEVEL = 1e-10  # of the mean curvature of a Hessian; smaller negative curvature counts as none
-_TRIALS = 8  # most guesses of which rows bind
-_BROKEN = 1e-10  # in a row's unit; rounding may break it by as much
-_FLATTEST = 1e-6  # of the largest eigenvalue, least size to which others are raised, if not positive
+_SQUARE_WEIGHTS = tuple(10.0**power for power in range(-2, 7))
+_RANK_TOLERANCE = 1e-9  # of the largest singular value of rows; directions with smaller ones count as free
+_CURVATURE_TOLERANCE = 1e-10  # of the mean curvature of a Hessian; smaller negative curvature counts as none
+_MAX_TRIALS = 8  # most guesses of which rows bind
+_ROW_TOLERANCE = 1e-10  # in a row's unit; rounding may break it by as much
+_MIN_EIGENVALUE_RATIO = 1e-6  # of the largest eigenvalue, least size to which others are raised
 
 
 def least_change(
@@ -56,7 +56,7 @@ def least_change(
     convex = _cholesky(hessian)
     factor, pull = convex, gradient
     if factor is None:
-        form = _turned_upwards(hessian, slopes[binding]) if downwards else hessian
+        form = _flip_negative_curvature(hessian, slopes[binding]) if downwards else hessian
         factor, pull = _convex_factor(form, gradient, slopes[binding], excess[binding])
     normals = solve_triangular(factor, slopes.T, lower=True)
     down = solve_triangular(factor, pull, lower=True)
@@ -69,11 +69,11 @@ def least_change(
             left = 1 - depth / size @ found  # zero where no change satisfies all rows
             pushes = size * found / left if left > np.finfo(float).eps else pushes
     change = solve_triangular(factor, -normals @ pushes - down, lower=True, trans=1)
-    exact = _exact_change(hessian, gradient, slopes, excess, pushes > 0) if convex is None else None
+    exact = _solve_active_set(hessian, gradient, slopes, excess, pushes > 0) if convex is None else None
     return exact or (change, pushes)
 
 
-def _exact_change(
+def _solve_active_set(
     hessian: np.ndarray, gradient: np.ndarray, slopes: np.ndarray, excess: np.ndarray, binding: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Compute what `least_change` returns for a form as it is, starting from a guess of the rows that bind.
@@ -88,12 +88,12 @@ def _exact_change(
     """
     from scipy.linalg import cho_factor, cho_solve, qr, solve_triangular
 
-    for _ in range(_TRIALS):
+    for _ in range(_MAX_TRIALS):
         rows, size = slopes[binding], int(np.sum(binding))
         both, corner = qr(rows.T)
         fixed, free, corner = both[:, :size], both[:, size:], corner[:size]
         pivots = np.abs(np.diag(corner))
-        if size > len(hessian) or np.any(pivots <= _DEPENDENT * np.max(np.abs(corner), initial=0.0)):
+        if size > len(hessian) or np.any(pivots <= _RANK_TOLERANCE * np.max(np.abs(corner), initial=0.0)):
             return None
         change = fixed @ solve_triangular(corner, -excess[binding], trans=1)
         try:
@@ -103,7 +103,7 @@ def _exact_change(
         change = change - free @ cho_solve(curved, free.T @ (gradient + hessian @ change))
         pushes = np.zeros(len(excess))
         pushes[binding] = solve_triangular(corner, -fixed.T @ (gradient + hessian @ change))
-        wanted = (pushes > 0) | ~binding & (slopes @ change + excess > _BROKEN)
+        wanted = (pushes > 0) | ~binding & (slopes @ change + excess > _ROW_TOLERANCE)
         if np.array_equal(wanted, binding):
             return change, pushes
         binding = wanted
@@ -125,11 +125,11 @@ def downward_way(hessian: np.ndarray, slopes: np.ndarray) -> np.ndarray | None:
 
     if _cholesky(hessian) is not None:
         return None
-    ways = null_space(slopes, rcond=_DEPENDENT) if len(slopes) else np.eye(len(hessian))
+    ways = null_space(slopes, rcond=_RANK_TOLERANCE) if len(slopes) else np.eye(len(hessian))
     if not ways.size:
         return None
     (bend,), way = eigh(ways.T @ hessian @ ways, subset_by_index=(0, 0))
-    return ways @ way[:, 0] if bend < -_LEVEL * np.trace(hessian) / len(hessian) else None
+    return ways @ way[:, 0] if bend < -_CURVATURE_TOLERANCE * np.trace(hessian) / len(hessian) else None
 
 
 def _cholesky(hessian: np.ndarray) -> np.ndarray | None:
@@ -139,15 +139,15 @@ def _cholesky(hessian: np.ndarray) -> np.ndarray | None:
     return None
 
 
-def _turned_upwards(hessian: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+def _flip_negative_curvature(hessian: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     """Change the sign of a Hessian's negative curvatures along directions in which no row changes.
 
     `slopes` (r, n) are the derivatives of the r rows in the n unknowns.
     """
     _, sizes, right = np.linalg.svd(slopes)
-    free = right[int(np.sum(sizes > _DEPENDENT * np.max(sizes, initial=0.0))) :].T
+    free = right[int(np.sum(sizes > _RANK_TOLERANCE * np.max(sizes, initial=0.0))) :].T
     bends, ways = np.linalg.eigh(free.T @ hessian @ free)
-    least = _DEPENDENT * np.max(np.abs(bends), initial=0.0)
+    least = _RANK_TOLERANCE * np.max(np.abs(bends), initial=0.0)
     ways = free @ ways
     more = np.where(bends > 0, 0.0, np.maximum(-bends, least) - bends)
     return np.asarray(hessian + (ways * more) @ ways.T)
@@ -162,19 +162,19 @@ def _convex_factor(
     """
     squares = slopes.T @ slopes
     unit = np.trace(hessian) / (np.trace(squares) or 1.0)
-    for weight in unit * np.array([0.0, *_SQUARES]):
+    for weight in unit * np.array([0.0, *_SQUARE_WEIGHTS]):
         with suppress(np.linalg.LinAlgError):
             return np.linalg.cholesky(hessian + weight * squares), gradient + weight * slopes.T @ excess
     # Where many rows nearly follow from others their squares are tiny along some directions. A weight that is
     # the same along all directions that they fix changes the minimum as little.
     left, sizes, right = np.linalg.svd(slopes, full_matrices=False)
-    kept = sizes > _DEPENDENT * np.max(sizes, initial=0.0)
+    kept = sizes > _RANK_TOLERANCE * np.max(sizes, initial=0.0)
     fixed = right[kept].T
     pull = fixed @ (left[:, kept].T @ excess / sizes[kept])
     unit = np.trace(hessian) / len(hessian)
-    for weight in unit * np.array(_SQUARES):
+    for weight in unit * np.array(_SQUARE_WEIGHTS):
         with suppress(np.linalg.LinAlgError):
             return np.linalg.cholesky(hessian + weight * fixed @ fixed.T), gradient + weight * pull
     sizes, vectors = np.linalg.eigh(hessian)
-    sizes = np.abs(sizes).clip(_FLATTEST * np.max(np.abs(sizes)))
+    sizes = np.abs(sizes).clip(_MIN_EIGENVALUE_RATIO * np.max(np.abs(sizes)))
     return np.linalg.cholesky((vectors * sizes) @ vectors.T), gradient

@@ -16,10 +16,10 @@ from jaxplan import so3
 CHART_REACH = 4.0  # rad, most that nodes may lie off the steady rotation; at a whole turn charts are singular
 
 
-_NEAR = 1.0  # rad; if nodes lie no farther off, the chart that turns the other way round is not tried
+_LONG_WAY_ANGLE = 1.0  # rad; if nodes lie no farther off, the chart of the other way round is not tried
 
 
-_NO_ANGLE = 1e-300  # rad; a rotation vector that is not longer has no direction
+_MIN_ANGLE = 1e-300  # rad; a rotation vector that is not longer has no direction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +59,7 @@ class Chart:
         for number in range(begin, len(steps)):
             own = eta[number + 1]
             windings = _windings(eta[number], steps[number], own, angle[number])
-            own *= 1 + 2 * np.pi / max(angle[number], _NO_ANGLE) * windings
+            own *= 1 + 2 * np.pi / max(angle[number], _MIN_ANGLE) * windings
         return np.asarray(eta + places[:, None] * self.turn)
 
     def departures(
@@ -83,7 +83,7 @@ def fitting(attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray) -> tup
     """Choose the chart from the first node to the last in which all nodes lie nearest to the steady motion.
 
     The candidates turn the short and the long way round the same axis; the latter is tried only if nodes lie
-    farther than `_NEAR` off the former.
+    farther than `_LONG_WAY_ANGLE` off the former.
 
     Args:
         attitudes: (m + 1, 3, 3) body to inertial.
@@ -101,7 +101,7 @@ def fitting(attitudes: np.ndarray, turns: np.ndarray, places: np.ndarray) -> tup
 
     turn = so3.log(attitudes[0].T @ attitudes[-1])
     best, angle = about(turn), np.linalg.norm(turn)
-    if best[0] > _NEAR and angle > 0:
+    if best[0] > _LONG_WAY_ANGLE and angle > 0:
         long_way = about(turn * (1 - 2 * np.pi / angle))
         best = min(best, long_way, key=lambda one: one[0])
     return best[1:]
@@ -126,5 +126,5 @@ def _windings(before: np.ndarray, step: np.ndarray, own: np.ndarray, angle: np.n
     Returns:
         (...) whole numbers as floats; zero for vectors without length.
     """
-    ahead = np.sum((before + step) * own, axis=-1) / np.maximum(angle, _NO_ANGLE)
-    return np.where(angle > _NO_ANGLE, np.round((ahead - angle) / (2 * np.pi)), 0.0)
+    ahead = np.sum((before + step) * own, axis=-1) / np.maximum(angle, _MIN_ANGLE)
+    return np.where(angle > _MIN_ANGLE, np.round((ahead - angle) / (2 * np.pi)), 0.0)

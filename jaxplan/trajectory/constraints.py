@@ -23,11 +23,11 @@ from jaxplan.geometry.vectors import cross, dot
 from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT
 from jaxplan.trajectory.motion import LIMIT, TUBE, ZONE, Iterates, load_slopes, stacked, taken
 
-_NEAR_SHARE = 0.15  # of a limit or tube radius; rows with less slack are in a program from the start
-_NEAR_ANGLE = float(np.deg2rad(1.0))  # rad; the same for slacks that are angles
-_FAR_SHARE = 0.5  # of a limit; if slack is larger at every place, a step is assumed not to reach it
-_STRIDE = 4  # rows at every `_STRIDE`-th place enter a program, besides those of locally least slack
-_NEAR_AXIS = 1e-6  # least sine of the angle to a row's axis that is divided by; at 0 there is no slope
+_NEAR_BOUND_SHARE = 0.15  # of a limit or tube radius; rows with less slack are in a program from the start
+_NEAR_BOUND_ANGLE = float(np.deg2rad(1.0))  # rad; the same for slacks that are angles
+_OUT_OF_REACH_SHARE = 0.5  # of a limit; if slack is larger at every place, a step is assumed not to reach it
+_PLACE_STRIDE = 4  # every so many places rows enter a program, besides those of locally least slack
+_MIN_SINE = 1e-6  # least sine of the angle to a row's axis that is divided by; at 0 there is no slope
 
 SIGNS = np.array([1.0, -1.0])  # of the two rows of a bound on both sides
 
@@ -73,7 +73,7 @@ class LinearBlock:
     name: str
     kind: int = LIMIT
     power: int = 0
-    tolerance: float = 2 * _NEAR_SHARE
+    tolerance: float = 2 * _NEAR_BOUND_SHARE
     coefficients: np.ndarray
     matrix: np.ndarray
     scale: np.ndarray
@@ -82,14 +82,14 @@ class LinearBlock:
     linear = True
 
     @property
-    def _first(self) -> int:
+    def _from_axis(self) -> int:
         """Index of the first axis that the rows concern; they concern all axes from there on."""
         return self.coefficients.shape[2] - self.scale.shape[1]
 
     @cached_property
     def slack(self) -> np.ndarray:
         """What is left to the bound, negative if broken: (G, 2, r, a) for curves, signs, rows and axes."""
-        value = (self.matrix @ self.coefficients[:, :, self._first :] - self.centre) * self.scale[:, None]
+        value = (self.matrix @ self.coefficients[:, :, self._from_axis :] - self.centre) * self.scale[:, None]
         return self.bound - np.stack([value, -value], axis=1)
 
     @property
@@ -114,14 +114,14 @@ class LinearBlock:
             _: (g, 4, S, A) changes of the curves and of their derivatives at the places; not used here.
         """
         matrix, scale = taken(self.matrix, which), self.scale[which][:, None]
-        value = matrix @ coefficients[:, :, self._first :] * scale
+        value = matrix @ coefficients[:, :, self._from_axis :] * scale
         return np.stack([value, -value], axis=1)
 
     def slopes(self, index: Index) -> Slopes:
         """Derivatives of the indexed rows in the coefficients, as a pair of arrays (see the module)."""
         curve, sign, row, axis = index
         axes = np.zeros((len(axis), 1, self.coefficients.shape[2]))
-        axes[np.arange(len(axis)), 0, self._first + axis] = SIGNS[sign] * self.scale[curve, axis]
+        axes[np.arange(len(axis)), 0, self._from_axis + axis] = SIGNS[sign] * self.scale[curve, axis]
         return axes, self.matrix[curve, row][:, None]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
@@ -154,7 +154,7 @@ class LoadBlock:
     scale: np.ndarray
     lesser: tuple[slice, np.ndarray] | None = None
     kind = LIMIT
-    tolerance = _NEAR_SHARE
+    tolerance = _NEAR_BOUND_SHARE
     linear = False
 
     @cached_property
@@ -169,7 +169,7 @@ class LoadBlock:
         return 1 - stack.with_peaks(SIGNS[:, None] * shares[:, :, None], between)
 
     @cached_property
-    def _falls(self) -> np.ndarray | None:
+    def _decay_exponents(self) -> np.ndarray | None:
         """How fast fractions of the limit fall with the logarithm of the duration, shaped like `slack`.
 
         None if for all rows this is `power`. Otherwise it is that of rows at their bound, or of
@@ -184,22 +184,22 @@ class LoadBlock:
 
     def time(self, index: Index) -> np.ndarray:
         """See `LinearBlock.time`."""
-        if self._falls is None:
+        if self._decay_exponents is None:
             return np.full(len(index[0]), -float(self.power))
-        return np.asarray(-self._falls[index])
+        return np.asarray(-self._decay_exponents[index])
 
     def relief(self, which: np.ndarray, stretch: np.ndarray) -> np.ndarray:
         """See `LinearBlock.relief`."""
-        if self._falls is None:
+        if self._decay_exponents is None:
             return (self.power * stretch).reshape(-1, 1, 1, 1)
-        return np.asarray(taken(self._falls, which) * stretch[:, None, None, None])
+        return np.asarray(taken(self._decay_exponents, which) * stretch[:, None, None, None])
 
     @cached_property
     def may_bind(self) -> np.ndarray:
         """(G,) bool for each curve, whether a step may reach a bound: unless all its slacks are large."""
-        return ~np.all(self.slack > _FAR_SHARE, axis=(1, 2, 3))
+        return ~np.all(self.slack > _OUT_OF_REACH_SHARE, axis=(1, 2, 3))
 
-    def _local(self, curve: int) -> np.ndarray:
+    def _local_slopes(self, curve: int) -> np.ndarray:
         """Derivatives of a curve's load over its limit, (S, c, 4, B): place, component, derivative, axis."""
         slopes = load_slopes(self.at, curve)
         found = slopes[:, self.own] * self.scale[curve, :, None, None]
@@ -212,7 +212,7 @@ class LoadBlock:
         """How much slack each row of the curves `which` loses by a step; see `LinearBlock.change`."""
         change = np.empty((len(which), *self.slack.shape[1:]))
         for own, curve in enumerate(which.tolist()):
-            local = self._local(curve)
+            local = self._local_slopes(curve)
             shares = np.einsum("sida,dsa->si", local, curves[own, :, :, : local.shape[-1]])
             change[own] = SIGNS[:, None] * shares[:, None]
         return change
@@ -223,13 +223,13 @@ class LoadBlock:
         axes = np.zeros((len(place), 4, self.at.curves.shape[3]))
         for each in np.unique(curve).tolist():
             rows = curve == each
-            local = self._local(each)[place[rows], axis[rows]]
+            local = self._local_slopes(each)[place[rows], axis[rows]]
             axes[rows, :, : local.shape[-1]] = SIGNS[sign[rows]][:, None, None] * local
         return axes, self.at.stack.rows[curve, :, place]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Select `wanted` rows at every few places, at local minima of slack, and at the last place."""
-        kept = _telling(slack)
+        kept = _mark_key_places(slack)
         kept[:, -1] = True
         return wanted & kept
 
@@ -248,7 +248,7 @@ class MarginBlock:
     name = "zone"
     kind = ZONE
     power = 0
-    tolerance = _NEAR_ANGLE
+    tolerance = _NEAR_BOUND_ANGLE
     linear = False
 
     @cached_property
@@ -265,14 +265,14 @@ class MarginBlock:
         return np.zeros((len(which), 1, 1, 1))
 
     @cached_property
-    def _known(self) -> tuple[np.ndarray, np.ndarray]:
+    def _slope_cache(self) -> tuple[np.ndarray, np.ndarray]:
         """Cache of slopes: which are known, a bool array like `slack`, and their values by axis (last)."""
         shape = self.slack.shape
         return np.zeros(shape, dtype=bool), np.empty((*shape, self.at.curves.shape[3]))
 
-    def _local(self, index: Index) -> np.ndarray:
+    def _local_slopes(self, index: Index) -> np.ndarray:
         """Derivatives (R, A) of the indexed margins in each axis (``b`` and joints), computed only once."""
-        known, slopes = self._known
+        known, slopes = self._slope_cache
         new = ~known[index]
         if np.any(new):
             part = tuple(own[new] for own in index)
@@ -283,28 +283,28 @@ class MarginBlock:
         """How much slack each row loses by a step; zero for rows whose slack surely stays large."""
         slack, moved = taken(self.slack, which), curves[:, 0]
         own, *rest = numbers(slack < self.tolerance + margin_reach(self.at, which, moved))
-        local = self._local((which[own], *rest))
+        local = self._local_slopes((which[own], *rest))
         change = np.zeros_like(slack)
         change[(own, *rest)] = -np.einsum("ra,ra->r", local, moved[own, rest[0]])
         return change
 
     def slopes(self, index: Index) -> Slopes:
         """Derivatives of the indexed rows in the coefficients, as a pair of arrays (see the module)."""
-        local = -self._local(index)
+        local = -self._local_slopes(index)
         return local[:, None], self.at.stack.rows[index[0], 0, index[1]][:, None]
 
     def chosen(self, wanted: np.ndarray, slack: np.ndarray, which: np.ndarray) -> np.ndarray:
         """Select `wanted` rows at every few places and at local minima of slack, if their slack is finite."""
-        return wanted & _telling(slack) & np.isfinite(self.slack[which])
+        return wanted & _mark_key_places(slack) & np.isfinite(self.slack[which])
 
 
 ConstraintBlock = LinearBlock | LoadBlock | MarginBlock
 
 
-def _telling(slack: np.ndarray) -> np.ndarray:
-    """Bool array like `slack`, true at every `_STRIDE`-th place (second axis) and at its local minima."""
+def _mark_key_places(slack: np.ndarray) -> np.ndarray:
+    """Bool array like `slack`, true at every `_PLACE_STRIDE`-th place (second axis) and at local minima."""
     kept = np.zeros(slack.shape, dtype=bool)
-    kept[:, ::_STRIDE] = True
+    kept[:, ::_PLACE_STRIDE] = True
     with np.errstate(invalid="ignore"):
         kept[:, 1:-1] |= (slack[:, 1:-1] <= slack[:, :-2]) & (slack[:, 1:-1] <= slack[:, 2:])
     return kept
@@ -320,7 +320,7 @@ def constraint_blocks(at: Iterates) -> Iterator[ConstraintBlock]:
     if stack.reaches.shape[1]:
         yield LinearBlock(
             name="range",
-            tolerance=_NEAR_ANGLE,
+            tolerance=_NEAR_BOUND_ANGLE,
             coefficients=c,
             matrix=stacked([own[0] for own in differences]),
             scale=np.ones_like(stack.reaches),
@@ -393,18 +393,18 @@ def margin_slopes(
         own = np.where((frame == SIGHT)[:, None], partners, given)
         axis = np.where((frame == INERTIAL)[:, None], axis, own)
     cosine, side = at.cosines[curve, place, sight, row], cones["side"][curve, row]
-    factor = -side / np.maximum(np.sqrt(np.maximum(1 - cosine**2, 0)), _NEAR_AXIS)
+    factor = -side / np.maximum(np.sqrt(np.maximum(1 - cosine**2, 0)), _MIN_SINE)
     slopes = np.zeros((len(place), at.curves.shape[3]))
     # A rotation d of the body takes the sight v to v + d x v, and axis . (d x v) = d . (v x axis).
     turned = np.stack(cross(seen.T, axis.T), axis=1)
     slopes[:, :3] = np.einsum("rk,rka->ra", turned, at.tangent[curve, place])
-    _add_turns(slopes, at, curve, place, sight, seen, axis)
+    _add_joint_slopes(slopes, at, curve, place, sight, seen, axis)
     if not stack.has_inner:
         return slopes * factor[:, None]
     slopes[frame != INERTIAL, :3] = 0.0
     of = np.flatnonzero(frame == SIGHT)
     both = slopes[of]
-    _add_turns(both, at, curve[of], place[of], partner[of], axis[of], seen[of])
+    _add_joint_slopes(both, at, curve[of], place[of], partner[of], axis[of], seen[of])
     slopes[of] = both
     slopes *= factor[:, None]
     of = np.flatnonzero(frame == JOINTS)
@@ -414,7 +414,7 @@ def margin_slopes(
     return slopes
 
 
-def _add_turns(
+def _add_joint_slopes(
     slopes: np.ndarray,
     at: Iterates,
     curve: np.ndarray,

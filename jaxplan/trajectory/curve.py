@@ -38,7 +38,7 @@ from jaxplan.runtime.display import shown
 from jaxplan.runtime.jit import is_traced
 from jaxplan.trajectory.splines import derivative_matrix, legendre
 
-_TIMES = 4096  # most times sampled at once; intermediate results for more would take much memory
+_MAX_TIMES_AT_ONCE = 4096  # most times sampled at once; intermediate results for more would take much memory
 
 
 @shown("start s", "end s", "chart_rate deg/s", "coefficients rad")
@@ -296,18 +296,19 @@ class Trajectory:
             raise ValueError(f"t = {outside.flat[0]}: must lie in [0, {self.duration!r}] s")
         flat = times.reshape(-1)
         parts = [
-            vars(self._sampled(flat[first : first + _TIMES])) for first in range(0, flat.size or 1, _TIMES)
+            vars(self._sample_unchecked(flat[first : first + _MAX_TIMES_AT_ONCE]))
+            for first in range(0, flat.size or 1, _MAX_TIMES_AT_ONCE)
         ]
         found = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         return Samples(
             **{name: array.reshape(*times.shape, *array.shape[1:]) for name, array in found.items()}
         )
 
-    def _sampled(self, times: np.ndarray) -> Samples:
+    def _sample_unchecked(self, times: np.ndarray) -> Samples:
         """Evaluate the trajectory at times (k,) in s, which are not checked."""
         on = np.searchsorted(self.breaks[:-1], times, side="right") - 1
         on_joints = np.searchsorted(self.joint_breaks[:-1], times, side="right") - 1
-        return _samples(self, on, on_joints, times, times)
+        return _evaluate_on_pieces(self, on, on_joints, times, times)
 
     def scaled(self, factor: float) -> Self:
         """Return the same motion slowed down by a factor: rates fall by it, accelerations by its square.
@@ -341,9 +342,9 @@ def evaluate(trajectory: Trajectory, t: ArrayLike) -> Samples:
     """
     times = jnp.asarray(t, jnp.asarray(trajectory.coefficients).dtype)
     joint_times = jnp.asarray(t, jnp.asarray(trajectory.joint_coefficients).dtype)
-    on = _begun(trajectory.breaks[:-1], times)
-    on_joints = _begun(trajectory.joint_breaks[:-1], joint_times)
-    return _samples(jax.tree.map(jnp.asarray, trajectory), on, on_joints, times, joint_times)
+    on = _piece_indices(trajectory.breaks[:-1], times)
+    on_joints = _piece_indices(trajectory.joint_breaks[:-1], joint_times)
+    return _evaluate_on_pieces(jax.tree.map(jnp.asarray, trajectory), on, on_joints, times, joint_times)
 
 
 def on_common_pieces(trajectory: Trajectory) -> Trajectory:
@@ -366,9 +367,9 @@ def on_common_pieces(trajectory: Trajectory) -> Trajectory:
         chart_attitude=trajectory.chart_attitude[on],
         chart_start=trajectory.chart_start[on],
         chart_rate=trajectory.chart_rate[on],
-        coefficients=_parts(trajectory.coefficients[on], breaks[on], breaks[on + 1], edges),
+        coefficients=_restrict_polynomials(trajectory.coefficients[on], breaks[on], breaks[on + 1], edges),
         joint_breaks=edges,
-        joint_coefficients=_parts(
+        joint_coefficients=_restrict_polynomials(
             trajectory.joint_coefficients[on_joints],
             joint_breaks[on_joints],
             joint_breaks[on_joints + 1],
@@ -377,7 +378,9 @@ def on_common_pieces(trajectory: Trajectory) -> Trajectory:
     )
 
 
-def _parts(coefficients: np.ndarray, start: np.ndarray, end: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def _restrict_polynomials(
+    coefficients: np.ndarray, start: np.ndarray, end: np.ndarray, edges: np.ndarray
+) -> np.ndarray:
     """Restrict polynomials to parts of their intervals, each rewritten in the Legendre basis of its part.
 
     Args:
@@ -420,12 +423,12 @@ def total_momentum(trajectory: Trajectory, craft: Spacecraft) -> AnyArray | None
     return attitude @ (at_start.momentum + array.stored)
 
 
-def _begun(starts: ArrayLike, t: Array) -> Array:
+def _piece_indices(starts: ArrayLike, t: Array) -> Array:
     """Index of the piece that each time falls on: the last one that has begun, at least 0."""
     return jnp.maximum(jnp.searchsorted(jnp.asarray(starts), t, side="right") - 1, 0)
 
 
-def _samples(
+def _evaluate_on_pieces(
     trajectory: Trajectory, on: AnyArray, on_joints: AnyArray, t: AnyArray, joint_t: AnyArray
 ) -> Samples:
     """Evaluate a trajectory at times on given pieces, with numpy or JAX as the arguments are.

@@ -39,8 +39,8 @@ from jaxplan.trajectory.problem import tube_radius, wanted_margins
 from jaxplan.trajectory.schedule import FIRST_GUESS, TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
 
-_STEPS = 5  # of Newton's method, at most, before a last one, from which derivatives are taken
-_RESIDUAL = 1e-9  # of the optimality conditions, below which the steps end earlier
+_MAX_NEWTON_STEPS = 5  # of Newton's method, at most, before a last one, from which derivatives are taken
+_RESIDUAL_TOLERANCE = 1e-9  # of the optimality conditions, below which the steps end earlier
 
 
 def gather_inputs(
@@ -59,13 +59,13 @@ def gather_inputs(
         The active set with its breaks moved to the pace of the path, and the inputs of `optimality`.
     """
     attitudes, joints = jnp.asarray(path.attitudes), jnp.asarray(path.joints)
-    duration, places, held = _paced(held, attitudes, joints, craft, settings)
+    duration, places, held = _time_nodes_by_pace(held, attitudes, joints, craft, settings)
     first, last = attitudes[0], attitudes[-1]
     turn = so3.log(first.T @ last)
-    turn = turn * (1 - 2 * jnp.pi * held.long_way / _positive(length(turn)))
+    turn = turn * (1 - 2 * jnp.pi * held.long_way / _safe_divisor(length(turn)))
     back = so3.exp(-places[:, None] * turn / 2)  # U^T
     eta = so3.log(back @ (first.T @ attitudes) @ back)
-    eta = eta * (1 + 2 * jnp.pi * held.windings / _positive(length(eta)))[:, None]
+    eta = eta * (1 + 2 * jnp.pi * held.windings / _safe_divisor(length(eta)))[:, None]
     nodes = jnp.concatenate([eta + places[:, None] * turn, joints], axis=1)
     ends = jnp.asarray(rates)
     ends = ends.at[1, :3].set(so3.exp(turn / 2) @ ends[1, :3])
@@ -119,7 +119,7 @@ def gather_inputs(
     return held, inputs
 
 
-def _paced(
+def _time_nodes_by_pace(
     held: ActiveSet, attitudes: Array, joints: Array, craft: Spacecraft, settings: TrajectorySettings
 ) -> tuple[Array, Array, ActiveSet]:
     """Determine duration and places of the nodes from the pace along a path, and move the breaks accordingly.
@@ -154,10 +154,10 @@ def _paced(
         places = jnp.asarray(held.places)
     else:
         places = shares if held.pace == "steady" else profile.places(shares)
-    return duration, places, _on_breaks(held, profile.flank_share - held.flank)
+    return duration, places, _shift_flank(held, profile.flank_share - held.flank)
 
 
-def _on_breaks(held: ActiveSet, change: Array) -> ActiveSet:
+def _shift_flank(held: ActiveSet, change: Array) -> ActiveSet:
     """The active set for a flank whose share of the duration is larger by `change`, to first order."""
     parts: dict[str, Any] = {"": held, "linear": held.linear, "loads": held.loads, "zones": held.zones}
     moved: dict[str, dict[str, Any]] = {owner: {} for owner in parts}
@@ -168,7 +168,7 @@ def _on_breaks(held: ActiveSet, change: Array) -> ActiveSet:
     return replace(held, **moved[""], **inner)
 
 
-def _positive(length: Array) -> Traced:
+def _safe_divisor(length: Array) -> Traced:
     """Return lengths with 1 in place of those that are not positive, so that they can be divided by."""
     return jnp.where(length > 0, length, 1)
 
@@ -198,7 +198,9 @@ def refit(
         The trajectory, its arrays traced where the inputs are.
     """
     held, inputs = gather_inputs(held, path, spacecraft, settings, cones, rates)
-    coefficients, duration = curve_of(held, inputs, implicit_root(_OPTIMALITY, (held, inputs), flat(held)))
+    coefficients, duration = curve_of(
+        held, inputs, implicit_root(_OPTIMALITY_EQUATIONS, (held, inputs), flat(held))
+    )
     base = coefficients[:1]  # see `Basis.pieces`
     pieces = jnp.einsum("kpn,na->kpa", held.pieces, coefficients - base).at[:, 0].add(base)
     count = len(held.breaks) - 1
@@ -222,15 +224,15 @@ def _residual(own: tuple[ActiveSet, FitInputs], z: Traced) -> Traced:
     return residual(*own, z)
 
 
-def _factor(own: tuple[ActiveSet, FitInputs], z: Traced) -> Traced:
+def _lu_factors(own: tuple[ActiveSet, FitInputs], z: Traced) -> Traced:
     """LU factors of `matrix`, the derivative of the equations in ``z``."""
     return lu_factor(matrix(*own, z))
 
 
-_OPTIMALITY = Equations(
+_OPTIMALITY_EQUATIONS = Equations(
     residual=_residual,
-    factor=_factor,
+    factor=_lu_factors,
     solve=lu_solve,
-    steps=_STEPS,
-    tolerance=_RESIDUAL,
+    steps=_MAX_NEWTON_STEPS,
+    tolerance=_RESIDUAL_TOLERANCE,
 )

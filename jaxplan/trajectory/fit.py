@@ -23,7 +23,7 @@ from jaxplan.trajectory.peaks import Peaks
 
 Problem = TypeVar("Problem")  # what a method makes of a query
 
-_ORTHONORMAL = 1e-6  # by which elements of R R^T may differ from those of the identity
+_ORTHONORMALITY_TOLERANCE = 1e-6  # by which elements of R R^T may differ from those of the identity
 
 NEAR_THE_BOUND = 1.015
 """Factor on the lower bound of the duration; a motion within it is not compared with other shortest ones."""
@@ -138,7 +138,7 @@ def checked(query: FitQuery) -> tuple[Path, np.ndarray]:
             is wrong, naming a setting by its key in a file.
     """
     settings, fractions = query.settings, query.node_fractions
-    path = _shaped(query.path, query.spacecraft)
+    path = _expect_path(query.path, query.spacecraft)
     duration = settings.duration
     if settings.end_acceleration not in ("zero", "free"):
         raise ValueError(
@@ -176,7 +176,7 @@ def checked(query: FitQuery) -> tuple[Path, np.ndarray]:
         raise ValueError("node_fractions must rise strictly from 0 to 1, one a node")
     return path, np.stack(
         [
-            np.append(_rate(velocity, 3), _rate(rates, path.joints.shape[1]))
+            np.append(_expect_rate(velocity, 3), _expect_rate(rates, path.joints.shape[1]))
             for velocity, rates in (
                 (query.start_angular_velocity, query.start_joint_rates),
                 (query.end_angular_velocity, query.end_joint_rates),
@@ -185,7 +185,7 @@ def checked(query: FitQuery) -> tuple[Path, np.ndarray]:
     )
 
 
-def _rate(given: np.ndarray | None, size: int) -> np.ndarray:
+def _expect_rate(given: np.ndarray | None, size: int) -> np.ndarray:
     """Return a rate as (size,) finite numbers, zeros for None; raise a ValueError for anything else."""
     rate = np.zeros(size) if given is None else np.asarray(given, float)
     if rate.shape != (size,) or not np.all(np.isfinite(rate)):
@@ -216,7 +216,7 @@ def fit_each(
     return [one if isinstance(one, Fit) else given[number] for number, one in enumerate(begun)]
 
 
-def _shaped(path: Path, spacecraft: Spacecraft) -> Path:
+def _expect_path(path: Path, spacecraft: Spacecraft) -> Path:
     """Return a path in float64 after a check of its shapes and rotation matrices.
 
     Numbers that are not finite pass; they are left to the fit.
@@ -238,7 +238,7 @@ def _shaped(path: Path, spacecraft: Spacecraft) -> Path:
             raise ValueError(f"path.{name} is of shape {arrays[name].shape}: must be {shape}")
     attitudes = arrays["attitudes"]
     off = np.abs(attitudes @ np.swapaxes(attitudes, 1, 2) - np.eye(3)).max(axis=(1, 2))
-    wrong = np.flatnonzero((off > _ORTHONORMAL) | (np.linalg.det(attitudes) < 0))
+    wrong = np.flatnonzero((off > _ORTHONORMALITY_TOLERANCE) | (np.linalg.det(attitudes) < 0))
     if len(wrong):
         raise ValueError(f"path.attitudes[{wrong[0]}] is no rotation matrix")
     return Path(**arrays)

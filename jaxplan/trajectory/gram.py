@@ -22,11 +22,11 @@ import numpy as np
 
 PLATFORM = 3  # axes; the others are the joints'
 
-_FEW = 190  # rows; the matrix of fewer is formed and factored as it is
-_MANY = 1.3  # rows of the platform for each of its unknowns; from more on, these are solved for
-_STIFF = 1e-10  # of added diagonals (the matrix's own is 1): with smaller ones solutions are refined
-_LEAST = 1e-12  # least number of an added diagonal that is divided by
-_CHUNK = 64  # rows of the platform whose squares are summed at once
+_MIN_ROWS_FOR_BLOCK_SOLVE = 190  # rows; the matrix of fewer is formed and factored as it is
+_MIN_ROWS_PER_UNKNOWN = 1.3  # rows of the platform for each of its unknowns; with more, these are solved for
+_REFINEMENT_THRESHOLD = 1e-10  # of added diagonals (the matrix's own is 1): below it solutions are refined
+_MIN_DIAGONAL = 1e-12  # least number of an added diagonal that is divided by
+_CHUNK_ROWS = 64  # rows of the platform whose squares are summed at once
 
 Solve = Callable[[np.ndarray], np.ndarray]
 
@@ -88,7 +88,9 @@ class DenseGram:
         """See `Gram`."""
         from scipy.linalg.lapack import dpotrf, dpotrs
 
-        factor, failed = dpotrf(_plus(self.matrix, diagonal).T, lower=True, overwrite_a=True, clean=False)
+        factor, failed = dpotrf(
+            _add_diagonal(self.matrix, diagonal).T, lower=True, overwrite_a=True, clean=False
+        )
         if failed:
             return None
 
@@ -139,7 +141,7 @@ class PlatformGram:
     chunks: list[_Chunk]
 
     @property
-    def _joined(self) -> slice:
+    def _coupled_rows(self) -> slice:
         """Slice of the rows, among the q, that touch the platform."""
         return slice(len(self.joint) - len(self.coupled), len(self.joint))
 
@@ -148,9 +150,9 @@ class PlatformGram:
         time = np.concatenate([self.slopes[:, -1], self.time])
         found = time**2 / self.hessian[-1, -1]
         first, other = found[: len(self.slopes)], found[len(self.slopes) :]
-        first += _squares(self.slopes[:, :-1], self.inverse)
+        first += _gram_diagonal(self.slopes[:, :-1], self.inverse)
         other += self.joint.diagonal()
-        other[self._joined] += _squares(self.coupled, self.inverse)
+        other[self._coupled_rows] += _gram_diagonal(self.coupled, self.inverse)
         return found
 
     def scaled(self, scale: np.ndarray) -> "PlatformGram":
@@ -160,7 +162,7 @@ class PlatformGram:
             self,
             slopes=self.slopes * first[:, None],
             time=self.time * other,
-            coupled=self.coupled * other[self._joined, None],
+            coupled=self.coupled * other[self._coupled_rows, None],
             joint=self.joint * other[:, None] * other,
             chunks=[own._replace(slopes=own.slopes * first[own.rows, None]) for own in self.chunks],
         )
@@ -172,7 +174,7 @@ class PlatformGram:
 
     def times(self, y: np.ndarray) -> np.ndarray:
         """See `Gram`."""
-        count, joined = len(self.slopes), self._joined
+        count, joined = len(self.slopes), self._coupled_rows
         first, other = y[:count], y[count:]
         pull = first @ self.slopes
         pull[:-1] += other[joined] @ self.coupled
@@ -192,7 +194,7 @@ class PlatformGram:
         from scipy.linalg.lapack import dpotrf, dtrtrs
 
         count = len(self.slopes)
-        weight = 1 / np.maximum(diagonal[:count], _LEAST)
+        weight = 1 / np.maximum(diagonal[:count], _MIN_DIAGONAL)
         root = np.sqrt(weight)[:, None]
         whole = self.hessian.copy()
         for rows, columns, slopes in self.chunks:
@@ -201,13 +203,15 @@ class PlatformGram:
         whole[-1] += (weight * self.slopes[:, -1]) @ self.slopes
         own, time, coupled = self.joint, self.time, self.coupled
         if len(own):
-            own, failed = dpotrf(_plus(own, diagonal[count:]).T, lower=True, overwrite_a=True, clean=False)
+            own, failed = dpotrf(
+                _add_diagonal(own, diagonal[count:]).T, lower=True, overwrite_a=True, clean=False
+            )
             if failed:
                 return None
             time, _ = dtrtrs(own, time, lower=True)
             whole[-1, -1] += time @ time
         if len(coupled):
-            joined = self._joined
+            joined = self._coupled_rows
             coupled, _ = dtrtrs(own[joined, joined], coupled, lower=True)
             whole[:-1, :-1] += coupled.T @ coupled
             whole[-1, :-1] += time[joined] @ coupled
@@ -215,7 +219,7 @@ class PlatformGram:
         if failed:
             return None
         found = _PlatformFactors(self, diagonal, weight, own, time, coupled, factor)
-        return found.solve if diagonal.min() > _STIFF else found.refined
+        return found.solve if diagonal.min() > _REFINEMENT_THRESHOLD else found.refined
 
 
 class _PlatformFactors(NamedTuple):
@@ -243,7 +247,7 @@ class _PlatformFactors(NamedTuple):
         """Solve for a right-hand side (p + q,); the solution has the same shape."""
         from scipy.linalg.lapack import dpotrs, dtrtrs
 
-        slopes, count, joined = self.gram.slopes, len(self.weight), self.gram._joined
+        slopes, count, joined = self.gram.slopes, len(self.weight), self.gram._coupled_rows
         found = np.empty_like(right)
         first, other = right[:count], right[count:]
         pull = (self.weight * first) @ slopes
@@ -266,7 +270,7 @@ class _PlatformFactors(NamedTuple):
         return found
 
 
-def _squares(slopes: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+def _gram_diagonal(slopes: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     """Diagonal (r,) of the matrix of r rows of the platform.
 
     Args:
@@ -278,7 +282,7 @@ def _squares(slopes: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     return np.asarray(np.sum(squares.reshape(-1, PLATFORM), axis=1))
 
 
-def _plus(matrix: np.ndarray, diagonal: np.ndarray) -> np.ndarray:
+def _add_diagonal(matrix: np.ndarray, diagonal: np.ndarray) -> np.ndarray:
     """Return a copy of a square matrix with a diagonal added."""
     found = matrix.copy()
     found.reshape(-1)[:: len(found) + 1] += diagonal
@@ -311,7 +315,7 @@ def gram_of(
         if np.any(time):
             matrix += np.outer(time, time) / duration_hessian
         return DenseGram(matrix)
-    platform = _of_platform(axes, along)
+    platform = _platform_slopes(axes, along)
     size, touching = platform.shape[1], np.any(axes[count:, :, :PLATFORM], axis=(1, 2))
     whole = np.zeros((size + 1, size + 1))
     for axis in range(PLATFORM):
@@ -324,7 +328,7 @@ def gram_of(
         joint=gram(axes[count:, :, PLATFORM:], along[count:], inverse),
         hessian=whole,
         inverse=inverse,
-        chunks=_chunks(platform[:count]),
+        chunks=_cut_into_chunks(platform[:count]),
     )
 
 
@@ -340,18 +344,18 @@ def order_by_place(axes: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, int
         that count is 0 where the matrix is to be formed as it is.
     """
     every = np.arange(len(axes))
-    if len(axes) < _FEW:
+    if len(axes) < _MIN_ROWS_FOR_BLOCK_SOLVE:
         return every, 0
     joints = np.any(axes[:, :, PLATFORM:], axis=(1, 2))
     count = len(axes) - int(np.count_nonzero(joints))
-    if count <= _MANY * PLATFORM * along.shape[2]:
+    if count <= _MIN_ROWS_PER_UNKNOWN * PLATFORM * along.shape[2]:
         return every, 0
     place = np.argmax(along.any(axis=1), axis=1)
     platform = np.any(axes[:, :, :PLATFORM], axis=(1, 2))
     return np.lexsort((place, np.where(joints, 1 + platform, 0))), count
 
 
-def _of_platform(axes: np.ndarray, along: np.ndarray) -> np.ndarray:
+def _platform_slopes(axes: np.ndarray, along: np.ndarray) -> np.ndarray:
     """Derivatives (r, 3 k) of r rows in the platform's coefficients, k on each of three axes.
 
     The three axes of one coefficient are side by side. Arguments are those of `gram`.
@@ -362,14 +366,14 @@ def _of_platform(axes: np.ndarray, along: np.ndarray) -> np.ndarray:
     return found.reshape(len(axes), -1)
 
 
-def _chunks(slopes: np.ndarray) -> list[_Chunk]:
+def _cut_into_chunks(slopes: np.ndarray) -> list[_Chunk]:
     """Cut rows into parts that touch few unknowns each; rows that touch none are left out.
 
     `slopes` (p, 3 k) are derivatives of p rows, sorted by place, in the platform's coefficients.
     """
     found = []
-    for begin in range(0, len(slopes), _CHUNK):
-        rows = slice(begin, min(begin + _CHUNK, len(slopes)))
+    for begin in range(0, len(slopes), _CHUNK_ROWS):
+        rows = slice(begin, min(begin + _CHUNK_ROWS, len(slopes)))
         touched = np.flatnonzero(slopes[rows].any(axis=0))
         if not len(touched):
             continue

@@ -25,19 +25,19 @@ COARSE = 12  # intervals of bent curves, enough for five switches of the acceler
 FINE = 32  # intervals on which the best bent curve is made precise
 
 # Fractions of the duration: the search by time alone ends when a step gains less.
-_ROUGHLY = 1e-2  # on few intervals, where only the best curve is chosen
-_NEARLY = 1e-3  # on many intervals, whose breaks are moved afterwards
-_POINTS = 8  # places on each interval
-_WAVES = 3  # number of waves by which a curve is bent: the slowest ones
-_BEND = 0.13  # amplitude of the slowest wave, rad for each rad of the rotation from start to goal
-_LEAST_BEND = 0.01  # rad, least amplitude, for motions whose platform hardly turns
+_COARSE_TIME_TOLERANCE = 1e-2  # on few intervals, where only the best curve is chosen
+_FINE_TIME_TOLERANCE = 1e-3  # on many intervals, whose breaks are moved afterwards
+_POINTS_PER_INTERVAL = 8  # places on each interval
+_WAVE_COUNT = 3  # number of waves by which a curve is bent: the slowest ones
+_BEND_RATIO = 0.13  # amplitude of the slowest wave, rad for each rad of the rotation from start to goal
+_MIN_BEND = 0.01  # rad, least amplitude, for motions whose platform hardly turns
 _EVEN_SHARE = 0.3  # fraction of the breaks that are spread evenly; the others follow the jerk
-_LOOKS = 2048  # places at which the jerk is evaluated
-_CLOSEST = 8.0  # most times that breaks are closer than even ones; much closer ones cost digits
-_NEIGHBOURS = 61  # number of these places over which the size of the jerk is averaged
-_ALIKE = 5e-3  # of the duration; breaks that differ by less are the usual ones of a slightly other problem
-_FAR = 0.3  # rad, by which an end may have moved; beyond, a different kind of motion may be the quickest
-_BENDING = 1e-2  # weight of second derivatives beside distances, when a curve is moved to another mesh
+_JERK_SAMPLES = 2048  # places at which the jerk is evaluated
+_MAX_DENSITY = 8.0  # most times that breaks are closer than even ones; much closer ones cost digits
+_JERK_WINDOW = 61  # number of these places over which the size of the jerk is averaged
+_BREAK_TOLERANCE = 5e-3  # of the duration; breaks that differ by less are those of a slightly other problem
+_MAX_END_SHIFT = 0.3  # rad, by which an end may have moved; beyond, another kind of motion may be quickest
+_CURVATURE_WEIGHT = 1e-2  # weight of second derivatives beside distances, where a curve changes its mesh
 
 
 def near(problem: FitProblem) -> InitialGuess | None:
@@ -59,7 +59,7 @@ def near(problem: FitProblem) -> InitialGuess | None:
     even = np.linspace(0, 1, len(breaks))
     if any(_are_alike(breaks, others) for others in (usual.basis.breaks, even)):
         return None
-    discrete = discretise(problem, _mesh(usual.places, Basis.on(breaks)), "shortest")
+    discrete = discretise(problem, _tubeless_mesh(usual.places, Basis.on(breaks)), "shortest")
     if discrete is None:
         return None
     space, size = discrete.space, discrete.space.basis.size
@@ -68,7 +68,7 @@ def near(problem: FitProblem) -> InitialGuess | None:
     )
     spline = np.linalg.lstsq(space.basis.pieces(np.eye(size)).reshape(-1, size), pieces, rcond=None)[0]
     missing = discrete.nodes[[0, -1]] - spline[[0, -1]]
-    if np.max(np.abs(missing)) > _FAR:
+    if np.max(np.abs(missing)) > _MAX_END_SHIFT:
         return None
     gone = np.linalg.lstsq(discrete.rows[0], discrete.places, rcond=None)[0][:, None]  # of the curve z(s) = s
     start = space.fixed + own.duration * space.by_time
@@ -79,7 +79,7 @@ def near(problem: FitProblem) -> InitialGuess | None:
 
 def _are_alike(breaks: np.ndarray, others: np.ndarray) -> bool:
     """Whether two sets of breaks in [0, 1] are equally many and nearly equal."""
-    return len(breaks) == len(others) and bool(np.max(np.abs(breaks - others)) <= _ALIKE)
+    return len(breaks) == len(others) and bool(np.max(np.abs(breaks - others)) <= _BREAK_TOLERANCE)
 
 
 def in_time(attempt: Attempt, duration: float, *, tighter: float) -> InitialGuess | None:
@@ -95,16 +95,16 @@ def in_time(attempt: Attempt, duration: float, *, tighter: float) -> InitialGues
 
 def along(problem: FitProblem) -> InitialGuess | None:
     """The curve nearest to a problem's path, on few intervals; None if its nodes leave every chart."""
-    mesh = _mesh(problem.mesh(problem.quickest, np.inf, 1, graded=False).places, Basis.even(COARSE))
+    mesh = _tubeless_mesh(problem.mesh(problem.quickest, np.inf, 1, graded=False).places, Basis.even(COARSE))
     duration = FIRST_GUESS * problem.quickest.duration
     begin = first_curve(problem, mesh, duration, "shortest")
-    return None if begin is None else replace(begin, by_time_to=_ROUGHLY)
+    return None if begin is None else replace(begin, by_time_to=_COARSE_TIME_TOLERANCE)
 
 
 def coarse(attempt: Attempt) -> InitialGuess:
     """The curve nearest to an attempt's, on few intervals, as the start of a rough search."""
-    discrete = _on(attempt.discrete, Basis.even(COARSE))
-    return _guess(discrete, attempt, by_time_to=_ROUGHLY)
+    discrete = _move_to_basis(attempt.discrete, Basis.even(COARSE))
+    return _guess_near(discrete, attempt, by_time_to=_COARSE_TIME_TOLERANCE)
 
 
 def bent(begin: InitialGuess, count: int) -> list[InitialGuess]:
@@ -116,13 +116,13 @@ def bent(begin: InitialGuess, count: int) -> list[InitialGuess]:
     """
     discrete, places = begin.discrete, begin.discrete.places
     calm = places**3 * (10 - 15 * places + 6 * places**2)  # at rest at both ends
-    waves = np.sin(np.pi * np.arange(1, _WAVES + 1) * calm[:, None])
+    waves = np.sin(np.pi * np.arange(1, _WAVE_COUNT + 1) * calm[:, None])
     ends = discrete.problem.attitudes[[0, -1]]
-    size = max(_BEND * float(so3.distance(*ends)), _LEAST_BEND)
+    size = max(_BEND_RATIO * float(so3.distance(*ends)), _MIN_BEND)
     free, wave_rows = discrete.space.free, discrete.rows[0] @ discrete.space.free
     by_wave = np.linalg.lstsq(wave_rows, waves, rcond=None)[0]  # (k, waves)
     found = []
-    for heights in _spread(count) * size / np.arange(1, _WAVES + 1)[:, None]:
+    for heights in _quasi_random_heights(count) * size / np.arange(1, _WAVE_COUNT + 1)[:, None]:
         coefficients = begin.coefficients.copy()
         coefficients[:, :3] += free @ by_wave @ heights
         found.append(replace(begin, coefficients=coefficients))
@@ -136,31 +136,31 @@ def precise(attempt: Attempt, *, by_time_alone: bool) -> InitialGuess:
         attempt: on few intervals or many.
         by_time_alone: whether the duration alone is to be lowered, without the energy.
     """
-    discrete = _on(attempt.discrete, Basis.on(_switching_breaks(attempt, FINE)))
-    return _guess(discrete, attempt, by_time_to=_NEARLY if by_time_alone else None)
+    discrete = _move_to_basis(attempt.discrete, Basis.on(_switching_breaks(attempt, FINE)))
+    return _guess_near(discrete, attempt, by_time_to=_FINE_TIME_TOLERANCE if by_time_alone else None)
 
 
-def _guess(discrete: DiscreteProblem, attempt: Attempt, by_time_to: float | None) -> InitialGuess:
+def _guess_near(discrete: DiscreteProblem, attempt: Attempt, by_time_to: float | None) -> InitialGuess:
     """The curve nearest to an attempt's in another discrete problem; `by_time_to` as in `InitialGuess`."""
     return InitialGuess(
         discrete=discrete,
-        coefficients=_carried(attempt, discrete),
+        coefficients=_project_curve(attempt, discrete),
         duration=attempt.needed,
         by_time_to=by_time_to,
     )
 
 
-def _on(discrete: DiscreteProblem, basis: Basis) -> DiscreteProblem:
+def _move_to_basis(discrete: DiscreteProblem, basis: Basis) -> DiscreteProblem:
     """Change a discrete problem to the breaks of another basis, without a tube and with a free duration."""
-    return replace(discrete.on_mesh(_mesh(discrete.mesh.places, basis)), timing="shortest")
+    return replace(discrete.on_mesh(_tubeless_mesh(discrete.mesh.places, basis)), timing="shortest")
 
 
-def _mesh(places: np.ndarray, basis: Basis) -> Mesh:
+def _tubeless_mesh(places: np.ndarray, basis: Basis) -> Mesh:
     """Make the mesh of a basis and of nodes at given places, one each, without a tube about these."""
-    return Mesh(places=places, basis=basis, points=_POINTS, radius=np.inf, flank=np.nan)
+    return Mesh(places=places, basis=basis, points=_POINTS_PER_INTERVAL, radius=np.inf, flank=np.nan)
 
 
-def _carried(attempt: Attempt, discrete: DiscreteProblem) -> np.ndarray:
+def _project_curve(attempt: Attempt, discrete: DiscreteProblem) -> np.ndarray:
     """Coefficients (n, A) of a problem's curve nearest to an attempt's in value and second derivative.
 
     There are n coefficients on each of A axes.
@@ -169,28 +169,28 @@ def _carried(attempt: Attempt, discrete: DiscreteProblem) -> np.ndarray:
     own = attempt.discrete.space.basis.rows(discrete.places, 3)
     start = space.fixed + attempt.needed * space.by_time
     wanted = [own[power] @ attempt.solution.coefficients - rows[power] @ start for power in (0, 2)]
-    design = np.concatenate([rows[0], _BENDING * rows[2]]) @ space.free
-    target = np.concatenate([wanted[0], _BENDING * wanted[1]])
+    design = np.concatenate([rows[0], _CURVATURE_WEIGHT * rows[2]]) @ space.free
+    target = np.concatenate([wanted[0], _CURVATURE_WEIGHT * wanted[1]])
     found: np.ndarray = start + space.free @ np.linalg.lstsq(design, target, rcond=None)[0]
     return found
 
 
 def _switching_breaks(attempt: Attempt, intervals: int) -> np.ndarray:
     """Breaks (intervals + 1,) from 0 to 1, the closer together the larger the jerk of an attempt is there."""
-    edges = np.linspace(0, 1, _LOOKS + 1)
+    edges = np.linspace(0, 1, _JERK_SAMPLES + 1)
     rows = attempt.discrete.space.basis.rows((edges[1:] + edges[:-1]) / 2)[3]
     accelerations = axis_bounds(attempt.problem.spacecraft, 2)
     jerk = np.max(np.abs(rows @ attempt.solution.coefficients) / accelerations, axis=1)
-    half = _NEIGHBOURS // 2
-    around = np.convolve(np.pad(jerk, half, mode="edge"), np.full(_NEIGHBOURS, 1 / _NEIGHBOURS), "valid")
+    half = _JERK_WINDOW // 2
+    around = np.convolve(np.pad(jerk, half, mode="edge"), np.full(_JERK_WINDOW, 1 / _JERK_WINDOW), "valid")
     mean = np.mean(around)
-    density = _EVEN_SHARE + (1 - _EVEN_SHARE) * np.minimum(around / mean if mean > 0 else 1.0, _CLOSEST)
+    density = _EVEN_SHARE + (1 - _EVEN_SHARE) * np.minimum(around / mean if mean > 0 else 1.0, _MAX_DENSITY)
     gone = np.concatenate([[0.0], np.cumsum(density)])
     return np.interp(np.linspace(0, 1, intervals + 1), gone / gone[-1], edges)
 
 
-def _spread(count: int) -> np.ndarray:
+def _quasi_random_heights(count: int) -> np.ndarray:
     """Numbers (count, waves, 3) in [-1, 1], spread evenly: multiples of square roots of primes, modulo 1."""
     primes = np.array([2, 3, 5, 7, 11, 13, 17, 19, 23])
     steps = np.sqrt(primes) * np.arange(1, count + 1)[:, None]
-    return np.asarray(2 * np.mod(steps, 1) - 1).reshape(count, _WAVES, 3)
+    return np.asarray(2 * np.mod(steps, 1) - 1).reshape(count, _WAVE_COUNT, 3)

@@ -31,7 +31,7 @@ from jaxplan.runtime.jit import materialise, quick_jit
 from jaxplan.runtime.precompile import Task
 from jaxplan.trajectory.curve import chart_motion
 
-_TOGETHER = 256  # places in one call of a kernel, always as many; 8 on each of 32 intervals
+_PLACES_PER_CALL = 256  # places in one call of a kernel, always as many; 8 on each of 32 intervals
 
 
 class Body(NamedTuple):
@@ -84,7 +84,7 @@ def padded_call(
     curves: np.ndarray,
     axes: int | None = 3,
 ) -> list[np.ndarray]:
-    """Call a kernel with `_TOGETHER` places at a time and return its arrays (S, ...), without the padding.
+    """Call a kernel with `_PLACES_PER_CALL` places at a time; return its arrays (S, ...) without the padding.
 
     Args:
         kernel: to call.
@@ -93,13 +93,13 @@ def padded_call(
         axes: number B of the first axes that the kernel takes, see `Body.axes`; None for all.
     """
     count, curves = len(places), curves[:, :, :axes]
-    extra = -count % _TOGETHER
+    extra = -count % _PLACES_PER_CALL
     if extra:
         places, curves = np.pad(places, (0, extra)), np.pad(curves, ((0, 0), (0, extra), (0, 0)))
     found = []
     with jax.enable_x64(True):
-        for first in range(0, len(places), _TOGETHER):
-            part = slice(first, first + _TOGETHER)
+        for first in range(0, len(places), _PLACES_PER_CALL):
+            part = slice(first, first + _PLACES_PER_CALL)
             answer = kernel(places[part], curves[:, part])
             found.append(answer if isinstance(answer, tuple) else (answer,))
     if len(found) == 1:
@@ -122,7 +122,7 @@ def kernel_tasks(spacecraft: Spacecraft, settings: TrajectorySettings) -> list[T
     limits, _ = timed_limits(spacecraft)
     names, matrix = tuple(limit.quantity.name for limit in limits), np.eye(3)
     joints = spacecraft.joint_count
-    places, curves = np.zeros(_TOGETHER), np.zeros((4, _TOGETHER, 3 + joints))
+    places, curves = np.zeros(_PLACES_PER_CALL), np.zeros((4, _PLACES_PER_CALL, 3 + joints))
     body = Body.of(spacecraft, np.zeros(joints), np.zeros(3 + joints))
     kernels: list[Callable[..., Any]] = [partial(motion_at, matrix, matrix[0], body=body, names=names)]
     if settings.duration != "stretched":
@@ -140,13 +140,13 @@ def loads_at(turn: Array, place: Array, z: Array, body: Body, names: tuple[str, 
         body: the rotating masses.
         names: (Q,) of the limited quantities.
     """
-    motion = _platform(turn, place, z, body, names)
+    motion = _platform_state(turn, place, z, body, names)
     if body.stages is not None:
         motion = motion._replace(stages=body.stages, joints=list(z[:3, 3:])).known
     return values(names, motion)
 
 
-def _platform(turn: Array, place: Array, z: Array, body: Body, names: tuple[str, ...]) -> Kinematics:
+def _platform_state(turn: Array, place: Array, z: Array, body: Body, names: tuple[str, ...]) -> Kinematics:
     """The kinematic state of the platform at one place, without gimbal stages; arguments as of `loads_at`."""
 
     def moving(*point: Array) -> tuple[Array, ...]:
@@ -220,7 +220,9 @@ def _slopes_with_stages(
     (S, 4, B) is the curve with its derivatives at S places; other arguments are those of `load_slopes_at`.
     """
     orders = 1 + max(highest_derivative(names), 2)  # no load depends on higher derivatives
-    spin = jax.vmap(lambda place, z: jnp.stack(_platform(turn, place, z, body, names).spin))(places, each)
+    spin = jax.vmap(lambda place, z: jnp.stack(_platform_state(turn, place, z, body, names).spin))(
+        places, each
+    )
     along = jnp.moveaxis(each[:, :3, 3:], 0, -1)
     found = stages.slopes(list(jnp.moveaxis(spin[:, :2], 0, -1)), list(along))
     carried, by_spin, by_joints = materialise(1 + places[0], tuple(jnp.moveaxis(own, -1, 0) for own in found))
@@ -230,14 +232,14 @@ def _slopes_with_stages(
 
     def at(place: Array, z: Array, here: Array, carried: Array, by_spin: Array, by_joints: Array) -> Array:
         def by_platform(own: Array) -> Array:
-            motion = _platform(turn, place, own, body, names)
+            motion = _platform_state(turn, place, own, body, names)
             velocity, acceleration = motion.spin[0] - here[0], motion.spin[1] - here[1]
             change = jnp.stack([by_spin[0] @ velocity, by_spin[1] @ velocity + by_spin[0] @ acceleration])
             return loads(motion, carried + change)
 
         own = z[:, :3]
         of_b = jax.jacfwd(lambda low: by_platform(jnp.concatenate([low, own[orders:]])))(own[:orders])
-        motion = _platform(turn, place, own, body, names)
+        motion = _platform_state(turn, place, own, body, names)
         in_carried = jax.jacfwd(lambda given: loads(motion, given))(carried)  # (C + E, 2, 3)
         of_joints = jnp.einsum("itc,tcoj->ioj", in_carried, by_joints)
         none = jnp.zeros((len(of_b), 4, z.shape[1]), z.dtype)

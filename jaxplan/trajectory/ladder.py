@@ -20,14 +20,14 @@ from jaxplan.trajectory.schedule import TrapezoidalProfile
 from jaxplan.trajectory.splines import SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess, SQPSolution
 
-_TUBE_BROKEN = 1e-6  # rad outside the tube, up to which nodes still count as passed
-_DEEP = float(np.deg2rad(0.3))  # rad; if a zone is broken by more, more intervals do not help
-_ROUNDING = 1e-9  # rad; a negative margin that is not larger is due to rounding alone
-_KEPT_MARGIN = 0.3  # fraction of the wanted margins that a sound curve has at least
-_MENDED = 1e-3  # of a limit; a first curve that breaks it by more is not improved in a given time
-_NEARLY = 1.01  # factor on time; a curve that keeps the limits with it counts as nearly within them
-_HOPELESS = 1.05  # factor on time; a curve that needs more is not tried again with more intervals
-_WIDER = 3.0  # factor on the tube's radius that is tried before the tube is dropped
+_TUBE_TOLERANCE = 1e-6  # rad outside the tube, up to which nodes still count as passed
+_DEEP_BREACH = float(np.deg2rad(0.3))  # rad; if a zone is broken by more, more intervals do not help
+_MARGIN_ROUNDING = 1e-9  # rad; a negative margin that is not larger is due to rounding alone
+_MIN_MARGIN_SHARE = 0.3  # fraction of the wanted margins that a sound curve has at least
+_MAX_FIRST_VIOLATION = 1e-3  # of a limit; a first curve that breaks it by more is not improved in given time
+_NEARLY_KEPT_STRETCH = 1.01  # factor on time; a curve that keeps the limits with it nearly keeps them
+_HOPELESS_STRETCH = 1.05  # factor on time; a curve that needs more is not tried again with more intervals
+_WIDER_TUBE_FACTOR = 3.0  # factor on the tube's radius that is tried before the tube is dropped
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +59,7 @@ class Attempt:
     @cached_property
     def clear(self) -> bool:
         """Whether zones are kept at all places, by at least a part of the wanted margins."""
-        return bool(np.all(self.solution.margins >= _KEPT_MARGIN * self.problem.wanted))
+        return bool(np.all(self.solution.margins >= _MIN_MARGIN_SHARE * self.problem.wanted))
 
     @cached_property
     def breach(self) -> tuple[str, float] | None:
@@ -68,7 +68,7 @@ class Attempt:
         An axis of the body counts as "the body", a vector that a terminal carries as that terminal.
         """
         margins = self.solution.margins
-        if np.all(margins >= -_ROUNDING):
+        if np.all(margins >= -_MARGIN_ROUNDING):
             return None
         _, sight, _ = np.unravel_index(np.argmin(margins), margins.shape)
         names, cones = self.problem.spacecraft.device_names, self.problem.cones
@@ -78,7 +78,7 @@ class Attempt:
     @property
     def in_tube(self) -> bool:
         """Whether nodes are passed within the tube that was tried."""
-        return bool(self.solution.violations[TUBE] <= _TUBE_BROKEN)
+        return bool(self.solution.violations[TUBE] <= _TUBE_TOLERANCE)
 
     @property
     def sound(self) -> bool:
@@ -114,7 +114,7 @@ class Attempt:
     @property
     def too_deep(self) -> bool:
         """Whether a zone is broken so deeply that more intervals would not mend it."""
-        return self.breach is not None and self.breach[1] > _DEEP
+        return self.breach is not None and self.breach[1] > _DEEP_BREACH
 
     @property
     def merit(self) -> tuple[bool, bool, bool, float]:
@@ -123,7 +123,7 @@ class Attempt:
         It prefers zones and ranges kept, then limits nearly kept, then the tube kept, then a smaller stretch.
         """
         stretch = min(self.peaks.stretch, 1.0) if self.peaks.kept else self.peaks.stretch
-        inside, nearly = self.clear and self.peaks.in_range, stretch <= _NEARLY
+        inside, nearly = self.clear and self.peaks.in_range, stretch <= _NEARLY_KEPT_STRETCH
         return inside, nearly, self.in_tube, -stretch
 
     @property
@@ -180,14 +180,16 @@ def first_curve(
 def make_attempts(begins: Sequence[InitialGuess | None]) -> list[Attempt | None]:
     """Improve first curves, all together, to attempts; None where the curve is None or numbers overflow."""
     given = [begin for begin in begins if begin is not None]
-    made = iter(finished([(own.discrete, found) for own, found in zip(given, _improved(given), strict=True)]))
+    made = iter(
+        finished([(own.discrete, found) for own, found in zip(given, _improve_guesses(given), strict=True)])
+    )
     return [None if begin is None else next(made) for begin in begins]
 
 
 def finished(made: Sequence[tuple[DiscreteProblem, SQPSolution]]) -> list[Attempt | None]:
     """Make attempts from problems with their solutions; None where numbers overflow."""
     curves = {
-        number: _trajectory(discrete, solution)
+        number: _to_trajectory(discrete, solution)
         for number, (discrete, solution) in enumerate(made)
         if solution.duration > 0 and np.all(np.isfinite(solution.coefficients)) and solution.finite
     }
@@ -200,7 +202,7 @@ def finished(made: Sequence[tuple[DiscreteProblem, SQPSolution]]) -> list[Attemp
     return [attempts.get(number) for number in range(len(made))]
 
 
-def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
+def _improve_guesses(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     """Improve first curves to the best ones near them, all together.
 
     In a given duration a curve that breaks limits by far is not improved, since steps from there lead
@@ -210,7 +212,7 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     first = [
         begin
         if begin.discrete.free_time or begin.discrete.problem.at_speed
-        else replace(begin, max_violation=0.0 if begin.discrete.limited else _MENDED)
+        else replace(begin, max_violation=0.0 if begin.discrete.limited else _MAX_FIRST_VIOLATION)
         for begin in begins
     ]
     solutions = sqp.improve(first)
@@ -229,7 +231,7 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
         ]
     )
     slow = [
-        replace(first[number], coefficients=solution.coefficients, max_violation=_MENDED)
+        replace(first[number], coefficients=solution.coefficients, max_violation=_MAX_FIRST_VIOLATION)
         for number, solution in zip(hasty, slower, strict=True)
     ]
     for number, solution in zip(hasty, sqp.improve(slow), strict=True):
@@ -237,7 +239,7 @@ def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     return solutions
 
 
-def _trajectory(discrete: DiscreteProblem, solution: SQPSolution) -> Trajectory:
+def _to_trajectory(discrete: DiscreteProblem, solution: SQPSolution) -> Trajectory:
     """Convert a solution's curve to a trajectory."""
     basis, chart, duration = discrete.space.basis, discrete.chart, solution.duration
     pieces = basis.pieces(solution.coefficients)
@@ -285,17 +287,17 @@ class Ladder:
     graded: bool = True
     tighter: Sequence[float] = (0.0,)
     best: Attempt | None = None
-    _here: Attempt | None = None  # the best one on this rung
-    _tightened: int = 0  # how often limits were taken tighter on this rung
+    _rung_best: Attempt | None = None  # the best one on this rung
+    _tightening_count: int = 0  # how often limits were taken tighter on this rung
 
     def first_curve(self) -> InitialGuess | None:
         """Make the curve from which the next attempt begins; None if the nodes leave every chart."""
-        if self._here is None:
+        if self._rung_best is None:
             finer, radius = self.rungs[0]
             mesh = self.problem.mesh(self.profile, radius, finer, graded=self.graded)
         else:
-            mesh = self._here.discrete.mesh
-        tighter = self.tighter[self._tightened]
+            mesh = self._rung_best.discrete.mesh
+        tighter = self.tighter[self._tightening_count]
         return first_curve(self.problem, mesh, self.duration, self.timing, tighter=tighter)
 
     def accept(self, made: Attempt | None) -> None:
@@ -304,13 +306,13 @@ class Ladder:
         No rungs are left once an attempt is good enough.
         """
         if made is not None:
-            if self._here is None or made.merit > self._here.merit:
-                self._here = made
-            nearly = 1 < made.peaks.stretch <= 1 + self.tighter[self._tightened]
-            if nearly and self._tightened + 1 < len(self.tighter):
-                self._tightened += 1
+            if self._rung_best is None or made.merit > self._rung_best.merit:
+                self._rung_best = made
+            nearly = 1 < made.peaks.stretch <= 1 + self.tighter[self._tightening_count]
+            if nearly and self._tightening_count + 1 < len(self.tighter):
+                self._tightening_count += 1
                 return
-        last, self._here, self._tightened = self._here, None, 0
+        last, self._rung_best, self._tightening_count = self._rung_best, None, 0
         del self.rungs[0]
         if last is None:
             self.rungs.clear()
@@ -321,7 +323,7 @@ class Ladder:
         if last.sound and (last.kept or not timed):
             self.rungs.clear()
         stuck = not last.peaks.kept and last.solution.steps == 0  # its first curve could not be mended
-        if last.too_deep or (timed and (stuck or last.peaks.stretch > _HOPELESS)):
+        if last.too_deep or (timed and (stuck or last.peaks.stretch > _HOPELESS_STRETCH)):
             while self.rungs and self.rungs[0][0] > 1:
                 del self.rungs[0]
 
@@ -335,6 +337,6 @@ def rungs(radius: float, *, in_time: bool = True) -> list[tuple[int, float]]:
             rung without a tube is listed: the shortest motion, which is looked for then, is found sooner.
     """
     along_nodes = radius == 0 or (in_time and radius < np.inf)
-    wider = [(1, _WIDER * radius)] if 0 < radius < np.inf and in_time else []
+    wider = [(1, _WIDER_TUBE_FACTOR * radius)] if 0 < radius < np.inf and in_time else []
     free = [(1, np.inf), (2, np.inf)][: 2 if in_time else 1] if radius > 0 else []
     return [*([(1, radius), (2, radius)] if along_nodes else []), *wider, *free]

@@ -21,15 +21,15 @@ import numpy as np
 from jaxplan.model.scaling import time_factor
 from jaxplan.runtime.batching import in_groups
 
-_CURVES = 16  # curves whose maxima are found together, so few that results stay in the processor's cache
-_RESOLVED = 1e-10  # of the largest term of a quantity's sums of cosines; smaller last terms are negligible
+_CURVES_PER_GROUP = 16  # curves whose maxima are found together; their results stay in the processor's cache
+_RESOLUTION_TOLERANCE = 1e-10  # of the largest term of a sum of cosines; smaller last terms are negligible
 
-_FINE = 4  # intervals of the fine grid in theta for each Chebyshev point
-_NEWTON_STEPS = 12  # most steps from the grid to a maximum
-_STILL = 1e-9  # rad; smaller steps of theta end the search. A maximum is flat: its error is the square
+_FINE_STEPS_PER_POINT = 4  # intervals of the fine grid in theta for each Chebyshev point
+_MAX_NEWTON_STEPS = 12  # most steps from the grid to a maximum
+_STEP_TOLERANCE = 1e-9  # rad; smaller steps of theta end the search. A maximum is flat: it errs by the square
 
-_LOOKS = 12  # most iterations that follow the peaks of quantities with a lesser part
-_SETTLED = 1e-12  # of a time factor; a step that adds less is the last
+_MAX_FACTOR_STEPS = 12  # most iterations that follow the peaks of quantities with a lesser part
+_FACTOR_TOLERANCE = 1e-12  # of a time factor; a step that adds less is the last
 
 
 def is_resolved(values: np.ndarray) -> bool:
@@ -42,7 +42,7 @@ def is_resolved(values: np.ndarray) -> bool:
     """
     series = np.abs(chebyshev(values.shape[1])[0] @ values)
     last, most = (np.max(part, axis=(0, 1), initial=0.0) for part in (series[:, -2:], series))
-    return not np.any(last > _RESOLVED * most)
+    return not np.any(last > _RESOLUTION_TOLERANCE * most)
 
 
 def largest(values: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -55,11 +55,14 @@ def largest(values: Sequence[np.ndarray]) -> list[np.ndarray]:
         (Q,) for each curve; all NaN if any of its values is not finite.
     """
     return in_groups(
-        values, lambda own: (own.shape[1:], bool(np.isfinite(own).all())), _largest_of, most=_CURVES
+        values,
+        lambda own: (own.shape[1:], bool(np.isfinite(own).all())),
+        _largest_of_group,
+        most=_CURVES_PER_GROUP,
     )
 
 
-def _largest_of(values: Sequence[np.ndarray]) -> list[np.ndarray]:
+def _largest_of_group(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Do the same as `largest` for curves with the same G and Q whose values are all finite, or none are."""
     if not np.isfinite(values[0]).all():
         return [np.full(own.shape[2], np.nan) for own in values]
@@ -72,12 +75,12 @@ def _largest_of(values: Sequence[np.ndarray]) -> list[np.ndarray]:
     # A maximum, half a step off at most, exceeds the grid by no more than the second derivatives allow.
     step = np.pi / (len(to_fine) - 1)
     bends = np.sum(np.abs(series) * np.arange(series.shape[2]) ** 2, axis=2)
-    piece, quantity, theta = _peaked(series, heights, highest[owner] - step**2 / 8 * bends, step)
-    np.maximum.at(highest, (owner[piece], quantity), np.abs(_at(series[piece, quantity], theta)))
+    piece, quantity, theta = _find_local_maxima(series, heights, highest[owner] - step**2 / 8 * bends, step)
+    np.maximum.at(highest, (owner[piece], quantity), np.abs(_sum_cosines(series[piece, quantity], theta)))
     return list(highest)
 
 
-def _peaked(
+def _find_local_maxima(
     series: np.ndarray, heights: np.ndarray, floor: np.ndarray, step: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find the local maxima of the magnitudes of sums of cosines.
@@ -96,10 +99,10 @@ def _peaked(
     peaked[..., 1:] &= heights[..., 1:] > heights[..., :-1]
     peaked[..., :-1] &= heights[..., :-1] >= heights[..., 1:]
     piece, quantity, place = np.unravel_index(np.flatnonzero(peaked), peaked.shape)
-    return piece, quantity, _follow(series[piece, quantity], place * step, step)
+    return piece, quantity, _refine_maxima(series[piece, quantity], place * step, step)
 
 
-def _at(sums: np.ndarray, theta: np.ndarray) -> np.ndarray:
+def _sum_cosines(sums: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """Evaluate sums of cosines, each at one angle.
 
     Args:
@@ -113,7 +116,7 @@ def _at(sums: np.ndarray, theta: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("ck,ck->c", sums, cosines))
 
 
-def _follow(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
+def _refine_maxima(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
     """Find local maxima of the magnitudes of sums of cosines by Newton's method in shrinking brackets.
 
     Args:
@@ -130,7 +133,7 @@ def _follow(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
     second = first * k
     theta, lower, upper = theta.copy(), theta - reach, theta + reach
     moving = np.arange(len(theta))
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(_MAX_NEWTON_STEPS):
         at = theta[moving]
         angle = np.outer(at, k)
         slope = -np.einsum("ck,ck->c", first[moving], np.sin(angle))
@@ -140,7 +143,7 @@ def _follow(sums: np.ndarray, theta: np.ndarray, reach: float) -> np.ndarray:
         ahead = at - slope / np.where(curvature < 0, curvature, -1)
         sound = (curvature < 0) & (lower[moving] <= ahead) & (ahead <= upper[moving])
         theta[moving] = np.where(sound, ahead, (lower[moving] + upper[moving]) / 2)
-        moving = moving[np.abs(theta[moving] - at) > _STILL]
+        moving = moving[np.abs(theta[moving] - at) > _STEP_TOLERANCE]
         if not len(moving):
             break
     return theta
@@ -163,7 +166,7 @@ def rooted_factors(share: np.ndarray, lesser: np.ndarray, power: int) -> np.ndar
     step = np.pi / (len(to_fine) - 1)
     orders = np.arange(series.shape[2]) ** 2
     left = np.flatnonzero(np.isfinite(factors) & (factors > 0))
-    for _ in range(_LOOKS):
+    for _ in range(_MAX_FACTOR_STEPS):
         if not len(left):
             break
         own = factors[left, None]
@@ -171,11 +174,13 @@ def rooted_factors(share: np.ndarray, lesser: np.ndarray, power: int) -> np.ndar
         sums = a / own**power + b / own ** (power - 1)
         heights = np.abs(sums @ to_fine.T)
         floor = np.max(heights, axis=(0, 2)) - step**2 / 8 * np.sum(np.abs(sums) * orders, axis=2)
-        piece, quantity, theta = _peaked(sums, heights, floor, step)
-        needed = time_factor(_at(a[piece, quantity], theta), power, _at(b[piece, quantity], theta))
+        piece, quantity, theta = _find_local_maxima(sums, heights, floor, step)
+        needed = time_factor(
+            _sum_cosines(a[piece, quantity], theta), power, _sum_cosines(b[piece, quantity], theta)
+        )
         ahead = factors[left]
         np.maximum.at(ahead, quantity, needed)
-        rising = np.isfinite(ahead) & (ahead > (1 + _SETTLED) * factors[left])
+        rising = np.isfinite(ahead) & (ahead > (1 + _FACTOR_TOLERANCE) * factors[left])
         factors[left] = ahead
         left = left[rising]
     return factors
@@ -189,11 +194,11 @@ def chebyshev(points: int) -> tuple[np.ndarray, np.ndarray]:
         points: number G of Chebyshev points.
 
     Returns:
-        (G, G), and (`_FINE` * G + 1, G) for a grid with equal steps in theta from 0 to pi.
+        (G, G), and (`_FINE_STEPS_PER_POINT` * G + 1, G) for a grid with equal steps in theta from 0 to pi.
     """
     k = np.arange(points)
     halved_ends = np.ones(points)
     halved_ends[[0, -1]] = 0.5
     cosines = np.cos(np.pi * np.outer(k, k) / (points - 1))
     to_series = 2 / (points - 1) * halved_ends[:, None] * cosines * halved_ends
-    return to_series, np.cos(np.outer(np.linspace(0, np.pi, _FINE * points + 1), k))
+    return to_series, np.cos(np.outer(np.linspace(0, np.pi, _FINE_STEPS_PER_POINT * points + 1), k))

@@ -34,9 +34,9 @@ from jaxplan.trajectory.spectrum import expect_frequencies, magnitude, transform
 
 Quantity = Callable[[Samples], Array]
 
-_EACH, _ALL = 12, 600  # least number of samples on each piece, and about that on a whole trajectory
-_GAUSS = 12  # nodes of Gauss' rule on each piece
-_LOOKS = 4  # rounds of samples: the first over the whole trajectory, the others about the extreme
+_PIECE_SAMPLES, _TOTAL_SAMPLES = 12, 600  # least number on each piece, and about that on a whole trajectory
+_GAUSS_NODES = 12  # nodes of Gauss' rule on each piece
+_SAMPLING_ROUNDS = 4  # rounds of samples: the first over the whole trajectory, the others about the extreme
 
 
 def time_factors(samples: Samples, craft: Spacecraft, total: Array | None = None) -> Array:
@@ -54,7 +54,7 @@ def time_factors(samples: Samples, craft: Spacecraft, total: Array | None = None
     """
     motion = samples.kinematics(craft, total)
     factors = [limit.time_factors(motion) for group in timed_limits(craft) for limit in group]
-    return _largest_of(jnp.moveaxis(jnp.concatenate(factors), 0, -1))
+    return _max_or_nan(jnp.moveaxis(jnp.concatenate(factors), 0, -1))
 
 
 def torque(samples: Samples, craft: Spacecraft, total: Array | None = None) -> Array:
@@ -81,7 +81,7 @@ def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
         A number; NaN where one of the values looked at is NaN.
     """
     held = jax.lax.stop_gradient(trajectory)
-    first = _times(held)
+    first = _first_sample_times(held)
     count = len(first)
     shares = (jnp.arange(count) - count // 2) / (count // 2)  # of the window, whose middle is the best so far
 
@@ -93,7 +93,7 @@ def largest(trajectory: Trajectory, quantity: Quantity) -> Array:
         return near, 2 * spacing / (count // 2), best, sound & ~jnp.any(jnp.isnan(values))
 
     state = first, jnp.max(jnp.diff(jnp.sort(first))), first[0], jnp.array(True)
-    _, _, best, sound = jax.lax.fori_loop(0, _LOOKS, look, state)
+    _, _, best, sound = jax.lax.fori_loop(0, _SAMPLING_ROUNDS, look, state)
     # The fraction of the duration is held, and not the time, since a peak at a break moves with the break.
     moving = best + (duration(trajectory) - duration(held)) * (best / duration(held))
     return jnp.where(sound, quantity(evaluate(trajectory, moving)), jnp.nan)
@@ -111,7 +111,7 @@ def peak(trajectory: Trajectory, field: str) -> Array:
     Returns:
         A number in the field's unit, such as rad/s^2; zero where there is no component.
     """
-    return largest(trajectory, lambda samples: _largest_of(jnp.abs(getattr(samples, field))))
+    return largest(trajectory, lambda samples: _max_or_nan(jnp.abs(getattr(samples, field))))
 
 
 @of_plans
@@ -147,8 +147,8 @@ def integral(trajectory: Trajectory, quantity: Quantity) -> Array:
     Returns:
         A number in the quantity's unit times s.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(_GAUSS)
-    breaks = _breaks(trajectory)
+    nodes, weights = np.polynomial.legendre.leggauss(_GAUSS_NODES)
+    breaks = _all_breaks(trajectory)
     half = jnp.diff(breaks)[:, None] / 2
     times = breaks[:-1, None] + half * (nodes + 1)
     return jnp.sum((half * weights).ravel() * quantity(evaluate(trajectory, times.ravel())))
@@ -158,17 +158,17 @@ def integral(trajectory: Trajectory, quantity: Quantity) -> Array:
 @at_once()
 def effort(trajectory: Trajectory) -> Array:
     """Integral of the squared accelerations of platform and joints over time, rad^2/s^3."""
-    return _squares(trajectory, "angular_acceleration", "joint_accelerations")
+    return _integrate_squares(trajectory, "angular_acceleration", "joint_accelerations")
 
 
 @of_plans
 @at_once()
 def roughness(trajectory: Trajectory) -> Array:
     """Integral of the squared jerks of platform and joints over time, rad^2/s^5."""
-    return _squares(trajectory, "angular_jerk", "joint_jerks")
+    return _integrate_squares(trajectory, "angular_jerk", "joint_jerks")
 
 
-def _squares(trajectory: Trajectory, *names: str) -> Array:
+def _integrate_squares(trajectory: Trajectory, *names: str) -> Array:
     """Integral over time of the squares of two fields of `Samples`, summed over components."""
 
     def squares(samples: Samples) -> Array:
@@ -224,7 +224,7 @@ def peak_torque(trajectory: Trajectory, craft: Spacecraft) -> Array:
     The spacecraft's inertia must be set; see `torque`.
     """
     total = total_momentum(trajectory, craft)
-    return largest(trajectory, lambda samples: _largest_of(jnp.abs(torque(samples, craft, total))))
+    return largest(trajectory, lambda samples: _max_or_nan(jnp.abs(torque(samples, craft, total))))
 
 
 SPECTRA = ("torque", "wheel_torques", "angular_acceleration")
@@ -278,7 +278,7 @@ def _spectrum(trajectory: Trajectory, craft: Spacecraft, frequencies: Array, nam
             return jnp.asarray(samples.angular_acceleration)
         return jnp.moveaxis(jnp.asarray(getattr(samples.kinematics(craft, total), name)), 0, -1)
 
-    return magnitude(transform(values, _breaks(trajectory), jnp.asarray(frequencies)))
+    return magnitude(transform(values, _all_breaks(trajectory), jnp.asarray(frequencies)))
 
 
 @of_plans
@@ -297,7 +297,7 @@ def wheel_torques(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np
     Raises:
         ValueError: if there are no wheels, or a time lies outside the trajectory.
     """
-    return np.moveaxis(_of_wheels(trajectory, craft, t)[0], 0, -1)
+    return np.moveaxis(_wheel_torques_and_momenta(trajectory, craft, t)[0], 0, -1)
 
 
 @of_plans
@@ -307,10 +307,12 @@ def wheel_momenta(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> np
     Those at the end are what the wheels store at the start of the next manoeuvre. Arguments and errors are
     those of `wheel_torques`.
     """
-    return np.moveaxis(_of_wheels(trajectory, craft, t)[1], 0, -1)
+    return np.moveaxis(_wheel_torques_and_momenta(trajectory, craft, t)[1], 0, -1)
 
 
-def _of_wheels(trajectory: Trajectory, craft: Spacecraft, t: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+def _wheel_torques_and_momenta(
+    trajectory: Trajectory, craft: Spacecraft, t: ArrayLike
+) -> tuple[np.ndarray, np.ndarray]:
     """Torques (N m) and momenta (N m s) of the n wheels, (n,) for a single time or (n, k) for k times.
 
     Raises:
@@ -336,7 +338,7 @@ def to_limits(trajectory: Trajectory, craft: Spacecraft) -> Trajectory:
     return trajectory.scaled(factor)
 
 
-def _largest_of(magnitudes: Array) -> Array:
+def _max_or_nan(magnitudes: Array) -> Array:
     """Maximum over the last axis, zero where that is empty; unlike `jnp.max` it is NaN where an entry is.
 
     Entries are magnitudes, zero or more.
@@ -345,15 +347,15 @@ def _largest_of(magnitudes: Array) -> Array:
     return jnp.where(sound, jnp.max(magnitudes, axis=-1, initial=0.0), jnp.nan)
 
 
-def _breaks(trajectory: Trajectory) -> Array:
+def _all_breaks(trajectory: Trajectory) -> Array:
     """The breaks of platform and joints together, ascending, in s; common ones are listed twice."""
     return jnp.sort(jnp.concatenate([jnp.asarray(trajectory.breaks), jnp.asarray(trajectory.joint_breaks)]))
 
 
-def _times(trajectory: Trajectory) -> Array:
+def _first_sample_times(trajectory: Trajectory) -> Array:
     """Times (k,) in s of the first samples: many on every piece, and each break from both sides."""
-    breaks = _breaks(trajectory)
-    each = max(_EACH, -(-_ALL // (len(breaks) - 1)))
+    breaks = _all_breaks(trajectory)
+    each = max(_PIECE_SAMPLES, -(-_TOTAL_SAMPLES // (len(breaks) - 1)))
     steps = jnp.arange(each) / each
     inner = breaks[:-1, None] + jnp.diff(breaks)[:, None] * steps
     return jnp.concatenate([inner.ravel(), breaks[-1:], jnp.nextafter(breaks[1:], breaks[0])])

@@ -23,9 +23,9 @@ from jaxplan.model.scores import margins_of_scores, scores
 from jaxplan.trajectory.kernels import Kernel, load_slopes_at, motion_at, padded_call
 from jaxplan.trajectory.problem import DiscreteProblem
 
-_BETWEEN = 0.02  # of a limit, the most by which a load is taken to exceed its values at nearest places
-_FLAT = 1e-12  # of a limit, least curvature of a parabola that is divided by
-_BROKEN = 1e-6  # the largest violation of a constraint that still counts as none
+_MAX_PEAK_RISE = 0.02  # of a limit, the most by which a load is taken to exceed its values at nearest places
+_MIN_CURVATURE = 1e-12  # of a limit, least curvature of a parabola that is divided by
+_VIOLATION_TOLERANCE = 1e-6  # the largest violation of a constraint that still counts as none
 
 LIMIT, ZONE, TUBE = range(3)  # kinds of constraints; joint ranges count as LIMIT
 
@@ -163,10 +163,10 @@ class Stack:
             known_slopes=[None] * len(duration),
         )
         broken, kind = at.violations, self.members[0]
-        broken[:, ZONE] = _most(self.wanted[:, None] - margins)
+        broken[:, ZONE] = _largest_per_member(self.wanted[:, None] - margins)
         off_centre = np.abs(curves[:, 0, :, 3:] - self.centres[:, None])
-        broken[:, LIMIT] = _most(off_centre - self.reaches[:, None])
-        broken[:, TUBE] = _most(
+        broken[:, LIMIT] = _largest_per_member(off_centre - self.reaches[:, None])
+        broken[:, TUBE] = _largest_per_member(
             np.abs(self.tube_rows @ coefficients - self.tube_values) - self.tube_radius[:, None]
         )
         if kind.limited:
@@ -244,13 +244,13 @@ class Stack:
         before, after = slopes[:, :-1], slopes[:, 1:]
         wide = gaps[:, :-1] + gaps[:, 1:]
         slope = (after * gaps[:, :-1] + before * gaps[:, 1:]) / wide
-        bend = np.maximum((before - after) / wide, _FLAT)
+        bend = np.maximum((before - after) / wide, _MIN_CURVATURE)
         peak = (before >= 0) & (after <= 0)
         found = shares.copy()
-        found[:, 1:-1] += np.where(peak, np.minimum(slope**2 / (4 * bend), _BETWEEN), 0.0)
+        found[:, 1:-1] += np.where(peak, np.minimum(slope**2 / (4 * bend), _MAX_PEAK_RISE), 0.0)
         return found
 
-    def _rooted(self, at: "Iterates") -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
+    def _loads_with_lesser_part(self, at: "Iterates") -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
         """Yield, for each load with a lesser part, its two terms as shares of the limit.
 
         A load at duration T is ``leading / T^p + lower / T^(p - 1)``; the curves' loads are those for 1 s.
@@ -270,7 +270,7 @@ class Stack:
         Places where slowing down does not help are left out.
         """
         found = np.zeros(len(at.duration))
-        for share, power, lesser in self._rooted(at):
+        for share, power, lesser in self._loads_with_lesser_part(at):
             factors = time_factor(share, power, lesser)
             factors[np.isinf(factors)] = 0.0
             found = np.maximum(found, np.max(factors, axis=(1, 2)))
@@ -279,7 +279,7 @@ class Stack:
     def rooted_shares(self, at: "Iterates") -> np.ndarray:
         """Largest fraction (G,) of a limit that loads with a lesser part take, in each curve's duration."""
         found, duration = np.zeros(len(at.duration)), at.duration[:, None, None]
-        for share, power, lesser in self._rooted(at):
+        for share, power, lesser in self._loads_with_lesser_part(at):
             own = np.abs(share / duration**power + lesser / duration ** (power - 1))
             found = np.maximum(found, np.max(own, axis=(1, 2)))
         return found
@@ -323,7 +323,7 @@ class Iterates:
     @property
     def is_sound(self) -> np.ndarray:
         """(G,) bool for each curve, whether no constraint is broken at the places."""
-        return np.all(self.violations <= _BROKEN, axis=1)
+        return np.all(self.violations <= _VIOLATION_TOLERANCE, axis=1)
 
     @cached_property
     def finite(self) -> np.ndarray:
@@ -389,7 +389,7 @@ def taken(array: np.ndarray, which: np.ndarray) -> np.ndarray:
     return array[which]
 
 
-def _most(values: np.ndarray) -> np.ndarray:
+def _largest_per_member(values: np.ndarray) -> np.ndarray:
     """Largest value of each of G arrays (G, ...), as (G,); -inf for empty ones."""
     return np.asarray(np.max(values.reshape(len(values), -1), axis=1, initial=-np.inf))
 

@@ -46,7 +46,7 @@ def linearised(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced
 @quick_jit
 def curve_of(held: ActiveSet, inputs: FitInputs, z: ArrayLike) -> tuple[Traced, Traced]:
     """Return the curve at ``z``: n spline coefficients on each of A axes (n, A), and the duration in s."""
-    x, _, duration = _split(held, inputs, jnp.asarray(z))
+    x, _, duration = _split_unknowns(held, inputs, jnp.asarray(z))
     return held.free @ x + offset_of(held, inputs, duration), duration
 
 
@@ -58,7 +58,7 @@ def flat(held: ActiveSet) -> Traced:
     return array_module(*parts).concatenate(parts)
 
 
-def _split(held: ActiveSet, inputs: FitInputs, z: Traced) -> tuple[Traced, Traced, Traced]:
+def _split_unknowns(held: ActiveSet, inputs: FitInputs, z: Traced) -> tuple[Traced, Traced, Traced]:
     """Split ``z`` into free coefficients ``x`` (k, A), multipliers ``y`` (R,) of rows, and duration (s)."""
     x, y = z[: held.x.size].reshape(held.x.shape), z[held.x.size :][: len(held.multipliers)]
     return x, y, jnp.exp(z[-1]) if held.free_time else inputs.duration
@@ -74,7 +74,7 @@ def energy_of(held: ActiveSet, inputs: FitInputs, duration: Traced) -> Traced:
     return jnp.tensordot(inputs.weights * duration ** -np.array([1.0, 3.0, 5.0]), held.energies, axes=1)
 
 
-def _on(held: ActiveSet) -> Traced:
+def _row_mask(held: ActiveSet) -> Traced:
     """(R,) bool for all rows (linear ones, loads, margins), false for padding."""
     return jnp.concatenate([held.linear.on, held.loads.on, held.zones.on])
 
@@ -84,9 +84,9 @@ def residual(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
 
     The entry of a row that is padding is that row's multiplier, so that it is zero at the root.
     """
-    x, y, duration = _split(held, inputs, z)
-    c, on = held.free @ x + offset_of(held, inputs, duration), _on(held)
-    values, slopes = _values(held, inputs, c, duration), _slopes(held, inputs, c, duration)
+    x, y, duration = _split_unknowns(held, inputs, z)
+    c, on = held.free @ x + offset_of(held, inputs, duration), _row_mask(held)
+    values, slopes = _row_values(held, inputs, c, duration), _row_slopes(held, inputs, c, duration)
     if held.free_time:
         by_time, gradient = _log_energy_slopes(held, inputs, c, z[-1])
     else:
@@ -94,7 +94,7 @@ def residual(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     pull = held.free.T @ gradient + jnp.tensordot(jnp.where(on, y, 0), slopes, axes=1)
     parts = [pull.ravel(), jnp.where(on, values, y)]
     if held.free_time:
-        shares = jnp.where(on, _powers(held, inputs) * (values + 1), 0)
+        shares = jnp.where(on, _duration_powers(held, inputs) * (values + 1), 0)
         lesser = _lesser_terms(held, inputs, c, duration)
         if lesser is not None:
             shares = shares.at[lesser[0]].add(-lesser[1])
@@ -113,7 +113,7 @@ def _log_energy_slopes(held: ActiveSet, inputs: FitInputs, c: Traced, time: Trac
     return slopes
 
 
-def _powers(held: ActiveSet, inputs: FitInputs) -> Traced:
+def _duration_powers(held: ActiveSet, inputs: FitInputs) -> Traced:
     """(R,) power of the duration by which each row falls; zero for margins.
 
     A motion at rest at its ends depends on the duration in no other way, lesser parts of loads apart.
@@ -156,7 +156,7 @@ def _linear_rows(held: ActiveSet, inputs: FitInputs) -> Traced:
     return jnp.einsum("rd,rdn->rn", powers, linear.rows)
 
 
-def _values(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> Traced:
+def _row_values(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> Traced:
     """Excess (R,) of each row over its bound, negative if kept: a fraction of the bound; rad for margins."""
     linear, loads, zones = held.linear, held.loads, held.zones
     value = jnp.einsum("rn,nr->r", _linear_rows(held, inputs), c[:, linear.axis])
@@ -171,8 +171,8 @@ def _values(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
     return jnp.concatenate(values)
 
 
-def _slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> Traced:
-    """(R, k, A) derivatives of each row's `_values` in the k free coefficients of each axis."""
+def _row_slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> Traced:
+    """(R, k, A) derivatives of each row's `_row_values` in the k free coefficients of each axis."""
     linear, loads, zones = held.linear, held.loads, held.zones
     axes = c.shape[1]
     rows = _linear_factors(held, inputs, duration)[:, None] * (_linear_rows(held, inputs) @ held.free)
@@ -188,7 +188,7 @@ def _slopes(held: ActiveSet, inputs: FitInputs, c: Traced, duration: Traced) -> 
     return jnp.concatenate(slopes)
 
 
-def _load_row(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> Traced:
+def _load_excess(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> Traced:
     """Fraction of its limit by which one load exceeds it, negative if it is kept.
 
     Args:
@@ -202,19 +202,21 @@ def _load_row(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced)
     limit = inputs.limits * duration ** np.array(inputs.load_powers, float)
     value = row.sign * loads[row.component] / limit[row.component] - 1
     if any(number >= 0 for number in inputs.lesser):
-        value = value + (1 - 1 / duration) * _lesser_row(inputs, duration, row, z)
+        value = value + (1 - 1 / duration) * _lesser_share(inputs, duration, row, z)
     return value
 
 
-def _lesser_row(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> Traced:
-    """The lesser part of a load as a fraction of the load's limit; arguments as of `_load_row`."""
+def _lesser_share(inputs: FitInputs, duration: Traced, row: BindingLoads, z: Traced) -> Traced:
+    """The lesser part of a load as a fraction of the load's limit; arguments as of `_load_excess`."""
     loads = loads_at(inputs.turn, row.place, z, inputs.body, inputs.names)
     number = jnp.array(inputs.lesser)[row.component]
     limit = inputs.limits * duration ** np.array([power - 1.0 for power in inputs.load_powers])
     return jnp.where(number >= 0, row.sign * loads[number] / limit[row.component], 0)
 
 
-def _zone_row(inputs: FitInputs, row: BindingMargins, chart: tuple[Traced, Traced], z: Traced) -> Traced:
+def _margin_shortfall(
+    inputs: FitInputs, row: BindingMargins, chart: tuple[Traced, Traced], z: Traced
+) -> Traced:
     """Angle in rad by which one margin falls short of what is wanted; negative if it is kept.
 
     Args:
@@ -232,7 +234,7 @@ def _zone_row(inputs: FitInputs, row: BindingMargins, chart: tuple[Traced, Trace
     return inputs.wanted[row.device, row.zone] - margin[0]
 
 
-def _with_slopes(row: Callable[..., Traced], axes: Any) -> tuple[Callable[..., Traced], ...]:
+def _map_with_derivatives(row: Callable[..., Traced], axes: Any) -> tuple[Callable[..., Traced], ...]:
     """Map a function of one row over all rows, with its first and second derivative in the last argument.
 
     The three functions are jitted, so that they are traced and compiled once however often a program calls
@@ -246,15 +248,15 @@ def _with_slopes(row: Callable[..., Traced], axes: Any) -> tuple[Callable[..., T
     return tuple(jax.jit(jax.vmap(one, axes)) for one in (row, slope, jax.jacfwd(slope, 3)))
 
 
-_load_values, _load_slopes, _load_bends = _with_slopes(_load_row, (None, None, 0, 0))
-_lesser_values, _lesser_slopes, _ = _with_slopes(_lesser_row, (None, None, 0, 0))
-_zone_values, _zone_slopes, _zone_bends = _with_slopes(_zone_row, (None, 0, 0, 0))
+_load_values, _load_slopes, _load_hessians = _map_with_derivatives(_load_excess, (None, None, 0, 0))
+_lesser_values, _lesser_slopes, _ = _map_with_derivatives(_lesser_share, (None, None, 0, 0))
+_zone_values, _zone_slopes, _zone_hessians = _map_with_derivatives(_margin_shortfall, (None, 0, 0, 0))
 
 
 def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     """Derivative of `residual` in ``z``, a symmetric matrix assembled from blocks at the binding rows."""
-    x, y, duration = _split(held, inputs, z)
-    c, free, on = held.free @ x + offset_of(held, inputs, duration), held.free, _on(held)
+    x, y, duration = _split_unknowns(held, inputs, z)
+    c, free, on = held.free @ x + offset_of(held, inputs, duration), held.free, _row_mask(held)
     loads, zones = held.loads, held.zones
     counts = np.cumsum([len(held.linear.on), len(loads.on)])
     _, of_loads, of_zones = jnp.split(jnp.where(on, y, 0), counts)
@@ -267,21 +269,21 @@ def matrix(held: ActiveSet, inputs: FitInputs, z: Traced) -> Traced:
     if len(loads.on):
         basis = loads.rows @ free
         local = jnp.einsum("rdn,na->rda", loads.rows, c[:, : inputs.body.axes])
-        bend = _load_bends(inputs, duration, loads, local)
+        bend = _load_hessians(inputs, duration, loads, local)
         own = jnp.einsum("r,rdk,rdaeb,rel->kalb", of_loads, basis, bend, basis, optimize=True)
         first = slice(own.shape[1])
         curved = curved.at[:, first, :, first].add(own)
     if len(zones.on):
         basis = zones.row @ free
-        bend = _zone_bends(inputs, zones, (inputs.axes, inputs.halves), zones.row @ c)
+        bend = _zone_hessians(inputs, zones, (inputs.axes, inputs.halves), zones.row @ c)
         curved = curved + jnp.einsum("r,rk,rab,rl->kalb", of_zones, basis, bend, basis, optimize=True)
-    jacobian = _slopes(held, inputs, c, duration).reshape(len(y), x.size) * on[:, None]
+    jacobian = _row_slopes(held, inputs, c, duration).reshape(len(y), x.size) * on[:, None]
     corner = jnp.diag(jnp.where(on, -_REGULARISATION, 1.0))
     at_time = jnp.block([[curved.reshape(x.size, x.size), jacobian.T], [jacobian, corner]])
     if not held.free_time:
         return at_time
-    falls = jnp.where(on, _powers(held, inputs), 0)
-    shares = falls * (_values(held, inputs, c, duration) + 1)
+    falls = jnp.where(on, _duration_powers(held, inputs), 0)
+    shares = falls * (_row_values(held, inputs, c, duration) + 1)
     _, (corner, of_c) = jax.jvp(
         lambda time: _log_energy_slopes(held, inputs, c, time), (z[-1],), (jnp.ones_like(z[-1]),)
     )

@@ -40,7 +40,7 @@ def success(attempt: Attempt, *, stretch: bool = False) -> Fit:
         attempt: the best one.
         stretch: whether its time is first scaled, so that it just keeps all limits.
     """
-    found = _kept_limits(attempt, stretch=stretch)
+    found = _fit_of_attempt(attempt, stretch=stretch)
     if not attempt.problem.settings.optimal or found.origin is None:
         return found
     notes = "; ".join(filter(None, (found.note, NOT_OPTIMAL)))
@@ -48,10 +48,10 @@ def success(attempt: Attempt, *, stretch: bool = False) -> Fit:
     best = found.origin.at_optimum()
     if best is None or not best.sound or not (stretch or best.kept):
         return spare
-    return replace(_kept_limits(best, stretch=stretch), spare=spare)
+    return replace(_fit_of_attempt(best, stretch=stretch), spare=spare)
 
 
-def _kept_limits(attempt: Attempt, *, stretch: bool) -> Fit:
+def _fit_of_attempt(attempt: Attempt, *, stretch: bool) -> Fit:
     """The fit with an attempt's curve: OK, or UNCERTIFIED if it breaks a zone or a joint's range."""
     curve, problem = attempt.trajectory, attempt.problem
     if stretch:
@@ -80,7 +80,7 @@ def _kept_limits(attempt: Attempt, *, stretch: bool) -> Fit:
     return Fit(trajectory=curve, status=Status.OK, message=message, note=note, origin=origin)
 
 
-_OTHER_RATES = (
+_RATES_ADVICE = (
     "lower the rates at start and end; where these are those of targets that move, meet them at another "
     "time, by a number for trajectory.duration_s"
 )
@@ -99,7 +99,7 @@ def limits_too_tight(closest: Attempt, duration: float, needed: float | None) ->
         return full_on_the_way(closest.trajectory, problem.spacecraft)
     if needed is not None:
         enough = needed_words(needed, moving=problem.horizon > 0, scalable=True)
-    else_try = _OTHER_RATES if problem.at_speed else 'set it to "minimum"'
+    else_try = _RATES_ADVICE if problem.at_speed else 'set it to "minimum"'
     return Fit(
         trajectory=closest.trajectory,
         status=Status.LIMITS_TOO_TIGHT,

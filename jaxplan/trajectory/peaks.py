@@ -49,16 +49,16 @@ from jaxplan.trajectory.splines import derivative_matrix
 
 SAFETY = 1 + 1e-6  # factor on time beyond what the peaks require, so that an independent proof has room
 
-_ROUNDING = 1e-9  # of a joint's range, by which it may be exceeded, since a node may be at its very end
+_RANGE_ROUNDING = 1e-9  # of a joint's range, by which it may be exceeded, since a node may be at its very end
 
-_SHARPER = 2  # factor on the number of points, where stages turn far on a piece
-_SHARPEST = 4  # most times that this factor is applied
-_FEW = 8  # pieces; where a trajectory has more, they are short and take fewer points
-_POINTS = 4096  # points computed together, so that intermediate results stay in the processor's cache
+_REFINEMENT_FACTOR = 2  # factor on the number of points, where stages turn far on a piece
+_MAX_REFINEMENTS = 4  # most times that this factor is applied
+_FEW_PIECES = 8  # pieces; where a trajectory has more, they are short and take fewer points
+_POINTS_PER_BLOCK = 4096  # points computed together; intermediate results stay in the processor's cache
 
-_SMALL = 0.05  # rad^2, square of the angle below which series are used
-_ZERO = 1e-300  # rad^2, least square of an angle whose root is divided by
-_STEP = 1e-30  # s, along the imaginary axis, of complex-step derivatives
+_MAX_SERIES_SQUARE = 0.05  # rad^2, square of the angle below which series are used
+_MIN_SQUARE = 1e-300  # rad^2, least square of an angle whose root is divided by
+_COMPLEX_STEP = 1e-30  # s, along the imaginary axis, of complex-step derivatives
 
 Asked = tuple[Trajectory, Spacecraft, tuple[str, ...]]
 """A trajectory of positive duration, its spacecraft, and names of the quantities asked for."""
@@ -138,7 +138,7 @@ def all_peaks(curves: Sequence[tuple[Trajectory, Spacecraft]]) -> list[Peaks]:
         platform.append(np.where(squared, np.sqrt(found), found))
     joints = largest([_joint_values(*curve) for curve in curves])
     crafts = [craft for _, craft in curves]
-    return [_shares(*own) for own in zip(crafts, limits, platform, joints, loads, strict=True)]
+    return [_make_peaks(*own) for own in zip(crafts, limits, platform, joints, loads, strict=True)]
 
 
 def wheel_rows(craft: Spacecraft) -> int:
@@ -146,7 +146,7 @@ def wheel_rows(craft: Spacecraft) -> int:
     return 0 if craft.wheel_array is None else len(craft.wheel_array.rows)
 
 
-def _shares(
+def _make_peaks(
     craft: Spacecraft,
     limits: tuple[tuple[Limit, ...], tuple[Limit, ...]],
     platform: np.ndarray,
@@ -179,7 +179,7 @@ def _shares(
         names=tuple(name for limit in every for name in limit.names),
         ratios=np.concatenate([own / limit.bound for own, limit in zip(largest, every, strict=True)]),
         powers=np.concatenate([np.full(len(limit.bound), limit.quantity.power) for limit in every]),
-        in_range=bool(np.all(angles <= (1 + _ROUNDING) * np.diff(craft.joint_ranges)[:, 0] / 2)),
+        in_range=bool(np.all(angles <= (1 + _RANGE_ROUNDING) * np.diff(craft.joint_ranges)[:, 0] / 2)),
         rooted=np.concatenate(rooted) if rows else None,
     )
 
@@ -204,25 +204,25 @@ def _platform_loads(asked: Sequence[Asked]) -> list[np.ndarray]:
         return in_groups(
             list(zip(some, points, strict=True)),
             kind,
-            lambda alike: _loads_at([own for own, _ in alike], alike[0][1]),
+            lambda alike: _loads_at_points([own for own, _ in alike], alike[0][1]),
         )
 
     asked = [(own[0] if own[1].stages is None else on_common_pieces(own[0]), *own[1:]) for own in asked]
 
     # The attitude's exponentials add to the polynomials' degree: little where pieces are short.
     sizes = [curve.coefficients.shape for curve, _, _ in asked]
-    found = at_points(asked, [size + 7 if count > _FEW else 3 * size + 1 for count, size, _ in sizes])
+    found = at_points(asked, [size + 7 if count > _FEW_PIECES else 3 * size + 1 for count, size, _ in sizes])
     again = [number for number, own in enumerate(found) if not is_resolved(own)]
     more = at_points([asked[number] for number in again], [4 * sizes[number][1] + 13 for number in again])
     for number, own in zip(again, more, strict=True):
         found[number] = own
-    for _ in range(_SHARPEST):
+    for _ in range(_MAX_REFINEMENTS):
         again = [
             number
             for number in again
             if asked[number][1].stages is not None and not is_resolved(found[number])
         ]
-        more = at_points([asked[n] for n in again], [_SHARPER * found[n].shape[1] for n in again])
+        more = at_points([asked[n] for n in again], [_REFINEMENT_FACTOR * found[n].shape[1] for n in again])
         for number, own in zip(again, more, strict=True):
             found[number] = own
     return found
@@ -236,12 +236,12 @@ def _joint_values(trajectory: Trajectory, craft: Spacecraft) -> np.ndarray:
     """
     coefficients = trajectory.joint_coefficients
     count, size, joints = coefficients.shape
-    curves = _curves(coefficients, np.diff(trajectory.joint_breaks), size, 3)
+    curves = _evaluate_pieces(coefficients, np.diff(trajectory.joint_breaks), size, 3)
     curves[:, 0] -= np.mean(craft.joint_ranges, axis=-1)
     return np.ascontiguousarray(np.moveaxis(curves, 1, 2)).reshape(count, size, 3 * joints)
 
 
-def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
+def _loads_at_points(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
     """`_platform_loads` of trajectories with the same degree and names, at so many Chebyshev points."""
     trajectories, names = [curve for curve, _, _ in asked], asked[0][2]
     coefficients = np.concatenate([own.coefficients for own in trajectories])
@@ -253,18 +253,18 @@ def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
     stages = asked[0][1].stages
     of_joints = None if stages is None else np.concatenate([own.joint_coefficients for own in trajectories])
     inertia = np.repeat(np.array(given, float), counts, axis=0)
-    shares, orders = (_chebyshev(points) + 1) / 2, 1 + max(highest_derivative(names), 2)
-    block = max(1, _POINTS // points)
+    shares, orders = (_chebyshev_points(points) + 1) / 2, 1 + max(highest_derivative(names), 2)
+    block = max(1, _POINTS_PER_BLOCK // points)
     wheels = wheel_rows(asked[0][1])
     squared = are_lengths(names, wheels)
     lesser = [part for part in lesser_components(names, wheels) if part is not None]
     count = len(squared) + sum(part.stop - part.start for part in lesser)
     squared = np.append(squared, np.zeros(count - len(squared), bool))
-    totals = _totals(asked) if wheels else None
+    totals = _collect_wheel_data(asked) if wheels else None
     found = np.empty((len(length), points, count))
     for first in range(0, len(length), block):
         part = slice(first, first + block)
-        b = _curves(coefficients[part], length[part], points, orders)
+        b = _evaluate_pieces(coefficients[part], length[part], points, orders)
         with np.errstate(invalid="ignore", over="ignore"):  # callers check for NaN
             chart = (
                 np.repeat(chart_rate[part].T, points, axis=1),
@@ -274,7 +274,7 @@ def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
             own = np.repeat(np.moveaxis(inertia[part], 0, 2), points, axis=2)
             motion = Kinematics(spin=rates(*chart), inertia=own, stages=stages)
             if of_joints is not None:
-                joints = _curves(of_joints[part], length[part], points, 3)
+                joints = _evaluate_pieces(of_joints[part], length[part], points, 3)
                 values_of = np.moveaxis(joints, (1, 3), (0, 1)).reshape(3, joints.shape[3], -1)
                 motion = motion._replace(joints=list(values_of)).known
             if totals is not None:
@@ -282,14 +282,14 @@ def _loads_at(asked: Sequence[Asked], points: int) -> list[np.ndarray]:
                     np.repeat(np.moveaxis(each[part], 0, -1), points, axis=-1) for each in totals
                 )
                 array = WheelArray(*[np.empty(0)] * len(WheelArray._fields))._replace(rows=rows, apart=apart)
-                motion = motion._replace(total=_in_body(*chart, total), array=array)
+                motion = motion._replace(total=_rotate_to_body(*chart, total), array=array)
             loads = np.asarray(values(names, motion))
         loads[squared] *= loads[squared]
         found[part] = loads.T.reshape(-1, points, len(loads))
     return np.split(found, np.cumsum(counts)[:-1])
 
 
-def _totals(asked: Sequence[Asked]) -> tuple[np.ndarray, ...]:
+def _collect_wheel_data(asked: Sequence[Asked]) -> tuple[np.ndarray, ...]:
     """Collect what loads of wheels depend on, for each of N pieces of trajectories with equally many rows.
 
     Returns:
@@ -304,7 +304,7 @@ def _totals(asked: Sequence[Asked]) -> tuple[np.ndarray, ...]:
     return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
 
-def _curves(coefficients: np.ndarray, lengths: np.ndarray, points: int, orders: int) -> np.ndarray:
+def _evaluate_pieces(coefficients: np.ndarray, lengths: np.ndarray, points: int, orders: int) -> np.ndarray:
     """(N, orders, points, d) polynomials and their time derivatives at Chebyshev points of N pieces.
 
     Args:
@@ -315,25 +315,27 @@ def _curves(coefficients: np.ndarray, lengths: np.ndarray, points: int, orders: 
     """
     count, size, axes = coefficients.shape
     with np.errstate(invalid="ignore", over="ignore"):
-        curves = (_rows(size, points, orders) @ coefficients).reshape(count, orders, points, axes)
+        curves = (_evaluation_matrix(size, points, orders) @ coefficients).reshape(
+            count, orders, points, axes
+        )
         scale = np.divide(2, lengths, out=np.zeros(count), where=lengths > 0)  # a piece of no length rests
         return np.asarray(curves * scale[:, None, None, None] ** np.arange(orders)[:, None, None])
 
 
 @cache
-def _rows(size: int, points: int, orders: int) -> np.ndarray:
+def _evaluation_matrix(size: int, points: int, orders: int) -> np.ndarray:
     """(orders * points, size) matrix from Legendre coefficients to values and derivatives in [-1, 1].
 
     They are at Chebyshev points, all values first, then all of each derivative.
     """
-    values = np.polynomial.legendre.legvander(_chebyshev(points), size - 1)
+    values = np.polynomial.legendre.legvander(_chebyshev_points(points), size - 1)
     matrix = derivative_matrix(size - 1)
     found = np.concatenate([values @ np.linalg.matrix_power(matrix, order) for order in range(orders)])
     found.flags.writeable = False
     return found
 
 
-def _chebyshev(points: int) -> np.ndarray:
+def _chebyshev_points(points: int) -> np.ndarray:
     """Chebyshev points (points,) in [-1, 1], in descending order, both ends included."""
     return np.cos(np.pi * np.arange(points) / (points - 1))
 
@@ -351,9 +353,9 @@ def rates(chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray) -> list[np.nda
     """
     if len(b) == 3:
         return list(_velocity_and_acceleration(chart_rate, tau, *b))
-    ahead = b[:-1] + 1j * _STEP * b[1:]
-    velocity, acceleration = _velocity_and_acceleration(chart_rate, tau + 1j * _STEP, *ahead)
-    return [velocity.real, acceleration.real, acceleration.imag / _STEP]
+    ahead = b[:-1] + 1j * _COMPLEX_STEP * b[1:]
+    velocity, acceleration = _velocity_and_acceleration(chart_rate, tau + 1j * _COMPLEX_STEP, *ahead)
+    return [velocity.real, acceleration.real, acceleration.imag / _COMPLEX_STEP]
 
 
 def _velocity_and_acceleration(
@@ -362,8 +364,8 @@ def _velocity_and_acceleration(
     """Angular velocity and acceleration at n instants, (3, n) each, see `rates`; arguments may be complex."""
     eta, eta_rate = b - tau * chart_rate, b_rate - chart_rate
     square = dot(eta, eta)
-    sine, cosine = _sine_and_cosine(square)
-    cubic, cosine_slope, cubic_slope = _further(square, sine, cosine)
+    sine, cosine = _rodrigues_coefficients(square)
+    cubic, cosine_slope, cubic_slope = _jacobian_coefficients(square, sine, cosine)
 
     def tangent(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return ``D x``, with ``eta x x`` and ``eta x (eta x x)``."""
@@ -380,32 +382,32 @@ def _velocity_and_acceleration(
     velocity = (chart_rate + turned) / 2 + own
     acceleration = bend - cross(own, turned) / 2 - cross(chart_rate, velocity) / 2
     turn = tau * chart_rate / 2
-    of_turn = _sine_and_cosine(dot(turn, turn))
-    return _turned_back(turn, *of_turn, velocity), _turned_back(turn, *of_turn, acceleration)
+    of_turn = _rodrigues_coefficients(dot(turn, turn))
+    return _rotate_back(turn, *of_turn, velocity), _rotate_back(turn, *of_turn, acceleration)
 
 
-def _in_body(chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray, vector: np.ndarray) -> np.ndarray:
+def _rotate_to_body(chart_rate: np.ndarray, tau: np.ndarray, b: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Turn vectors (3, n) from the axes of charts' bases to body axes, for n instants; see `rates`."""
     turn = tau * chart_rate / 2
     eta = b[0] - 2 * turn
-    around, between = (_sine_and_cosine(dot(each, each)) for each in (turn, eta))
-    return _turned_back(turn, *around, _turned_back(eta, *between, _turned_back(turn, *around, vector)))
+    around, between = (_rodrigues_coefficients(dot(each, each)) for each in (turn, eta))
+    return _rotate_back(turn, *around, _rotate_back(eta, *between, _rotate_back(turn, *around, vector)))
 
 
-def _turned_back(turn: np.ndarray, sine: np.ndarray, cosine: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Compute ``exp(turn^)^T x`` for vectors ``x`` (3, n), from `_sine_and_cosine` of the squared angles."""
+def _rotate_back(turn: np.ndarray, sine: np.ndarray, cosine: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Compute ``exp(turn^)^T x`` of ``x`` (3, n) from `_rodrigues_coefficients` of the squared angles."""
     once = cross(turn, vector)
     return np.asarray(vector - sine * once + cosine * cross(turn, once))
 
 
-def _sine_and_cosine(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rodrigues_coefficients(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """``sin t / t`` and ``(1 - cos t) / t^2`` as functions of ``t^2``, (n,) real or complex."""
-    angle = np.sqrt(np.where(square.real < _ZERO, _ZERO, square))
+    angle = np.sqrt(np.where(square.real < _MIN_SQUARE, _MIN_SQUARE, square))
     half = np.sin(angle / 2) / angle
     return np.sin(angle) / angle, 2 * half * half
 
 
-def _further(
+def _jacobian_coefficients(
     square: np.ndarray, sine: np.ndarray, cosine: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return ``(t - sin t) / t^3``, and derivatives by ``t^2`` of ``(1 - cos t) / t^2`` and of the former.
@@ -415,7 +417,7 @@ def _further(
         sine: ``sin t / t``.
         cosine: ``(1 - cos t) / t^2``.
     """
-    small = square.real < _SMALL
+    small = square.real < _MAX_SERIES_SQUARE
     z, safe = np.where(small, square, 0), np.where(small, 1, square)
     cubic = np.where(
         small, 1 / 6 - z * (1 / 120 - z * (1 / 5040 - z * (1 / 362880 - z / 39916800))), (1 - sine) / safe

@@ -29,10 +29,10 @@ Given = ParamSpec("Given")
 Out = TypeVar("Out")
 
 _MEASURES: dict[str, Callable[..., Array]] = {}  # the undecorated functions by name
-_OF_ARRAYS: set[str] = set()  # names of the measures whose value is an array, not a single number
+_ARRAY_MEASURES: set[str] = set()  # names of the measures whose value is an array, not a single number
 
 # Arguments that a plan's scene supplies: their classes, and functions that get them from the scene.
-_OF_SCENES: dict[str, tuple[type, Callable[[Any], Any]]] = {
+_SCENE_ARGUMENTS: dict[str, tuple[type, Callable[[Any], Any]]] = {
     "craft": (Spacecraft, lambda scene: scene.spacecraft),
     "cones": (Constraints, lambda scene: scene.constraints),
 }
@@ -40,77 +40,79 @@ _OF_SCENES: dict[str, tuple[type, Callable[[Any], Any]]] = {
 Chosen = tuple[tuple[str, Any], ...]  # names and values of the arguments that are not numbers
 
 
-def _measured(name: str, chosen: Chosen, given: dict[str, Any]) -> Array:
+def _call_measure(name: str, chosen: Chosen, given: dict[str, Any]) -> Array:
     """Call the measure of this name with its arguments `given` and those that are not numbers, `chosen`."""
     return _MEASURES[name](**given, **dict(chosen))
 
 
-def _measured_with_slopes(name: str, chosen: Chosen, given: dict[str, Any]) -> tuple[Array, Any]:
-    """Return `_measured` and its gradient in the numbers, a tree like `given`."""
-    return jax.value_and_grad(partial(_measured, name, chosen), allow_int=True)(given)
+def _value_and_gradient(name: str, chosen: Chosen, given: dict[str, Any]) -> tuple[Array, Any]:
+    """Return `_call_measure` and its gradient in the numbers, a tree like `given`."""
+    return jax.value_and_grad(partial(_call_measure, name, chosen), allow_int=True)(given)
 
 
-def _is_real(leaf: Any) -> bool:
+def _is_differentiable(leaf: Any) -> bool:
     """Whether a leaf of the arguments can be differentiated, as floating-point numbers can."""
     return bool(jnp.issubdtype(jnp.result_type(leaf), jnp.floating))
 
 
-def _by_numbers(name: str, chosen: Chosen, given: dict[str, Any]) -> tuple[Callable[..., Array], list[Any]]:
-    """Return `_measured` as a function of a list of its differentiable numbers, and that list."""
+def _as_function_of_numbers(
+    name: str, chosen: Chosen, given: dict[str, Any]
+) -> tuple[Callable[..., Array], list[Any]]:
+    """Return `_call_measure` as a function of a list of its differentiable numbers, and that list."""
 
     def measured(numbers: list[Any]) -> Array:
         left = iter(numbers)
-        own = jax.tree.map(lambda leaf: next(left) if _is_real(leaf) else leaf, given)
-        return _measured(name, chosen, own)
+        own = jax.tree.map(lambda leaf: next(left) if _is_differentiable(leaf) else leaf, given)
+        return _call_measure(name, chosen, own)
 
-    return measured, list(filter(_is_real, jax.tree.leaves(given)))
+    return measured, list(filter(_is_differentiable, jax.tree.leaves(given)))
 
 
 @partial(quick_jit, level=0, static_argnums=(0, 1))
-def _pushed(name: str, chosen: Chosen, given: dict[str, Any], way: list[Any]) -> Array:
-    """Derivative of a measure along a tangent `way` of its numbers, see `_by_numbers`."""
-    measured, numbers = _by_numbers(name, chosen, given)
+def _push_forward(name: str, chosen: Chosen, given: dict[str, Any], way: list[Any]) -> Array:
+    """Derivative of a measure along a tangent `way` of its numbers, see `_as_function_of_numbers`."""
+    measured, numbers = _as_function_of_numbers(name, chosen, given)
     return jax.jvp(measured, (numbers,), (way,))[1]
 
 
 @partial(quick_jit, level=0, static_argnums=(0, 1))
-def _pulled(name: str, chosen: Chosen, given: dict[str, Any], cotangents: Array) -> list[Any]:
-    """Multiply cotangents by a measure's derivatives in its numbers, see `_by_numbers`."""
-    measured, numbers = _by_numbers(name, chosen, given)
+def _pull_back(name: str, chosen: Chosen, given: dict[str, Any], cotangents: Array) -> list[Any]:
+    """Multiply cotangents by a measure's derivatives in its numbers, see `_as_function_of_numbers`."""
+    measured, numbers = _as_function_of_numbers(name, chosen, given)
     (slopes,) = jax.vjp(measured, numbers)[1](cotangents)
     return list(slopes)
 
 
 @cache
-def _slopes(name: str, chosen: Chosen) -> Callable[..., list[Array]]:
+def _derivative_map(name: str, chosen: Chosen) -> Callable[..., list[Array]]:
     """Make the derivative of a measure that is an array, as a linear map of tangents of its numbers."""
     return linear_map(
         f"slopes of {name}",
-        lambda given, way: [_pushed(name, chosen, given, list(way))],
-        lambda given, cotangents: _pulled(name, chosen, given, *cotangents),
+        lambda given, way: [_push_forward(name, chosen, given, list(way))],
+        lambda given, cotangents: _pull_back(name, chosen, given, *cotangents),
     )
 
 
-_value = quick_jit(_measured, level=0, static_argnums=(0, 1))
-_value_with_slopes = quick_jit(_measured_with_slopes, level=0, static_argnums=(0, 1))
-_followed = jax.custom_jvp(_measured, nondiff_argnums=(0, 1))
+_jitted_value = quick_jit(_call_measure, level=0, static_argnums=(0, 1))
+_jitted_value_and_gradient = quick_jit(_value_and_gradient, level=0, static_argnums=(0, 1))
+_differentiable_value = jax.custom_jvp(_call_measure, nondiff_argnums=(0, 1))
 
 
-@_followed.defjvp
-def _follow(name: str, chosen: Chosen, own: tuple[Any], ways: tuple[Any]) -> tuple[Array, Array]:
-    """Derivative rule of `_followed` for tangents `ways`: outside traces it uses compiled kernels.
+@_differentiable_value.defjvp
+def _jvp_rule(name: str, chosen: Chosen, own: tuple[Any], ways: tuple[Any]) -> tuple[Array, Array]:
+    """Derivative rule of `_differentiable_value` for tangents `ways`, by compiled kernels outside traces.
 
     Returns:
         The measure's value and its derivative along the tangents.
     """
     if is_traced(own):
-        return jax.jvp(partial(_measured, name, chosen), own, ways)
-    if name in _OF_ARRAYS:  # gradients of all entries would be too much if one number is made of them
-        found, leaves = _value(name, chosen, *own), map(jax.tree.leaves, (own, ways))
-        way = [way for leaf, way in zip(*leaves, strict=True) if _is_real(leaf)]
-        return found, _slopes(name, chosen)(*own, way, [found])[0]
-    found, slopes = _value_with_slopes(name, chosen, *own)
-    return found, _along(slopes, *ways)
+        return jax.jvp(partial(_call_measure, name, chosen), own, ways)
+    if name in _ARRAY_MEASURES:  # gradients of all entries would be too much if one number is made of them
+        found, leaves = _jitted_value(name, chosen, *own), map(jax.tree.leaves, (own, ways))
+        way = [way for leaf, way in zip(*leaves, strict=True) if _is_differentiable(leaf)]
+        return found, _derivative_map(name, chosen)(*own, way, [found])[0]
+    found, slopes = _jitted_value_and_gradient(name, chosen, *own)
+    return found, _directional_derivative(slopes, *ways)
 
 
 def at_once(
@@ -129,7 +131,7 @@ def at_once(
         name, parameters = measure.__name__, signature(measure)
         _MEASURES[name] = measure
         if of_arrays:
-            _OF_ARRAYS.add(name)
+            _ARRAY_MEASURES.add(name)
 
         @wraps(measure)
         def run(*args: Given.args, **kwargs: Given.kwargs) -> Array:
@@ -138,9 +140,9 @@ def at_once(
             given = dict(bound.arguments)
             chosen = tuple((choice, given.pop(choice)) for choice in choices)
             if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(given)):
-                return (_followed if is_traced(given) else _value)(name, chosen, given)
+                return (_differentiable_value if is_traced(given) else _jitted_value)(name, chosen, given)
             with jax.enable_x64(True):
-                return np.asarray(_value(name, chosen, given))[()]  # type: ignore[return-value]
+                return np.asarray(_jitted_value(name, chosen, given))[()]  # type: ignore[return-value]
 
         return run
 
@@ -148,7 +150,7 @@ def at_once(
 
 
 @jax.jit
-def _along(slopes: Any, ways: Any) -> Array:
+def _directional_derivative(slopes: Any, ways: Any) -> Array:
     """Derivative along a tangent `ways` of all numbers of a tree, from the gradient `slopes` in them."""
     pairs = zip(jax.tree.leaves(slopes), jax.tree.leaves(ways), strict=True)
     return sum(
@@ -162,7 +164,7 @@ def of_plans(measure: Callable[..., Out]) -> Callable[..., Out]:
     With a plan the arguments ``craft`` and ``cones`` may be left out; those of the plan are then used.
     """
     parameters = signature(measure)
-    wanted = [name for name in _OF_SCENES if name in parameters.parameters]
+    wanted = [name for name in _SCENE_ARGUMENTS if name in parameters.parameters]
 
     @wraps(measure)
     def called(*args: Any, **kwargs: Any) -> Out:
@@ -172,10 +174,10 @@ def of_plans(measure: Callable[..., Out]) -> Callable[..., Out]:
             given["trajectory"] = _trajectory_of(plan)
             scene = getattr(plan, "scenario", getattr(plan, "scene", None))
             for name in wanted:
-                given.setdefault(name, _OF_SCENES[name][1](scene))
+                given.setdefault(name, _SCENE_ARGUMENTS[name][1](scene))
         for name in wanted:
             if name in given:
-                kind = _OF_SCENES[name][0]
+                kind = _SCENE_ARGUMENTS[name][0]
                 hint = f"of a plan {name} may be left out, and what comes after is told by its name"
                 expect(name, given[name], kind, hint)
         return measure(**given)

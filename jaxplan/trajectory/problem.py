@@ -35,18 +35,18 @@ from jaxplan.trajectory.kernels import Body
 from jaxplan.trajectory.schedule import TrapezoidalProfile, along
 from jaxplan.trajectory.splines import Basis, CurveSpace
 
-_INTERVALS = 32  # least number of intervals of a spline; more follow zones more closely, but cost time
-_PER_NODE = 1.5  # intervals per node that is passed exactly; fewer leave no freedom between nodes
-_PER_TUBE = 2 / 3  # intervals per node in a tube, which constrains less
-_POINTS = 8  # places on each interval; with more, less is overlooked between them
-_FEW_POINTS = 4  # places on each interval where intervals are many, and so short
-_MANY = 128  # number of intervals from which on each has `_FEW_POINTS`
-_FEWEST_TUBE_NODES = 8  # least padded number of nodes in tubes; a larger one makes more fits alike
-_SMOOTHING = 1e-9  # weight of the third derivative beside the distance from the path, in first curves
-_TUBE_RADIUS = float(np.deg2rad(1.0))  # rad, of the tube about nodes, unless the settings give one
+_MIN_INTERVALS = 32  # least number of intervals of a spline; more follow zones more closely, but cost time
+_INTERVALS_PER_NODE = 1.5  # intervals per node that is passed exactly; fewer leave no freedom between nodes
+_INTERVALS_PER_TUBE_NODE = 2 / 3  # intervals per node in a tube, which constrains less
+_POINTS_PER_INTERVAL = 8  # places on each interval; with more, less is overlooked between them
+_POINTS_PER_SHORT_INTERVAL = 4  # places on each interval where intervals are many, and so short
+_MANY_INTERVALS = 128  # number of intervals from which on each has `_POINTS_PER_SHORT_INTERVAL`
+_MIN_TUBE_NODES = 8  # least padded number of nodes in tubes; a larger one makes more fits alike
+_SMOOTHING_WEIGHT = 1e-9  # weight of the third derivative beside the distance from the path, in first curves
+_DEFAULT_TUBE_RADIUS = float(np.deg2rad(1.0))  # rad, of the tube about nodes, unless the settings give one
 _CLEARANCE = float(np.deg2rad(0.3))  # rad, margin wanted at places, so that zones are kept between them
-_BALANCED = 1.05  # factor on the platform's own least time; if the joints take longer, they alone bind
-_SHARE_OF_ENDS = 0.5  # fraction of the margin at start or goal that is wanted elsewhere, at most
+_BIND_FACTOR = 1.05  # factor on the platform's own least time; if the joints take longer, they alone bind
+_END_MARGIN_SHARE = 0.5  # fraction of the margin at start or goal that is wanted elsewhere, at most
 
 Timing = Literal["given", "stretched", "shortest"]
 """How the duration of a curve is determined: "given" by the settings; "stretched" to the limits, after a fit
@@ -217,9 +217,9 @@ class FitProblem:
         """
         turn = so3.log(self.attitudes[0].T @ self.attitudes[-1])
         alone = rest_bounds(self.spacecraft, turn[None], np.zeros((1, self.joints.shape[1])))[0]
-        if self.spacecraft.wheels and schedule.turn_time(turn, self.spacecraft) >= _BALANCED * self.bound:
+        if self.spacecraft.wheels and schedule.turn_time(turn, self.spacecraft) >= _BIND_FACTOR * self.bound:
             return True
-        return bool(_BALANCED * alone >= self.bound)
+        return bool(_BIND_FACTOR * alone >= self.bound)
 
     @cached_property
     def times(self) -> np.ndarray:
@@ -257,10 +257,10 @@ class FitProblem:
         else:
             shares = schedule.node_fractions(self.times)
             places = shares if self.at_speed else profile.places(shares)
-        each = _PER_TUBE if np.isfinite(radius) else 0.0
+        each = _INTERVALS_PER_TUBE_NODE if np.isfinite(radius) else 0.0
         if radius == 0:
-            each = _PER_NODE
-        intervals = finer * _INTERVALS * max(1, int(np.ceil(each * count / _INTERVALS)))
+            each = _INTERVALS_PER_NODE
+        intervals = finer * _MIN_INTERVALS * max(1, int(np.ceil(each * count / _MIN_INTERVALS)))
         flank = np.nan
         if radius == 0:  # as many breaks between nodes as there are elsewhere
             basis = Basis.on(np.interp(np.linspace(0, count, intervals + 1), np.arange(count + 1), places))
@@ -268,13 +268,13 @@ class FitProblem:
             basis, flank = Basis.on(profile.breaks(intervals)), float(profile.flank_share)
         else:
             basis = Basis.even(intervals)
-        points = _POINTS if intervals < _MANY else _FEW_POINTS
+        points = _POINTS_PER_INTERVAL if intervals < _MANY_INTERVALS else _POINTS_PER_SHORT_INTERVAL
         return Mesh(places=places, basis=basis, points=points, radius=radius, flank=flank)
 
 
 def tube_radius(settings: TrajectorySettings) -> Any:
     """Radius of the tube about the nodes in rad: that of the settings, or the default of 1 deg."""
-    return _TUBE_RADIUS if settings.node_tube is None else settings.node_tube
+    return _DEFAULT_TUBE_RADIUS if settings.node_tube is None else settings.node_tube
 
 
 def wanted_margins(cones: Constraints, left: AnyArray) -> AnyArray:
@@ -289,7 +289,7 @@ def wanted_margins(cones: Constraints, left: AnyArray) -> AnyArray:
     """
     xp, least, most = arrays(left, room(cones))
     # The room matters for rows of an entry that need not hold, since another entry holds at both ends.
-    return xp.minimum(xp.minimum(_CLEARANCE, most), _SHARE_OF_ENDS * xp.maximum(least, 0))
+    return xp.minimum(xp.minimum(_CLEARANCE, most), _END_MARGIN_SHARE * xp.maximum(least, 0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -374,14 +374,14 @@ class DiscreteProblem:
         start = space.fixed + duration * space.by_time
         design = rows @ space.free
         bending = space.free.T @ space.energies[3] @ space.free
-        weight = _SMOOTHING * len(bending) / np.trace(bending)
+        weight = _SMOOTHING_WEIGHT * len(bending) / np.trace(bending)
         pull = design.T @ (wanted - rows @ start) - weight * (space.free.T @ (space.energies[3] @ start))
         return start + space.free @ np.linalg.solve(design.T @ design + weight * bending, pull)
 
     def on_mesh(self, mesh: Mesh) -> "DiscreteProblem":
         """The same problem on another mesh, in the same chart."""
         nodes = self.problem.attitudes, self.problem.turns, mesh.places
-        return _in_chart(
+        return _discretise_in_chart(
             self.problem, mesh, self.timing, self.share, self.chart, self.chart.coordinates(*nodes)
         )
 
@@ -404,10 +404,10 @@ def discretise(
     chart, b = fitting(problem.attitudes, problem.turns, mesh.places)
     if not farthest(chart, b, mesh.places) <= CHART_REACH:
         return None
-    return _in_chart(problem, mesh, timing, share, chart, b)
+    return _discretise_in_chart(problem, mesh, timing, share, chart, b)
 
 
-def _in_chart(
+def _discretise_in_chart(
     problem: FitProblem, mesh: Mesh, timing: Timing, share: float, chart: Chart, b: np.ndarray
 ) -> DiscreteProblem:
     """Make the discrete problem in a chart in which the nodes have coordinates ``b`` (m + 1, 3), rad."""
@@ -422,7 +422,7 @@ def _in_chart(
     radius[:3] /= np.sqrt(3.0)  # an error of b bounds that of the attitude
     count, (size, axes) = len(nodes[in_tube]), (mesh.basis.size, nodes.shape[1])
     tube_rows, tube_values = (
-        np.zeros((padded_count(count, _FEWEST_TUBE_NODES), width)) for width in (size, axes)
+        np.zeros((padded_count(count, _MIN_TUBE_NODES), width)) for width in (size, axes)
     )
     if count:
         tube_rows[:count] = mesh.basis.rows(mesh.places[in_tube], 1)[0]

@@ -25,13 +25,13 @@ from jaxplan.trajectory.gram import gram_of, order_by_place, times
 from jaxplan.trajectory.motion import taken
 from jaxplan.trajectory.qp import ROUGHLY, BoxQP, solve_box_qps
 
-_ROUNDS = 6  # most times that a program is solved, each time with the rows that were missed before
-_WORST_ONLY = 2  # rounds after which all broken rows are added, not only the worst ones
-_KEPT = 0.1  # of a row's tolerance; a row to which a step leaves more slack is taken out again
-_BINDING = 1e-6  # of the largest multiplier of a program; smaller ones count as zero
-_MOST_ROWS = 512  # most rows of a dual; no more can bind on the usual number of intervals
-_SHORTEST_STEP = -0.5  # of the duration, the largest decrease in one step, so that it stays positive
-_NO_SLOPE = 1e-9  # rows with smaller derivatives are left out, as no step changes them
+_MAX_ROUNDS = 6  # most times that a program is solved, each time with the rows that were missed before
+_WORST_ONLY_ROUNDS = 2  # rounds after which all broken rows are added, not only the worst ones
+_DROP_SLACK_RATIO = 0.1  # of a row's tolerance; a row to which a step leaves more slack is taken out again
+_MULTIPLIER_TOLERANCE = 1e-6  # of the largest multiplier of a program; smaller ones count as zero
+_MAX_ROWS = 512  # most rows of a dual; no more can bind on the usual number of intervals
+_MIN_STRETCH = -0.5  # of the duration, the largest decrease in one step, so that it stays positive
+_MIN_SLOPE = 1e-9  # rows with smaller derivatives are left out, as no step changes them
 
 Multipliers = dict[str, np.ndarray]  # by name of the block, one for each of its rows
 
@@ -110,7 +110,7 @@ class ActiveRows(NamedTuple):
     basis: np.ndarray
 
 
-class _Forms(NamedTuple):
+class _ReducedForms(NamedTuple):
     """The programs at a stack of G curves in the free coefficients, without any rows.
 
     Attributes:
@@ -136,8 +136,8 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
     which = np.arange(count)
     free_t = np.swapaxes(quadratic.free, 1, 2)
     hessian = free_t @ quadratic.hessian @ quadratic.free
-    inverse = _inverses_of_forms(hessian)
-    forms = _Forms(hessian, inverse, -inverse @ (free_t @ quadratic.gradient))
+    inverse = _scaled_inverses(hessian)
+    forms = _ReducedForms(hessian, inverse, -inverse @ (free_t @ quadratic.gradient))
     coefficients, stretch = np.empty_like(quadratic.gradient), np.zeros(count)
     found = {block.name: np.zeros(block.slack.shape) for block in blocks}
     chosen = [block.chosen(block.slack < block.tolerance, block.slack, which) for block in blocks]
@@ -145,10 +145,12 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
         if block.name in multipliers:  # slack is infinite where now another entry of a group holds
             mask |= (multipliers[block.name] > 0) & np.isfinite(block.slack)
             mask[~block.may_bind] = False
-    for round_ in range(_ROUNDS):
+    for round_ in range(_MAX_ROUNDS):
         rows = active_rows(blocks, chosen, which)
         before = found if round_ else multipliers
-        changes, stretches, y = _solve_duals(quadratic, forms, rows, _guessed(rows, blocks, before))
+        changes, stretches, y = _solve_duals(
+            quadratic, forms, rows, _look_up_multipliers(rows, blocks, before)
+        )
         coefficients[which], stretch[which] = changes, stretches
         curves = taken(quadratic.rows, which) @ changes[:, None]
         overlooked = np.maximum(quadratic.overlooked[which], quadratic.leeway * np.abs(stretches))
@@ -167,16 +169,16 @@ def solve(quadratic: QuadraticProgram, multipliers: Multipliers) -> QPSolution:
                 slack += block.relief(own, stretches[looked])
             beyond = (-block.tolerance * overlooked[looked]).reshape(-1, *[1] * (slack.ndim - 1))
             broken = block.chosen(slack < beyond, slack, own) & ~mask[own]
-            if block.linear and round_ < _WORST_ONLY:
+            if block.linear and round_ < _WORST_ONLY_ROUNDS:
                 broken &= lowest(np.where(broken, slack, np.inf))
-            mask[own] = (mask[own] & (slack < _KEPT * block.tolerance)) | broken
+            mask[own] = (mask[own] & (slack < _DROP_SLACK_RATIO * block.tolerance)) | broken
             added[looked] |= np.any(broken.reshape(len(own), -1), axis=1)
         if quadratic.few_rounds is not None and round_ + 1 >= quadratic.few_rounds[0]:
             added &= stretches >= -quadratic.few_rounds[1]
         which = which[added]
         if not len(which):
             break
-    _drop_small(found, count)
+    _zero_small_multipliers(found, count)
     return QPSolution(coefficients, stretch, found)
 
 
@@ -203,13 +205,15 @@ def decrease_bound(quadratic: QuadraticProgram, multipliers: Multipliers, which:
     free, gradient = taken(quadratic.free, which), quadratic.gradient[which]
     free_t = np.swapaxes(free, 1, 2)
     left = free_t @ (gradient + transposed_product(rows, y, gradient.shape))
-    inverse = _inverses_of_forms(free_t @ quadratic.hessian[which] @ free)
+    inverse = _scaled_inverses(free_t @ quadratic.hessian[which] @ free)
     by_slope = np.sum((left * (inverse @ left)).reshape(len(which), -1), axis=1) / 2
     by_slack = y * rows.slack
     return np.asarray(by_slope + [np.sum(by_slack[part]) for part in rows.of_curve])
 
 
-def _guessed(rows: "ActiveRows", blocks: Sequence[ConstraintBlock], multipliers: Multipliers) -> np.ndarray:
+def _look_up_multipliers(
+    rows: "ActiveRows", blocks: Sequence[ConstraintBlock], multipliers: Multipliers
+) -> np.ndarray:
     """Look up multipliers of rows in those of earlier programs; zero for blocks that had none.
 
     Returns:
@@ -222,13 +226,13 @@ def _guessed(rows: "ActiveRows", blocks: Sequence[ConstraintBlock], multipliers:
     return np.concatenate([np.zeros(0), *of_block])
 
 
-def _drop_small(multipliers: Multipliers, count: int) -> None:
+def _zero_small_multipliers(multipliers: Multipliers, count: int) -> None:
     """Set to zero, in place, multipliers (count, ...) that are tiny beside the largest of their program."""
     largest = np.zeros(count)
     for own in multipliers.values():
         largest = np.maximum(largest, np.max(own.reshape(count, -1), axis=1, initial=0))
     for own in multipliers.values():
-        own[~(own > _BINDING * largest.reshape(-1, *[1] * (own.ndim - 1)))] = 0.0
+        own[~(own > _MULTIPLIER_TOLERANCE * largest.reshape(-1, *[1] * (own.ndim - 1)))] = 0.0
 
 
 def active_rows(
@@ -261,12 +265,12 @@ def active_rows(
             [np.zeros(0), *(block.time(index) for block, index in zip(blocks, of_block, strict=True))]
         ),
         kind=np.repeat(np.array([block.kind for block in blocks], int), counts),
-        axes=_joined(axes),
-        basis=_joined(basis),
+        axes=_concatenate_slopes(axes),
+        basis=_concatenate_slopes(basis),
     )
 
 
-def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
+def _concatenate_slopes(parts: Sequence[np.ndarray]) -> np.ndarray:
     """Concatenate arrays (r, P, w), of r rows by P products, along r; missing products become zeros."""
     parts = [part for part in parts if len(part)]
     most = max((part.shape[1] for part in parts), default=1)
@@ -289,11 +293,11 @@ def transposed_product(rows: ActiveRows, multipliers: np.ndarray, shape: tuple[i
     found = np.zeros(shape)
     for own, part in enumerate(rows.of_curve):
         if len(part):
-            found[own] = _gradient(multipliers[part], rows.axes[part], rows.basis[part])
+            found[own] = _sum_weighted_slopes(multipliers[part], rows.axes[part], rows.basis[part])
     return found
 
 
-def _gradient(y: np.ndarray, axes: np.ndarray, basis: np.ndarray) -> np.ndarray:
+def _sum_weighted_slopes(y: np.ndarray, axes: np.ndarray, basis: np.ndarray) -> np.ndarray:
     """Sum of the derivatives of some rows times ``y``, by n spline coefficients and A axes.
 
     Args:
@@ -310,7 +314,7 @@ def _gradient(y: np.ndarray, axes: np.ndarray, basis: np.ndarray) -> np.ndarray:
 
 def _solve_duals(
     quadratic: QuadraticProgram,
-    forms: _Forms,
+    forms: _ReducedForms,
     rows: ActiveRows,
     guess: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -325,7 +329,7 @@ def _solve_duals(
     Returns:
         Changes of the coefficients (g, n, A), relative changes of the durations (g,), and multipliers (R,).
     """
-    duals = [_dual(quadratic, forms, rows, guess, own) for own in range(len(rows.which))]
+    duals = [_make_dual(quadratic, forms, rows, guess, own) for own in range(len(rows.which))]
     answers = solve_box_qps([dual[0] for dual in duals])
     multipliers = np.zeros(len(rows.slack))
     changes = np.empty((len(duals), *quadratic.gradient.shape[1:]))
@@ -335,18 +339,18 @@ def _solve_duals(
     ):
         y = multipliers[kept] = answer.multipliers
         changes[own] = quadratic.free[curve] @ (
-            forms.alone[curve] - forms.inverse[curve] @ _gradient(y, axes, along)
+            forms.alone[curve] - forms.inverse[curve] @ _sum_weighted_slopes(y, axes, along)
         )
         if quadratic.duration_hessian is not None:
             stretch = float(-(1 + time @ y) / quadratic.duration_hessian[curve])
-            stretches[own] = max(stretch, _SHORTEST_STEP)
+            stretches[own] = max(stretch, _MIN_STRETCH)
             changes[own] += stretches[own] * quadratic.by_time[curve]
     return changes, stretches, multipliers
 
 
-def _dual(
+def _make_dual(
     quadratic: QuadraticProgram,
-    forms: _Forms,
+    forms: _ReducedForms,
     rows: ActiveRows,
     guess: np.ndarray,
     own: int,
@@ -354,7 +358,7 @@ def _dual(
     """Make the dual of the program of one curve, that of index `own` in `rows`.
 
     Other arguments are those of `_solve_duals`. Rows without slopes are left out, as are those with the most
-    slack beyond `_MOST_ROWS`.
+    slack beyond `_MAX_ROWS`.
 
     Returns:
         The dual, the numbers (r,) of the rows that it has, their slopes in the free coefficients, (r, P, A)
@@ -369,10 +373,10 @@ def _dual(
         axes, basis = axes[:, :1], basis[:, :1]
     along = times(basis, quadratic.free[curve])
     steep = np.einsum("rpa,rpa->rp", axes, axes) * np.einsum("rpk,rpk->rp", along, along)
-    stays = np.flatnonzero(np.any(steep > _NO_SLOPE**2, axis=1))
-    if len(stays) > _MOST_ROWS:  # keep those with the least slack
+    stays = np.flatnonzero(np.any(steep > _MIN_SLOPE**2, axis=1))
+    if len(stays) > _MAX_ROWS:  # keep those with the least slack
         order = np.argsort(rows.slack[kept[stays]], kind="stable")
-        stays = np.sort(stays[order[:_MOST_ROWS]])
+        stays = np.sort(stays[order[:_MAX_ROWS]])
     if len(stays) < len(kept):
         kept, axes, basis, along = kept[stays], axes[stays], basis[stays], along[stays]
     count = 0
@@ -399,7 +403,7 @@ def _dual(
     return dual, kept, axes, along, time
 
 
-def _inverses_of_forms(matrices: np.ndarray) -> np.ndarray:
+def _scaled_inverses(matrices: np.ndarray) -> np.ndarray:
     """Inverses of G positive definite matrices (G, n, n), scaled to unit diagonals on the way.
 
     The scaling keeps splines on unequal intervals from costing digits.

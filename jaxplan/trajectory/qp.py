@@ -19,18 +19,18 @@ import numpy as np
 from jaxplan.runtime.batching import parts
 from jaxplan.trajectory.gram import DenseGram, Gram
 
-_MOST_ITERATIONS = 60  # most iterations, after which the answer is taken if it is usable
-_TOLERANCE = 1e-9  # of the scaled residual, relative to the size of the linear term
+_MAX_ITERATIONS = 60  # most iterations, after which the answer is taken if it is usable
+_RESIDUAL_TOLERANCE = 1e-9  # of the scaled residual, relative to the size of the linear term
 ROUGHLY = 1e-6  # the same, of a program whose solution is only a step of another iteration
-_USABLE = 1e-4  # largest residual of an answer, if rounding or the number of iterations ends the method
-_INTERIOR = 0.995  # fraction of the distance to the boundary that a step may take
-_INSIDE = 0.5  # of the size of the linear term, distance from the bounds at which the iteration begins
+_MAX_USABLE_RESIDUAL = 1e-4  # largest residual of an answer, where the method ends above its tolerance
+_BOUNDARY_STEP_FRACTION = 0.995  # fraction of the distance to the boundary that a step may take
+_START_DISTANCE = 0.5  # of the size of the linear term, distance from the bounds where the iteration begins
 _REGULARISATION = 1e-14  # added to the diagonal, which is of order one
 # The same where multipliers are guessed: of these, and of the bounds' multipliers. Binding ones are large.
-_INSIDE_GUESS = (10.0, 0.3)
+_START_DISTANCES_FROM_GUESS = (10.0, 0.3)
 TOGETHER = 16  # programs solved together; their matrices are then still in the processor's cache
 
-_TINY = 1e-12  # least size of d that is divided by
+_MIN_LINEAR_SIZE = 1e-12  # least size of d that is divided by
 
 
 class BoxQP(NamedTuple):
@@ -48,7 +48,7 @@ class BoxQP(NamedTuple):
     linear: np.ndarray
     penalty: np.ndarray
     guess: np.ndarray | None = None
-    tolerance: float = _TOLERANCE
+    tolerance: float = _RESIDUAL_TOLERANCE
 
 
 class BoxQPSolution(NamedTuple):
@@ -85,8 +85,8 @@ def solve_box_qps(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
         else:
             solutions[number] = BoxQPSolution(np.full_like(linear, np.nan), residual=np.nan)
     for part in parts(list(scaled), TOGETHER):
-        for number, found in zip(part, _solve([scaled[number] for number in part]), strict=True):
-            y = found.multipliers if found.residual <= _USABLE else np.nan
+        for number, found in zip(part, _solve_scaled([scaled[number] for number in part]), strict=True):
+            y = found.multipliers if found.residual <= _MAX_USABLE_RESIDUAL else np.nan
             solutions[number] = found._replace(multipliers=y * scales[number])
     return [solutions[number] for number in range(len(programs))]
 
@@ -146,7 +146,7 @@ class _BoxQPStack:
             count=count,
             d=d,
             top=np.concatenate(top),
-            size=np.maximum(np.sqrt(np.add.reduceat(d * d, first) / count), _TINY),
+            size=np.maximum(np.sqrt(np.add.reduceat(d * d, first) / count), _MIN_LINEAR_SIZE),
             tolerance=np.array(tolerance),
         )
 
@@ -180,17 +180,17 @@ class _BoxQPStack:
         return own if len(own) == 1 else np.repeat(own, self.count)
 
 
-def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
-    """Solve programs in their scaled form, each to its tolerance if rounding and `_MOST_ITERATIONS` allow."""
+def _solve_scaled(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
+    """Solve programs in their scaled form, each to its tolerance if rounding and `_MAX_ITERATIONS` allow."""
     stack, number = _BoxQPStack.of(programs), np.arange(len(programs))
     solutions: dict[int, BoxQPSolution] = {}
-    iterate, residual = stack.at(_first(stack, programs)), np.full(len(programs), np.inf)
+    iterate, residual = stack.at(_first_values(stack, programs)), np.full(len(programs), np.inf)
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        for iterations in range(_MOST_ITERATIONS + 1):
-            done = (residual <= stack.tolerance) | (iterations == _MOST_ITERATIONS)
+        for iterations in range(_MAX_ITERATIONS + 1):
+            done = (residual <= stack.tolerance) | (iterations == _MAX_ITERATIONS)
             ahead, left = iterate, np.full(len(number), np.nan)
             if not done.all():
-                ahead, left = _iterate(stack, iterate)
+                ahead, left = _predictor_corrector_step(stack, iterate)
             over = done | ~np.isfinite(left)
             if over.any():
                 for own in np.flatnonzero(over).tolist():
@@ -206,30 +206,30 @@ def _solve(programs: Sequence[BoxQP]) -> list[BoxQPSolution]:
     return [solutions[own] for own in range(len(programs))]
 
 
-def _first(stack: _BoxQPStack, programs: Sequence[BoxQP]) -> np.ndarray:
+def _first_values(stack: _BoxQPStack, programs: Sequence[BoxQP]) -> np.ndarray:
     """Values of the first iterate of all programs, (4, N) as in `_Iterate`.
 
     The products of each bound's room and multiplier are similar, however wide the box is.
     """
-    first = _unguessed(stack)
+    first = _default_first_values(stack)
     of_each = zip(programs, stack.matrices, stack.parts, stack.size, strict=True)
     for own, matrix, rows, size in of_each:
         if own.guess is not None:
-            inside, room = (share * size for share in _INSIDE_GUESS)
+            inside, room = (share * size for share in _START_DISTANCES_FROM_GUESS)
             y = np.minimum(own.guess + inside, own.penalty - np.minimum(own.penalty / 2, inside))
             lower = np.maximum(matrix.times(own.guess) - own.linear, 0) + room
             first[:, rows] = y, own.penalty - y, lower, inside * room / (own.penalty - y)
     return first
 
 
-def _unguessed(stack: _BoxQPStack) -> np.ndarray:
-    """Do the same as `_first` for programs without guesses."""
-    inside, d, top = stack.spread(_INSIDE * stack.size), stack.d, stack.top
+def _default_first_values(stack: _BoxQPStack) -> np.ndarray:
+    """Do the same as `_first_values` for programs without guesses."""
+    inside, d, top = stack.spread(_START_DISTANCE * stack.size), stack.d, stack.top
     y = np.minimum(np.maximum(d, 0) + inside, top / 2)
     return np.stack([y, top - y, np.maximum(-d, 0) + inside, inside**2 / (top - y)])
 
 
-def _iterate(stack: _BoxQPStack, iterate: _Iterate) -> tuple[_Iterate, np.ndarray]:
+def _predictor_corrector_step(stack: _BoxQPStack, iterate: _Iterate) -> tuple[_Iterate, np.ndarray]:
     """Take one predictor and one corrector step, both with the same factorisations.
 
     Args:
@@ -277,7 +277,7 @@ def _iterate(stack: _BoxQPStack, iterate: _Iterate) -> tuple[_Iterate, np.ndarra
     np.subtract(target, wanted, out=wanted)
     wanted /= room
     wanted -= multipliers
-    reached = beyond(direction(wanted), _INTERIOR)
+    reached = beyond(direction(wanted), _BOUNDARY_STEP_FRACTION)
     np.subtract(stack.top, reached[0], out=reached[1])
     ahead = stack.at(reached)
     return ahead, np.where(stack.least(reached) > 0, stack.residual(ahead), np.nan)

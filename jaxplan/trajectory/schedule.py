@@ -24,26 +24,26 @@ from jaxplan.model.path import Path
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.batching import padded_count
 
-_CALM_FLANK = 1 / 3  # of the duration, each flank if there is time; near the least acceleration energy
-_STEEP_FLANK = 0.1  # of the duration, the least flank if time is short
-_STEEP_RISES = 2.0  # times the shortest time to full speed, the least flank likewise
-_FLANK_BREAKS = 9  # intervals that cover a flank and a little more
+_CALM_FLANK_SHARE = 1 / 3  # of the duration, each flank if there is time; near the least acceleration energy
+_STEEP_FLANK_SHARE = 0.1  # of the duration, the least flank if time is short
+_STEEP_FLANK_RISES = 2.0  # times the shortest time to full speed, the least flank likewise
+_FLANK_INTERVALS = 9  # intervals that cover a flank and a little more
 _FLANK_STEP = 0.25  # of the flank, length of one such interval at most
 FIRST_GUESS = 1.01  # first guess of a duration, over that of the trapezoid, whose accelerations jump
 
 FEWEST_NODES = 32  # smallest number that nodes are padded to
 
-_NO_ROW = 1e-9  # least length of a row of the wheel array that is divided by
+_MIN_NORM = 1e-9  # least length of a row of the wheel array that is divided by
 
-_LEAST_SHARE = 0.1  # of the mean edge's time, the least that an edge gets
-_SAME_NODE = 1e-10  # rad, or difference of matrix elements, up to which nodes are the same
+_MIN_EDGE_SHARE = 0.1  # of the mean edge's time, the least that an edge gets
+_SAME_NODE_TOLERANCE = 1e-10  # rad, or difference of matrix elements, up to which nodes are the same
 
 
 def _distinct_nodes(path: Path) -> np.ndarray:
     """Bool for each of m + 1 nodes of a path, whether it differs from the one before; true for the first."""
     turned = np.abs(np.diff(path.attitudes, axis=0)).max(axis=(1, 2), initial=0.0)
     moved = np.abs(np.diff(path.joints, axis=0)).max(axis=1, initial=0.0)
-    same = (turned <= _SAME_NODE) & (moved <= _SAME_NODE)  # a NaN is not the same
+    same = (turned <= _SAME_NODE_TOLERANCE) & (moved <= _SAME_NODE_TOLERANCE)  # a NaN is not the same
     return np.concatenate([[True], ~same])
 
 
@@ -91,7 +91,7 @@ def node_fractions(edge_costs: AnyArray, on: AnyArray | None = None) -> AnyArray
     xp, costs = arrays(edge_costs)
     own = xp.ones(len(costs), bool) if on is None else on
     mean = xp.sum(xp.where(own, costs, 0)) / xp.sum(own)
-    shares = xp.maximum(costs / xp.where(mean > 0, mean, 1), xp.where(mean > 0, _LEAST_SHARE, 1.0))
+    shares = xp.maximum(costs / xp.where(mean > 0, mean, 1), xp.where(mean > 0, _MIN_EDGE_SHARE, 1.0))
     if xp is np and np.all(np.abs(shares - shares[0]) <= 1e-12 * shares[0]):
         return np.linspace(0.0, 1.0, len(shares) + 1)
     ends = xp.cumsum(xp.concatenate([xp.zeros(1, costs.dtype), xp.where(own, shares, 0)]))
@@ -172,7 +172,7 @@ def axis_bounds(craft: Spacecraft, power: int) -> AnyArray:
             joints = bound
         else:
             if quantity.of_wheels:  # the radius of a ball within their limits, which holds in all directions
-                bound = bound / xp.maximum(length(craft.wheel_array.rows), _NO_ROW)  # type: ignore[union-attr]
+                bound = bound / xp.maximum(length(craft.wheel_array.rows), _MIN_NORM)  # type: ignore[union-attr]
             platform = xp.minimum(platform, xp.min(bound) / heaviest if quantity.by_inertia else bound)
     return xp.concatenate([platform, joints])
 
@@ -223,7 +223,7 @@ class TrapezoidalProfile:
             rise: s.
         """
         xp, length, rise = arrays(length, rise)
-        full, least = length >= rise, 2 * _root(length * rise)
+        full, least = length >= rise, 2 * _safe_sqrt(length * rise)
         duration = xp.where(full, length + rise, least)
         return cls(length=length, duration=duration, flank=xp.where(full, rise, least / 2))
 
@@ -237,8 +237,8 @@ class TrapezoidalProfile:
             rise: s, shortest time in which full speed is reached.
         """
         xp, duration, length, rise = arrays(duration, length, rise)
-        calm = _CALM_FLANK * duration
-        steepest = xp.maximum(_STEEP_RISES * rise, _STEEP_FLANK * duration)
+        calm = _CALM_FLANK_SHARE * duration
+        steepest = xp.maximum(_STEEP_FLANK_RISES * rise, _STEEP_FLANK_SHARE * duration)
         flank = xp.clip(duration - 2 * length, xp.minimum(steepest, calm), calm)
         flank = xp.where(duration > length + rise, xp.minimum(flank, duration - length), flank)
         return cls(length=length, duration=duration, flank=flank)
@@ -261,8 +261,8 @@ class TrapezoidalProfile:
         """Places in [0, 1] at which given fractions of the path are passed: the inverse of `progress`."""
         xp, shares, flank = arrays(shares, self.flank_share)
         speed = 1 / (1 - flank)
-        low = _root(2 * flank * shares / speed)
-        high = 1 - _root(2 * flank * (1 - shares) / speed)
+        low = _safe_sqrt(2 * flank * shares / speed)
+        high = 1 - _safe_sqrt(2 * flank * (1 - shares) / speed)
         middle = shares / speed + flank / 2
         return xp.where(low < flank, low, xp.where(high > 1 - flank, high, middle))
 
@@ -273,14 +273,14 @@ class TrapezoidalProfile:
         """
         flank = self.flank_share
         if 2 * flank < 0.9:
-            near = np.arange(_FLANK_BREAKS + 1) * min(_FLANK_STEP * flank, 1 / (3 * _FLANK_BREAKS))
+            near = np.arange(_FLANK_INTERVALS + 1) * min(_FLANK_STEP * flank, 1 / (3 * _FLANK_INTERVALS))
         else:  # no cruise: the acceleration changes its sign in the middle
             return np.linspace(0, 1, intervals + 1)
-        middle = np.linspace(near[-1], 1 - near[-1], intervals + 1 - 2 * _FLANK_BREAKS)
+        middle = np.linspace(near[-1], 1 - near[-1], intervals + 1 - 2 * _FLANK_INTERVALS)
         return np.concatenate([near[:-1], middle, (1 - near)[-2::-1]])
 
 
-def _root(values: AnyArray) -> AnyArray:
+def _safe_sqrt(values: AnyArray) -> AnyArray:
     """Square roots of numbers, zero for those that are not positive; at zero the derivative is zero."""
     xp, values = arrays(values)
     positive = values > 0

@@ -23,9 +23,9 @@ from numpy.polynomial import legendre
 from jaxplan.runtime.arguments import floats, show
 from jaxplan.runtime.jit import is_traced
 
-_COUNT = 24  # polynomials on an interval
-_PARTS = 2  # intervals of a piece
-_NODES = 64  # nodes of Gauss' rule for transforms of the polynomials, if |x| is at most `_COUNT`
+_TERMS = 24  # Legendre polynomials on an interval
+_INTERVALS_PER_PIECE = 2  # intervals of a piece
+_GAUSS_NODES = 64  # nodes of Gauss' rule for transforms of the polynomials, if |x| is at most `_TERMS`
 
 
 def expect_frequencies(given: object, *, zero: bool = True) -> Any:
@@ -65,31 +65,31 @@ def transform(values: Callable[[Array], Array], breaks: Array, frequencies: Arra
     Returns:
         (f, c) complex, in the quantity's unit times s.
     """
-    steps = jnp.arange(_PARTS) / _PARTS
+    steps = jnp.arange(_INTERVALS_PER_PIECE) / _INTERVALS_PER_PIECE
     starts = (breaks[:-1, None] + jnp.diff(breaks)[:, None] * steps).ravel()
-    half = jnp.repeat(jnp.diff(breaks), _PARTS) / (2 * _PARTS)
-    nodes, weights = legendre.leggauss(_COUNT)
+    half = jnp.repeat(jnp.diff(breaks), _INTERVALS_PER_PIECE) / (2 * _INTERVALS_PER_PIECE)
+    nodes, weights = legendre.leggauss(_TERMS)
     times = (starts + half)[:, None] + half[:, None] * nodes
     found = values(times.ravel()).reshape(*times.shape, -1)
-    to_series = legendre.legvander(nodes, _COUNT - 1).T * weights * (np.arange(_COUNT)[:, None] + 0.5)
+    to_series = legendre.legvander(nodes, _TERMS - 1).T * weights * (np.arange(_TERMS)[:, None] + 0.5)
     series = jnp.einsum("nq,pqc->pnc", to_series, jnp.where(half[:, None, None] > 0, found, 0.0))
     turning = 2 * jnp.pi * jnp.asarray(frequencies)[:, None]
     phase = half * jnp.exp(-1j * turning * (starts + half))
-    return jnp.einsum("fp,fpn,pnc->fc", phase, _of_polynomials(turning * half), series)
+    return jnp.einsum("fp,fpn,pnc->fc", phase, _legendre_transforms(turning * half), series)
 
 
-def _of_polynomials(x: Array) -> Array:
-    """Transforms (..., `_COUNT`) of the Legendre polynomials at arguments ``x`` (...), of either sign."""
-    nodes, weights = legendre.leggauss(_NODES)
-    near = jnp.abs(x) <= _COUNT
-    small, large = jnp.where(near, x, 0.0), jnp.where(near, float(_COUNT), x)
-    rule = jnp.asarray(legendre.legvander(nodes, _COUNT - 1) * weights[:, None], jnp.result_type(x, 1j))
+def _legendre_transforms(x: Array) -> Array:
+    """Transforms (..., `_TERMS`) of the Legendre polynomials at arguments ``x`` (...), of either sign."""
+    nodes, weights = legendre.leggauss(_GAUSS_NODES)
+    near = jnp.abs(x) <= _TERMS
+    small, large = jnp.where(near, x, 0.0), jnp.where(near, float(_TERMS), x)
+    rule = jnp.asarray(legendre.legvander(nodes, _TERMS - 1) * weights[:, None], jnp.result_type(x, 1j))
     by_rule = jnp.exp(-1j * small[..., None] * nodes) @ rule
     bessel = [jnp.sin(large) / large]
     bessel.append((bessel[0] - jnp.cos(large)) / large)
-    for n in range(1, _COUNT - 1):
+    for n in range(1, _TERMS - 1):
         bessel.append((2 * n + 1) / large * bessel[n] - bessel[n - 1])
-    signs = 2 * (-1j) ** (np.arange(_COUNT) % 4)
+    signs = 2 * (-1j) ** (np.arange(_TERMS) % 4)
     return jnp.where(near[..., None], by_rule, jnp.stack(bessel, axis=-1) * signs)
 
 

@@ -30,7 +30,7 @@ from jaxplan.geometry.vectors import AnyArray, array_module
 
 DEGREE = 5  # of the splines
 SMOOTHNESS = DEGREE - 1  # continuous derivatives of a spline
-_DERIVATIVES = 4  # number of curves: the curve itself and its first three derivatives
+_DERIVATIVE_COUNT = 4  # number of curves: the curve itself and its first three derivatives
 
 
 def legendre(x: ArrayLike, order: int) -> AnyArray:
@@ -46,11 +46,11 @@ def legendre(x: ArrayLike, order: int) -> AnyArray:
     if array_module(x) is np:
         values = np.polynomial.legendre.legvander(np.asarray(x), order)
         return values.reshape(*np.shape(x), order + 1)  # legvander adds an axis to a single number
-    return _legendre(order, jnp.asarray(x))
+    return _legendre_jax(order, jnp.asarray(x))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _legendre(order: int, x: Array) -> Array:
+def _legendre_jax(order: int, x: Array) -> Array:
     """Do the same as `legendre` in JAX, with a derivative rule that compiles fast."""
 
     def step(last: tuple[Array, Array], n: Array) -> tuple[tuple[Array, Array], Array]:
@@ -63,10 +63,10 @@ def _legendre(order: int, x: Array) -> Array:
     return jnp.moveaxis(jnp.concatenate([jnp.stack(first), others]), 0, -1)
 
 
-@_legendre.defjvp
+@_legendre_jax.defjvp
 def _(order: int, at: tuple[Array], along: tuple[Array]) -> tuple[Array, Array]:
     # Compiling the derivative of the recurrence would take many times as long as compiling its values.
-    values = _legendre(order, *at)
+    values = _legendre_jax(order, *at)
     return values, values @ jnp.asarray(derivative_matrix(order), values.dtype) * along[0][..., None]
 
 
@@ -140,17 +140,17 @@ class Basis:
 
     breaks: np.ndarray
     differences: tuple[np.ndarray, ...]
-    _found: dict[tuple[int, bool], tuple[np.ndarray, np.ndarray]] = field(
+    _places_cache: dict[tuple[int, bool], tuple[np.ndarray, np.ndarray]] = field(
         default_factory=dict, init=False, repr=False
     )
-    _ends: dict[bool, tuple[np.ndarray, ...]] = field(default_factory=dict, init=False, repr=False)
+    _ends_cache: dict[bool, tuple[np.ndarray, ...]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def on(cls, breaks: np.ndarray) -> "Basis":
         """Make the spline basis on given breaks, K + 1 numbers that rise from 0 to 1."""
         knots = _knots(breaks, DEGREE)
         matrices = [np.eye(len(breaks) - 1 + DEGREE)]
-        for degree in range(DEGREE, DEGREE - _DERIVATIVES + 1, -1):
+        for degree in range(DEGREE, DEGREE - _DERIVATIVE_COUNT + 1, -1):
             rows = len(knots) - degree - 2
             rate = degree / (knots[degree + 1 : -1] - knots[1 : -degree - 1])
             step = np.zeros((rows, rows + 1))
@@ -171,7 +171,7 @@ class Basis:
         """Number n of coefficients of a curve on each axis."""
         return self.differences[0].shape[0]
 
-    def rows(self, places: np.ndarray, derivatives: int = _DERIVATIVES) -> np.ndarray:
+    def rows(self, places: np.ndarray, derivatives: int = _DERIVATIVE_COUNT) -> np.ndarray:
         """Evaluate the B-splines and their derivatives; multiplied by coefficients they are those of a curve.
 
         Args:
@@ -182,7 +182,7 @@ class Basis:
             (derivatives, S, n) values, then derivatives by the place, of n B-splines at S places.
         """
         span = np.clip(np.searchsorted(self.breaks, places, side="right") - 1, 0, len(self.breaks) - 2)
-        by_degree = _local_values(self.breaks, places, span)
+        by_degree = _nonzero_splines(self.breaks, places, span)
         every = np.arange(len(places))[:, None]
         found = np.empty((derivatives, len(places), self.size))
         for d in range(derivatives):
@@ -205,15 +205,15 @@ class Basis:
         Returns:
             The places (K * points,), and `rows` there, (4, K * points, n).
         """
-        if (points, to_end) not in self._found:
+        if (points, to_end) not in self._places_cache:
             steps = np.tile(np.arange(points) / points, (len(self.breaks) - 1, 1))
             if to_end:
                 steps[-1] = np.arange(points) / (points - 1)
             places = (self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * steps).ravel()
             if to_end:
                 places[-1] = self.breaks[-1]  # to the last bit
-            self._found[points, to_end] = places, self.rows(places)
-        return self._found[points, to_end]
+            self._places_cache[points, to_end] = places, self.rows(places)
+        return self._places_cache[points, to_end]
 
     @cached_property
     def energies(self) -> np.ndarray:
@@ -227,7 +227,7 @@ class Basis:
         return np.swapaxes(rows, 1, 2) @ ((half * weights).reshape(-1, 1) * rows)
 
     @cached_property
-    def _on_intervals(self) -> list[np.ndarray]:
+    def _interval_values(self) -> list[np.ndarray]:
         """Values of the B-splines of degree 5 - d, for each derivative d from 0 to 3, on all K intervals.
 
         Each array is (K, 3, 6 - d): at the start, the middle and the end of each interval, the 6 - d
@@ -235,8 +235,8 @@ class Basis:
         """
         intervals = len(self.breaks) - 1
         places = self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * [0.0, 0.5, 1.0]
-        by_degree = _local_values(self.breaks, places.ravel(), np.repeat(np.arange(intervals), 3))
-        return [by_degree[DEGREE - d].reshape(intervals, 3, -1) for d in range(_DERIVATIVES)]
+        by_degree = _nonzero_splines(self.breaks, places.ravel(), np.repeat(np.arange(intervals), 3))
+        return [by_degree[DEGREE - d].reshape(intervals, 3, -1) for d in range(_DERIVATIVE_COUNT)]
 
     def ends(self, rest: bool) -> tuple[np.ndarray, ...]:
         """Matrices that describe all coefficients ``F x + V values + R rates`` of curves with given ends.
@@ -248,7 +248,7 @@ class Basis:
             ``F`` (n, k) of the k free coefficients, ``V`` (n, 2) of the values and ``R`` (n, 2) of the rates
             (by the place) at both ends; read-only.
         """
-        if rest not in self._ends:
+        if rest not in self._ends_cache:
             count = 3 if rest else 2
             rows = self.rows(np.array([0.0, 1.0]), count)
             of_values, of_rates = np.zeros((2, self.size, 2))
@@ -259,8 +259,8 @@ class Basis:
             found = np.eye(self.size)[:, count:-count], of_values, of_rates
             for array in found:
                 array.flags.writeable = False
-            self._ends[rest] = found
-        return self._ends[rest]
+            self._ends_cache[rest] = found
+        return self._ends_cache[rest]
 
     def pieces(self, coefficients: np.ndarray) -> np.ndarray:
         """Rewrite a curve in Legendre polynomials on each interval.
@@ -279,12 +279,12 @@ class Basis:
 
         def values(derivative: int) -> np.ndarray:
             control = self.differences[derivative] @ moved
-            return self._on_intervals[derivative] @ control[interval + np.arange(DEGREE + 1 - derivative)]
+            return self._interval_values[derivative] @ control[interval + np.arange(DEGREE + 1 - derivative)]
 
         # Neighbours share coefficients of derivatives, so that none jumps by more than its own rounding.
         # From values of the curve alone, the third derivative would lose twelve digits on short intervals.
-        found: np.ndarray = _PARABOLA @ values(_DERIVATIVES - 1)
-        for derivative in reversed(range(_DERIVATIVES - 1)):
+        found: np.ndarray = _PARABOLA_TO_LEGENDRE @ values(_DERIVATIVE_COUNT - 1)
+        for derivative in reversed(range(_DERIVATIVE_COUNT - 1)):
             found = np.polynomial.legendre.legint(found * half, axis=1, lbnd=0)
             found[:, 0] += values(derivative)[:, 1]
         found[:, 0] += base
@@ -292,10 +292,10 @@ class Basis:
 
 
 # Legendre coefficients from the values at -1, 0, and 1.
-_PARABOLA = np.array([[1 / 6, 2 / 3, 1 / 6], [-1 / 2, 0, 1 / 2], [1 / 3, -2 / 3, 1 / 3]])
+_PARABOLA_TO_LEGENDRE = np.array([[1 / 6, 2 / 3, 1 / 6], [-1 / 2, 0, 1 / 2], [1 / 3, -2 / 3, 1 / 3]])
 
 
-def _local_values(breaks: np.ndarray, places: np.ndarray, span: np.ndarray) -> list[np.ndarray]:
+def _nonzero_splines(breaks: np.ndarray, places: np.ndarray, span: np.ndarray) -> list[np.ndarray]:
     """For each degree from 0 to `DEGREE`, values (S, degree + 1) of the B-splines not zero at S places.
 
     It is the recursion of Cox and de Boor; scipy's design matrices take a call and a sparse matrix for each

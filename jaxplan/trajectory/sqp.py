@@ -28,37 +28,37 @@ from jaxplan.trajectory.splines import weighted
 
 TOGETHER = 16  # problems of a stack; with more, access to memory takes the time
 _ENOUGH_STEPS = 16  # steps after which a search goes on only if its duration still falls
-_MOST_STEPS = 64  # steps after which every search ends
-_FALLING = 0.05  # of the duration; one that falls by as much in a step counts as falling
-_PENALTY_UPDATES = 1  # most times that penalties grow where something stays broken
+_MAX_STEPS = 64  # steps after which every search ends
+_FALLING_SHARE = 0.05  # of the duration; one that falls by as much in a step counts as falling
+_MAX_PENALTY_UPDATES = 1  # most times that penalties grow where something stays broken
 _PENALTY_GROWTH = 30.0  # factor by which penalties grow
 ENERGY_WEIGHT = 1e-3  # weight of the energy beside the duration, where a shortest motion is looked for
 _DURATION_HESSIAN = 12.0  # in the logarithm of the duration: without constraints it falls by 1 / 12 in a step
-_BOLD_HESSIAN = 3.0  # the same where the duration alone is lowered, and not the energy
-_OVERLOOKED = 1e-3  # of a row's tolerance: if a step breaks it by less, the row is not added
-_BOLDLY_OVERLOOKED = 3e-2  # the same where the duration alone is lowered, and the end is less precise
-_ROUGHLY_BROKEN = 5e-4  # of a limit, or rad; a curve that breaks less may still start another search
-_SETTLED = 1e-4  # of the merit: a smaller change between steps ends the search, as `ftol` does
+_BOLD_DURATION_HESSIAN = 3.0  # the same where the duration alone is lowered, and not the energy
+_OVERLOOKED_SHARE = 1e-3  # of a row's tolerance: if a step breaks it by less, the row is not added
+_BOLD_OVERLOOKED_SHARE = 3e-2  # the same where the duration alone is lowered, and the end is less precise
+_ROUGH_TOLERANCE = 5e-4  # of a limit, or rad; a curve that breaks less may still start another search
+_MERIT_TOLERANCE = 1e-4  # of the merit: a smaller change between steps ends the search, as `ftol` does
 _FTOL = 1e-3  # of the energy: the least decrease for which another step is made
-_DAMPING = 8.0  # factor by which damping grows after a failed step, and falls after a good one
+_DAMPING_FACTOR = 8.0  # factor by which damping grows after a failed step, and falls after a good one
 _FIRST_DAMPING = 1e-2  # of the energy's form: the damping after the first failed step
-_NO_DAMPING = 1e-6  # of the energy's form: smaller damping is dropped
-_MOST_FAILED = 2  # failed steps in a row after which a search ends, once penalties have grown
-_HOPELESS = 0.5  # excess over a limit, in a given duration with rates at the ends: then it ends at once
+_MIN_DAMPING = 1e-6  # of the energy's form: smaller damping is dropped
+_MAX_FAILED_STEPS = 2  # failed steps in a row after which a search ends, once penalties have grown
+_HOPELESS_EXCESS = 0.5  # excess over a limit, in a given duration with rates at the ends: it ends at once
 
 # For shortest motions from rest to rest, whose durations tell how near the end is.
-_LEEWAY = 1.0  # fraction of a row's tolerance that is overlooked, per relative change of the duration
+_LEEWAY_PER_STRETCH = 1.0  # of a row's tolerance, overlooked for each unit of relative change of the duration
 _FEW_ROUNDS = (3, 0.1)  # most rounds of programs that shorten the duration by more than this fraction
 _FIRST_PROXIMITY = 0.1  # damping to begin with: of equally quick motions the nearest is taken
-_LEAST_PROXIMITY = 0.01  # least damping
-_PROXIMITY = 0.3  # least damping after a step that failed as a whole
-_UNDAMPED = 0.1  # damping; with no more, what a program gains is hardly changed
-_POOR = 0.25  # of what a program gains; a step that gains less is followed by the damping of a failed one
-_SHORTER = 0.4  # fraction of a step that is tried where the whole does not lower the merit
-_NEAR_END = 0.03  # of the duration; if a program gains less, what it missed is about what is left
-_LITTLE = 5.0  # times `settled`: a program that promises less, whose step fails, ends the search
-_PROMISE = 1.5  # times what a program gains: the most that a search is expected to gain
-_CLIPPED = 0.6  # of the most that a program can gain; if it gains more, the search may gain far more
+_MIN_PROXIMITY = 0.01  # least damping
+_PROXIMITY_AFTER_FAILURE = 0.3  # least damping after a step that failed as a whole
+_NEGLIGIBLE_DAMPING = 0.1  # damping; with no more, what a program gains is hardly changed
+_POOR_GAIN_RATIO = 0.25  # of what a program gains; a step that gains less is damped next like a failed one
+_SHORTER_STEP_FRACTION = 0.4  # fraction of a step that is tried where the whole does not lower the merit
+_NEAR_END_GAIN = 0.03  # of the duration; if a program gains less, what it missed is about what is left
+_LITTLE_GAIN_FACTOR = 5.0  # times `settled`: a program that promises less, whose step fails, ends the search
+_PROMISE_FACTOR = 1.5  # times what a program gains: the most that a search is expected to gain
+_CLIPPED_GAIN_SHARE = 0.6  # of the most that a program can gain; beyond it the search may gain far more
 
 # Penalties by kind of constraint, larger than any multiplier of a problem that has a solution.
 _PENALTIES = {LIMIT: 1e3, ZONE: 1e3, TUBE: 1e2}
@@ -121,7 +121,7 @@ def improve(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
         For each the curve of the lowest merit, in the same order; `violations` tell which constraints it
         breaks.
     """
-    return in_groups(begins, lambda begin: begin.discrete.kind, _improved, most=TOGETHER)
+    return in_groups(begins, lambda begin: begin.discrete.kind, _improve_alike, most=TOGETHER)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -170,7 +170,7 @@ class SQPState:
     falling: np.ndarray
     multipliers: Multipliers
     promise: np.ndarray
-    _blocks: tuple[Iterates, list[ConstraintBlock]] | None = field(default=None, init=False, repr=False)
+    _block_cache: tuple[Iterates, list[ConstraintBlock]] | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def of(cls, begins: Sequence[InitialGuess]) -> "SQPState":
@@ -192,10 +192,10 @@ class SQPState:
             first_duration=at.duration,
             target_duration=np.array([begin.target_duration for begin in begins]),
             ftol=np.array([begin.ftol for begin in begins]),
-            settled=np.array([begin.by_time_to or min(_SETTLED, begin.ftol) for begin in begins]),
+            settled=np.array([begin.by_time_to or min(_MERIT_TOLERANCE, begin.ftol) for begin in begins]),
             pull=np.where(alone, 0.0, weight),
-            duration_hessian=np.where(alone, _BOLD_HESSIAN, _DURATION_HESSIAN),
-            overlooked=np.where(alone, _BOLDLY_OVERLOOKED, _OVERLOOKED),
+            duration_hessian=np.where(alone, _BOLD_DURATION_HESSIAN, _DURATION_HESSIAN),
+            overlooked=np.where(alone, _BOLD_OVERLOOKED_SHARE, _OVERLOOKED_SHARE),
             penalty=np.tile([table[kind] for kind in (LIMIT, ZONE, TUBE)], (count, 1)),
             spent=np.ones(count),
             value=np.zeros(count),
@@ -226,14 +226,14 @@ class SQPState:
         """Whether the shortest motions from rest to rest are looked for; it is the same for all members."""
         return self.stack.members[0].hastens
 
-    def _form(self, duration: np.ndarray) -> np.ndarray:
+    def _energy_matrix(self, duration: np.ndarray) -> np.ndarray:
         """Matrix (n, n) of one axis's energy over the first curve's energy, for each of G durations in s."""
         return weighted(self.stack.energies, duration, self.stack.weights / self.share[:, None])
 
     def energy(self, at: Iterates) -> np.ndarray:
         """Energy (G,) of each curve, divided by that of the first curve."""
         bare = _without_offset(at)
-        product = bare * (self._form(at.duration) @ bare)
+        product = bare * (self._energy_matrix(at.duration) @ bare)
         return np.asarray(np.sum(product.reshape(len(product), -1), axis=1) / 2)
 
     def merit(self, at: Iterates, energy: np.ndarray) -> np.ndarray:
@@ -249,7 +249,7 @@ class SQPState:
         In them a change of the duration is relative to the duration.
         """
         stack = self.stack
-        energy = self._form(at.duration)
+        energy = self._energy_matrix(at.duration)
         form = energy * (ENERGY_WEIGHT if self._free_time else 1.0)
         return QuadraticProgram(
             free=stack.free,
@@ -261,7 +261,7 @@ class SQPState:
             blocks=self._blocks_at(at),
             penalty=self.penalty,
             overlooked=self.overlooked,
-            leeway=_LEEWAY if self._hastens else 0.0,
+            leeway=_LEEWAY_PER_STRETCH if self._hastens else 0.0,
             few_rounds=_FEW_ROUNDS if self._hastens else None,
             roughly=self.pull == 0 if self._hastens else None,
         )
@@ -269,13 +269,13 @@ class SQPState:
     @property
     def _own_duration_hessian(self) -> np.ndarray:
         """Second derivative (G,) in the duration for each next program; smaller if that falls fast."""
-        return np.where(self._hastens & self.falling, _BOLD_HESSIAN, self.duration_hessian)
+        return np.where(self._hastens & self.falling, _BOLD_DURATION_HESSIAN, self.duration_hessian)
 
     def _blocks_at(self, at: Iterates) -> list[ConstraintBlock]:
         """Constraint blocks at curves, cached for the curves of the last call."""
-        if self._blocks is None or self._blocks[0] is not at:
-            self._blocks = at, list(constraint_blocks(at))
-        return self._blocks[1]
+        if self._block_cache is None or self._block_cache[0] is not at:
+            self._block_cache = at, list(constraint_blocks(at))
+        return self._block_cache[1]
 
     def step(self) -> np.ndarray:
         """Try a step of each member, and take it if it lowers the merit.
@@ -293,38 +293,40 @@ class SQPState:
         whole, damped = value < self.value, self.damping
         missed = ahead.duration / self.at.duration - 1 - proposal.stretch
         if self._hastens:
-            clipped = proposal.stretch * self._own_duration_hessian <= -_CLIPPED
-            self.promise = np.where(clipped, 0.0, self.at.duration * (1 + _PROMISE * proposal.stretch))
-            whole &= -missed >= (_POOR - 1) * -proposal.stretch
+            clipped = proposal.stretch * self._own_duration_hessian <= -_CLIPPED_GAIN_SHARE
+            self.promise = np.where(clipped, 0.0, self.at.duration * (1 + _PROMISE_FACTOR * proposal.stretch))
+            whole &= -missed >= (_POOR_GAIN_RATIO - 1) * -proposal.stretch
             if not np.all(value < self.value):
-                ahead, energy, value = self._shortened(proposal, ahead, energy, value)
+                ahead, energy, value = self._try_shorter_steps(proposal, ahead, energy, value)
         close = np.abs(self.value - value) <= self.settled * self.value
         little = self.at.is_sound & (self.spent - energy <= self.ftol * self.value)
         better = value < self.value
         close &= whole | ~better
-        self.falling = better & (ahead.duration <= (1 - _FALLING) * self.at.duration)
+        self.falling = better & (ahead.duration <= (1 - _FALLING_SHARE) * self.at.duration)
         self.at = mixed(self.at, ahead, better)
         self.spent = np.where(better, energy, self.spent)
         self.value = np.where(better, value, self.value)
         self.damping = self._next_damping(whole, better)
         self.failed = np.where(better, 0, self.failed + 1)
-        dearest = self.penalty_updates == _PENALTY_UPDATES
+        dearest = self.penalty_updates == _MAX_PENALTY_UPDATES
         done = better & (self.at.duration <= self.target_duration)
         if self._hastens:
-            near = whole & (missed <= self.settled) & (proposal.stretch >= -_NEAR_END)
-            near |= -proposal.stretch <= np.where(better, self.settled, _LITTLE * self.settled)
-            done |= near & ((damped <= _UNDAMPED) | (self.failed > 1)) & self.kept
+            near = whole & (missed <= self.settled) & (proposal.stretch >= -_NEAR_END_GAIN)
+            near |= -proposal.stretch <= np.where(better, self.settled, _LITTLE_GAIN_FACTOR * self.settled)
+            done |= near & ((damped <= _NEGLIGIBLE_DAMPING) | (self.failed > 1)) & self.kept
             done |= self.promise >= [own.problem.at_most for own in self.stack.members]
         done |= close & (self.kept | dearest)
         if not self._free_time:
             done |= little & self.at.is_sound  # before the step and after it
-            hopeless = self.stack.members[0].problem.at_speed & (self.at.violations[:, LIMIT] > _HOPELESS)
-            done |= (self.failed == _MOST_FAILED) & (dearest | hopeless)
-            self._stop(done, better & self.at.is_sound)
+            hopeless = self.stack.members[0].problem.at_speed & (
+                self.at.violations[:, LIMIT] > _HOPELESS_EXCESS
+            )
+            done |= (self.failed == _MAX_FAILED_STEPS) & (dearest | hopeless)
+            self._stop_if_little_promised(done, better & self.at.is_sound)
         self._increase_penalty(close & ~done)
         return done
 
-    def _shortened(
+    def _try_shorter_steps(
         self, proposal: QPSolution, ahead: Iterates, energy: np.ndarray, value: np.ndarray
     ) -> tuple[Iterates, np.ndarray, np.ndarray]:
         """Replace failed steps by a fraction of them, where that lowers the merit.
@@ -333,8 +335,8 @@ class SQPState:
             Curves ahead, their energies and their merits; those of the whole step where no part was taken.
         """
         shorter = self.stack.iterates(
-            self.at.coefficients + _SHORTER * proposal.coefficients,
-            self.at.duration * (1 + _SHORTER * proposal.stretch),
+            self.at.coefficients + _SHORTER_STEP_FRACTION * proposal.coefficients,
+            self.at.duration * (1 + _SHORTER_STEP_FRACTION * proposal.stretch),
         )
         spent = self.energy(shorter)
         worth = self.merit(shorter, spent)
@@ -343,10 +345,10 @@ class SQPState:
 
     def _next_damping(self, whole: np.ndarray, better: np.ndarray) -> np.ndarray:
         """Damping (G,) of the next steps, after steps `better` as a `whole`, only in part, or not at all."""
-        least, first = (_LEAST_PROXIMITY, _PROXIMITY) if self._hastens else (0.0, _FIRST_DAMPING)
-        calmer = np.where(self.damping > _NO_DAMPING, self.damping / _DAMPING, 0.0)
+        least, first = (_MIN_PROXIMITY, _PROXIMITY_AFTER_FAILURE) if self._hastens else (0.0, _FIRST_DAMPING)
+        calmer = np.where(self.damping > _MIN_DAMPING, self.damping / _DAMPING_FACTOR, 0.0)
         calmer = np.where(self.failed > 0, self.damping, np.maximum(calmer, least))
-        return np.where(whole & better, calmer, np.maximum(_DAMPING * self.damping, first))
+        return np.where(whole & better, calmer, np.maximum(_DAMPING_FACTOR * self.damping, first))
 
     @property
     def kept(self) -> np.ndarray:
@@ -354,9 +356,9 @@ class SQPState:
 
         In the latter case the curve is the beginning of another search, which mends small violations.
         """
-        return self.at.is_sound | (self.pull == 0) & np.all(self.at.violations <= _ROUGHLY_BROKEN, axis=1)
+        return self.at.is_sound | (self.pull == 0) & np.all(self.at.violations <= _ROUGH_TOLERANCE, axis=1)
 
-    def _stop(self, done: np.ndarray, asked: np.ndarray) -> None:
+    def _stop_if_little_promised(self, done: np.ndarray, asked: np.ndarray) -> None:
         """Set `done`, in place, where `asked` is true and the next program promises too small a decrease."""
         which = np.flatnonzero(asked & ~done)
         if len(which):
@@ -371,7 +373,7 @@ class SQPState:
         self.penalty_updates[which] += 1
         self.penalty[which] *= _PENALTY_GROWTH
         self.value = np.where(which, self.merit(self.at, self.spent), self.value)
-        self.damping[which] = _LEAST_PROXIMITY if self._hastens else 0.0
+        self.damping[which] = _MIN_PROXIMITY if self._hastens else 0.0
 
 
 def _without_offset(at: Iterates) -> np.ndarray:
@@ -394,17 +396,17 @@ def solution_at(at: Iterates, member: int, steps: int) -> SQPSolution:
     )
 
 
-def _improved(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
+def _improve_alike(begins: Sequence[InitialGuess]) -> list[SQPSolution]:
     """Do the same as `improve` for first curves of problems of one kind."""
     state = SQPState.of(begins)
     solutions: dict[int, SQPSolution] = {}
     best: dict[int, float] = {}  # s, shortest durations found for each problem
     done = ~(state.at.violations[:, LIMIT] <= np.array([begin.max_violation for begin in begins]))
-    for steps in range(_MOST_STEPS + 1):
+    for steps in range(_MAX_STEPS + 1):
         if steps > 0:
             done = state.step()
             if steps >= _ENOUGH_STEPS:
-                done |= ~state.falling | (steps == _MOST_STEPS)
+                done |= ~state.falling | (steps == _MAX_STEPS)
             owner = [id(own) for own in state.stack.members]
             for member in np.flatnonzero(done & state.kept).tolist():
                 best[owner[member]] = min(best.get(owner[member], np.inf), float(state.at.duration[member]))

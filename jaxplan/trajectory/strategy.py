@@ -24,14 +24,7 @@ from jaxplan.model.status import Status
 from jaxplan.model.tabulation import tabulate
 from jaxplan.runtime.batching import Seconds
 from jaxplan.trajectory import guesses, schedule
-from jaxplan.trajectory.fit import (
-    NEAR_THE_BOUND,
-    Fit,
-    FitQuery,
-    at_rest,
-    checked,
-    fit_each,
-)
+from jaxplan.trajectory.fit import NEAR_THE_BOUND, Fit, FitQuery, at_rest, checked, fit_each
 from jaxplan.trajectory.full_wheels import full_at_goal
 from jaxplan.trajectory.ladder import Attempt, Attempts, Ladder, first_curve, make_attempts, quicker, rungs
 from jaxplan.trajectory.outcome import better, beyond_charts, limits_too_tight, success
@@ -42,21 +35,21 @@ from jaxplan.trajectory.splines import DEGREE, SMOOTHNESS
 from jaxplan.trajectory.sqp import InitialGuess
 
 _RATE_ROUNDING = 1e-9  # of a limit, by which rates at start and end may exceed it
-_TIGHTER = (1e-3, 1e-2)  # fractions of the limits left unused at places, in first and further attempts
-_LONGER = 1.02  # factor from one duration to the next in the search for one that is long enough
-_MOST_LONGER = 1.1  # largest such factor in one step, for motions with rates at the ends
-_SAME_TIME = 1e-12  # of a duration, by which the shortest motion may exceed it by rounding
-_LOOKS = 8  # most durations that are tried
-_SLOW = 2.0  # times the bound; if longer, a stretched motion is tried without a tube as well
-_DETOUR = 1.1  # times the bound; if longer, a shortest motion is compared with a stretched one
-_HURRY = 0.97  # of the quickest time along the nodes; in less time they are only a first guess
-_LEISURE = 1.15  # of the quickest time along the nodes; in less time breaks lie close about the flanks
+_UNUSED_LIMIT_SHARES = (1e-3, 1e-2)  # of the limits, left unused at places in first and further attempts
+_DURATION_FACTOR = 1.02  # factor from one duration to the next in the search for one that is long enough
+_MAX_DURATION_FACTOR = 1.1  # largest such factor in one step, for motions with rates at the ends
+_DURATION_ROUNDING = 1e-12  # of a duration, by which the shortest motion may exceed it by rounding
+_MAX_DURATIONS = 8  # most durations that are tried
+_SLOW_RATIO = 2.0  # times the bound; if longer, a stretched motion is tried without a tube as well
+_DETOUR_RATIO = 1.1  # times the bound; if longer, a shortest motion is compared with a stretched one
+_HURRY_RATIO = 0.97  # of the quickest time along the nodes; in less time they are only a first guess
+_LEISURE_RATIO = 1.15  # of the quickest time along the nodes; in less time breaks lie close about the flanks
 
 Problems = dict[int, FitProblem]  # by the number of the fit
 Radius = Callable[[FitProblem], float]  # of a tube about the nodes, rad
 
 
-def _asked(problem: FitProblem) -> float:
+def _own_radius(problem: FitProblem) -> float:
     """Radius in rad of the tube that a problem asks for."""
     return problem.radius
 
@@ -92,10 +85,10 @@ def fit(queries: Sequence[FitQuery], seconds: Seconds | None = None) -> list[Fit
     Raises:
         ValueError: if settings, costs, fractions or rates make no sense; the message names which.
     """
-    return fit_each(queries, _begin, Strategy(Seconds(len(queries)) if seconds is None else seconds).fits)
+    return fit_each(queries, _prepare, Strategy(Seconds(len(queries)) if seconds is None else seconds).fits)
 
 
-def _begin(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
+def _prepare(query: FitQuery) -> Fit | tuple[FitProblem, np.ndarray]:
     """Make the problem of a query and the index there of each given node, or the fit if it is known at once.
 
     It is known if nothing moves, numbers are not finite, or wheels would be full at the goal. See `fit` on
@@ -152,9 +145,9 @@ class Strategy:
         """
         timed = {n: one for n, one in problems.items() if not isinstance(one.settings.duration, str)}
         others = {n: one for n, one in problems.items() if n not in timed}
-        return self._in_given_time(timed) | self._in_least_time(others)
+        return self._fit_in_given_time(timed) | self._fit_in_least_time(others)
 
-    def _in_given_time(self, problems: Problems) -> dict[int, Fit]:
+    def _fit_in_given_time(self, problems: Problems) -> dict[int, Fit]:
         """Fits in given durations; where free end accelerations fail, zero ones are tried."""
         fits = self.timed(problems)
         failed = {n: one for n, one in problems.items() if fits[n].status is not Status.OK and not one.rests}
@@ -162,19 +155,19 @@ class Strategy:
             fits[n] = better(fits[n], other)
         return fits
 
-    def _in_least_time(self, problems: Problems) -> dict[int, Fit]:
+    def _fit_in_least_time(self, problems: Problems) -> dict[int, Fit]:
         """Fits for "stretched" and "minimum", with zero end accelerations, then with free ones if allowed."""
-        best = self._quickest({n: one.resting for n, one in problems.items()})
-        fits = self._within_limits(best)
+        best = self._find_quickest({n: one.resting for n, one in problems.items()})
+        fits = self._make_fits_within_limits(best)
         free = {n: one for n, one in problems.items() if not one.rests}
         shortened = {
             n: own
             for n, one in free.items()
-            if (own := best[n]) is not None and not _stretches(one) and fits[n].status is Status.OK
+            if (own := best[n]) is not None and not _is_to_be_stretched(one) and fits[n].status is Status.OK
         }
-        found = self._released(free, shortened)
-        found |= self._quickest({n: one for n, one in free.items() if n not in shortened})
-        for n, other in self._within_limits(found).items():
+        found = self._free_end_accelerations(free, shortened)
+        found |= self._find_quickest({n: one for n, one in free.items() if n not in shortened})
+        for n, other in self._make_fits_within_limits(found).items():
             fits[n] = better(other, fits[n])
         return fits
 
@@ -182,23 +175,23 @@ class Strategy:
         """Fits in given durations; if one fails, the shortest motion tells which duration is needed."""
         durations = {n: float(one.settings.duration) for n, one in problems.items()}
         possible = {n: one for n, one in problems.items() if durations[n] >= one.bound}
-        attempts = dict.fromkeys(problems) | self._in_time(possible, durations)
+        attempts = dict.fromkeys(problems) | self._attempt_in_time(possible, durations)
         fits = {n: success(own) for n, own in attempts.items() if own is not None and own.peaks.kept}
         # The shortest motion says whether there is one at all, and what to ask for. Where the bound says that
         # there is none, the one along the path is enough for that.
         left = {n: one for n, one in problems.items() if n not in fits}
         best = self.shortest({n: one for n, one in left.items() if n in possible}, _no_tube)
         hopeless = {n: one for n, one in left.items() if n not in possible}
-        best |= self._along(hopeless, "shortest", _no_tube)
+        best |= self._attempt_along(hopeless, "shortest", _no_tube)
         fits |= {n: beyond_charts() for n, own in best.items() if own is None}
         quickest = {n: own for n, own in best.items() if own is not None}
         swift = {n: own for n, own in quickest.items() if own.problem.at_speed and own.needed <= durations[n]}
-        near = self._near({n: own for n, own in swift.items() if own.sound}, durations)
+        near = self._attempt_nearby({n: own for n, own in swift.items() if own.sound}, durations)
         fits |= {n: success(own) for n, own in near.items() if own is not None and own.kept}
         quickest = {n: own for n, own in quickest.items() if n not in fits}
-        for n, needed in self._needed(quickest, durations).items():
+        for n, needed in self._find_needed_durations(quickest, durations).items():
             duration = durations[n]
-            kept = needed is not None and needed <= (1 + _SAME_TIME) * duration
+            kept = needed is not None and needed <= (1 + _DURATION_ROUNDING) * duration
             if kept and not left[n].at_speed:
                 fits[n] = success(quickest[n].scaled(duration))
             else:
@@ -206,7 +199,9 @@ class Strategy:
                 fits[n] = limits_too_tight(closest, duration, needed)
         return fits
 
-    def _needed(self, quickest: dict[int, Attempt], durations: dict[int, float]) -> dict[int, float | None]:
+    def _find_needed_durations(
+        self, quickest: dict[int, Attempt], durations: dict[int, float]
+    ) -> dict[int, float | None]:
         """Durations in s in which all limits are kept, None where none is found.
 
         Args:
@@ -222,26 +217,28 @@ class Strategy:
         found |= dict.fromkeys(moving)
         open_ = {n: quickest[n].problem for n in moving if quickest[n].sound}
         longer = {
-            n: max(FIRST_GUESS * own.trajectory.duration, _LONGER * durations[n])
+            n: max(FIRST_GUESS * own.trajectory.duration, _DURATION_FACTOR * durations[n])
             for n, own in quickest.items()
         }
-        for look in range(_LOOKS):
+        for look in range(_MAX_DURATIONS):
             near = {} if look else {n: quickest[n] for n in open_}
-            attempts = self._near(near, longer) or self._in_time(open_, longer, _no_tube)
+            attempts = self._attempt_nearby(near, longer) or self._attempt_in_time(open_, longer, _no_tube)
             found |= {n: longer[n] for n, own in attempts.items() if own is not None and own.kept}
             open_ = {n: one for n, one in open_.items() if found[n] is None}
-            longer = {n: longer[n] * _LONGER ** (2**look) for n in open_}
+            longer = {n: longer[n] * _DURATION_FACTOR ** (2**look) for n in open_}
         return found
 
-    def _near(self, attempts: Mapping[int, Attempt], durations: Mapping[int, float]) -> Attempts:
+    def _attempt_nearby(self, attempts: Mapping[int, Attempt], durations: Mapping[int, float]) -> Attempts:
         """Attempts in given durations in s that start from other attempts, on the breaks of these."""
 
         def begin(n: int) -> InitialGuess | None:
-            return guesses.in_time(attempts[n], durations[n], tighter=_TIGHTER[0])
+            return guesses.in_time(attempts[n], durations[n], tighter=_UNUSED_LIMIT_SHARES[0])
 
-        return self._attempts(attempts, begin)
+        return self._attempt(attempts, begin)
 
-    def _in_time(self, problems: Problems, durations: dict[int, float], radius: Radius = _asked) -> Attempts:
+    def _attempt_in_time(
+        self, problems: Problems, durations: dict[int, float], radius: Radius = _own_radius
+    ) -> Attempts:
         """The first sound attempts within all limits in given durations in s, or else the best ones made."""
         ladders = {}
         for n, problem in problems.items():
@@ -249,15 +246,15 @@ class Strategy:
             ladders[n] = Ladder(
                 problem=problem,
                 profile=TrapezoidalProfile.within(durations[n], problem.quickest.length, problem.rise),
-                rungs=rungs(radius(problem), in_time=problem.at_speed or hurry >= _HURRY),
+                rungs=rungs(radius(problem), in_time=problem.at_speed or hurry >= _HURRY_RATIO),
                 duration=durations[n],
                 timing="given",
-                graded=hurry < _LEISURE,
-                tighter=_TIGHTER,
+                graded=hurry < _LEISURE_RATIO,
+                tighter=_UNUSED_LIMIT_SHARES,
             )
-        return self._climb(ladders)
+        return self._climb_ladders(ladders)
 
-    def _along(self, problems: Problems, timing: Timing, radius: Radius = _asked) -> Attempts:
+    def _attempt_along(self, problems: Problems, timing: Timing, radius: Radius = _own_radius) -> Attempts:
         """The first sound attempts at the quickest pace along the path, or else the best ones made.
 
         Args:
@@ -265,7 +262,7 @@ class Strategy:
             timing: of the motions, "stretched" or "shortest".
             radius: from a problem to the radius of its tube, rad.
         """
-        return self._climb(
+        return self._climb_ladders(
             {
                 n: Ladder(
                     problem=problem,
@@ -278,26 +275,26 @@ class Strategy:
             }
         )
 
-    def _quickest(self, problems: Problems) -> Attempts:
+    def _find_quickest(self, problems: Problems) -> Attempts:
         """The best attempts of `stretched` or of `shortest`, as the settings and end rates ask."""
-        stretching = {n: one for n, one in problems.items() if _stretches(one)}
+        stretching = {n: one for n, one in problems.items() if _is_to_be_stretched(one)}
         others = {n: one for n, one in problems.items() if n not in stretching}
         return self.stretched(stretching) | self.shortest(others)
 
     def stretched(self, problems: Problems) -> Attempts:
         """The best attempts that ignore limits, to be stretched to the limits afterwards."""
-        best = self._along(problems, "stretched")
+        best = self._attempt_along(problems, "stretched")
         slow = {
             n: one
             for n, one in problems.items()
             if (own := best[n]) is not None
             and own.sound
-            and own.needed > _SLOW * one.bound
+            and own.needed > _SLOW_RATIO * one.bound
             and one.settings.node_tube is None
         }
-        return best | quicker(self._along(slow, "stretched", _no_tube), best)
+        return best | quicker(self._attempt_along(slow, "stretched", _no_tube), best)
 
-    def shortest(self, problems: Problems, radius: Radius = _asked) -> Attempts:
+    def shortest(self, problems: Problems, radius: Radius = _own_radius) -> Attempts:
         """The shortest motions within all limits, or else the best attempts made.
 
         If a problem names a motion with breaks at switches, only motions near that are looked for. Otherwise,
@@ -307,26 +304,26 @@ class Strategy:
         stretched to them.
         """
         near = {n: begin for n, one in problems.items() if (begin := guesses.near(one)) is not None}
-        found = {n: own for n, own in self._attempts(near, near.get).items() if own is not None and own.sound}
+        found = {n: own for n, own in self._attempt(near, near.get).items() if own is not None and own.sound}
         problems = {n: one for n, one in problems.items() if n not in found}
         leaving = {
             n: one
             for n, one in problems.items()
             if one.platform_binds and radius(one) == np.inf and not one.at_speed
         }
-        bent = self._bent({n: guesses.along(one) for n, one in leaving.items()}, problems)
+        bent = self._search_bent_curves({n: guesses.along(one) for n, one in leaving.items()}, problems)
         found |= {n: own for n, own in bent.items() if own is not None and own.sound}
         left = {n: one for n, one in problems.items() if n not in found}
-        best = self._along(left, "shortest", radius)
+        best = self._attempt_along(left, "shortest", radius)
         slow = {
             n: one
             for n, one in left.items()
             if (own := best[n]) is not None
             and not one.at_speed
-            and not (own.sound and own.needed <= _DETOUR * one.bound)
+            and not (own.sound and own.needed <= _DETOUR_RATIO * one.bound)
             and own.needed < one.at_most
         }
-        best |= quicker(self._along(slow, "stretched", lambda one: one.width), best)
+        best |= quicker(self._attempt_along(slow, "stretched", lambda one: one.width), best)
         begins = {
             n: guesses.coarse(own)
             for n, own in best.items()
@@ -336,9 +333,9 @@ class Strategy:
             and n not in leaving
             and not (own.sound and own.needed <= NEAR_THE_BOUND * own.problem.bound)
         }
-        return best | quicker(self._bent(begins, problems), best) | found
+        return best | quicker(self._search_bent_curves(begins, problems), best) | found
 
-    def _bent(self, begins: Mapping[int, InitialGuess | None], problems: Problems) -> Attempts:
+    def _search_bent_curves(self, begins: Mapping[int, InitialGuess | None], problems: Problems) -> Attempts:
         """The shortest motions near curves on few intervals, and near curves bent away from these.
 
         Args:
@@ -358,19 +355,19 @@ class Strategy:
         for n, own in zip(owner, made, strict=True):
             if own is not None and (n not in best or own.pace > best[n].pace):
                 best[n] = own
-        best = self._precise(best, by_time_alone=True)
-        return dict(self._precise(best, by_time_alone=False))
+        best = self._refine_attempts(best, by_time_alone=True)
+        return dict(self._refine_attempts(best, by_time_alone=False))
 
-    def _precise(self, attempts: dict[int, Attempt], *, by_time_alone: bool) -> dict[int, Attempt]:
+    def _refine_attempts(self, attempts: dict[int, Attempt], *, by_time_alone: bool) -> dict[int, Attempt]:
         """The shortest motions near those of attempts, on breaks close together where these switch."""
 
         def begin(n: int) -> InitialGuess:
             return guesses.precise(attempts[n], by_time_alone=by_time_alone)
 
-        found = self._attempts(attempts, begin)
+        found = self._attempt(attempts, begin)
         return {n: own for n, own in found.items() if own is not None}
 
-    def _released(self, problems: Problems, shortened: dict[int, Attempt]) -> Attempts:
+    def _free_end_accelerations(self, problems: Problems, shortened: dict[int, Attempt]) -> Attempts:
         """The shortest motions with free end accelerations, near those with zero ones (`shortened`).
 
         Started from the path, where end accelerations are large, it might end in a longer local minimum.
@@ -380,13 +377,13 @@ class Strategy:
             mesh, own = shortened[n].discrete.mesh, shortened[n].solution
             return first_curve(problems[n], mesh, own.duration, "shortest", coefficients=own.coefficients)
 
-        return self._attempts(shortened, begin)
+        return self._attempt(shortened, begin)
 
-    def _within_limits(self, attempts: Attempts) -> dict[int, Fit]:
+    def _make_fits_within_limits(self, attempts: Attempts) -> dict[int, Fit]:
         """Make fits from attempts, each in the shortest time in which its motion keeps all limits."""
         fits = {n: beyond_charts() for n, own in attempts.items() if own is None}
         best = {n: own for n, own in attempts.items() if own is not None}
-        best |= self._slowed({n: own for n, own in best.items() if own.problem.at_speed})
+        best |= self._slow_to_limits({n: own for n, own in best.items() if own.problem.at_speed})
         for n, own in best.items():
             if not own.problem.at_speed and np.isfinite(own.peaks.stretch):
                 fits[n] = success(own, stretch=True)
@@ -396,7 +393,7 @@ class Strategy:
                 fits[n] = limits_too_tight(own, own.trajectory.duration, None)
         return fits
 
-    def _slowed(self, attempts: dict[int, Attempt]) -> dict[int, Attempt]:
+    def _slow_to_limits(self, attempts: dict[int, Attempt]) -> dict[int, Attempt]:
         """Repeat attempts with rates at the ends in longer durations until they keep all limits.
 
         Scaling their time instead would change these rates.
@@ -406,24 +403,24 @@ class Strategy:
 
         def begin(n: int, look: int) -> InitialGuess | None:
             problem, stretch = best[n].problem, best[n].peaks.stretch
-            least, most = _TIGHTER
+            least, most = _UNUSED_LIMIT_SHARES
             tighter = min(least + 2 * max(0.0, stretch - 1), most)
             # Tighter limits by themselves make the motion longer by as much.
-            longer = float(np.clip(stretch, 1 + tighter, _MOST_LONGER))
+            longer = float(np.clip(stretch, 1 + tighter, _MAX_DURATION_FACTOR))
             durations[n] *= longer ** (2**look)
             mesh = problem.mesh(problem.quickest, best[n].radius, 1, graded=True)
             return first_curve(problem, mesh, durations[n], "given", tighter=tighter)
 
-        for look in range(_LOOKS):
+        for look in range(_MAX_DURATIONS):
             open_ = [n for n in open_ if not (best[n].peaks.kept and best[n].sound)]
             # Wheels that are full stay as full in more time.
             open_ = [n for n in open_ if not np.isinf(best[n].peaks.stretch)]
-            made = self._attempts(open_, partial(begin, look=look))
+            made = self._attempt(open_, partial(begin, look=look))
             open_ = [n for n, own in made.items() if own is not None]
             best.update({n: own for n, own in made.items() if own is not None})
         return best
 
-    def _climb(self, ladders: dict[int, Ladder]) -> Attempts:
+    def _climb_ladders(self, ladders: dict[int, Ladder]) -> Attempts:
         """Make attempts on ladders to their ends, those of all fits together; return the best of each."""
 
         def begin(n: int) -> InitialGuess | None:
@@ -431,12 +428,12 @@ class Strategy:
 
         open_ = list(ladders)
         while open_:
-            for n, made in self._attempts(open_, begin).items():
+            for n, made in self._attempt(open_, begin).items():
                 ladders[n].accept(made)
             open_ = [n for n in open_ if ladders[n].rungs]
         return {n: own.best for n, own in ladders.items()}
 
-    def _attempts(self, which: Iterable[int], begin: Callable[[int], InitialGuess | None]) -> Attempts:
+    def _attempt(self, which: Iterable[int], begin: Callable[[int], InitialGuess | None]) -> Attempts:
         """Make attempts of some fits together, from first curves that `begin` makes by number."""
         numbers = list(which)
         if not numbers:
@@ -445,6 +442,6 @@ class Strategy:
             return dict(zip(numbers, make_attempts([begin(n) for n in numbers]), strict=True))
 
 
-def _stretches(problem: FitProblem) -> bool:
+def _is_to_be_stretched(problem: FitProblem) -> bool:
     """Whether a fit without limits is to be stretched to them: if asked for, and at rest at both ends."""
     return problem.settings.duration == STRETCHED and not problem.at_speed

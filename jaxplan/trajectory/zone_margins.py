@@ -19,7 +19,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.tabulation import bound_by
 from jaxplan.model.zones import Zone
 
-_BLOCK = 2**21  # about as many numbers of a table are computed at once
+_NUMBERS_PER_BLOCK = 2**21  # about as many numbers of a table are computed at once
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,23 +52,23 @@ class ZoneMargins:
     scenario: Scenario
 
     @cached_property
-    def _rows(self) -> Constraints:
+    def _constraints(self) -> Constraints:
         return self.scenario.constraints
 
     @cached_property
     def _sights(self) -> Sights:
         craft = self.scenario.spacecraft
-        return self._rows.sights(craft.gimbals, craft.fixed_boresights)
+        return self._constraints.sights(craft.gimbals, craft.fixed_boresights)
 
     @cached_property
-    def _owners(self) -> np.ndarray:
+    def _sight_devices(self) -> np.ndarray:
         """For each of the S sights, the number of the device to which its margins count."""
         return np.array(bound_by(self.scenario.zones, self.scenario.spacecraft).owners, int)
 
     @cached_property
     def pairs(self) -> tuple[Pair, ...]:
         """All pairs of devices and zones that bind them, zone by zone."""
-        rows, found = self._rows, []
+        rows, found = self._constraints, []
         for leader in np.unique(rows.group[rows.zone >= 0]):
             zone = self.scenario.zones[rows.zone[leader]]
             members = [[int(row)] for row in np.flatnonzero(rows.group == leader)]
@@ -80,7 +80,7 @@ class ZoneMargins:
                 name = zone.name if single else zone.any_of or zone.name
                 found += [
                     Pair(device=int(device), zone=name, leader=zone, rows=tuple(own))
-                    for device in np.unique(self._owners[bound])
+                    for device in np.unique(self._sight_devices[bound])
                 ]
         return tuple(found)
 
@@ -99,21 +99,21 @@ class ZoneMargins:
         Raises:
             ValueError: at a time at which a zone that moves is not known.
         """
-        rows = self._rows
+        rows = self._constraints
         count = len(times)
-        step = max(1, _BLOCK // max(1, len(rows.zone) * max(len(rows.zone), rows.bound.shape[1])))
+        step = max(1, _NUMBERS_PER_BLOCK // max(1, len(rows.zone) * max(len(rows.zone), rows.bound.shape[1])))
         parts = [slice(first, first + step) for first in range(0, count, step)]
-        found = [self._table(times[own], attitudes[own], joints[own]) for own in parts]
+        found = [self._margins_of_block(times[own], attitudes[own], joints[own]) for own in parts]
         return np.concatenate([np.zeros((0, len(self.pairs))), *found])
 
-    def _table(self, times: np.ndarray, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    def _margins_of_block(self, times: np.ndarray, attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
         """Do the same as `at` for all states at once, without cutting them into blocks."""
-        rows = self._rows
+        rows = self._constraints
         table = np.asarray(state_margins(rows, self._sights, attitudes, joints, times))  # (k, Z, S)
         chosen = chosen_entries(rows, np.min(table, axis=-1, initial=np.inf)) == rows.entry  # (k, Z)
         table = np.where(chosen[..., None] & rows.bound, table, np.nan)
         found = np.empty((len(times), len(self.pairs)))
         for place, pair in enumerate(self.pairs):
-            own = table[:, list(pair.rows)][:, :, self._owners == pair.device]
+            own = table[:, list(pair.rows)][:, :, self._sight_devices == pair.device]
             found[:, place] = np.fmin.reduce(own, axis=(1, 2))
         return found
