@@ -13,7 +13,7 @@ from pathlib import Path
 
 import exhibits
 
-from jaxplan.cli import DESCRIPTION, EXIT_CODES, FIRST_STEPS, _parser
+from jaxplan.cli import DESCRIPTION, EXIT_CODES, FIRST_STEPS, _make_parser
 from jaxplan.model.status import Status
 from jaxplan.schema.directions import TargetList
 from jaxplan.schema.layout import SCENARIO
@@ -129,7 +129,7 @@ def _required(table: Table, entry: Field) -> str:
 
 def command_line() -> str:
     """Every command with its arguments."""
-    parser = _parser()
+    parser = _make_parser()
     (commands,) = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
     parts = [
         "# Command line",

@@ -22,7 +22,7 @@ from reference import assert_each
 
 import jaxplan as jp
 from jaxplan.cases import case_path
-from jaxplan.cli import _parser, main
+from jaxplan.cli import _make_parser, main
 from jaxplan.model.status import Status
 from jaxplan.schema.directions import TargetList
 from jaxplan.schema.faults import WRONG, Place, Reading
@@ -319,7 +319,7 @@ def commands(block: str) -> list[list[str]]:
 
 
 def test_every_command_on_the_pages_is_one_that_the_command_line_takes():
-    parser, taken = _parser(), 0
+    parser, taken = _make_parser(), 0
     for page in PAGES:
         for block in blocks(page, "sh"):
             for words in commands(block):

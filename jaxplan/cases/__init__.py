@@ -19,5 +19,5 @@ __all__ = [
     "random_scenario",
 ]
 
-_RANDOM = ("RANDOM_KINDS", "SKY_KINDS", "random_scenario")
-__getattr__ = late(__name__, {name: f"jaxplan.cases.random_scenes:{name}" for name in _RANDOM})
+_LAZY_NAMES = ("RANDOM_KINDS", "SKY_KINDS", "random_scenario")
+__getattr__ = late(__name__, {name: f"jaxplan.cases.random_scenes:{name}" for name in _LAZY_NAMES})

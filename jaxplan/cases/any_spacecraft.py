@@ -8,8 +8,7 @@ the boresights at the end, so that all can be met together. Devices without a ta
 is the goal.
 
 A zone is drawn again until it is clear, at most `DRAWS` times, and is then left out. What is drawn late does
-not change what was drawn before. Attitudes are body to inertial, angles in radians unless a name or text says
-deg.
+not change what was drawn before. Attitudes are body to inertial, angles in radians unless said to be deg.
 """
 
 import math
@@ -32,9 +31,9 @@ from jaxplan.model.zones import FIELD_OF_VIEW, FixedVector, KeepIn, KeepOut, Zon
 
 INSIDE = math.radians(3.0)
 """rad, how far start and end stay inside the ranges of joints."""
-_LEAST_ROOM = math.radians(8.0)  # rad, least part of the pitch's range that a mask leaves free
-_FARTHEST = math.radians(290.0)  # rad, greatest magnitude of the yaw at a mask's centre
-_APART = math.cos(math.radians(35.0))  # cosine of the least angle between a drive's boresight and its axis
+_MIN_FREE_PITCH = math.radians(8.0)  # rad, least part of the pitch's range that a mask leaves free
+_MAX_YAW = math.radians(290.0)  # rad, greatest magnitude of the yaw at a mask's centre
+_MAX_AXIS_COSINE = math.cos(math.radians(35.0))  # of the angle between a drive's boresight and its axis
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +130,7 @@ def draw(rng: np.random.Generator, name: str) -> Scenario:
 
 def draw_scene(rng: np.random.Generator) -> Drawn:
     """Draw spacecraft, start and end of a scene, and masks and zones that are clear of both."""
-    craft = _spacecraft(rng, BUILDS[int(rng.integers(len(BUILDS)))])
+    craft = _draw_spacecraft(rng, BUILDS[int(rng.integers(len(BUILDS)))])
     low, high = craft.joint_ranges.T
     start, end = rng.uniform(low + INSIDE, high - INSIDE, (2, craft.joint_count))
     attitude = np.asarray(so3.exp(random_angle(rng, 0, 180) * random_direction(rng)))
@@ -144,7 +143,16 @@ def draw_scene(rng: np.random.Generator) -> Drawn:
             end[own] = start[own]
     scene = Drawn(rng=rng, craft=craft, start=(attitude, start), end=(turned, end), held=held)
     _add_masks(scene)
-    for recipe in (_sky, _sun, _structure, _beam, _light, _field, _trackers, _carried):
+    for recipe in (
+        _draw_sky_cones,
+        _draw_sun_cone,
+        _draw_structure_cone,
+        _draw_beam_cone,
+        _draw_light_cone,
+        _draw_field_zone,
+        _draw_tracker_group,
+        _draw_shade_cone,
+    ):
         for _ in range(DRAWS):
             zones = recipe(scene)
             if scene.is_clear(*zones):
@@ -159,16 +167,13 @@ def draw_scenario(scene: Drawn, name: str) -> Scenario:
         name=name,
         spacecraft=scene.craft,
         start=at_rest(*scene.start),
-        goal=at_rest(*scene.end) if scene.likely(0.15) else _targets(scene),
+        goal=at_rest(*scene.end) if scene.likely(0.15) else _draw_targets(scene),
         **sorts(scene.zones),
         search=SearchSettings(attitude_step=0.1, joint_step=0.1),
     )
 
 
-# Devices.
-
-
-def _spacecraft(rng: np.random.Generator, build: Build) -> Spacecraft:
+def _draw_spacecraft(rng: np.random.Generator, build: Build) -> Spacecraft:
     """Draw a spacecraft of a build."""
 
     def per_axis(least: float, most: float) -> Any:
@@ -188,35 +193,35 @@ def _spacecraft(rng: np.random.Generator, build: Build) -> Spacecraft:
     return Spacecraft(
         rate_limit=rate,
         acceleration_limit=acceleration,
-        terminals=tuple(_terminal(rng, number, build) for number in range(build.terminals)),
-        drives=tuple(_drive(rng, number) for number in range(build.drives)),
-        instruments=tuple(_instrument(rng, number, build) for number in range(build.instruments)),
+        terminals=tuple(_draw_terminal(rng, number, build) for number in range(build.terminals)),
+        drives=tuple(_draw_drive(rng, number) for number in range(build.drives)),
+        instruments=tuple(_draw_instrument(rng, number, build) for number in range(build.instruments)),
         **more,
     )
 
 
-def _terminal(rng: np.random.Generator, number: int, build: Build) -> Terminal:
+def _draw_terminal(rng: np.random.Generator, number: int, build: Build) -> Terminal:
     """Draw a terminal, numbered from 0, with a field of view if the build gives it one."""
     given: dict[str, Any] = {}
     if rng.uniform() < 0.4:
         given["mount"] = random_angle(rng, -180, 180)
     else:
         axis = random_direction(rng)
-        given["mounting"] = Mount(yaw_axis=axis, boresight=_across(rng, axis))
+        given["mounting"] = Mount(yaw_axis=axis, boresight=_draw_perpendicular(rng, axis))
     sort = rng.uniform()
     if sort < 0.35:
         given["yaw_limit"] = random_angle(rng, 60, 180)
     elif sort < 0.7:
-        given["yaw_range"] = _range(rng, (-200, -40), (40, 200))
+        given["yaw_range"] = _draw_range(rng, (-200, -40), (40, 200))
     else:
-        given["yaw_range"] = _range(rng, (-330, -190), (190, 330))
+        given["yaw_range"] = _draw_range(rng, (-330, -190), (190, 330))
     sort = rng.uniform()
     if sort < 0.35:
         given["pitch_limit"] = random_angle(rng, 20, 85)
     elif sort < 0.7:
-        given["pitch_range"] = _range(rng, (-30, 0), (45, 90))
+        given["pitch_range"] = _draw_range(rng, (-30, 0), (45, 90))
     else:
-        given["pitch_range"] = _range(rng, (-90, -45), (0, 30))
+        given["pitch_range"] = _draw_range(rng, (-90, -45), (0, 30))
     if rng.uniform() < 0.5:
         given |= {"rate_limit": random_angle(rng, 1, 6), "acceleration_limit": random_angle(rng, 0.5, 4)}
     else:
@@ -227,37 +232,39 @@ def _terminal(rng: np.random.Generator, number: int, build: Build) -> Terminal:
     return Terminal(name=f"terminal-{number + 1}", **given)
 
 
-def _drive(rng: np.random.Generator, number: int) -> Drive:
+def _draw_drive(rng: np.random.Generator, number: int) -> Drive:
     """Draw a drive, numbered from 0."""
     axis = boresight = random_direction(rng)
-    while not admissible(_APART - abs(axis @ boresight)):
+    while not admissible(_MAX_AXIS_COSINE - abs(axis @ boresight)):
         boresight = random_direction(rng)
     wide = rng.uniform() < 0.3
     return Drive(
         name=f"drive-{number + 1}",
         axis=axis,
         boresight=boresight,
-        range=_range(rng, (-360, -190), (190, 360)) if wide else _range(rng, (-180, -30), (30, 180)),
+        range=_draw_range(rng, (-360, -190), (190, 360))
+        if wide
+        else _draw_range(rng, (-180, -30), (30, 180)),
         rate_limit=random_angle(rng, 0.5, 5),
         acceleration_limit=random_angle(rng, 0.2, 3),
     )
 
 
-def _instrument(rng: np.random.Generator, number: int, build: Build) -> Instrument:
+def _draw_instrument(rng: np.random.Generator, number: int, build: Build) -> Instrument:
     """Draw an instrument, numbered from 0, with a field of view if the build gives it one."""
     boresight, given = random_direction(rng), dict[str, Any]()
     if number < build.fields:
         given["field_of_view"] = np.array([random_angle(rng, 4, 40), random_angle(rng, 4, 40)])
-        given["up"] = _across(rng, boresight)
+        given["up"] = _draw_perpendicular(rng, boresight)
     return Instrument(name=f"instrument-{number + 1}", boresight=boresight, **given)
 
 
-def _range(rng: np.random.Generator, low: tuple[float, float], high: tuple[float, float]) -> np.ndarray:
+def _draw_range(rng: np.random.Generator, low: tuple[float, float], high: tuple[float, float]) -> np.ndarray:
     """Draw a range (2,) in rad: its lower end from the interval `low`, its upper end from `high`, in deg."""
     return np.array([random_angle(rng, *low), random_angle(rng, *high)])
 
 
-def _across(rng: np.random.Generator, axis: np.ndarray) -> np.ndarray:
+def _draw_perpendicular(rng: np.random.Generator, axis: np.ndarray) -> np.ndarray:
     """Draw a unit vector (3,) perpendicular to an axis (3,)."""
     return np.stack(unit(np.stack(cross(axis, random_direction(rng)))))
 
@@ -268,7 +275,7 @@ def _add_masks(scene: Drawn) -> None:
         if scene.likely(0.4):
             continue
         for _ in range(DRAWS):
-            corners = _corners(scene, terminal)
+            corners = _draw_mask_corners(scene, terminal)
             masked = replace(terminal, mask=(corners,))
             terminals = (*scene.craft.terminals[:number], masked, *scene.craft.terminals[number + 1 :])
             craft = replace(scene.craft, terminals=terminals)
@@ -277,11 +284,11 @@ def _add_masks(scene: Drawn) -> None:
                 break
 
 
-def _corners(scene: Drawn, terminal: Terminal) -> np.ndarray:
+def _draw_mask_corners(scene: Drawn, terminal: Terminal) -> np.ndarray:
     """Draw corners (3 or 4, 2), rad, of a convex mask of yaw and pitch, centred at an end of the pitch."""
     rng, (yaw, (low, high)) = scene.rng, terminal.ranges
-    centre = np.array([rng.uniform(*np.clip(yaw, -_FARTHEST, _FARTHEST)), high if scene.likely(0.5) else low])
-    deepest = min(math.radians(30), high - low - _LEAST_ROOM)
+    centre = np.array([rng.uniform(*np.clip(yaw, -_MAX_YAW, _MAX_YAW)), high if scene.likely(0.5) else low])
+    deepest = min(math.radians(30), high - low - _MIN_FREE_PITCH)
     size, count = (
         np.array([random_angle(rng, 12, 60), deepest * rng.uniform(0.4, 1.0)]),
         int(rng.integers(3, 5)),
@@ -291,10 +298,7 @@ def _corners(scene: Drawn, terminal: Terminal) -> np.ndarray:
     return np.array([[math.radians(round(float(part), 6)) for part in corner] for corner in corners])
 
 
-# Zones.
-
-
-def _sky(scene: Drawn) -> list[Zone]:
+def _draw_sky_cones(scene: Drawn) -> list[Zone]:
     """Draw up to two inertial cones that all devices, or some of them, keep out of."""
     rng, names = scene.rng, scene.craft.device_names
     return [
@@ -308,7 +312,7 @@ def _sky(scene: Drawn) -> list[Zone]:
     ]
 
 
-def _sun(scene: Drawn) -> list[Zone]:
+def _draw_sun_cone(scene: Drawn) -> list[Zone]:
     """Draw a wide inertial cone that some instruments keep out of."""
     names = tuple(one.name for one in scene.craft.instruments)
     half_angle = random_angle(scene.rng, 15, 40)
@@ -322,31 +326,31 @@ def _sun(scene: Drawn) -> list[Zone]:
     ]
 
 
-def _moving(scene: Drawn) -> tuple[str, ...]:
+def _jointed_devices(scene: Drawn) -> tuple[str, ...]:
     """Names of the devices with joints."""
     return scene.craft.device_names[: scene.craft.gimbals.count]
 
 
-def _structure(scene: Drawn) -> list[Zone]:
+def _draw_structure_cone(scene: Drawn) -> list[Zone]:
     """Draw a cone about a body axis that one device with joints keeps out of; sometimes none."""
-    if not _moving(scene) or scene.likely(0.3):
+    if not _jointed_devices(scene) or scene.likely(0.3):
         return []
     return [
         KeepOut(
             name="structure",
             axis_body=random_direction(scene.rng),
             half_angle=random_angle(scene.rng, 8, 25),
-            devices=scene.some(_moving(scene))[:1],
+            devices=scene.some(_jointed_devices(scene))[:1],
         )
     ]
 
 
-def _beam(scene: Drawn) -> list[Zone]:
+def _draw_beam_cone(scene: Drawn) -> list[Zone]:
     """Draw a cone about the boresight of one device that another keeps out of; one of them has joints.
 
     Sometimes, or where there are no two such devices, none is drawn.
     """
-    moving = _moving(scene)
+    moving = _jointed_devices(scene)
     if not moving or len(scene.craft.device_names) < 2 or scene.likely(0.3):
         return []
     one = scene.some(moving)[0]
@@ -358,7 +362,7 @@ def _beam(scene: Drawn) -> list[Zone]:
     ]
 
 
-def _light(scene: Drawn) -> list[Zone]:
+def _draw_light_cone(scene: Drawn) -> list[Zone]:
     """Draw a wide inertial cone that a body axis, or one device, stays in; sometimes none."""
     if scene.likely(0.4):
         return []
@@ -373,7 +377,7 @@ def _light(scene: Drawn) -> list[Zone]:
     ]
 
 
-def _field(scene: Drawn) -> list[Zone]:
+def _draw_field_zone(scene: Drawn) -> list[Zone]:
     """Draw an inertial direction that must stay outside all fields of view by an angle, if any exist."""
     craft, rng = scene.craft, scene.rng
     names = tuple(one.name for one in craft.devices if one.field_of_view is not None)
@@ -390,7 +394,7 @@ def _field(scene: Drawn) -> list[Zone]:
     ]
 
 
-def _trackers(scene: Drawn) -> list[Zone]:
+def _draw_tracker_group(scene: Drawn) -> list[Zone]:
     """Draw a group of two zones, of which one must be kept: the last two instruments avoid one direction.
 
     Sometimes, or with fewer instruments, none is drawn.
@@ -411,19 +415,16 @@ def _trackers(scene: Drawn) -> list[Zone]:
     ]
 
 
-def _carried(scene: Drawn) -> list[Zone]:
+def _draw_shade_cone(scene: Drawn) -> list[Zone]:
     """Draw an inertial cone that a vector fixed to a device's moving part keeps out of; sometimes none."""
-    if not _moving(scene) or scene.likely(0.6):
+    if not _jointed_devices(scene) or scene.likely(0.6):
         return []
-    vector = FixedVector(along=random_direction(scene.rng), to=scene.some(_moving(scene))[0])
+    vector = FixedVector(along=random_direction(scene.rng), to=scene.some(_jointed_devices(scene))[0])
     toward, half_angle = random_direction(scene.rng), random_angle(scene.rng, 8, 25)
     return [KeepOut(name="shade", direction=toward, half_angle=half_angle, vectors=(vector,))]
 
 
-# The goal.
-
-
-def _targets(scene: Drawn) -> Targets:
+def _draw_targets(scene: Drawn) -> Targets:
     """Draw a goal: targets along boresights at the end for one device or more, and wishes for some others.
 
     Terminals may all have targets, but at most one drive and one instrument, since more cannot be met in

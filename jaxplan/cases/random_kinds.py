@@ -46,11 +46,11 @@ DRAWS = 8
 """Draws of a recipe, and of all recipes of a start, before it is given up."""
 KNOWN = 400.0
 """s, over which directions that move are known."""
-_TIMES = np.linspace(0, KNOWN, 41)  # s, at which moving directions are given, and margins checked
+_PATH_TIMES = np.linspace(0, KNOWN, 41)  # s, at which moving directions are given, and margins checked
 _PITCH_LIMIT = 15.0  # deg, pitch limit of the paper's spacecraft
-_EDGES = 4  # number of a polygon's edges
+_POLYGON_EDGES = 4  # number of a polygon's edges
 
-_FIELD, _UP = (
+_TERMINAL_FIELD, _TERMINAL_UP = (
     np.radians([14.0, 8.0]),
     np.array([0.0, 0.6, 0.8]),
 )  # field of view (full angles, rad) and its up axis of every terminal, in scenes with fields of view
@@ -85,12 +85,12 @@ def draw(rng: np.random.Generator, kind: Kind) -> tuple[GivenState, tuple[Zone, 
             continue
         start, end = (attitude, joints), (goal.attitude, goal.joints)
         if kind.moved:
-            clear, broken = _states(start, _another_goal(rng, goal.attitude)), _states(end)
+            clear, broken = _stack_states(start, _draw_other_goal(rng, goal.attitude)), _stack_states(end)
         else:
-            clear, broken = _states(start, end), straight_states(attitude, joints, goal)
+            clear, broken = _stack_states(start, end), straight_states(attitude, joints, goal)
         for _ in range(DRAWS):
-            zones = _zones(rng, kind.recipes, clear)
-            if zones and admissible(-BROKEN - np.min(_margins(zones, *broken))):
+            zones = _draw_clear_zones(rng, kind.recipes, clear)
+            if zones and admissible(-BROKEN - np.min(_min_margins(zones, *broken))):
                 return at_rest(attitude, joints), zones
     raise AssertionError("there are always more starts")
 
@@ -119,16 +119,16 @@ def equipped(zones: Sequence[Zone]) -> Spacecraft:
     masked = tuple(replace(one, mask=tuple(own[one.name])) for one in craft.terminals)
     if not any(isinstance(zone, KeepOut) and zone.of_field for zone in zones):
         return replace(craft, terminals=masked)
-    seeing = tuple(replace(one, field_of_view=_FIELD, up=_UP) for one in masked)
+    seeing = tuple(replace(one, field_of_view=_TERMINAL_FIELD, up=_TERMINAL_UP) for one in masked)
     return replace(craft, terminals=seeing, instruments=(_CAMERA,))
 
 
-def _states(*states: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def _stack_states(*states: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Stack k states, each an attitude (3, 3) and joints (6,), to attitudes (k, 3, 3) and joints (k, 6)."""
     return np.stack([attitude for attitude, _ in states]), np.stack([joints for _, joints in states])
 
 
-def _another_goal(rng: np.random.Generator, attitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _draw_other_goal(rng: np.random.Generator, attitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Draw another goal: an attitude (3, 3) turned by at most `FARTHEST`, and its joints (6,) in rad."""
     craft, targets = setting()
     while True:
@@ -138,7 +138,7 @@ def _another_goal(rng: np.random.Generator, attitude: np.ndarray) -> tuple[np.nd
             return turned, joints
 
 
-def _zones(
+def _draw_clear_zones(
     rng: np.random.Generator, recipes: Sequence[Recipe], clear: tuple[np.ndarray, np.ndarray]
 ) -> tuple[Zone, ...]:
     """Draw zones by all recipes, so that some states are clear of them.
@@ -155,7 +155,7 @@ def _zones(
     for recipe in recipes:
         for _ in range(DRAWS):
             zones = recipe(rng)
-            if np.all(admissible(_margins(zones, *clear) - CLEARANCE)):
+            if np.all(admissible(_min_margins(zones, *clear) - CLEARANCE)):
                 found += zones
                 break
         else:
@@ -163,7 +163,7 @@ def _zones(
     return tuple(found)
 
 
-def _margins(zones: Sequence[Zone], attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
+def _min_margins(zones: Sequence[Zone], attitudes: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """Smallest margin (k,) in rad of each of k states to any of the zones; to moving ones at any time.
 
     Args:
@@ -174,7 +174,7 @@ def _margins(zones: Sequence[Zone], attitudes: np.ndarray, joints: np.ndarray) -
     craft = equipped(zones)
     rows = tabulate(**sorts(zones), spacecraft=craft)
     sights = rows.sights(craft.gimbals, craft.fixed_boresights)
-    times = np.repeat(_TIMES[:, None], len(joints), axis=1) if rows.paths else None
+    times = np.repeat(_PATH_TIMES[:, None], len(joints), axis=1) if rows.paths else None
     margins = constraint_margins(rows, state_margins(rows, sights, attitudes, joints, times))
     return np.asarray(np.min(margins, axis=(0, -1) if rows.paths else -1))
 
@@ -190,22 +190,22 @@ def random_angle(rng: np.random.Generator, least: float, most: float) -> float:
     return math.radians(rng.uniform(least, most))
 
 
-def _as_filed(angle: float) -> float:
+def _round_as_filed(angle: float) -> float:
     """Round an angle (rad) so that it is unchanged by conversion to degrees and back, as in a file."""
     return math.radians(math.degrees(angle))
 
 
-def _side(rng: np.random.Generator) -> int:
+def _draw_sign(rng: np.random.Generator) -> int:
     """Draw 1 or -1."""
     return 1 if rng.uniform() < 0.5 else -1
 
 
-def _terminal(number: int) -> str:
+def _terminal_name(number: int) -> str:
     """Name of a terminal, numbered from 0."""
     return setting()[0].terminals[number].name
 
 
-def _vector(rng: np.random.Generator, to: int | None) -> tuple[FixedVector]:
+def _draw_vector(rng: np.random.Generator, to: int | None) -> tuple[FixedVector]:
     """Draw a vector fixed to the body, or to the moving part of a terminal.
 
     Args:
@@ -216,12 +216,12 @@ def _vector(rng: np.random.Generator, to: int | None) -> tuple[FixedVector]:
     along = random_direction(rng)
     while to is not None and not admissible(math.cos(math.radians(40.0)) - along[0]):
         along = random_direction(rng)
-    return (FixedVector(along=along, to=None if to is None else _terminal(to)),)
+    return (FixedVector(along=along, to=None if to is None else _terminal_name(to)),)
 
 
-def _masks(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
+def _draw_mask_cones(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
     """Draw two cones about body axes that a terminal keeps out of, both from above or both from below."""
-    side, frame = _side(rng), setting()[0].gimbals.frames[number]
+    side, frame = _draw_sign(rng), setting()[0].gimbals.frames[number]
     found = []
     for i in range(2):
         half_angle, reach = random_angle(rng, 12, 25), random_angle(rng, -5, 9)
@@ -232,25 +232,25 @@ def _masks(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
                 name=f"mask-{number + 1}{'ab'[i]}",
                 axis_body=axis,
                 half_angle=half_angle,
-                devices=(_terminal(number),),
+                devices=(_terminal_name(number),),
             )
         )
     return tuple(found)
 
 
-def _beam(rng: np.random.Generator, axis: int, number: int) -> tuple[Zone, ...]:
+def _draw_beam(rng: np.random.Generator, axis: int, number: int) -> tuple[Zone, ...]:
     """Draw a cone about the boresight of the terminal `axis` that the terminal `number` keeps out of."""
     return (
         KeepOut(
             name=f"beam-{axis + 1}",
-            axis_device=_terminal(axis),
+            axis_device=_terminal_name(axis),
             half_angle=random_angle(rng, 10, 40),
-            devices=(_terminal(number),),
+            devices=(_terminal_name(number),),
         ),
     )
 
 
-def _cone(
+def _draw_cone(
     rng: np.random.Generator,
     name: str,
     half_angles: tuple[float, float],
@@ -271,21 +271,23 @@ def _cone(
         "direction": random_direction(rng),
         "half_angle": random_angle(rng, *half_angles),
     }
-    return (sort(name=name, **known, vectors=tuple(vector for to in of for vector in _vector(rng, to))),)
+    return (sort(name=name, **known, vectors=tuple(vector for to in of for vector in _draw_vector(rng, to))),)
 
 
-def _mask(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
+def _draw_mask(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
     """Draw a mask of the terminal `number`, which cuts into the range of the pitch from above or below."""
-    corners, name = np.vectorize(_as_filed)(_corners(rng)), _terminal(number)
+    corners, name = np.vectorize(_round_as_filed)(_draw_polygon_corners(rng)), _terminal_name(number)
     return (Mask(name=f"mask 1 of {name}", device=name, corners=corners, turns=(0,)),)
 
 
-def _beside(rng: np.random.Generator, name: str, of: str, distances: tuple[float, float]) -> tuple[Zone, ...]:
+def _draw_field_zone(
+    rng: np.random.Generator, name: str, of: str, distances: tuple[float, float]
+) -> tuple[Zone, ...]:
     """Draw an inertial direction that must stay outside the field of view of the device `of`.
 
     Its least distance from the field's edge is drawn from the interval `distances`, in deg.
     """
-    distance = _as_filed(random_angle(rng, *distances))
+    distance = _round_as_filed(random_angle(rng, *distances))
     return (
         KeepOut(
             name=name,
@@ -297,48 +299,48 @@ def _beside(rng: np.random.Generator, name: str, of: str, distances: tuple[float
     )
 
 
-def _corners(rng: np.random.Generator) -> np.ndarray:
+def _draw_polygon_corners(rng: np.random.Generator) -> np.ndarray:
     """Draw the corners (4, 2) in rad of a convex polygon in yaw and pitch, counter-clockwise.
 
     It cuts into the range of the pitch from above or below.
     """
-    centre = np.array([random_angle(rng, -60, 60), math.radians(_side(rng) * _PITCH_LIMIT)])
+    centre = np.array([random_angle(rng, -60, 60), math.radians(_draw_sign(rng) * _PITCH_LIMIT)])
     size = np.array([random_angle(rng, 15, 35), random_angle(rng, 8, 22)])
-    turn = 2 * np.pi * (np.arange(_EDGES) + rng.uniform()) / _EDGES
+    turn = 2 * np.pi * (np.arange(_POLYGON_EDGES) + rng.uniform()) / _POLYGON_EDGES
     return np.asarray(centre + size * np.stack([np.cos(turn), np.sin(turn)], axis=-1))
 
 
-def _polygon(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
+def _draw_polygon(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
     """Draw a forbidden convex polygon of a terminal's yaw and pitch: joint bounds of which one must hold."""
-    corners = _corners(rng)
+    corners = _draw_polygon_corners(rng)
     along = np.roll(corners, -1, axis=0) - corners  # counter-clockwise: the outside is on the right
     normals = np.stack([along[:, 1], -along[:, 0]], axis=-1) / np.linalg.norm(along, axis=-1, keepdims=True)
     name = f"corner-{number + 1}"
     return tuple(
         JointBound(
             name=f"{name}{'abcd'[i]}",
-            device=_terminal(number),
+            device=_terminal_name(number),
             normal=normal,
-            least=_as_filed(float(normal @ corner)),
+            least=_round_as_filed(float(normal @ corner)),
             any_of=name,
         )
         for i, (normal, corner) in enumerate(zip(normals, corners, strict=True))
     )
 
 
-def _group(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
+def _draw_group(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
     """Draw a group of two alternatives for the terminal `number`, of which one must hold; each has two zones.
 
     Either a body vector stays away from the Sun and the terminal out of a cone on the sky; or another body
     vector stays toward the Sun and the terminal out of a cone about a body axis.
     """
-    sun, terminal = random_direction(rng), (_terminal(number),)
+    sun, terminal = random_direction(rng), (_terminal_name(number),)
 
     def named(what: str, entry: str) -> dict[str, Any]:
         return {"name": f"{what}-{number + 1}", "any_of": f"group-{number + 1}", "entry": entry}
 
     def wide() -> dict[str, Any]:
-        return {"direction": sun, "half_angle": random_angle(rng, 60, 90), "vectors": _vector(rng, None)}
+        return {"direction": sun, "half_angle": random_angle(rng, 60, 90), "vectors": _draw_vector(rng, None)}
 
     def narrow() -> dict[str, Any]:
         return {"half_angle": random_angle(rng, 12, 25), "devices": terminal}
@@ -351,7 +353,7 @@ def _group(rng: np.random.Generator, number: int) -> tuple[Zone, ...]:
     )
 
 
-def _passing(rng: np.random.Generator, name: str, by_body: bool) -> tuple[Zone, ...]:
+def _draw_moving_cone(rng: np.random.Generator, name: str, by_body: bool) -> tuple[Zone, ...]:
     """Draw a keep-out cone that moves along a great circle.
 
     Args:
@@ -362,51 +364,58 @@ def _passing(rng: np.random.Generator, name: str, by_body: bool) -> tuple[Zone, 
     first, toward, speed = random_direction(rng), random_direction(rng), random_angle(rng, 0.02, 0.08)
     across = toward - (toward @ first) * first
     across /= np.linalg.norm(across)
-    turned = speed * _TIMES[:, None]
-    path = DirectionPath.through(_TIMES, np.cos(turned) * first + np.sin(turned) * across)
-    vectors = _vector(rng, None) if by_body else ()
+    turned = speed * _PATH_TIMES[:, None]
+    path = DirectionPath.through(_PATH_TIMES, np.cos(turned) * first + np.sin(turned) * across)
+    vectors = _draw_vector(rng, None) if by_body else ()
     return (KeepOut(name=name, direction=path, half_angle=random_angle(rng, 15, 30), vectors=vectors),)
 
 
-def _for_each(recipe: Callable[..., tuple[Zone, ...]], **given: Any) -> tuple[Recipe, ...]:
+def _for_each_terminal(recipe: Callable[..., tuple[Zone, ...]], **given: Any) -> tuple[Recipe, ...]:
     """Make a recipe for each of the three terminals, with its `number` and other arguments fixed."""
     return tuple(partial(recipe, number=number, **given) for number in range(3))
 
 
-_BEAMS = tuple(partial(_beam, axis=axis, number=(axis + 1) % 3) for axis in range(3))
-_MASKS, _POLYGONS, _GROUPS = _for_each(_masks), _for_each(_polygon), _for_each(_group)
-_AWAY = partial(_cone, half_angles=(20, 40))
-_TOWARD = partial(_cone, half_angles=(60, 90), sort=KeepIn)
-_SHADES = tuple(partial(_AWAY, name=f"shade-{number + 1}", of=(number,)) for number in range(3))
-_SUN = partial(_TOWARD, name="sun", of=(None,))
-_TRACKERS = tuple(partial(_AWAY, name=f"tracker-{i + 1}", of=(None,)) for i in range(3))
-_SKY = tuple(partial(_cone, name=f"sky-{i + 1}", half_angles=(12, 25)) for i in range(2))
-_PASSING = tuple(partial(_passing, name=f"passing-{i + 1}", by_body=i == 3) for i in range(4))
-_FIELDS = tuple(
-    partial(_beside, name=f"beside-{i + 1}", of=f"terminal-{i + 1}", distances=(3, 10)) for i in range(3)
+_BEAMS = tuple(partial(_draw_beam, axis=axis, number=(axis + 1) % 3) for axis in range(3))
+_MASKS, _POLYGONS, _GROUPS = (
+    _for_each_terminal(_draw_mask_cones),
+    _for_each_terminal(_draw_polygon),
+    _for_each_terminal(_draw_group),
 )
-_CAMERAS = tuple(partial(_beside, name=f"camera-{i + 1}", of="camera", distances=(5, 15)) for i in range(3))
+_AWAY_CONE = partial(_draw_cone, half_angles=(20, 40))
+_TOWARD_CONE = partial(_draw_cone, half_angles=(60, 90), sort=KeepIn)
+_SHADE_CONES = tuple(partial(_AWAY_CONE, name=f"shade-{number + 1}", of=(number,)) for number in range(3))
+_SUN_CONE = partial(_TOWARD_CONE, name="sun", of=(None,))
+_TRACKER_CONES = tuple(partial(_AWAY_CONE, name=f"tracker-{i + 1}", of=(None,)) for i in range(3))
+_SKY_CONES = tuple(partial(_draw_cone, name=f"sky-{i + 1}", half_angles=(12, 25)) for i in range(2))
+_MOVING_CONES = tuple(partial(_draw_moving_cone, name=f"passing-{i + 1}", by_body=i == 3) for i in range(4))
+_FIELD_ZONES = tuple(
+    partial(_draw_field_zone, name=f"beside-{i + 1}", of=f"terminal-{i + 1}", distances=(3, 10))
+    for i in range(3)
+)
+_CAMERA_ZONES = tuple(
+    partial(_draw_field_zone, name=f"camera-{i + 1}", of="camera", distances=(5, 15)) for i in range(3)
+)
 KINDS = {
     "masks": Kind(recipes=_MASKS),
     "beams": Kind(recipes=_BEAMS),
-    "panels": Kind(recipes=(_SUN, *_TRACKERS)),
-    "carried": Kind(recipes=(*_SHADES, partial(_TOWARD, name="lamp", of=(0,)))),
+    "panels": Kind(recipes=(_SUN_CONE, *_TRACKER_CONES)),
+    "carried": Kind(recipes=(*_SHADE_CONES, partial(_TOWARD_CONE, name="lamp", of=(0,)))),
     "joint_bounds": Kind(recipes=_POLYGONS),
     "grouped": Kind(recipes=_GROUPS),
-    "moving": Kind(recipes=_PASSING),
-    "moved_goals": Kind(recipes=(*_SHADES, *_POLYGONS), moved=True),
+    "moving": Kind(recipes=_MOVING_CONES),
+    "moved_goals": Kind(recipes=(*_SHADE_CONES, *_POLYGONS), moved=True),
     "mixed": Kind(
         recipes=(
-            *_SKY,
+            *_SKY_CONES,
             _MASKS[0],
             _BEAMS[1],
-            _SUN,
-            _TRACKERS[0],
-            _SHADES[1],
+            _SUN_CONE,
+            _TRACKER_CONES[0],
+            _SHADE_CONES[1],
             _POLYGONS[2],
             _GROUPS[2],
         )
     ),
-    "terminal_masks": Kind(recipes=_for_each(_mask)),
-    "fields": Kind(recipes=(*_CAMERAS, *_FIELDS)),
+    "terminal_masks": Kind(recipes=_for_each_terminal(_draw_mask)),
+    "fields": Kind(recipes=(*_CAMERA_ZONES, *_FIELD_ZONES)),
 }

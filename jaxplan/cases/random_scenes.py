@@ -104,12 +104,12 @@ class _Kind:
     blocked: bool = False
 
 
-_HARD = _Kind(cones=8, half_angles=(12.0, 30.0), clearance=math.radians(1.0), blocked=True)
+_HARD_KIND = _Kind(cones=8, half_angles=(12.0, 30.0), clearance=math.radians(1.0), blocked=True)
 _KINDS = {  # a kind's place here sets its random stream: add new ones at the end
     "keep_out": _Kind(cones=4),
     "keep_in": _Kind(cones=3, held=1),
-    "hard_keep_out": _HARD,
-    "hard_keep_in": replace(_HARD, held=1),
+    "hard_keep_out": _HARD_KIND,
+    "hard_keep_in": replace(_HARD_KIND, held=1),
     "held_links": _Kind(
         cones=4,
         held=2,
@@ -124,7 +124,7 @@ SKY_KINDS = tuple(_KINDS)
 ANY_SPACECRAFT = "any_spacecraft"
 RANDOM_KINDS = (*SKY_KINDS, *random_kinds.KINDS, ANY_SPACECRAFT)
 """All kinds."""
-_PLACE = 1000  # number of the random stream for "any_spacecraft", unchanged when kinds are added
+_ANY_SPACECRAFT_STREAM = 1000  # number of its random stream, unchanged when kinds are added
 
 DIRECTIONS = 16
 """Number of directions drawn at once for a cone, of which the first that is clear is taken."""
@@ -153,13 +153,13 @@ def random_scenario(seed: int, kind: str = "keep_out") -> Scenario:
         raise ValueError(f"kind = {kind!r}: must be one of {', '.join(RANDOM_KINDS)}")
     if not _is_seed(seed):
         raise ValueError(f"seed = {seed!r}: must be an integer of at least 0")
-    place = _PLACE if kind == ANY_SPACECRAFT else RANDOM_KINDS.index(kind)
+    place = _ANY_SPACECRAFT_STREAM if kind == ANY_SPACECRAFT else RANDOM_KINDS.index(kind)
     stream = np.random.SeedSequence(0, spawn_key=(place, int(seed)))
     rng = np.random.Generator(np.random.PCG64(stream))
     if kind == ANY_SPACECRAFT:
         return any_spacecraft.draw(rng, f"{kind} {seed}")
     if kind in _KINDS:
-        start, keep_out, keep_in = _draw(rng, _KINDS[kind])
+        start, keep_out, keep_in = _draw_scene(rng, _KINDS[kind])
         zones: tuple[Zone, ...] = (*keep_out, *keep_in)
     else:
         start, zones = random_kinds.draw(rng, random_kinds.KINDS[kind])
@@ -179,7 +179,7 @@ def _is_seed(value: object) -> bool:
     return isinstance(value, int | np.integer) and not isinstance(value, bool) and int(value) >= 0
 
 
-def _draw(
+def _draw_scene(
     rng: np.random.Generator, kind: _Kind
 ) -> tuple[GivenState, tuple[KeepOut, ...], tuple[KeepIn, ...]]:
     """Draw the start, at rest, and the keep-out and keep-in zones of a scene of a kind."""
@@ -196,13 +196,13 @@ def _draw(
             continue
         straight = None if goal is None else straight_motion(attitude, joints, goal)
         for _ in range(PATIENCE):
-            keep_out = _keep_out(rng, kind, np.concatenate([seen, targets.directions]).reshape(2, 3, 3))
-            if straight is None or _breaks(straight, keep_out, keep_in):
+            keep_out = _draw_keep_out(rng, kind, np.concatenate([seen, targets.directions]).reshape(2, 3, 3))
+            if straight is None or _breaks_zone(straight, keep_out, keep_in):
                 return at_rest(attitude, joints), keep_out, keep_in
     raise AssertionError("there are always more starts")
 
 
-def _keep_out(rng: np.random.Generator, kind: _Kind, ends: np.ndarray) -> tuple[KeepOut, ...]:
+def _draw_keep_out(rng: np.random.Generator, kind: _Kind, ends: np.ndarray) -> tuple[KeepOut, ...]:
     """Draw keep-out cones for the terminals that are not held, clear of their boresights at start and goal.
 
     Args:
@@ -233,7 +233,7 @@ def _keep_out(rng: np.random.Generator, kind: _Kind, ends: np.ndarray) -> tuple[
     return tuple(cones)
 
 
-def _breaks(straight: np.ndarray, keep_out: tuple[KeepOut, ...], keep_in: tuple[KeepIn, ...]) -> bool:
+def _breaks_zone(straight: np.ndarray, keep_out: tuple[KeepOut, ...], keep_in: tuple[KeepIn, ...]) -> bool:
     """Whether a motion goes deeper than `BROKEN` into a keep-out zone, or as far out of a keep-in zone.
 
     Args:

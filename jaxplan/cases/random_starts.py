@@ -107,15 +107,15 @@ def starts(
         cosine = rng.uniform(math.cos(within) if held else -1, 1, BATCH)
         around, roll = rng.uniform(-np.pi, np.pi, (2, BATCH))
         offset = np.stack([cosine, *np.sqrt(1 - cosine**2) * [np.cos(around), np.sin(around)]], axis=-1)
-        toward = offset @ _frame(targets.directions[0]).T
-        attitudes = _frame(toward) @ _turn_about_x(roll) @ np.swapaxes(_frame(body[:, 0]), -1, -2)
+        toward = offset @ _frame_along(targets.directions[0]).T
+        attitudes = _frame_along(toward) @ _turn_about_x(roll) @ np.swapaxes(_frame_along(body[:, 0]), -1, -2)
         seen = body @ np.swapaxes(attitudes, -1, -2)
         near = np.sum(seen * targets.directions, axis=-1)[:, :held] - math.cos(within)
         for i in np.flatnonzero(np.all(admissible(near), axis=-1)):
             yield attitudes[i], joints[i], seen[i]
 
 
-def _frame(first: np.ndarray) -> np.ndarray:
+def _frame_along(first: np.ndarray) -> np.ndarray:
     """Complete unit vectors (..., 3) to rotation matrices (..., 3, 3) that have them as their first column.
 
     The vectors must not be along z. The second column is perpendicular to z.

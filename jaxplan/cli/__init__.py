@@ -27,12 +27,12 @@ FIRST_STEPS = """\
   jaxplan plan scene.toml -o out    plan it: out/plan.json and figures"""
 
 # Written out here, since importing the modules that define them takes a second, too long for ``--help``.
-_KINDS = (
+_KIND_NAMES = (
     "keep_out, keep_in, hard_keep_out, hard_keep_in, held_links, masks, beams, panels, carried, "
     "joint_bounds, grouped, moving, moved_goals, mixed, terminal_masks, fields or any_spacecraft"
 )
-_PLANNERS = "mha, mha-paper, wastar, rrt_star or rrt_connect"
-_HOMES = {
+_PLANNER_NAMES = "mha, mha-paper, wastar, rrt_star or rrt_connect"
+_COMMAND_MODULES = {
     "new": "scenes",
     "validate": "scenes",
     "passes": "sky",
@@ -40,10 +40,10 @@ _HOMES = {
     "table4": "studies",
     "timeline": "timelines",
 }  # the other commands are in `plans`
-_PLAN = "a plan.json, as jaxplan plan -o DIR writes it"
-_ANY_PLAN = f"{_PLAN}, or a plan.npz of jaxplan timeline"
-_SCENARIO = "a scenario file, or case-1 to case-4 of the paper"
-_TIMELINE = "a timeline's file, or case-day or case-imaging, which come with the package"
+_PLAN_HELP = "a plan.json, as jaxplan plan -o DIR writes it"
+_ANY_PLAN_HELP = f"{_PLAN_HELP}, or a plan.npz of jaxplan timeline"
+_SCENE_HELP = "a scenario file, or case-1 to case-4 of the paper"
+_TIMELINE_HELP = "a timeline's file, or case-day or case-imaging, which come with the package"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -54,13 +54,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Args:
         arguments: what follows ``jaxplan`` on the command line; None for those of the process.
     """
-    parser = _parser()
+    parser = _make_parser()
     options = parser.parse_args(arguments)
     try:
         with seldom_collected(), seldom_lines(), plain_warnings():
-            code = _run(parser, options)
+            code = _run_command(parser, options)
         sys.stdout.flush()  # so that an error, such as a full disk, is still reported
-        _tell_of_refusals()
+        _report_refused_kernels()
         return code
     except KeyboardInterrupt:
         return complain("interrupted", 130)
@@ -75,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return complain(str(error), BAD_INPUT)
 
 
-def _tell_of_refusals() -> None:
+def _report_refused_kernels() -> None:
     """Say on stderr how many kernels compiled by earlier processes XLA could not load, if any."""
     executables = sys.modules.get("jaxplan.runtime.executables")  # imported only if anything was computed
     refused = executables.refused() if executables is not None else 0
@@ -87,10 +87,10 @@ def _tell_of_refusals() -> None:
         )
 
 
-def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
+def _run_command(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     """Run the command that was parsed, or print version or help; returns the exit code."""
     if options.command is not None:
-        home = import_module(f"jaxplan.cli.{_HOMES.get(options.command, 'plans')}")
+        home = import_module(f"jaxplan.cli.{_COMMAND_MODULES.get(options.command, 'plans')}")
         return int(getattr(home, options.command)(options))
     if options.version:
         print(f"jaxplan {__version__}")
@@ -107,7 +107,7 @@ def _drop_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _parser() -> argparse.ArgumentParser:
+def _make_parser() -> argparse.ArgumentParser:
     """Make the parser of the command line, with all commands."""
     parser = Parser(
         prog="jaxplan",
@@ -125,14 +125,14 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _count(text: str) -> int:
+def _parse_count(text: str) -> int:
     """Read a whole number of at least 1; a `type` for argparse, which reports the error for other texts."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text}: must be a whole number, at least 1")
     return int(text)
 
 
-def _seconds(text: str) -> float:
+def _parse_seconds(text: str) -> float:
     """Read a time in seconds, zero or more; a `type` for argparse, which reports other texts as errors."""
     try:
         seconds = float(text)
@@ -143,7 +143,7 @@ def _seconds(text: str) -> float:
     return seconds
 
 
-def _step(text: str) -> float | str:
+def _parse_step(text: str) -> float | str:
     """Read seconds between samples; a text that is not a number, such as "sparsest", is returned as it is."""
     try:
         return float(text)
@@ -151,7 +151,7 @@ def _step(text: str) -> float | str:
         return text  # the export refuses it unless it is "sparsest"
 
 
-def _frequency(text: str) -> float:
+def _parse_frequency(text: str) -> float:
     """Read a frequency in Hz, above zero; a `type` for argparse, which reports the error for other texts."""
     try:
         frequency = float(text)
@@ -192,7 +192,7 @@ def _add_scene_commands(commands: Any) -> None:
             "Nothing is planned."
         ),
     )
-    validate.add_argument("files", nargs="+", metavar="SCENARIO", help=f"{_SCENARIO}; or {_TIMELINE}")
+    validate.add_argument("files", nargs="+", metavar="SCENARIO", help=f"{_SCENE_HELP}; or {_TIMELINE_HELP}")
     validate.add_argument("--json", action="store_true", help="print what was found for machines")
     passes = commands.add_parser(
         "passes",
@@ -223,11 +223,11 @@ def _add_plan_commands(commands: Any) -> None:
     plan = commands.add_parser(
         "plan", help="plan a scenario", description=("Plan a scenario and certify it.")
     )
-    plan.add_argument("scenario", metavar="SCENARIO", help=_SCENARIO)
+    plan.add_argument("scenario", metavar="SCENARIO", help=_SCENE_HELP)
     plan.add_argument("-o", "--out", metavar="DIR", help="write plan.json and figures there")
     plan.add_argument(
         "--improve-for",
-        type=_seconds,
+        type=_parse_seconds,
         default=0.0,
         metavar="SECONDS",
         help='look so long for a shorter plan, where trajectory.duration_s is "minimum"',
@@ -272,11 +272,11 @@ def _add_plan_commands(commands: Any) -> None:
     )
     view.add_argument("--force", action="store_true", help="replace a file that is there")
     for each in (check, report, view, export):
-        each.add_argument("plan", metavar="PLAN", help=_ANY_PLAN)
-    plot.add_argument("plan", metavar="FILE", help=f"{_ANY_PLAN}; or {_SCENARIO}")
+        each.add_argument("plan", metavar="PLAN", help=_ANY_PLAN_HELP)
+    plot.add_argument("plan", metavar="FILE", help=f"{_ANY_PLAN_HELP}; or {_SCENE_HELP}")
     check.add_argument("--json", action="store_true", help="print the certificate for machines")
     check.add_argument(
-        "--scenario", metavar="SCENARIO", help=f"take PLAN for a table and hold it against {_SCENARIO}"
+        "--scenario", metavar="SCENARIO", help=f"take PLAN for a table and hold it against {_SCENE_HELP}"
     )
     check.add_argument(
         "--interpolation",
@@ -305,7 +305,7 @@ def _add_plan_commands(commands: Any) -> None:
             "--frequency",
             action="append",
             default=[],
-            type=_frequency,
+            type=_parse_frequency,
             metavar="HZ",
             help="draw the spectrum of the plan's torque with a line there; may be repeated",
         )
@@ -332,7 +332,7 @@ def _add_plan_commands(commands: Any) -> None:
     )
     export.add_argument(
         "--step",
-        type=_step,
+        type=_parse_step,
         metavar="S",
         help="seconds between samples (0.1); or sparsest, for as few as will do",
     )
@@ -367,7 +367,7 @@ def _add_timeline(commands: Any) -> None:
             "Plan the activities of a timeline, with the slews between them, as one certified motion."
         ),
     )
-    timeline.add_argument("timeline", metavar="TIMELINE", help=_TIMELINE)
+    timeline.add_argument("timeline", metavar="TIMELINE", help=_TIMELINE_HELP)
     timeline.add_argument(
         "-o",
         "--out",
@@ -404,11 +404,11 @@ def _add_study(commands: Any) -> None:
         metavar="FOLDER",
         help="whose scenario files (.toml) are planned, not random scenes",
     )
-    study.add_argument("--kind", metavar="K", help=f"kind of the random scenes: {_KINDS} (keep_out)")
-    study.add_argument("-n", type=_count, metavar="N", help="number of scenes (100)")
+    study.add_argument("--kind", metavar="K", help=f"kind of the random scenes: {_KIND_NAMES} (keep_out)")
+    study.add_argument("-n", type=_parse_count, metavar="N", help="number of scenes (100)")
     study.add_argument("--first-seed", type=int, metavar="SEED", help="seed of the first scene (0)")
-    study.add_argument("--planner", metavar="P", help=f"planner of all scenes: {_PLANNERS} (mha)")
-    study.add_argument("--workers", type=_count, metavar="W", help="number of processes that plan (1)")
+    study.add_argument("--planner", metavar="P", help=f"planner of all scenes: {_PLANNER_NAMES} (mha)")
+    study.add_argument("--workers", type=_parse_count, metavar="W", help="number of processes that plan (1)")
     study.add_argument(
         "--set",
         action="append",
@@ -432,16 +432,16 @@ def _add_table4(commands: Any) -> None:
         description=("Let every planner search the same random scenes, with the paper's rows beside."),
     )
     table4.add_argument(
-        "-n", type=_count, default=20, metavar="N", help="scenes a kind (20, as in the paper)"
+        "-n", type=_parse_count, default=20, metavar="N", help="scenes a kind (20, as in the paper)"
     )
     table4.add_argument(
         "--kind",
         action="append",
         metavar="K",
-        help=f"kind of random scenes: {_KINDS}; may be repeated (keep_out and keep_in, as in the paper)",
+        help=f"kind of random scenes: {_KIND_NAMES}; may be repeated (keep_out and keep_in, as in the paper)",
     )
     table4.add_argument(
-        "--planner", action="append", metavar="P", help=f"{_PLANNERS}; may be repeated (all of them)"
+        "--planner", action="append", metavar="P", help=f"{_PLANNER_NAMES}; may be repeated (all of them)"
     )
     table4.add_argument(
         "--first-seed", type=int, default=0, metavar="SEED", help="seed of the first scene (0)"

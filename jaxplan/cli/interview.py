@@ -30,22 +30,22 @@ Tables = dict[str, Any]
 Path = tuple[str | int, ...]
 Known = Callable[[], Reading]
 _AT_REST = {"attitude": [0.0, 0.0, 0.0], "joints_deg": {}}  # joints are at zero, or nearest to it in range
-_PYRAMID = [[0.5774 * x, 0.5774 * y, 0.5774] for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+_PYRAMID_AXES = [[0.5774 * x, 0.5774 * y, 0.5774] for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
 _RATES, _TORQUE, _WHEELS = "rates", "torque", "wheels"
 _ATTITUDE, _QUATERNION, _TARGETS = "attitude", "quaternion", "targets"
 _DIRECTION = "direction"
 _CIRCULAR, _TLE = "circular", "tle"
-_ORBITS = {  # answers to choose from, with the title of each one's table in the file's layout
+_ORBIT_TITLES = {  # answers to choose from, with the title of each one's table in the file's layout
     _CIRCULAR: "on a circular orbit",
     "elliptic": "on a Keplerian orbit",
     _TLE: "by two-line elements",
     "oem": "by an ephemeris",
     "spk": "by SPICE kernels",
 }
-_LEAST = 1e-3  # deg/s^2, smallest acceleration that is considered, also about an axis without torque
+_MIN_ACCELERATION = 1e-3  # deg/s^2, the smallest that is considered, also about an axis without torque
 _TWO_ANGLES = Array((2,), ANGLE_DEG, noun="2 numbers, yaw and pitch")
 _USUAL_ORBIT: Tables = {"altitude_km": 550.0, "inclination_deg": 97.6, "eccentricity": 0.0}
-_EPHEMERIDES = "erfa"  # library, from an extra, that computes the places of Sun, Moon and Earth
+_EPHEMERIS_LIBRARY = "erfa"  # library, from an extra, that computes the places of Sun, Moon and Earth
 _INTRODUCTION = """\
 # Made of the answers to jaxplan new --ask.
 #
@@ -80,19 +80,19 @@ def interview(dialog: Dialog, name: str, broken: Callable[[Scenario], tuple[list
     )
     tables: Tables = {"schema_version": SCHEMA_VERSION, "name": dialog.ask((), "name", name)}
     for title, part in (
-        ("Platform", _platform),
-        ("Instruments, fixed to the body: cameras, star trackers, antennas", _instruments),
-        ("Terminals with a yaw and a pitch joint, such as of lasers", _terminals),
-        ("Drives that turn about one axis, such as of solar arrays", _drives),
-        ("Duration of the manoeuvre", _duration),
-        ("Date and orbit, if Sun, Moon or Earth matter", _sky),
-        ("Zones to keep out of", _zones),
-        ("Start", _start),
-        ("Goal", _goal),
+        ("Platform", _ask_platform),
+        ("Instruments, fixed to the body: cameras, star trackers, antennas", _ask_instruments),
+        ("Terminals with a yaw and a pitch joint, such as of lasers", _ask_terminals),
+        ("Drives that turn about one axis, such as of solar arrays", _ask_drives),
+        ("Duration of the manoeuvre", _ask_duration),
+        ("Date and orbit, if Sun, Moon or Earth matter", _ask_sky),
+        ("Zones to keep out of", _ask_zones),
+        ("Start", _ask_start),
+        ("Goal", _ask_goal),
     ):
         dialog.say()
         dialog.say(title)
-        tables = _settled(dialog, tables, part)
+        tables = _ask_until_valid(dialog, tables, part)
     while any(found := broken(scenario_from_dict(tables, folder=dialog.folder))):
         dialog.say()
         for fault in (*found[0], *found[1]):
@@ -100,14 +100,14 @@ def interview(dialog: Dialog, name: str, broken: Callable[[Scenario], tuple[list
         if not dialog.confirm("again", "whether start and goal are asked for again", True):
             break
         dialog.forget()
-        tables = _settled(dialog, _settled(dialog, tables, _start), _goal)
+        tables = _ask_until_valid(dialog, _ask_until_valid(dialog, tables, _ask_start), _ask_goal)
     craft = {key: value for key, value in tables["spacecraft"].items() if value != []}
     tables |= {"spacecraft": craft, "search": {}}  # an empty table: its options are listed as comments
     ordered = {entry.key: tables[entry.key] for entry in SCENARIO.fields if tables.get(entry.key, []) != []}
     return _INTRODUCTION + commented(ordered)
 
 
-def _settled(dialog: Dialog, tables: Tables, part: Callable[[Dialog, Tables], Tables]) -> Tables:
+def _ask_until_valid(dialog: Dialog, tables: Tables, part: Callable[[Dialog, Tables], Tables]) -> Tables:
     """Ask the questions of a part, again if need be, until all answers so far have no faults.
 
     Args:
@@ -119,7 +119,7 @@ def _settled(dialog: Dialog, tables: Tables, part: Callable[[Dialog, Tables], Ta
         The tables with the answers of the part.
     """
     while True:
-        grown = _merged(tables, part(dialog, tables))
+        grown = _merge_tables(tables, part(dialog, tables))
         filled = {"start": _AT_REST, "goal": _AT_REST, **grown}
         try:
             scenario_from_dict(filled, folder=dialog.folder)
@@ -131,14 +131,14 @@ def _settled(dialog: Dialog, tables: Tables, part: Callable[[Dialog, Tables], Ta
             return grown
 
 
-def _merged(tables: Tables, more: Mapping[str, Any]) -> Tables:
+def _merge_tables(tables: Tables, more: Mapping[str, Any]) -> Tables:
     """Join two sets of tables without changing them; the spacecraft's keys are joined one by one."""
     craft = {**tables.get("spacecraft", {}), **more.get("spacecraft", {})}
     merged = {**tables, **more}
     return {**merged, "spacecraft": craft} if craft else merged
 
 
-def _asked(dialog: Dialog, path: Path, usual: Mapping[str, Any], known: Known = Reading) -> Tables:
+def _ask_keys(dialog: Dialog, path: Path, usual: Mapping[str, Any], known: Known = Reading) -> Tables:
     """Ask for keys of a table.
 
     Args:
@@ -153,25 +153,25 @@ def _asked(dialog: Dialog, path: Path, usual: Mapping[str, Any], known: Known = 
     found: Tables = {}
     for key, default in usual.items():
         if isinstance(default, dict):
-            found[key] = _asked(dialog, (*path, key), default, known)
+            found[key] = _ask_keys(dialog, (*path, key), default, known)
         elif (value := dialog.ask(path, key, default, reading=known)) is not NOTHING:
             found[key] = value
     return found
 
 
-def _row(dialog: Dialog, path: Path, usual: Mapping[str, Any], known: Known = Reading) -> Tables:
-    """Ask for keys of a table, as `_asked` does, until the table as a whole has no faults."""
+def _ask_valid_row(dialog: Dialog, path: Path, usual: Mapping[str, Any], known: Known = Reading) -> Tables:
+    """Ask for keys of a table, as `_ask_keys` does, until the table as a whole has no faults."""
     table, _ = table_at(".".join(step for step in path if isinstance(step, str)), SCENARIO, usual)
     while True:
-        row = _asked(dialog, path, usual, known)
-        place = _place(known(), path)
+        row = _ask_keys(dialog, path, usual, known)
+        place = _place_at(known(), path)
         table.read(row, place)
         if not place.reading.faults:
             return row
         dialog.faulty(place.reading.faults)
 
 
-def _place(reading: Reading, path: Path) -> Place:
+def _place_at(reading: Reading, path: Path) -> Place:
     """The place in a file, for messages, that keys and indices lead to."""
     place = Place(reading)
     for step in path:
@@ -179,7 +179,7 @@ def _place(reading: Reading, path: Path) -> Place:
     return place
 
 
-def _knowing(tables: Tables) -> Known:
+def _reading_factory(tables: Tables) -> Known:
     """Return a function that makes readings which know the names of the devices in `tables`.
 
     Answers that name a device can then be checked.
@@ -187,19 +187,19 @@ def _knowing(tables: Tables) -> Known:
 
     def known() -> Reading:
         reading = Reading()
-        SPACECRAFT.read(tables["spacecraft"], _place(reading, ("spacecraft",)))
+        SPACECRAFT.read(tables["spacecraft"], _place_at(reading, ("spacecraft",)))
         return reading
 
     return known
 
 
-def _names(tables: Tables, *kinds: str) -> list[str]:
+def _device_names(tables: Tables, *kinds: str) -> list[str]:
     """Names of the devices of some kinds, such as "terminal", in the order of the kinds."""
     craft = tables["spacecraft"]
     return [row["name"] for kind in kinds for row in craft.get(kind, ())]
 
 
-def _platform(dialog: Dialog, tables: Tables) -> Tables:
+def _ask_platform(dialog: Dialog, tables: Tables) -> Tables:
     """Ask what limits the turning of the platform: rates and accelerations, torque, or reaction wheels."""
     limited = dialog.choose(
         "limited by",
@@ -215,40 +215,40 @@ def _platform(dialog: Dialog, tables: Tables) -> Tables:
         if limited == _TORQUE:
             found["torque_limit_nm"] = torque = dialog.ask(path, "torque_limit_nm", 0.1)
         else:
-            found["wheel"] = wheels = _wheels(dialog)
+            found["wheel"] = wheels = _ask_wheels(dialog)
             torque = np.abs([each["axis"] for each in wheels]).T @ [each["torque_nm"] for each in wheels]
         reached = np.rad2deg(np.broadcast_to(torque, (3,)) / np.diag(found["inertia_kg_m2"]))
         # above what the torque can do, so that it is the torque that limits
-        most = [float(f"{1.5 * max(each, _LEAST):.2g}") for each in reached]
+        most = [float(f"{1.5 * max(each, _MIN_ACCELERATION):.2g}") for each in reached]
     return {
-        "spacecraft": _asked(dialog, path, {"rate_limit_deg_s": 1.0, "acceleration_limit_deg_s2": most})
+        "spacecraft": _ask_keys(dialog, path, {"rate_limit_deg_s": 1.0, "acceleration_limit_deg_s2": most})
         | found
     }
 
 
-def _wheels(dialog: Dialog) -> list[Tables]:
+def _ask_wheels(dialog: Dialog) -> list[Tables]:
     """Ask for the reaction wheels; the defaults of each are the values of the one before."""
     count = dialog.count("wheels", "how many reaction wheels", 4)
-    axes = {3: np.eye(3).tolist(), 4: _PYRAMID}.get(count, [None] * count)
+    axes = {3: np.eye(3).tolist(), 4: _PYRAMID_AXES}.get(count, [None] * count)
     rows: list[Tables] = []
     usual: Tables = {"torque_nm": 0.1, "momentum_nms": 4.0, "stored_nms": 0.0}
     for number in range(count):
         asked = {"name": f"wheel {number + 1}", "axis": axes[number]} | {key: usual[key] for key in usual}
-        rows.append(_row(dialog, ("spacecraft", "wheel", number), asked))
+        rows.append(_ask_valid_row(dialog, ("spacecraft", "wheel", number), asked))
         usual = {key: rows[-1][key] for key in usual}
     return rows
 
 
-def _instruments(dialog: Dialog, tables: Tables) -> Tables:
+def _ask_instruments(dialog: Dialog, tables: Tables) -> Tables:
     """Ask for the instruments."""
     rows = []
     for number in range(dialog.count("instruments", "how many", 1)):
         usual = {"name": f"instrument {number + 1}", "boresight": None if number else [0.0, 0.0, 1.0]}
-        rows.append(_row(dialog, ("spacecraft", "instrument", number), usual))
+        rows.append(_ask_valid_row(dialog, ("spacecraft", "instrument", number), usual))
     return {"spacecraft": {"instrument": rows}}
 
 
-def _terminals(dialog: Dialog, tables: Tables) -> Tables:
+def _ask_terminals(dialog: Dialog, tables: Tables) -> Tables:
     """Ask for the terminals; the default ranges and limits of each are those of the one before."""
     rows: list[Tables] = []
     usual: Tables = {
@@ -260,12 +260,12 @@ def _terminals(dialog: Dialog, tables: Tables) -> Tables:
     for number in range(dialog.count("terminals", "how many", 0)):
         mount = {"yaw_axis": [0.0, 0.0, 1.0], "boresight": None if number else [1.0, 0.0, 0.0]}
         asked = {"name": f"terminal {number + 1}", "mount": mount} | usual
-        rows.append(_row(dialog, ("spacecraft", "terminal", number), asked))
+        rows.append(_ask_valid_row(dialog, ("spacecraft", "terminal", number), asked))
         usual = {key: rows[-1][key] for key in usual}
     return {"spacecraft": {"terminal": rows}}
 
 
-def _drives(dialog: Dialog, tables: Tables) -> Tables:
+def _ask_drives(dialog: Dialog, tables: Tables) -> Tables:
     """Ask for the drives."""
     rows = []
     for number in range(dialog.count("drives", "how many", 0)):
@@ -277,16 +277,16 @@ def _drives(dialog: Dialog, tables: Tables) -> Tables:
             "rate_limit_deg_s": 0.5,
             "acceleration_limit_deg_s2": 0.1,
         }
-        rows.append(_row(dialog, ("spacecraft", "drive", number), usual))
+        rows.append(_ask_valid_row(dialog, ("spacecraft", "drive", number), usual))
     return {"spacecraft": {"drive": rows}}
 
 
-def _duration(dialog: Dialog, tables: Tables) -> Tables:
+def _ask_duration(dialog: Dialog, tables: Tables) -> Tables:
     """Ask how long the manoeuvre may take."""
-    return {"trajectory": _asked(dialog, ("trajectory",), {"duration_s": MINIMUM})}
+    return {"trajectory": _ask_keys(dialog, ("trajectory",), {"duration_s": MINIMUM})}
 
 
-def _sky(dialog: Dialog, tables: Tables) -> Tables:
+def _ask_sky(dialog: Dialog, tables: Tables) -> Tables:
     """Ask for the date and the spacecraft's orbit, if directions to bodies or along the orbit are needed.
 
     Returns:
@@ -295,14 +295,16 @@ def _sky(dialog: Dialog, tables: Tables) -> Tables:
     if not dialog.confirm("sky", "whether places of Sun, Moon, Earth or of the orbit are needed", False):
         return {}
     try:
-        library(_EPHEMERIDES)
+        library(_EPHEMERIS_LIBRARY)
     except ImportError as error:
         dialog.faulty([f"{error}; then ask again, or go on with fixed directions"])
         return {}
     path = ("sky",)
-    found = _asked(dialog, path, {"epoch_utc": None})
-    told = dialog.choose("orbit", "of the spacecraft, told by elements or from", tuple(_ORBITS), _CIRCULAR)
-    table = Orbit().tables[_ORBITS[told]]
+    found = _ask_keys(dialog, path, {"epoch_utc": None})
+    told = dialog.choose(
+        "orbit", "of the spacecraft, told by elements or from", tuple(_ORBIT_TITLES), _CIRCULAR
+    )
+    table = Orbit().tables[_ORBIT_TITLES[told]]
     if told == _TLE:
         lines = [dialog.line(f"line {number}", "two-line elements") for number in (1, 2)]
         found["observer"] = {"tle": lines}
@@ -312,17 +314,17 @@ def _sky(dialog: Dialog, tables: Tables) -> Tables:
             for entry in table.fields
         }
     if isinstance(tables["trajectory"]["duration_s"], str):
-        found |= _asked(dialog, path, {"for_duration_s": 600.0})
+        found |= _ask_keys(dialog, path, {"for_duration_s": 600.0})
     return {"sky": found}
 
 
-def _zones(dialog: Dialog, tables: Tables) -> Tables:
+def _ask_zones(dialog: Dialog, tables: Tables) -> Tables:
     """Ask for the keep-out zones."""
-    every = _names(tables, "terminal", "drive", "instrument")
+    every = _device_names(tables, "terminal", "drive", "instrument")
     if not every:
         dialog.say("  There is no device that a zone could bind.")
         return {}
-    known = _knowing(tables)
+    known = _reading_factory(tables)
     bodies = BODIES if "sky" in tables else ()
     rows = []
     for number in range(dialog.count("zones", "how many", 1 if bodies else 0)):
@@ -337,23 +339,23 @@ def _zones(dialog: Dialog, tables: Tables) -> Tables:
             usual |= {"direction": None, "half_angle_deg": 30.0}
         else:
             usual |= {"exclusion_deg": 30.0 if about == "sun" else 10.0, "moving": about == "earth"}
-        usual["devices"] = _names(tables, "instrument") or every
+        usual["devices"] = _device_names(tables, "instrument") or every
         fixed = {} if about == _DIRECTION else {"body": about}
-        rows.append(fixed | _asked(dialog, path, usual, known))
+        rows.append(fixed | _ask_keys(dialog, path, usual, known))
     return {"keep_out": rows}
 
 
-def _start(dialog: Dialog, tables: Tables) -> Tables:
+def _ask_start(dialog: Dialog, tables: Tables) -> Tables:
     """Ask for the state at the start."""
-    return {"start": _end(dialog, tables, "start", _ATTITUDE)}
+    return {"start": _ask_state(dialog, tables, "start", _ATTITUDE)}
 
 
-def _goal(dialog: Dialog, tables: Tables) -> Tables:
+def _ask_goal(dialog: Dialog, tables: Tables) -> Tables:
     """Ask for the goal."""
-    return {"goal": _end(dialog, tables, "goal", _TARGETS)}
+    return {"goal": _ask_state(dialog, tables, "goal", _TARGETS)}
 
 
-def _end(dialog: Dialog, tables: Tables, end: str, usual: str) -> Tables:
+def _ask_state(dialog: Dialog, tables: Tables, end: str, usual: str) -> Tables:
     """Ask for a start or a goal: an attitude with joint angles, or the directions in which devices point.
 
     Args:
@@ -362,7 +364,7 @@ def _end(dialog: Dialog, tables: Tables, end: str, usual: str) -> Tables:
         end: "start" or "goal".
         usual: default way to give it: "attitude", "quaternion" or "targets".
     """
-    path, devices = (end,), _names(tables, "terminal", "drive", "instrument")
+    path, devices = (end,), _device_names(tables, "terminal", "drive", "instrument")
     told = _ATTITUDE
     while devices:
         told = dialog.choose(
@@ -373,27 +375,27 @@ def _end(dialog: Dialog, tables: Tables, end: str, usual: str) -> Tables:
         )
         if told != _TARGETS:
             break
-        if targets := _targets(dialog, path, devices, known_sky="sky" in tables):
+        if targets := _ask_targets(dialog, path, devices, known_sky="sky" in tables):
             return {"targets": targets}
         one = f"must name a device at least, and what it points at; or else {end} by {_ATTITUDE}"
         dialog.faulty([f"{end}.targets: {one}"])
     if told == _QUATERNION:
-        found = _asked(dialog, path, {"quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]})
+        found = _ask_keys(dialog, path, {"quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]})
     else:
-        found = _asked(dialog, path, {"attitude": [0.0, 0.0, 0.0]})
+        found = _ask_keys(dialog, path, {"attitude": [0.0, 0.0, 0.0]})
     joints: Tables = {}
     for kind, of, words in (
         ("terminal", _TWO_ANGLES, "its yaw and pitch, deg"),
         ("drive", ANGLE_DEG, "its angle, deg"),
     ):
         for device in tables["spacecraft"].get(kind, ()):
-            name, nearest = device["name"], _nearest(device, kind)
+            name, nearest = device["name"], _joints_nearest_zero(device, kind)
             value = dialog.ask((*path, "joints_deg"), name, nearest, kind=of, words=words)
             joints[name] = value if isinstance(value, list) else [value]
     return found | ({"joints_deg": joints} if joints else {})
 
 
-def _nearest(device: Mapping[str, Any], kind: str) -> Any:
+def _joints_nearest_zero(device: Mapping[str, Any], kind: str) -> Any:
     """The joint angles (deg) within range that are nearest to zero.
 
     Args:
@@ -405,7 +407,7 @@ def _nearest(device: Mapping[str, Any], kind: str) -> Any:
     return [float(np.clip(0.0, *device[key])) for key in ("yaw_range_deg", "pitch_range_deg")]
 
 
-def _targets(dialog: Dialog, path: Path, devices: Sequence[str], *, known_sky: bool) -> Tables:
+def _ask_targets(dialog: Dialog, path: Path, devices: Sequence[str], *, known_sky: bool) -> Tables:
     """Ask for each device what it points at; returns the targets by name, without the devices left free."""
     named = f"; or a name: {', '.join((*BODIES, *LOCAL))}" if known_sky else ""
     words = f"where the device points, a unit vector along inertial axes{named}; none where it is free"

@@ -20,10 +20,10 @@ class Parser(argparse.ArgumentParser):
         """Parse arguments as argparse does, but treat an unknown one as an error instead of returning it."""
         known, left = super().parse_known_args(args, namespace)
         if left:
-            self.error(f"unrecognized arguments: {' '.join(left)}{self._meant(left[0])}")
+            self.error(f"unrecognized arguments: {' '.join(left)}{self._suggestion_for(left[0])}")
         return known, left
 
-    def _meant(self, word: str) -> str:
+    def _suggestion_for(self, word: str) -> str:
         """Advice on an unknown word, to end a message: a similar option, or how to name an output file.
 
         Returns:

@@ -36,7 +36,7 @@ from jaxplan.schema import find_observer, load_observer
 from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
 
-_TABLES = (".aem", ".a", ".bc", ".csv")  # suffixes of files that are tables of attitudes and no plans
+_TABLE_SUFFIXES = (".aem", ".a", ".bc", ".csv")  # suffixes of files that are tables of attitudes and no plans
 
 
 def plan(options: argparse.Namespace) -> int:
@@ -53,7 +53,7 @@ def plan(options: argparse.Namespace) -> int:
         say(f"wrote {file}")
         draw(result, folder, observer=find_observer(timelines.file_of(options.scenario)))
         name_earlier(file)
-    return _code_of(result)
+    return _exit_code(result)
 
 
 def check(options: argparse.Namespace) -> int:
@@ -63,7 +63,7 @@ def check(options: argparse.Namespace) -> int:
     for name in ("interpolation", "forgive_deg", "forgive_percent"):
         if getattr(options, name) is not None:
             raise ValueError(f"--{name.replace('_', '-')}: is of a table, which takes --scenario, too")
-    if Path(options.plan).suffix.lower() in _TABLES:
+    if Path(options.plan).suffix.lower() in _TABLE_SUFFIXES:
         raise ValueError(
             f"{options.plan}: is no plan but a table of attitudes: hold it against a scene with "
             "--scenario SCENARIO"
@@ -74,8 +74,8 @@ def check(options: argparse.Namespace) -> int:
     if plan.trajectory is None or plan.goal is None:
         from jaxplan.exporting import ending
 
-        return complain(f"{options.plan}: {ending(plan)}", _code_of(plan))
-    report = _certified_anew(plan)
+        return complain(f"{options.plan}: {ending(plan)}", _exit_code(plan))
+    report = _recertify(plan)
     print_result(report_summary(report) if options.json else report)
     return DONE if report.certified else NOT_CERTIFIED
 
@@ -91,14 +91,14 @@ def _check_table(options: argparse.Namespace) -> int:
     if first_character(options.plan) == "{" or timelines.is_timeline_plan(options.plan):
         raise ValueError(f"{options.plan}: is a plan and no table; without --scenario it is proved as it is")
     try:
-        found = certify_table(options.plan, options.interpolation, scene, **_forgiving(options))
+        found = certify_table(options.plan, options.interpolation, scene, **_forgiveness_options(options))
     except ImportError as error:
         raise ValueError(f"{options.plan}: {error}") from error
     print_result(found.summary() if options.json else found)
     return DONE if found.certified else NOT_CERTIFIED
 
 
-def _forgiving(options: argparse.Namespace) -> dict[str, float]:
+def _forgiveness_options(options: argparse.Namespace) -> dict[str, float]:
     """Options given for how much a table may fall short, as keyword arguments of `certify_table`."""
     given = {name: getattr(options, name) for name in ("forgive_deg", "forgive_percent")}
     return {name: value for name, value in given.items() if value is not None}
@@ -109,14 +109,14 @@ def plot(options: argparse.Namespace) -> int:
     if is_scenario(options.plan) or timelines.is_timeline(options.plan):
         return _plot_spacecraft(options)
     plan = _load_any_plan(options.plan)
-    observer = _observer(options, plan)
+    observer = _read_observer(options, plan)
     folder = writable_folder(str(Path(options.plan).parent) if options.out is None else options.out)
     if plan.ok:  # since figures show what the certificate proves
-        plan = replace(plan, certificate=_certified_anew(plan))
+        plan = replace(plan, certificate=_recertify(plan))
     draw(plan, folder, options.frequency, observer)
     if plan.certificate is not None and plan.ok and not plan.certificate.certified:
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
-    return _code_of(plan)
+    return _exit_code(plan)
 
 
 def _plot_spacecraft(options: argparse.Namespace) -> int:
@@ -142,18 +142,18 @@ def report(options: argparse.Namespace) -> int:
     from jaxplan.report import report_html
 
     plan = _load_any_plan(options.plan)
-    observer = _observer(options, plan)
+    observer = _read_observer(options, plan)
     path = Path(options.plan).with_suffix(".html") if options.out is None else options.out
     try_folder_of(path)
     if isinstance(plan, TimelinePlan) and plan.ok:  # other pages do so themselves
-        plan = replace(plan, certificate=_certified_anew(plan))
+        plan = replace(plan, certificate=_recertify(plan))
     more = {"frequencies": options.frequency, "viewer": options.view, "observer": observer}
     with progress_bar("drawing the page"):
         page = report_html(plan, path, overwrite=options.force, **more)
     say(f"wrote {page}")
-    if plan.ok and not _certified_anew(plan).certified:  # the page shows the reason
+    if plan.ok and not _recertify(plan).certified:  # the page shows the reason
         return complain(f"{options.plan}: its certificate, made anew, fails", NOT_CERTIFIED)
-    return _code_of(plan)
+    return _exit_code(plan)
 
 
 def view(options: argparse.Namespace) -> int:
@@ -165,12 +165,12 @@ def view(options: argparse.Namespace) -> int:
     if plan.trajectory is None:
         from jaxplan.exporting import ending
 
-        return complain(f"{options.plan}: {ending(plan)}", _code_of(plan))
+        return complain(f"{options.plan}: {ending(plan)}", _exit_code(plan))
     with progress_bar("drawing the page"):
         shown = make_view(plan)
     try_folder_of(path)
     say(f"wrote {shown.save(path, overwrite=options.force)}: open it in a browser, ? lists its keys")
-    return _code_of(plan)
+    return _exit_code(plan)
 
 
 def export(options: argparse.Namespace) -> int:
@@ -197,18 +197,18 @@ def export(options: argparse.Namespace) -> int:
             observer=None if options.observer is None else load_observer(timelines.file_of(options.observer)),
             names=ExportNames(**{key: value for key, value in given.items() if value is not None}),
             overwrite=options.force,
-            **_forgiving(options),
+            **_forgiveness_options(options),
         )
     except exporting.UncertifiedError as error:
-        return complain(str(error), NOT_CERTIFIED if plan.ok else _code_of(plan))
+        return complain(str(error), NOT_CERTIFIED if plan.ok else _exit_code(plan))
     told = [f"wrote {written}", exporting.needed_by(plan, options.format)]
     if options.step == exporting.SPARSEST:
-        told.append(_counted(written))
+        told.append(_describe_table_size(written))
     say(": ".join(filter(None, told)))
     return DONE
 
 
-def _counted(file: Path) -> str:
+def _describe_table_size(file: Path) -> str:
     """Text with the numbers of rows and values of a written table; empty if it cannot be read back."""
     from jaxplan.tables import load_attitude
 
@@ -219,7 +219,7 @@ def _counted(file: Path) -> str:
     return f"{len(table.times)} rows, {table.numbers} numbers"
 
 
-def _observer(options: argparse.Namespace, plan: Plan | TimelinePlan) -> Satellite | None:
+def _read_observer(options: argparse.Namespace, plan: Plan | TimelinePlan) -> Satellite | None:
     """Read the orbit from the file that ``--observer`` names; None without that option.
 
     Raises:
@@ -238,7 +238,7 @@ def _load_any_plan(name: str) -> Plan | TimelinePlan:
     return timelines.load_plan(name) if timelines.is_timeline_plan(name) else load_plan_file(name)
 
 
-def _certified_anew(plan: Plan | TimelinePlan) -> Certificate:
+def _recertify(plan: Plan | TimelinePlan) -> Certificate:
     """Make a new certificate of a plan."""
     if not isinstance(plan, TimelinePlan):
         return planner.certify(plan)
@@ -246,7 +246,7 @@ def _certified_anew(plan: Plan | TimelinePlan) -> Certificate:
         return plan.certify()
 
 
-def _code_of(plan: Plan | TimelinePlan) -> int:
+def _exit_code(plan: Plan | TimelinePlan) -> int:
     """The exit code for the status of a plan."""
     return {Status.OK: DONE, Status.UNCERTIFIED: NOT_CERTIFIED}.get(plan.status, NO_PLAN)
 

@@ -21,14 +21,14 @@ from jaxplan.schema.tables import Table
 from jaxplan.schema.text import comment_on, parse, table_at, value_text
 from jaxplan.schema.value_kinds import Choice, Epoch, Integer, Interval, Kind, Name, Names, Text, YesNo
 
-_AXES = {
+_AXIS_VECTORS = {
     f"{sign}{letter}": [factor * float(letter == axis) + 0.0 for axis in "xyz"]
     for sign, factor in (("", 1.0), ("+", 1.0), ("-", -1.0))
     for letter in "xyz"
 }
-_WORDS = (Text, Name, Choice, Epoch)  # kinds whose values are words, which need no quotes here
-_WIDTH = 100  # characters of a line at most
-_YES = {"yes": True, "y": True, "no": False, "n": False}
+_WORD_KINDS = (Text, Name, Choice, Epoch)  # kinds whose values are words, which need no quotes here
+_LINE_WIDTH = 100  # characters of a line at most
+_YES_NO_ANSWERS = {"yes": True, "y": True, "no": False, "n": False}
 
 NOTHING: Any = object()
 """The default of a question whose key may be left out."""
@@ -36,7 +36,7 @@ Check = Callable[[Any], Sequence[str]]
 """Function of an answer's value that returns its faults."""
 
 
-_MOST_EQUAL = 10  # equal refusals after which answers from a file or pipe are given up
+_MAX_REFUSALS = 10  # equal refusals after which answers from a file or pipe are given up
 
 
 class AnswersEnded(ValueError):
@@ -54,14 +54,14 @@ class Dialog:
 
     def __init__(self, answers: TextIO, out: TextIO, folder: str | os.PathLike[str] = "") -> None:
         self._answers, self._out, self.folder = answers, out, folder
-        self._told: set[str] = set()
-        self._before: dict[str, Any] = {}
-        self._refused: Counter[str] = Counter()
+        self._explained: set[str] = set()
+        self._earlier_answers: dict[str, Any] = {}
+        self._refusal_counts: Counter[str] = Counter()
 
     def say(self, text: str = "") -> None:
         """Write a paragraph, wrapped; an empty one is a blank line."""
         further = "    " if text.startswith(" ") else ""
-        for line in textwrap.wrap(text, _WIDTH, subsequent_indent=further) or [""]:
+        for line in textwrap.wrap(text, _LINE_WIDTH, subsequent_indent=further) or [""]:
             print(line, file=self._out)
 
     def ask(
@@ -108,55 +108,57 @@ class Dialog:
             kind.read(value, place)
             return place.reading.faults[before:]
 
-        return self._until_good(".".join(map(str, (*path, key))), key, words, kind, default, faults)
+        return self._ask_until_valid(".".join(map(str, (*path, key))), key, words, kind, default, faults)
 
     def choose(self, name: str, words: str, options: Sequence[str], default: str) -> str:
         """Ask for one of several words; `words` is the explanation."""
         kind = Choice(options)
-        return str(self._alone(name, f"{words}: {kind.wanted.replace(chr(34), '')}", kind, default))
+        return str(self._ask_without_key(name, f"{words}: {kind.wanted.replace(chr(34), '')}", kind, default))
 
     def count(self, name: str, words: str, default: int, most: int = 100) -> int:
         """Ask for a whole number from 0 to `most`; `words` is the explanation."""
         kind = Integer(Interval(f"[0, {most}]"))
-        return int(self._alone(name, words, kind, default))
+        return int(self._ask_without_key(name, words, kind, default))
 
     def line(self, name: str, words: str) -> str:
         """Ask for a line of text; `words` is the explanation."""
-        return str(self._alone(name, words, Text(), None))
+        return str(self._ask_without_key(name, words, Text(), None))
 
     def confirm(self, name: str, words: str, default: bool) -> bool:
         """Ask a yes-or-no question; `words` is the explanation."""
-        return bool(self._alone(name, words, YesNo(), default))
+        return bool(self._ask_without_key(name, words, YesNo(), default))
 
     def forget(self) -> None:
         """Let the explanations be printed again with the next questions, since these are repeated."""
-        self._told.clear()
+        self._explained.clear()
 
     def faulty(self, faults: Sequence[str]) -> None:
         """Print what is wrong with an answer.
 
         Raises:
-            AnswersEnded: if the same fault occurred `_MOST_EQUAL` times and the answers do not come from a
+            AnswersEnded: if the same fault occurred `_MAX_REFUSALS` times and the answers do not come from a
                 terminal.
         """
         for fault in faults:
             self.say(f"  ! {fault}")
-            self._refused[fault] += 1
-            if self._refused[fault] >= _MOST_EQUAL and not self._answers.isatty():
-                told = f"the answers were refused {_MOST_EQUAL} times, so nothing was written: {fault}"
+            self._refusal_counts[fault] += 1
+            if self._refusal_counts[fault] >= _MAX_REFUSALS and not self._answers.isatty():
+                told = f"the answers were refused {_MAX_REFUSALS} times, so nothing was written: {fault}"
                 raise AnswersEnded(told)
 
-    def _alone(self, name: str, words: str, kind: Kind, default: Any) -> Any:
-        """Ask for a value that is not a key of the file; arguments as in `_until_good`."""
+    def _ask_without_key(self, name: str, words: str, kind: Kind, default: Any) -> Any:
+        """Ask for a value that is not a key of the file; arguments as in `_ask_until_valid`."""
 
         def faults(value: Any) -> Sequence[str]:
             place = Place(Reading())[name]
             kind.read(value, place)
             return place.reading.faults
 
-        return self._until_good(name, name, words, kind, default, faults)
+        return self._ask_until_valid(name, name, words, kind, default, faults)
 
-    def _until_good(self, about: str, name: str, words: str, kind: Kind, default: Any, faults: Check) -> Any:
+    def _ask_until_valid(
+        self, about: str, name: str, words: str, kind: Kind, default: Any, faults: Check
+    ) -> Any:
         """Ask until an answer has no faults; returns its value, which becomes the default when asked again.
 
         Args:
@@ -170,11 +172,11 @@ class Dialog:
         Raises:
             AnswersEnded: if there is no further answer, or they are refused again and again.
         """
-        default = self._before.get(about, default)
-        if words not in self._told:
-            self._told.add(words)
+        default = self._earlier_answers.get(about, default)
+        if words not in self._explained:
+            self._explained.add(words)
             self.say(f"  # {words}")
-        shown = "" if default is None else f" [{'none' if default is NOTHING else _shown(default)}]"
+        shown = "" if default is None else f" [{'none' if default is NOTHING else _format_answer(default)}]"
         while True:
             print(f"  {name}{shown}: ", end="", file=self._out, flush=True)
             line = self._answers.readline()
@@ -189,7 +191,7 @@ class Dialog:
             value = value_of(answer, kind) if answer else default
             wrong = ["must be answered"] if value is None else faults(value)
             if not wrong:
-                self._before[about] = value
+                self._earlier_answers[about] = value
                 return value
             self.faulty(wrong)
 
@@ -205,14 +207,14 @@ def value_of(answer: str, kind: Kind) -> Any:
         The value, which is not checked; an answer that cannot be parsed is returned as text.
     """
     bare = re.sub(r'^(["\'])(.*)\1$', r"\2", answer)
-    if isinstance(kind, _WORDS):
+    if isinstance(kind, _WORD_KINDS):
         return bare
     if isinstance(kind, Names):
         return [name.strip() for name in answer.strip("[]").replace('"', "").split(",") if name.strip()]
-    if isinstance(kind, YesNo) and answer.lower() in _YES:
-        return _YES[answer.lower()]
-    if answer.lower() in _AXES:
-        return list(_AXES[answer.lower()])
+    if isinstance(kind, YesNo) and answer.lower() in _YES_NO_ANSWERS:
+        return _YES_NO_ANSWERS[answer.lower()]
+    if answer.lower() in _AXIS_VECTORS:
+        return list(_AXIS_VECTORS[answer.lower()])
     try:
         parsed = parse(f"value = {answer}\n")
         if parsed.keys() == {"value"}:
@@ -226,7 +228,7 @@ def value_of(answer: str, kind: Kind) -> Any:
     return numbers[0] if len(numbers) == 1 else numbers
 
 
-def _shown(value: Any) -> str:
+def _format_answer(value: Any) -> str:
     """A value as text in the form in which a user would answer."""
     if isinstance(value, bool):
         return "yes" if value else "no"

@@ -28,7 +28,7 @@ from jaxplan.schema.text import template
 from jaxplan.schema.timelines import timeline_template
 from jaxplan.timeline.impossibilities import foreseen
 
-_COUNTED = {  # what a scene, its spacecraft or a timeline has several of, with the noun for one of them
+_COUNTED_NOUNS = {  # what a scene, its spacecraft or a timeline has several of, with the noun for one of them
     "terminals": "terminal",
     "drives": "drive",
     "instruments": "instrument",
@@ -40,7 +40,7 @@ _COUNTED = {  # what a scene, its spacecraft or a timeline has several of, with 
     "activities": "activity",
 }
 
-_IN_VAIN = "an activity cannot be done"  # heading of the reasons why activities are impossible
+_IMPOSSIBLE_HEADING = "an activity cannot be done"  # heading of the reasons why activities are impossible
 
 
 def new(options: argparse.Namespace) -> int:
@@ -54,7 +54,7 @@ def new(options: argparse.Namespace) -> int:
         if file.exists() and not options.force:
             raise ValueError(f"{file}: is there already; take another name, or replace it with --force")
         try_folder_of(file)
-    text = _answered(file) if options.ask else _text(options.source, options.timeline)
+    text = _text_from_answers(file) if options.ask else _source_text(options.source, options.timeline)
     if options.file == "-":
         print(text, end="")
         return DONE
@@ -62,22 +62,22 @@ def new(options: argparse.Namespace) -> int:
         fresh.write_text(text, encoding="utf-8")
     command = "timeline" if options.timeline or options.source in TIMELINE_NAMES else "plan"
     if options.ask:
-        say(_line(_findings(str(file))))
+        say(_format_findings(_check_file(str(file))))
     say(f"wrote {file}; plan it with: jaxplan {command} {shlex.quote(str(file))} -o out")
     return DONE
 
 
-def _answered(file: Path) -> str:
+def _text_from_answers(file: Path) -> str:
     """Make the text of a scenario file from answers on stdin, one to a line; questions go to stderr."""
     from jaxplan.cli.interview import interview
     from jaxplan.cli.questions import Dialog
 
     set_up_jax()
     name = "scene" if file.name == "-" else file.stem
-    return interview(Dialog(sys.stdin, sys.stderr, file.parent), name, _breaches)
+    return interview(Dialog(sys.stdin, sys.stderr, file.parent), name, _find_breaches)
 
 
-def _text(source: str | None, timeline: bool) -> str:
+def _source_text(source: str | None, timeline: bool) -> str:
     """Text of a template, or of a case that comes with the package.
 
     Args:
@@ -100,20 +100,20 @@ def validate(options: argparse.Namespace) -> int:
     found = []
     with progress_bar("reading", "files", total=len(options.files)) as bar:
         for name in options.files:
-            found.append(_findings(name))
+            found.append(_check_file(name))
             bar.update()
-    print_result(found if options.json else "\n".join(map(_line, found)))
+    print_result(found if options.json else "\n".join(map(_format_findings, found)))
     if any(one["faults"] for one in found):
         return BAD_INPUT
     return DONE if all(one["valid"] for one in found) else NO_PLAN
 
 
-def _findings(name: str) -> dict[str, Any]:
+def _check_file(name: str) -> dict[str, Any]:
     """Read a scenario or timeline file, and check it without planning.
 
     Returns:
         A dict for JSON, with the keys "file"; "valid"; "faults" of the text; "start" and "goal", what is
-        violated there; "holds", the counts of `_holds`, None if the file is faulty; and for a timeline
+        violated there; "holds", the counts of `_contents`, None if the file is faulty; and for a timeline
         "activities", the reasons why activities are impossible.
     """
     found: dict[str, Any] = {"file": name, "valid": False, "faults": [], "start": [], "goal": []}
@@ -122,7 +122,7 @@ def _findings(name: str) -> dict[str, Any]:
             asked = timelines.load_timeline_file(name)
             start = list(start_breaches(replace(asked.scene, goal=asked.scene.start)))
             vain = list(foreseen(asked))
-            holds = _holds(asked.scene) | {"activities": len(asked.activities)}
+            holds = _contents(asked.scene) | {"activities": len(asked.activities)}
             return found | {
                 "valid": not (start or vain),
                 "start": start,
@@ -134,17 +134,17 @@ def _findings(name: str) -> dict[str, Any]:
         return found | {"faults": list(error.faults), "holds": None}
     except ValueError as error:  # it is not a scenario file
         return found | {"faults": [str(error).removeprefix(f"{name}: ")], "holds": None}
-    start, goal = _breaches(scene)
-    return found | {"valid": not (start or goal), "start": start, "goal": goal, "holds": _holds(scene)}
+    start, goal = _find_breaches(scene)
+    return found | {"valid": not (start or goal), "start": start, "goal": goal, "holds": _contents(scene)}
 
 
-def _holds(scene: Scenario) -> dict[str, Any]:
-    """Name of a scene, and the number of each thing in `_COUNTED` that it has."""
+def _contents(scene: Scenario) -> dict[str, Any]:
+    """Name of a scene, and the number of each thing in `_COUNTED_NOUNS` that it has."""
     everything = {**vars(scene), **vars(scene.spacecraft), "masks": masks(scene.spacecraft)}
-    return {"name": scene.name, **{key: len(everything[key]) for key in _COUNTED if key in everything}}
+    return {"name": scene.name, **{key: len(everything[key]) for key in _COUNTED_NOUNS if key in everything}}
 
 
-def _breaches(scene: Scenario) -> tuple[list[str], list[str]]:
+def _find_breaches(scene: Scenario) -> tuple[list[str], list[str]]:
     """Check the two ends of a scenario without planning.
 
     A goal that is a given state is checked if nothing in the scene moves. Of targets only what is certain is
@@ -164,25 +164,25 @@ def _breaches(scene: Scenario) -> tuple[list[str], list[str]]:
     return list(start_breaches(scene)), [goal.message] if isinstance(goal, Plan) else []
 
 
-def _line(found: dict[str, Any]) -> str:
-    """Text that presents what `_findings` found in one file."""
+def _format_findings(found: dict[str, Any]) -> str:
+    """Text that presents what `_check_file` found in one file."""
     name, holds = found["file"], found["holds"]
     if holds is None:
         return str(ScenarioError(found["faults"], name or '""'))
-    counted = [(key, holds[key]) for key in _COUNTED if holds.get(key)]
-    parts = ", ".join(f"{number} {_called(_COUNTED[key], number)}" for key, number in counted)
+    counted = [(key, holds[key]) for key in _COUNTED_NOUNS if holds.get(key)]
+    parts = ", ".join(f"{number} {_inflect_noun(_COUNTED_NOUNS[key], number)}" for key, number in counted)
     broken = [
         f"\n  {status.value}: {'; '.join(found[place])}"
         for place, status in (("start", Status.INVALID_START), ("goal", Status.INVALID_GOAL))
         if found[place]
     ]
-    broken += [f"\n  {_IN_VAIN}: {phrase}" for phrase in found.get("activities", ())]
+    broken += [f"\n  {_IMPOSSIBLE_HEADING}: {phrase}" for phrase in found.get("activities", ())]
     if broken:
         return f"{name}: {parts}{''.join(broken)}"
     return f"{name}: ok: {parts}; the start keeps all limits and zones"
 
 
-def _called(noun: str, number: int) -> str:
+def _inflect_noun(noun: str, number: int) -> str:
     """A noun in the singular or plural, as it stands after a number."""
     return noun if number == 1 else plural(noun)
 

@@ -18,7 +18,7 @@ from jaxplan.sky import Pass
 from jaxplan.sky.passes import LONGEST
 
 _HEAD = ("target", "from (UTC)", "until (UTC)", "lasts s", "best (UTC)", "up deg", "off nadir deg", "km")
-_SIDES = "<<>>>>>>"
+_COLUMN_ALIGNMENT = "<<>>>>>>"
 
 
 def passes(options: argparse.Namespace) -> int:
@@ -49,14 +49,14 @@ def passes(options: argparse.Namespace) -> int:
     duration = seen.duration if options.duration is None else options.duration
     never = [name for name in names if name not in {one.target for one in found}]
     if options.json:
-        print_result({"epoch_utc": str(seen.epoch), "for_s": duration, "passes": _summaries(found, seen)})
+        print_result({"epoch_utc": str(seen.epoch), "for_s": duration, "passes": _pass_records(found, seen)})
     else:
         notes = [f"never seen in {duration:g} s: {', '.join(never)}"] if never else []
-        print_result("\n".join([*_table(found, seen), *notes]))
+        print_result("\n".join([*_table_lines(found, seen), *notes]))
     return DONE
 
 
-def _summaries(found: list[Pass], seen: Sky) -> list[dict[str, Any]]:
+def _pass_records(found: list[Pass], seen: Sky) -> list[dict[str, Any]]:
     """Passes as dicts in the units of files; instants in s from the epoch, and in UTC."""
     return [
         {
@@ -64,7 +64,7 @@ def _summaries(found: list[Pass], seen: Sky) -> list[dict[str, Any]]:
             "from_s": one.start,
             "until_s": one.end,
             "best_s": one.best,
-            **dict(zip(("from_utc", "until_utc", "best_utc"), _stamps(one, seen), strict=True)),
+            **dict(zip(("from_utc", "until_utc", "best_utc"), _pass_stamps(one, seen), strict=True)),
             "elevation_deg": None if one.elevation is None else float(np.rad2deg(one.elevation)),
             "off_nadir_deg": float(np.rad2deg(one.off_nadir)),
             "distance_km": one.distance,
@@ -73,12 +73,12 @@ def _summaries(found: list[Pass], seen: Sky) -> list[dict[str, Any]]:
     ]
 
 
-def _stamps(one: Pass, seen: Sky) -> list[str]:
+def _pass_stamps(one: Pass, seen: Sky) -> list[str]:
     """UTC texts of the beginning, end and best instant of a pass, to the millisecond."""
     return utc_stamps(seen.epoch, [one.start, one.end, one.best])
 
 
-def _table(found: list[Pass], seen: Sky) -> list[str]:
+def _table_lines(found: list[Pass], seen: Sky) -> list[str]:
     """Lines of a table of passes, the first with the titles of columns; an empty list without passes.
 
     Beginning and end are rounded to whole seconds within the pass, if it has any.
@@ -95,4 +95,4 @@ def _table(found: list[Pass], seen: Sky) -> list[str]:
         high = "" if one.elevation is None else f"{np.rad2deg(one.elevation):.1f}"
         off = f"{np.rad2deg(one.off_nadir):.1f}"
         rows.append((one.target, start, end, f"{one.duration:.0f}", best, high, off, f"{one.distance:.0f}"))
-    return in_columns(rows, _SIDES)
+    return in_columns(rows, _COLUMN_ALIGNMENT)

@@ -24,11 +24,11 @@ from jaxplan.study.store import HEADER
 def study(options: argparse.Namespace) -> int:
     """Plan many scenes, random ones or files of a folder, and print a summary; or report on studies."""
     if options.report is not None:
-        return _report(options)
-    settings = dict(map(_setting, options.set or ()))
+        return _report_studies(options)
+    settings = dict(map(_parse_setting, options.set or ()))
     set_up_jax()
     workers = None if options.workers in (None, 1) else options.workers
-    own = [] if options.scenes is None else _scenes_of(options)
+    own = [] if options.scenes is None else _read_scenes(options)
     first, count = _first_seed(options), options.n or 100
     study = run_study(
         [scene for _, scene in own] if own else range(first, first + count),
@@ -43,14 +43,14 @@ def study(options: argparse.Namespace) -> int:
         files = {"files": [path.name for path, _ in own]} if own else {}
         print_result(summary.record() | files)
     else:
-        print_result(f"{_each(own, study)}\n\n{summary}" if own else summary)
+        print_result(f"{_outcome_table(own, study)}\n\n{summary}" if own else summary)
     if not study.complete:
         again = "" if options.out is None else ": the same command goes on"
         return complain(f"interrupted after {summary.done} of {summary.scenes} scenes{again}", 130)
     return DONE
 
 
-def _scenes_of(options: argparse.Namespace) -> list[tuple[Path, Scenario]]:
+def _read_scenes(options: argparse.Namespace) -> list[tuple[Path, Scenario]]:
     """Read the scenario files of a folder.
 
     Returns:
@@ -79,7 +79,7 @@ def _scenes_of(options: argparse.Namespace) -> list[tuple[Path, Scenario]]:
     return found
 
 
-def _each(own: Sequence[tuple[Path, Scenario]], study: Study) -> str:
+def _outcome_table(own: Sequence[tuple[Path, Scenario]], study: Study) -> str:
     """Table, as text, of how planning ended for each file.
 
     Args:
@@ -110,7 +110,7 @@ def _first_seed(options: argparse.Namespace) -> int:
     return int(first)
 
 
-def _setting(text: str) -> tuple[str, Any]:
+def _parse_setting(text: str) -> tuple[str, Any]:
     """Divide a text NAME=VALUE into name and value; a value that is not TOML is returned as text.
 
     Raises:
@@ -125,7 +125,7 @@ def _setting(text: str) -> tuple[str, Any]:
         return name.strip(), value.strip()
 
 
-def _report(options: argparse.Namespace) -> int:
+def _report_studies(options: argparse.Namespace) -> int:
     """Print summaries of the studies in folders; compare the first with each other one."""
     if options.scenes is not None:
         raise ValueError(f"{options.scenes}: says what to plan, but --report plans nothing")

@@ -31,7 +31,7 @@ from jaxplan.timeline.files import is_plan
 from jaxplan.timeline.tables import activities_csv, events_csv, interruptions_csv, segments_csv
 
 PLAN, TIMELINE = "plan.npz", "timeline.toml"  # names of the files that are written to a folder
-_TABLES = {
+_TABLE_WRITERS = {
     "activities.csv": activities_csv,
     "segments.csv": segments_csv,
     "interruptions.csv": interruptions_csv,
@@ -52,13 +52,13 @@ def timeline(options: argparse.Namespace) -> int:
     folder = None if options.out is None else writable_folder(options.out)
     plan = plan_timeline(asked, throw=False, go_on=options.go_on)
     print_result(plan.summary() if options.json else plan)
-    code = _code_of(plan)
+    code = _exit_code(plan)
     if folder is not None:
-        _write(plan, folder, find_observer(file_of(options.timeline)))
+        _write_results(plan, folder, find_observer(file_of(options.timeline)))
         for name in formats if plan.ok else ():
-            say(f"wrote {export(plan, _motion(folder, name), format=name, overwrite=True)}")
+            say(f"wrote {export(plan, _export_path(folder, name), format=name, overwrite=True)}")
         kept = formats if plan.ok else ()
-        name_earlier(folder / PLAN, [_motion(folder, name) for name in FORMATS if name not in kept])
+        name_earlier(folder / PLAN, [_export_path(folder, name) for name in FORMATS if name not in kept])
         if formats and not plan.ok:
             return complain(
                 f"{options.timeline}: is not exported, since it ended as {plan.status.name}", code
@@ -84,19 +84,19 @@ def file_of(name: str) -> str:
     return str(case_path(name)) if name in (*CASE_NAMES, *TIMELINE_NAMES) else name
 
 
-def _write(plan: TimelinePlan, folder: Path, observer: Satellite | None) -> None:
+def _write_results(plan: TimelinePlan, folder: Path, observer: Satellite | None) -> None:
     """Write timeline, plan, tables and figures to a folder, and say so on stderr."""
     save_timeline(plan.timeline, folder / TIMELINE)
     plan.save(folder / PLAN)
-    for name, table in _TABLES.items():
+    for name, table in _TABLE_WRITERS.items():
         with replacing_file(folder / name) as fresh:
             fresh.write_text(table(plan), encoding="utf-8")
-    for name in (TIMELINE, PLAN, *_TABLES):
+    for name in (TIMELINE, PLAN, *_TABLE_WRITERS):
         say(f"wrote {folder / name}")
     draw(plan, folder, observer=observer)
 
 
-def _motion(folder: Path, name: str) -> Path:
+def _export_path(folder: Path, name: str) -> Path:
     """Path in a folder for the export in the format called `name`."""
     from jaxplan.exporting import FORMATS
 
@@ -111,7 +111,7 @@ def check(options: argparse.Namespace) -> int:
     plan = load_plan(options.plan)
     if plan.trajectory is None:
         return complain(
-            f"{options.plan}: has no trajectory, {plan.status.name}: {plan.message}", _code_of(plan)
+            f"{options.plan}: has no trajectory, {plan.status.name}: {plan.message}", _exit_code(plan)
         )
     with progress_bar("proving"):
         found = plan.certify()
@@ -122,7 +122,7 @@ def check(options: argparse.Namespace) -> int:
     if not plan.ok:  # only a part of what was asked is planned and proved
         missing = f", of {len(plan.timeline.activities)} activities not done: {', '.join(plan.not_done)}"
         told = f"{options.plan}: is not all that was asked{missing if plan.not_done else ''}"
-        return complain(f"{told}; it ended as {plan.status.name}", _code_of(plan))
+        return complain(f"{told}; it ended as {plan.status.name}", _exit_code(plan))
     return DONE if found.certified else NOT_CERTIFIED
 
 
@@ -183,6 +183,6 @@ def refuse(name: str) -> None:
         raise ValueError(f"{name}: is a timeline; plan it with: jaxplan timeline {shlex.quote(name)} -o out")
 
 
-def _code_of(plan: TimelinePlan) -> int:
+def _exit_code(plan: TimelinePlan) -> int:
     """The exit code for the status of a timeline's plan."""
     return {Status.OK: DONE, Status.UNCERTIFIED: NOT_CERTIFIED}.get(plan.status, NO_PLAN)

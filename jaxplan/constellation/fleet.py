@@ -38,7 +38,7 @@ from jaxplan.study.run import DEATHS, answers
 from jaxplan.timeline import TimelinePlan
 from jaxplan.version import __version__
 
-_TOLERANCES = math.radians(1e-8), math.radians(1.0)  # rad, smallest and largest pointing tolerance allowed
+_TOLERANCE_RANGE = math.radians(1e-8), math.radians(1.0)  # rad, of the pointing tolerances allowed
 
 
 @shown("done", "satellites", "failures", "folder", heading="Fleet of {0.title}")
@@ -193,22 +193,22 @@ def plan_fleet(
     """
     expect("schedule", schedule, LinkSchedule, "jp.link_schedule makes one of a shell")
     place = file_path("folder", folder)
-    faults = out_of_range("tolerance", tolerance, "rad", *_TOLERANCES)
+    faults = out_of_range("tolerance", tolerance, "rad", *_TOLERANCE_RANGE)
     if slew not in SLEWS:
         faults.append(f"slew = {slew!r}: must be {' or '.join(map(repr, SLEWS))}")
     if faults:
         raise ScenarioError(faults, "the fleet")
     chosen = schedule.chosen(satellites)
     given = {} if settings is None else settings
-    with_settings(_example(schedule.spacecraft), given)
+    with_settings(_example_scenario(schedule.spacecraft), given)
     who = who_works(workers, None)
     make = partial(order_of, schedule, tolerance=float(tolerance), slew=slew, settings=given)
     store = FleetFolder(place, schedule.shell.total)
-    with store.claimed(_description(schedule, float(tolerance), slew, given)):
+    with store.claimed(_describe_fleet(schedule, float(tolerance), slew, given)):
         rows = store.rows()
-        left = _Left([number for number in chosen if number not in rows], make)
+        left = _SatelliteQueue([number for number in chosen if number not in rows], make)
         try:
-            _plan(store, rows, left, len(chosen), who, progress)
+            _plan_satellites(store, rows, left, len(chosen), who, progress)
         except WorkersDiedError as error:
             raise RuntimeError(str(error)) from None
         finally:
@@ -245,10 +245,10 @@ def load_fleet(folder: str | os.PathLike[str]) -> Fleet:
     )
 
 
-def _plan(
+def _plan_satellites(
     store: FleetFolder,
     rows: dict[int, Row],
-    left: "_Left",
+    left: "_SatelliteQueue",
     satellites: int,
     workers: Workers | None,
     progress: bool,
@@ -274,7 +274,7 @@ def _plan(
             pass  # the rows so far are returned
 
 
-class _Left:
+class _SatelliteQueue:
     """The satellites that are left to be planned, handed out to `answers` one by one.
 
     Where a worker dies while several satellites are being planned, each of them becomes a *suspect*: it is
@@ -282,12 +282,12 @@ class _Left:
     """
 
     def __init__(self, numbers: Iterable[int], make: partial[Order]) -> None:
-        self._left, self._make = deque(numbers), make
+        self._unplanned, self._make_order = deque(numbers), make
         self._suspects: deque[Order] = deque()
-        self._alone = False  # whether what is under way is a suspect
+        self._suspect_running = False  # whether what is under way is a suspect
 
     def __len__(self) -> int:
-        return len(self._left) + len(self._suspects)
+        return len(self._unplanned) + len(self._suspects)
 
     def take(self, under_way: int, most: int = 1) -> Order | None:
         """Remove and return the next order; None if none is left, or none may run beside those under way.
@@ -296,12 +296,12 @@ class _Left:
             under_way: number of orders being planned now.
             most: not used, since satellites go out one by one.
         """
-        if under_way and (self._suspects or self._alone):
+        if under_way and (self._suspects or self._suspect_running):
             return None
-        self._alone = bool(self._suspects)
+        self._suspect_running = bool(self._suspects)
         if self._suspects:
             return self._suspects.popleft()
-        return self._make(self._left.popleft()) if self._left else None
+        return self._make_order(self._unplanned.popleft()) if self._unplanned else None
 
     def learn(self, scenes: int, seconds: float) -> None:
         """Do nothing: satellites go out one by one, whatever time they take."""
@@ -323,7 +323,7 @@ class _Left:
             yield given_up(chunk, f"its worker died, {deaths} times while it planned nothing else")
 
 
-def _example(craft: Spacecraft) -> Scenario:
+def _example_scenario(craft: Spacecraft) -> Scenario:
     """A scenario at rest with the given spacecraft, used to check settings and to describe the spacecraft."""
     still = GivenState(rotation_vector=np.zeros(3), joints=np.mean(craft.joint_ranges, axis=1))
     return Scenario(name="fleet", spacecraft=craft, start=still, goal=still)
@@ -334,12 +334,12 @@ def _title(shell: str, epoch: str, until: float) -> str:
     return f"{shell}, {until:g} s from {epoch} on"
 
 
-def _description(
+def _describe_fleet(
     schedule: LinkSchedule, tolerance: float, slew: str, settings: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Description of a fleet for its head, fit for JSON; equal descriptions mean equal plans."""
     shell = schedule.shell
-    craft = json.dumps(scenario_to_dict(_example(schedule.spacecraft))["spacecraft"], sort_keys=True)
+    craft = json.dumps(scenario_to_dict(_example_scenario(schedule.spacecraft))["spacecraft"], sort_keys=True)
     links = hashlib.sha256(schedule.times.tobytes())
     links.update(schedule.topology.tobytes())
     return {

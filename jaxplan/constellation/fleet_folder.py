@@ -27,23 +27,29 @@ from jaxplan.timeline.files import is_plan
 Row = dict[str, Any]
 
 _NOUN = "fleet"
-_PLANS, _ROWS, _TABLE, _TIMINGS = "plans", "rows", "table.jsonl", "timings.jsonl"
-_PART = ".part"
-_KEYS: Mapping[str, type] = {"jaxplan": str, "shell": str, "satellites": int, "epoch": str, "until_s": float}
-_STEPS = ("timeline", "motions", "slews", "proof")
+_PLANS_FOLDER, _ROWS_FOLDER, _TABLE_FILE, _TIMINGS_FILE = "plans", "rows", "table.jsonl", "timings.jsonl"
+_PART_SUFFIX = ".part"
+_HEAD_KEYS: Mapping[str, type] = {
+    "jaxplan": str,
+    "shell": str,
+    "satellites": int,
+    "epoch": str,
+    "until_s": float,
+}
+_TIMED_STEPS = ("timeline", "motions", "slews", "proof")
 _LONGEST_LINE = 2**20  # bytes of a row, or of a line of timings, that are read at most
 
 
-def _check(content: Row) -> None:
+def _check_head(content: Row) -> None:
     """Raise a ValueError if a head, as read from JSON, is not that of a fleet."""
-    for key, kind in _KEYS.items():
+    for key, kind in _HEAD_KEYS.items():
         if type(content.get(key)) is not kind:
             raise ValueError(f"{key} is missing or wrong")
     if not 0 < content["satellites"] <= 10**6:
         raise ValueError(f"satellites = {content['satellites']}")
 
 
-_HEAD = Head(name="fleet.json", noun=_NOUN, check=_check)
+_HEAD = Head(name="fleet.json", noun=_NOUN, check=_check_head)
 
 
 class FleetFolder:
@@ -79,24 +85,24 @@ class FleetFolder:
             StudyFolderError: see `Head.claimed`; also if the folder of plans or rows is a symbolic link.
         """
         with _HEAD.claimed(self.path, description):
-            for name in (_PLANS, _ROWS):
+            for name in (_PLANS_FOLDER, _ROWS_FOLDER):
                 inner = self.path / name
                 if inner.is_symlink():
                     raise StudyFolderError(f"{inner}: is a link, which fleets do not follow")
                 inner.mkdir(exist_ok=True)
-                for rest in inner.glob(f"*{_PART}"):  # left over from a call that was killed
+                for rest in inner.glob(f"*{_PART_SUFFIX}"):  # left over from a call that was killed
                     rest.unlink()
             yield
 
     def place(self, satellite: int) -> Path:
         """Path of a satellite's plan."""
-        return self.path / _PLANS / f"{self._digits(satellite)}.npz"
+        return self.path / _PLANS_FOLDER / f"{self._padded_number(satellite)}.npz"
 
-    def _row_place(self, satellite: int) -> Path:
+    def _row_path(self, satellite: int) -> Path:
         """Path of a satellite's row."""
-        return self.path / _ROWS / f"{self._digits(satellite)}.json"
+        return self.path / _ROWS_FOLDER / f"{self._padded_number(satellite)}.json"
 
-    def _digits(self, satellite: int) -> str:
+    def _padded_number(self, satellite: int) -> str:
         """A satellite's number as file names have it, with leading zeros."""
         return f"{satellite:0{len(str(self.total - 1))}d}"
 
@@ -112,7 +118,7 @@ class FleetFolder:
             damaged.
         """
         try:
-            handle = os.open(self._row_place(satellite), os.O_RDONLY | os.O_NOFOLLOW)
+            handle = os.open(self._row_path(satellite), os.O_RDONLY | os.O_NOFOLLOW)
             with open(handle, "rb") as file:
                 row = json.loads(file.read(_LONGEST_LINE), parse_constant=refuse_constant)
         except (OSError, ValueError, RecursionError):
@@ -127,29 +133,29 @@ class FleetFolder:
     def rows(self) -> dict[int, Row]:
         """Read the rows of all satellites that are done, by satellite number in ascending order."""
         found: dict[int, Row] = {}
-        folder = self.path / _ROWS
+        folder = self.path / _ROWS_FOLDER
         for name in sorted(entry.name for entry in os.scandir(folder)) if folder.is_dir() else []:
             number = name.removesuffix(".json")
             if not number.isascii() or not number.isdecimal() or int(number) >= self.total:
                 continue
-            if self._row_place(int(number)).name == name and (row := self.row(int(number))) is not None:
+            if self._row_path(int(number)).name == name and (row := self.row(int(number))) is not None:
                 found[int(number)] = row
         return found
 
     def add(self, planned: Planned) -> None:
         """Write a satellite's computation times, plan (if it has one) and row to disk, in this order."""
         line: Row = {"satellite": planned.satellite, "total_s": planned.seconds}
-        line |= {f"{step}_s": planned.steps.get(step) for step in _STEPS}
-        with open_file(self.path / _TIMINGS, _NOUN) as file:
-            file.write(_line(line))
+        line |= {f"{step}_s": planned.steps.get(step) for step in _TIMED_STEPS}
+        with open_file(self.path / _TIMINGS_FILE, _NOUN) as file:
+            file.write(_json_line(line))
             force(file)
         if planned.data is not None:
-            self._replace(self.place(planned.satellite), planned.data)
-        self._replace(self._row_place(planned.satellite), _line(planned.row))
+            self._replace_file(self.place(planned.satellite), planned.data)
+        self._replace_file(self._row_path(planned.satellite), _json_line(planned.row))
 
     def write_table(self, rows: Mapping[int, Row]) -> None:
         """Write the table file anew, with the rows in the order given."""
-        self._replace(self.path / _TABLE, b"".join(_line(row) for row in rows.values()))
+        self._replace_file(self.path / _TABLE_FILE, b"".join(_json_line(row) for row in rows.values()))
 
     def timings(self) -> list[Row]:
         """Read the computation times of satellites, a row for each, ordered by satellite number.
@@ -158,7 +164,7 @@ class FleetFolder:
         rows.
         """
         found: dict[int, Row] = {}
-        path = self.path / _TIMINGS
+        path = self.path / _TIMINGS_FILE
         if not path.exists():
             return []
         with open(os.open(path, os.O_RDONLY | os.O_NOFOLLOW), "rb") as file:
@@ -172,9 +178,9 @@ class FleetFolder:
         return [found[number] for number in sorted(found)]
 
     @staticmethod
-    def _replace(path: Path, data: bytes) -> None:
+    def _replace_file(path: Path, data: bytes) -> None:
         """Write a file as a whole, forced to disk; an existing file is replaced."""
-        part = path.with_name(path.name + _PART)
+        part = path.with_name(path.name + _PART_SUFFIX)
         with open_file(part, _NOUN) as file:
             file.truncate(0)
             file.write(data)
@@ -182,6 +188,6 @@ class FleetFolder:
         os.replace(part, path)
 
 
-def _line(row: Row) -> bytes:
+def _json_line(row: Row) -> bytes:
     """A row as a line of JSON."""
     return json.dumps(row, allow_nan=False).encode() + b"\n"

@@ -32,7 +32,7 @@ from jaxplan.sky import orbits
 WHEN = ("before", "after")
 CLEARANCE = math.radians(1.0)
 """rad between the Sun's cone and a link that is not out; a waiting terminal keeps it from both cones."""
-_TURNS = 721
+_RIM_POINTS = 721
 """Directions around the Sun's cone tried for a waiting terminal, half to either side of the nearest."""
 
 
@@ -245,7 +245,7 @@ def waiting_directions(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the directions nearest to links that keep `CLEARANCE` from the cones of Sun and Earth.
 
-    Only directions at `CLEARANCE` outside the rim of the Sun's cone are tried, on a grid of `_TURNS` points.
+    Only directions at `CLEARANCE` outside the rim of the Sun's cone are tried, at `_RIM_POINTS` points.
 
     Args:
         links: (K, 3) inertial unit vectors of the links, inside the Sun's cone or near it.
@@ -262,18 +262,18 @@ def waiting_directions(
     length = np.linalg.norm(toward, axis=-1, keepdims=True)
     # any perpendicular direction, for a link exactly toward the Sun
     anywhere = np.cross(sun, np.eye(3)[np.argmin(np.abs(sun))])
-    first = np.where(length > 1e-12, toward / np.where(length > 1e-12, length, 1), _unit(anywhere))
+    first = np.where(length > 1e-12, toward / np.where(length > 1e-12, length, 1), _normalize(anywhere))
     second = np.cross(sun, first)
-    turn = np.linspace(-np.pi, np.pi, _TURNS)
+    turn = np.linspace(-np.pi, np.pi, _RIM_POINTS)
     turn = turn[np.argsort(np.abs(turn), kind="stable")]  # smallest turn from the link first
     around = np.cos(turn)[:, None] * first[:, None] + np.sin(turn)[:, None] * second[:, None]
     rim = half_angle + CLEARANCE
     places = np.cos(rim) * sun + np.sin(rim) * around  # (K, turns, 3)
     clear = separation(places, down[:, None]) >= earth_half_angle + CLEARANCE
     chosen = np.argmax(clear, axis=-1)
-    return _unit(places[np.arange(len(links)), chosen]), np.any(clear, axis=-1)
+    return _normalize(places[np.arange(len(links)), chosen]), np.any(clear, axis=-1)
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
+def _normalize(vectors: np.ndarray) -> np.ndarray:
     """Scale vectors (..., 3) to unit length."""
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))

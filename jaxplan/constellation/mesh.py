@@ -21,7 +21,7 @@ from jaxplan.constellation.shell import Shell
 SIDES = FORE, AFT, RIGHT, LEFT = ("fore", "aft", "right", "left")
 NOBODY = -1
 """In the place of a satellite's number: no link."""
-_AHEAD = 1e-9  # relative increase of the distance of satellites ahead, so that ahead and behind never tie
+_AHEAD_PENALTY = 1e-9  # relative increase of distances ahead, so that ahead and behind never tie
 
 
 @dataclass(kw_only=True, eq=False)
@@ -46,10 +46,10 @@ class Mesh:
     def __post_init__(self) -> None:
         shell = self.shell
         # slot in the plane to the east that each slot is linked to
-        self._partners = np.full((self._pairs, shell.slots), NOBODY)
+        self._partners = np.full((self._pair_count, shell.slots), NOBODY)
 
     @property
-    def _pairs(self) -> int:
+    def _pair_count(self) -> int:
         """Number of pairs of neighbouring planes that are linked; 0 without terminals on both sides.
 
         It is also 0 for a delta of one or two planes; with two planes both sides would face the same plane.
@@ -77,7 +77,7 @@ class Mesh:
             if side in self.sides:
                 there = shell.neighbours(0, step)
                 links[:, self.sides.index(side)] = np.where(there == numbers, NOBODY, there)
-        if self._pairs:
+        if self._pair_count:
             self._link_planes(links, time)
         return links
 
@@ -88,7 +88,7 @@ class Mesh:
             links: (T, n) int, whose columns for right and left are changed.
             time: s.
         """
-        shell, count = self.shell, self._pairs
+        shell, count = self.shell, self._pair_count
         shape = (shell.planes, shell.slots, 3)
         place, ahead = (np.reshape(states, shape) for states in shell.states(time))
         place = place / shell.radius
@@ -104,7 +104,7 @@ class Mesh:
         cosine = np.clip(np.einsum("psk,ptk->pst", place[west], place[east]), -1, 1)
         far = np.sqrt(2 - 2 * cosine)
         behind = np.einsum("psk,ptk->pst", ahead[west], place[east]) > 0
-        far = np.where(fits, far * (1 + _AHEAD * behind), np.inf)
+        far = np.where(fits, far * (1 + _AHEAD_PENALTY * behind), np.inf)
         pair, slot = np.nonzero(self._partners >= 0)
         far[pair, slot, self._partners[pair, slot]] *= 1 - self.hysteresis
         best, back = np.argmin(far, axis=2), np.argmin(far, axis=1)

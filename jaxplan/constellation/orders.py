@@ -37,7 +37,7 @@ from jaxplan.timeline import PlannedActivity, TimelinePlan, plan_timeline
 from jaxplan.version import __version__
 
 CRASHED = "crashed"
-_BEYOND = 120.0  # s after the end for which directions are still computed, so that late slews can be tried
+_EXTRA_DIRECTION_TIME = 120.0  # s after the end with known directions, so that late slews can be tried
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,18 +90,18 @@ class Order:
             ValueError: if the direction of a link turns too fast.
         """
         own, names = self.orbits[self.satellite], [one.name for one in self.spacecraft.terminals]
-        known = min(self.until + _BEYOND, LONGEST)
+        known = min(self.until + _EXTRA_DIRECTION_TIME, LONGEST)
         paths = {
             number: sky.path(orbit, epoch=self.epoch, observer=own, duration_s=known)
             for number, orbit in self.orbits.items()
             if number != self.satellite
         }
-        zones = tuple(self._zone(body, half_angle, known) for body, half_angle in self.cones.items())
+        zones = tuple(self._make_keep_out(body, half_angle, known) for body, half_angle in self.cones.items())
         links = [
             {name: paths[link] for name, link in zip(names, span.links, strict=True) if link in paths}
             for span in self.spans
         ]
-        start = self._start(links[0], zones)
+        start = self._find_start(links[0], zones)
         scene = with_settings(
             Scenario(
                 name=f"satellite {self.satellite}",
@@ -128,7 +128,7 @@ class Order:
             name=scene.name, scene=scene, activities=tuple(activities), until=self.until, slew=self.slew
         )
 
-    def _zone(self, body: str, half_angle: float, known: float) -> KeepOut:
+    def _make_keep_out(self, body: str, half_angle: float, known: float) -> KeepOut:
         """Make the moving keep-out cone of a body, for all terminals.
 
         Args:
@@ -145,7 +145,7 @@ class Order:
             devices=tuple(one.name for one in self.spacecraft.terminals),
         )
 
-    def _start(self, links: Mapping[str, DirectionPath], zones: tuple[KeepOut, ...]) -> GivenState:
+    def _find_start(self, links: Mapping[str, DirectionPath], zones: tuple[KeepOut, ...]) -> GivenState:
         """Find the state in which the terminals follow their first links, nearest to the nominal attitude.
 
         Args:
@@ -331,7 +331,7 @@ def row_of(order: Order, plan: TimelinePlan | None, why: str = "") -> dict[str, 
         "message": plan.message,
         "certified": proof is not None and bool(proof.certified),
         "planned": len(done),
-        "linked_s": float(sum(_lasting(one) * terminals.get(one.name, 0) for one in done)),
+        "linked_s": float(sum(_activity_duration(one) * terminals.get(one.name, 0) for one in done)),
         "slews": len(slews),
         "slew_s": float(sum(slews)),
         "longest_slew_s": float(max(slews, default=0.0)),
@@ -343,7 +343,7 @@ def row_of(order: Order, plan: TimelinePlan | None, why: str = "") -> dict[str, 
     return row
 
 
-def _lasting(activity: PlannedActivity) -> float:
+def _activity_duration(activity: PlannedActivity) -> float:
     """Duration in s of a planned activity, from its start to its end."""
     assert activity.start is not None
     assert activity.end is not None

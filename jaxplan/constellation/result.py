@@ -19,7 +19,7 @@ from jaxplan.runtime.display import shown
 from jaxplan.runtime.workers import Workers
 from jaxplan.study import Study, Summary, run_study
 
-_LEFT_OUT = ("scene", "seed", "name", "kind")  # columns of a study that the satellite's number replaces
+_DROPPED_COLUMNS = ("scene", "seed", "name", "kind")  # of a study; the satellite's number replaces them
 
 
 @shown("satellites", "study.done", heading="Constellation of {0.switch.title}")
@@ -53,7 +53,7 @@ class Constellation:
         planner on.
         """
         rows = []
-        for row in self._by_satellite(self.study.table):
+        for row in self._label_by_satellite(self.study.table):
             number = row["satellite"]
             outages = np.sum(self.switch.sun_outage[:, number], axis=-1)
             place = {
@@ -68,13 +68,13 @@ class Constellation:
     @cached_property
     def timings(self) -> list[dict[str, Any]]:
         """Computation times in s of each satellite's planning, by step; a row for each satellite."""
-        return self._by_satellite(self.study.timings)
+        return self._label_by_satellite(self.study.timings)
 
-    def _by_satellite(self, rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-        """Replace the columns `_LEFT_OUT` of a study's rows by the satellite's number."""
+    def _label_by_satellite(self, rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+        """Replace the columns `_DROPPED_COLUMNS` of a study's rows by the satellite's number."""
         return [
             {"satellite": int(self.satellites[row["scene"]])}
-            | {name: value for name, value in row.items() if name not in _LEFT_OUT}
+            | {name: value for name, value in row.items() if name not in _DROPPED_COLUMNS}
             for row in rows
         ]
 

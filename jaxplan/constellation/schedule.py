@@ -31,10 +31,10 @@ from jaxplan.schema.reading import checked_spacecraft
 from jaxplan.sky.orbits import EARTH_RADIUS
 
 LONGEST = 86400.0  # s, longest duration of a schedule
-_LOOKS = 10.0  # s, longest time between the instants at which links are checked
-_MOST_STEPS = 100_000
-_BELOW_CROSSING = math.radians(5.0)  # rad by which links between planes end below the crossing latitude
-_WHERE = "the schedule"
+_MAX_CHECK_INTERVAL = 10.0  # s, longest time between the instants at which links are checked
+_MAX_STEPS = 100_000
+_CROSSING_MARGIN = math.radians(5.0)  # rad by which links between planes end below the crossing latitude
+_ERROR_SOURCE = "the schedule"
 
 Topology = Callable[[float], Any] | tuple[Any, Any]
 """Whom terminals are for: a function of a time, s, to (T, n); or times (K,) s and an array (K, T, n)."""
@@ -188,25 +188,25 @@ def link_schedule(
             f"lowest_altitude = {lowest_altitude:g}: must be below the shell's, {shell.altitude:g} km"
         )
     start = parse_epoch(epoch)
-    known = _sides(craft, sides) if topology is None else ()
+    known = _check_sides(craft, sides) if topology is None else ()
     if isinstance(known, str):
         faults.append(known)
     if faults:
-        raise ScenarioError(faults, _WHERE)
+        raise ScenarioError(faults, _ERROR_SOURCE)
     times = np.arange(0.0, float(duration_s), float(step_s))
     if topology is None:
-        crossing = max(crossing_latitude(shell) - _BELOW_CROSSING, 0.0)
+        crossing = max(crossing_latitude(shell) - _CROSSING_MARGIN, 0.0)
         highest = crossing if highest_latitude is None else float(highest_latitude)
         mesh = Mesh(shell=shell, sides=tuple(known), highest_latitude=highest, hysteresis=float(hysteresis))
         kind = _number_type(shell)
         tables = np.stack([mesh.at(time).astype(kind) for time in times.tolist()])
     else:
-        times, tables = _given(topology, times, float(duration_s), shell, len(craft.terminals))
+        times, tables = _check_topology(topology, times, float(duration_s), shell, len(craft.terminals))
     limb = math.asin((EARTH_RADIUS + lowest_altitude) / shell.radius)
     cones = {body: float(angle) for body, angle in half_angles.items() if angle is not None}
     cones["earth"] = limb
     ends = np.append(times[1:], float(duration_s))
-    clear, outages = _without_outages(tables, times, ends, shell, start, cones)
+    clear, outages = _remove_outages(tables, times, ends, shell, start, cones)
     return LinkSchedule(
         shell=shell,
         spacecraft=craft,
@@ -224,7 +224,7 @@ def _number_type(shell: Shell) -> np.dtype[Any]:
     return np.min_scalar_type(-shell.total)
 
 
-def _sides(craft: Spacecraft, sides: Sequence[str] | None) -> tuple[str, ...] | str:
+def _check_sides(craft: Spacecraft, sides: Sequence[str] | None) -> tuple[str, ...] | str:
     """Check the sides that the terminals serve; None stands for the usual ones.
 
     Returns:
@@ -247,7 +247,7 @@ def _sides(craft: Spacecraft, sides: Sequence[str] | None) -> tuple[str, ...] | 
     return tuple(sides)
 
 
-def _given(
+def _check_topology(
     topology: Topology, steps: np.ndarray, until: float, shell: Shell, terminals: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Check a topology that the caller gives, and turn it into arrays.
@@ -272,8 +272,8 @@ def _given(
         if not isinstance(given, tuple | list) or len(given) != 2:
             kind = type(given).__name__
             fault = f"topology must be a function of a time, or a pair (times, links), not a {kind}"
-            raise ScenarioError([fault], _WHERE)
-        times, tables = _times(given[0], until), given[1]
+            raise ScenarioError([fault], _ERROR_SOURCE)
+        times, tables = _check_times(given[0], until), given[1]
     wanted = (len(times), shell.total, terminals)
     try:
         links = np.asarray(tables)
@@ -281,7 +281,7 @@ def _given(
         links = np.zeros(0)
     if links.shape != wanted or not np.issubdtype(links.dtype, np.integer):
         fault = f"topology has links of shape {links.shape} and type {links.dtype}: must be integers {wanted}"
-        raise ScenarioError([fault], _WHERE)
+        raise ScenarioError([fault], _ERROR_SOURCE)
     itself = links == np.arange(shell.total)[:, None]
     wrong = np.argwhere((links < NOBODY) | (links >= shell.total) | itself)
     if len(wrong):
@@ -290,11 +290,11 @@ def _given(
         why = f"must lie in [-1, {shell.total - 1}]"
         if itself[step, row, column]:
             why = "is the satellite itself"
-        raise ScenarioError([f"{place}: {why}"], _WHERE)
+        raise ScenarioError([f"{place}: {why}"], _ERROR_SOURCE)
     return times, links
 
 
-def _times(value: object, until: float) -> np.ndarray:
+def _check_times(value: object, until: float) -> np.ndarray:
     """Check the starts of steps that the caller gives, and return them as an array (K,) in s.
 
     Raises:
@@ -305,13 +305,13 @@ def _times(value: object, until: float) -> np.ndarray:
     except (TypeError, ValueError):
         times = np.zeros(0)
     right = times.ndim == 1 and len(times) > 0 and times[0] == 0 and times[-1] < until
-    if not right or not np.all(np.diff(times) > 0) or len(times) > _MOST_STEPS:
+    if not right or not np.all(np.diff(times) > 0) or len(times) > _MAX_STEPS:
         fault = f"topology has times that do not rise from 0 to below {until:g} s, one for each step"
-        raise ScenarioError([fault], _WHERE)
+        raise ScenarioError([fault], _ERROR_SOURCE)
     return times
 
 
-def _without_outages(
+def _remove_outages(
     tables: np.ndarray,
     times: np.ndarray,
     ends: np.ndarray,
@@ -337,7 +337,7 @@ def _without_outages(
     found = tables.copy()
     outages = dict.fromkeys(cones, 0.0)
     for step, (start, end) in enumerate(zip(times.tolist(), ends.tolist(), strict=True)):
-        instants = np.linspace(start, end, math.ceil((end - start) / _LOOKS) + 1)
+        instants = np.linspace(start, end, math.ceil((end - start) / _MAX_CHECK_INTERVAL) + 1)
         satellite, terminal = np.nonzero(tables[step] >= 0)
         ends_of = np.sort([satellite, tables[step][satellite, terminal]], axis=0)
         keys, pair = np.unique(ends_of[0] * shell.total + ends_of[1], return_inverse=True)

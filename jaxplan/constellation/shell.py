@@ -147,7 +147,7 @@ class Shell:
             raise ValueError(f"time = {after}: must be finite")
         with jax.enable_x64(True):
             latitudes = np.asarray(self.latitudes)
-            return np.array(_states(self.altitude, self.inclination, self.nodes, latitudes, after))
+            return np.array(_orbit_states(self.altitude, self.inclination, self.nodes, latitudes, after))
 
     def neighbours(self, plane_step: int, slot_step: int) -> np.ndarray:
         """Find for each satellite the one that is some planes to the east and some slots ahead.
@@ -208,7 +208,7 @@ def walker(notation: str, altitude: float, *, pattern: str = "delta", epoch_angl
     if found is None:
         faults = [f'notation = {notation!r}: must be "i:T/P/F", such as "53:1584/72/39"']
     else:
-        faults = _wrong_numbers(found.groups(), notation)
+        faults = _number_faults(found.groups(), notation)
     if not is_number(altitude) or not 0 < altitude <= HIGHEST:
         faults.append(f"altitude = {altitude!r}: must be a number of km in (0, {HIGHEST:g}]")
     if pattern not in PATTERNS:
@@ -229,7 +229,7 @@ def walker(notation: str, altitude: float, *, pattern: str = "delta", epoch_angl
     )
 
 
-def _wrong_numbers(texts: tuple[str, ...], notation: str) -> list[str]:
+def _number_faults(texts: tuple[str, ...], notation: str) -> list[str]:
     """Check the four numbers of a notation; returns a message for each that is wrong.
 
     Args:
@@ -266,7 +266,7 @@ def is_number(value: object) -> TypeGuard[float]:
 
 
 @quick_jit
-def _states(altitude: Array, inclination: Array, nodes: Array, latitudes: Array, time: Array) -> Array:
+def _orbit_states(altitude: Array, inclination: Array, nodes: Array, latitudes: Array, time: Array) -> Array:
     """Inertial positions, km, and velocities, km/s, as (2, T, 3); arguments as in `orbits.position`."""
     elements = (altitude, inclination, nodes, latitudes, time)
     return jax.numpy.stack([orbits.position(*elements), orbits.velocity(*elements)])

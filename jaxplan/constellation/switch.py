@@ -253,10 +253,10 @@ def link_switch(
     """
     expect("shell", shell, Shell, 'jp.walker makes one, such as jp.walker("53:1584/72/39", 550.0)')
     craft = relay_spacecraft() if spacecraft is None else checked_spacecraft(spacecraft)
-    around = _surroundings(
+    around = _make_surroundings(
         shell, sun_direction, sun_half_angle, sun_outage, lowest_altitude, drift_time, time
     )
-    topologies = _topologies(shell, len(craft.terminals), before, after)
+    topologies = _check_topologies(shell, len(craft.terminals), before, after)
     names = [terminal.name for terminal in craft.terminals]
     links: list[np.ndarray] = []
     faults: list[str] = []
@@ -270,7 +270,7 @@ def link_switch(
     out = around.in_the_sun(directions)
     if sun_outage == "wait":
         directions[out] = around.waiting(directions, out)
-    attitudes, joints = _starts(craft, nominal_attitudes(*shell.states(time)), directions[0])
+    attitudes, joints = _find_starts(craft, nominal_attitudes(*shell.states(time)), directions[0])
     return LinkSwitch(
         **vars(around),
         spacecraft=craft,
@@ -283,7 +283,7 @@ def link_switch(
     )
 
 
-def _surroundings(
+def _make_surroundings(
     shell: Shell,
     sun_direction: ArrayLike | None,
     sun_half_angle: float,
@@ -329,7 +329,7 @@ def _surroundings(
     )
 
 
-def _topologies(
+def _check_topologies(
     shell: Shell, terminals: int, before: ArrayLike | None, after: ArrayLike | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the topologies (T, n) before and after, checked; the default is used for one that is None."""
@@ -341,7 +341,9 @@ def _topologies(
     return given[0], given[1]
 
 
-def _starts(craft: Spacecraft, nominal: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _find_starts(
+    craft: Spacecraft, nominal: np.ndarray, directions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Find the satellites' states at the start: terminals along their links, attitudes near the nominal ones.
 
     Args:

@@ -106,9 +106,9 @@ def slew_times(
     asked = make_problem(
         problem, goals, zones=zones, departures=departures, start=start, free=free, settings=settings
     )
-    wanted = _wanted(asked, pairs)
+    wanted = _check_pairs(asked, pairs)
     with one_thread(), progress_bar("slew times: states of goals", shown=progress):
-        made = _Matrix(asked, wanted)
+        made = _MatrixBuilder(asked, wanted)
     if made.scenarios:
         study = run_study(
             made.scenarios,
@@ -126,7 +126,7 @@ def slew_times(
     return result
 
 
-def _wanted(problem: SlewProblem, pairs: ArrayLike | None) -> np.ndarray:
+def _check_pairs(problem: SlewProblem, pairs: ArrayLike | None) -> np.ndarray:
     """Check the argument `pairs` of `slew_times`; returns which slews are asked for, (k, n, n) bool.
 
     Raises:
@@ -146,7 +146,7 @@ def _wanted(problem: SlewProblem, pairs: ArrayLike | None) -> np.ndarray:
     return np.broadcast_to(given, shape)
 
 
-class _Matrix:
+class _MatrixBuilder:
     """The entries of a matrix of slew times while they are filled in.
 
     Entries from a goal to itself, and those of goals without a state, are filled in at once.
@@ -167,12 +167,12 @@ class _Matrix:
         self._status = np.full(shape, NOT_DONE, object)
         self._messages = np.full(shape, "", object)
         self._status[~wanted] = NOT_ASKED
-        self._places: list[tuple[int, int, int]] = []
+        self._scenario_places: list[tuple[int, int, int]] = []
         self.scenarios: list[Scenario] = []
         for place in self._off_diagonal(wanted):
             why = problem.unmet(*place)
             if why is None:
-                self._places.append(place)
+                self._scenario_places.append(place)
                 self.scenarios.append(problem.scenario(*place))
             else:
                 self._status[place], self._messages[place] = why
@@ -196,7 +196,7 @@ class _Matrix:
 
     def take(self, row: Mapping[str, Any]) -> None:
         """Fill in the entry that belongs to a row of the study's table."""
-        place = self._places[row["scene"]]
+        place = self._scenario_places[row["scene"]]
         self._status[place], self._messages[place] = row["status"], row["message"] or ""
         self._certified[place] = bool(row["certified"]) and row["status"] == OK
         if self._certified[place]:

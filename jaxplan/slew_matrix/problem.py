@@ -40,7 +40,7 @@ from jaxplan.schema import with_settings
 from jaxplan.schema.reading import checked_spacecraft
 
 AnyZone = TypeVar("AnyZone", KeepOut, KeepIn, JointBound)
-_MOST_PAIRS = 2**31  # there must be fewer pairs, since a study numbers its scenes with 32 bits
+_MAX_PAIRS = 2**31  # there must be fewer pairs, since a study numbers its scenes with 32 bits
 
 
 class Unmet(NamedTuple):
@@ -82,11 +82,11 @@ class SlewProblem:
     @cached_property
     def states(self) -> tuple[tuple[GivenState | Unmet, ...], ...]:
         """The state of each goal at each departure, or the reason why there is none: k rows of n."""
-        quiet = _still(self.scene)
-        fixed = [None if goal.moves else _state(quiet, goal) for goal in self.goals]
+        quiet = _drop_moving_zones(self.scene)
+        fixed = [None if goal.moves else _find_state(quiet, goal) for goal in self.goals]
         return tuple(
             tuple(
-                _state(scene, later_goal(goal, float(time))) if own is None else own
+                _find_state(scene, later_goal(goal, float(time))) if own is None else own
                 for goal, own in zip(self.goals, fixed, strict=True)
             )
             for scene, time in zip(self.scenes, self.times, strict=True)
@@ -141,7 +141,7 @@ class SlewProblem:
         return Unmet("INVALID_START", f"{self.names[goal]}: {'; '.join(broken)}") if broken else None
 
 
-def _state(scene: Scenario, goal: GivenState | Targets) -> GivenState | Unmet:
+def _find_state(scene: Scenario, goal: GivenState | Targets) -> GivenState | Unmet:
     """Find the state of a goal at a scene's time 0, by step 1 from its start; or the reason why not."""
     if isinstance(goal, GivenState):
         return goal
@@ -158,7 +158,7 @@ def _state(scene: Scenario, goal: GivenState | Targets) -> GivenState | Unmet:
     )
 
 
-def _still(scene: Scenario) -> Scenario:
+def _drop_moving_zones(scene: Scenario) -> Scenario:
     """The scene without moving zones; a group of zones (`any_of`) with a moving one is left out."""
     every: tuple[Zone, ...] = (*scene.keep_out, *scene.keep_in, *scene.joint_bounds)
     moving = {zone.any_of for zone in every if zone.moves}
@@ -204,23 +204,23 @@ def make_problem(
     """
     if not isinstance(free, bool):
         raise TypeError(f"free must be True or False, not {free!r}")
-    scene = _scene(problem, zones, start)
-    scene = with_settings(scene, {"trajectory.duration_s": "minimum", **_dict(settings)})
+    scene = _make_scene(problem, zones, start)
+    scene = with_settings(scene, {"trajectory.duration_s": "minimum", **_check_settings(settings)})
     if scene.trajectory.timed:
         raise ValueError(
             f"settings: trajectory.duration_s = {scene.trajectory.duration:g}: "
             'must be "minimum" or "stretched", since the times are to be found'
         )
-    named = _named(goals)
-    checked = [_checked(scene, name, goal) for name, goal in named.items()]
-    when = None if departures is None else _departures(scene, named, checked, departures)
+    named = _name_goals(goals)
+    checked = [_check_goal(scene, name, goal) for name, goal in named.items()]
+    when = None if departures is None else _check_departures(scene, named, checked, departures)
     pairs = len(checked) * (len(checked) - 1) * (1 if when is None else len(when))
-    if pairs >= _MOST_PAIRS:
-        raise ValueError(f"goals and departures make {pairs} pairs: must be less than {_MOST_PAIRS}")
+    if pairs >= _MAX_PAIRS:
+        raise ValueError(f"goals and departures make {pairs} pairs: must be less than {_MAX_PAIRS}")
     return SlewProblem(scene=scene, names=tuple(named), goals=tuple(checked), departures=when, free=free)
 
 
-def _dict(settings: Mapping[str, Any] | None) -> Mapping[str, Any]:
+def _check_settings(settings: Mapping[str, Any] | None) -> Mapping[str, Any]:
     """Settings as a dict, empty for None; raises a TypeError for anything else."""
     if settings is not None and not isinstance(settings, Mapping):
         raise TypeError(
@@ -229,7 +229,7 @@ def _dict(settings: Mapping[str, Any] | None) -> Mapping[str, Any]:
     return settings or {}
 
 
-def _scene(
+def _make_scene(
     problem: Spacecraft | Scenario, zones: Mapping[str, Sequence[Any]], start: GivenState | None
 ) -> Scenario:
     """Make the scene with the reference as its start, and check it.
@@ -259,7 +259,7 @@ def _scene(
     return as_filed("the arguments", scene)
 
 
-def _named(goals: Mapping[str, Any] | Sequence[Any]) -> dict[str, Any]:
+def _name_goals(goals: Mapping[str, Any] | Sequence[Any]) -> dict[str, Any]:
     """Goals by name; those of a sequence are named by their index.
 
     Raises:
@@ -279,7 +279,7 @@ def _named(goals: Mapping[str, Any] | Sequence[Any]) -> dict[str, Any]:
     return named
 
 
-def _checked(scene: Scenario, name: str, goal: Any) -> GivenState | Targets:
+def _check_goal(scene: Scenario, name: str, goal: Any) -> GivenState | Targets:
     """Check a goal as a scenario file is checked; a dict becomes `Targets`. Errors name the goal."""
     where = f"goals[{name!r}]"
     expect_any(where, goal, (GivenState, Targets, Mapping), "a GivenState, Targets, or a dict by devices")
@@ -287,7 +287,7 @@ def _checked(scene: Scenario, name: str, goal: Any) -> GivenState | Targets:
     return as_filed(where, replace(scene, goal=asked)).goal
 
 
-def _departures(
+def _check_departures(
     scene: Scenario,
     named: Iterable[str],
     goals: Sequence[GivenState | Targets],

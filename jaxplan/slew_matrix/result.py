@@ -23,10 +23,10 @@ from jaxplan.study.result import QUANTILES, Printed
 
 OK, NOT_ASKED, NOT_DONE = "OK", "not asked", "not done"
 _COLUMNS = ("from", "to", "time_s", "bound_s", "angle_deg", "certified", "status", "message")
-_PRINTED = 10  # number of goals up to which a matrix is printed entry by entry
+_MAX_PRINTED_GOALS = 10  # number of goals up to which a matrix is printed entry by entry
 _LARGEST_FILE = 2**31  # bytes up to which a file is read
-_ARRAYS = {"times": "f", "bounds": "f", "angles": "f", "certified": "b", "status": "U", "messages": "U"}
-_TYPES: dict[str, Any] = {"f": float, "b": bool, "U": str}
+_ARRAY_KINDS = {"times": "f", "bounds": "f", "angles": "f", "certified": "b", "status": "U", "messages": "U"}
+_KIND_TYPES: dict[str, Any] = {"f": float, "b": bool, "U": str}
 
 
 @shown("goals", "planned", "statuses", heading="Slew times of {0.name}")
@@ -71,13 +71,13 @@ class SlewTimes(Printed):
     @property
     def planned(self) -> int:
         """Number of pairs of different goals with a certified slew, over all departures."""
-        return int(np.sum(self.certified) - np.sum(_to_itself(self.certified)))
+        return int(np.sum(self.certified) - np.sum(_diagonal(self.certified)))
 
     @property
     def statuses(self) -> dict[str, int]:
         """Number of pairs of different goals with each status, the most frequent first."""
         apart = Counter(map(str, self.status.ravel()))
-        apart.subtract(map(str, _to_itself(self.status).ravel()))
+        apart.subtract(map(str, _diagonal(self.status).ravel()))
         return {status: count for status, count in apart.most_common() if count}
 
     @property
@@ -115,7 +115,7 @@ class SlewTimes(Printed):
             ValueError: if there is no such goal or departure, both goals are the same, one of them has no
                 state, or the matrix was read from a file.
         """
-        problem, place = self._problem(), self._place({"first": first, "second": second}, departure)
+        problem, place = self._require_problem(), self._indices({"first": first, "second": second}, departure)
         when, here, there = place
         if here == there:
             raise ValueError(f"second = {second!r}: must be another goal than the one that is left")
@@ -134,17 +134,17 @@ class SlewTimes(Printed):
         Raises:
             ValueError: if there is no such goal or departure, or the matrix was read from a file.
         """
-        when, place = self._place({"goal": goal}, departure)
-        state = self._problem().states[when][place]
+        when, place = self._indices({"goal": goal}, departure)
+        state = self._require_problem().states[when][place]
         return None if isinstance(state, Unmet) else state
 
-    def _problem(self) -> SlewProblem:
+    def _require_problem(self) -> SlewProblem:
         """The problem; raises a ValueError if the matrix was read from a file, which does not hold it."""
         if self.problem is None:
             raise ValueError("a file of slew times holds no goals: jp.slew_times with its folder has them")
         return self.problem
 
-    def _place(self, goals: Mapping[str, str | int], departure: int) -> tuple[int, ...]:
+    def _indices(self, goals: Mapping[str, str | int], departure: int) -> tuple[int, ...]:
         """Check a departure and goals; returns their indices, the departure's first.
 
         Args:
@@ -219,7 +219,8 @@ class SlewTimes(Printed):
             OSError: if it cannot be written.
         """
         arrays: dict[str, Any] = {
-            name: np.asarray(getattr(self, name), dtype=_TYPES[kind]) for name, kind in _ARRAYS.items()
+            name: np.asarray(getattr(self, name), dtype=_KIND_TYPES[kind])
+            for name, kind in _ARRAY_KINDS.items()
         }
         if self.departures is not None:
             arrays["departures"] = self.departures
@@ -244,7 +245,7 @@ class SlewTimes(Printed):
 
     def cells(self) -> Cells:
         """The table to print: a small matrix in seconds, or quantiles of times, bounds and angles."""
-        if self.departures is None and self.goals <= _PRINTED:
+        if self.departures is None and self.goals <= _MAX_PRINTED_GOALS:
             rows = [
                 [name, *(f"{time:.2f}" if np.isfinite(time) else "-" for time in own)]
                 for name, own in zip(self.names, self.times, strict=True)
@@ -293,10 +294,10 @@ def load_slew_times(path: str | os.PathLike[str]) -> SlewTimes:
             known = {name: held[name] for name in held.files}
     except (ValueError, EOFError, KeyError, AttributeError, zipfile.BadZipFile) as error:
         raise ValueError(f"{file}: no file of slew times ({error})") from error
-    fault = _fault(known)
+    fault = _find_fault(known)
     if fault:
         raise ValueError(f"{file}: no file of slew times ({fault})")
-    arrays = {name: known[name] for name in _ARRAYS}
+    arrays = {name: known[name] for name in _ARRAY_KINDS}
     arrays |= {name: arrays[name].astype(object) for name in ("status", "messages")}
     return SlewTimes(
         name=str(known["name"]),
@@ -306,14 +307,14 @@ def load_slew_times(path: str | os.PathLike[str]) -> SlewTimes:
     )
 
 
-def _to_itself(matrix: np.ndarray) -> np.ndarray:
+def _diagonal(matrix: np.ndarray) -> np.ndarray:
     """The diagonal (..., n) of a matrix (..., n, n): the entries from each goal to itself."""
     return np.asarray(np.diagonal(matrix, axis1=-2, axis2=-1))
 
 
-def _fault(known: dict[str, np.ndarray]) -> str:
+def _find_fault(known: dict[str, np.ndarray]) -> str:
     """Check the arrays of a file; returns a message on what is wrong, empty if nothing is."""
-    for name, kind in {**_ARRAYS, "name": "U", "names": "U"}.items():
+    for name, kind in {**_ARRAY_KINDS, "name": "U", "names": "U"}.items():
         if name not in known:
             return f"{name} is missing"
         if known[name].dtype.kind != kind:
@@ -323,7 +324,7 @@ def _fault(known: dict[str, np.ndarray]) -> str:
         return "departures are no list of numbers"
     count = len(known["names"]) if known["names"].ndim == 1 else 0
     shape = (count, count) if departures is None else (len(departures), count, count)
-    for name in _ARRAYS:
+    for name in _ARRAY_KINDS:
         if not count or known[name].shape != shape:
             return f"{name} is of shape {known[name].shape}"
     if any(np.any(np.isnan(known[name]) | (known[name] < 0)) for name in ("times", "bounds", "angles")):

@@ -16,14 +16,14 @@ from jaxplan.runtime.display import shown
 from jaxplan.study.result import Printed, Study, counted
 from jaxplan.study.rows import OK, Row
 
-_QUANTITIES = {  # what is compared: label, and column of a study's table or times
+_COMPARED_COLUMNS = {  # what is compared: label, and column of a study's table or times
     "path length (steps)": "length_steps",
     "duration (s)": "duration_s",
     "smallest margin (deg)": "min_margin_deg",
     "time (s)": "total_s",
 }
 # Statistics of a quantity: number of scenes, means of both; mean, quantiles and sign of second minus first.
-_COLUMNS = ("scenes", "first", "second", "difference", "5 %", "median", "95 %", "second less")
+_STATISTICS = ("scenes", "first", "second", "difference", "5 %", "median", "95 %", "second less")
 
 
 @shown(
@@ -99,12 +99,12 @@ class Comparison(Printed):
         """The differences as rows of texts, the first row with the titles of columns."""
         rows = [
             [label, f"{values['scenes']:.0f}"]
-            + [f"{values[name]:.4g}" for name in _COLUMNS[1:3]]
-            + [f"{round(values[name], 9):+.4g}" for name in _COLUMNS[3:-1]]
-            + [f"{100 * values[_COLUMNS[-1]]:.0f} %"]
+            + [f"{values[name]:.4g}" for name in _STATISTICS[1:3]]
+            + [f"{round(values[name], 9):+.4g}" for name in _STATISTICS[3:-1]]
+            + [f"{100 * values[_STATISTICS[-1]]:.0f} %"]
             for label, values in self.differences.items()
         ]
-        return [["planned by both", *_COLUMNS], *rows]
+        return [["planned by both", *_STATISTICS], *rows]
 
 
 def compare_studies(first: Study, second: Study) -> Comparison:
@@ -132,7 +132,7 @@ def compare_studies(first: Study, second: Study) -> Comparison:
         expect(name, study, Study, "jp.run_study makes one, jp.load_study reads one")
     if first.kind != second.kind:
         raise ValueError(f"the studies are of different scenes, kind = {first.kind!r} and {second.kind!r}")
-    left, right = _by_scene(first), _by_scene(second)
+    left, right = _rows_by_scene(first), _rows_by_scene(second)
     pairs = [(row, right[key]) for key, row in left.items() if key in right]
     if not pairs:
         raise ValueError("the studies have no scene in common")
@@ -140,7 +140,9 @@ def compare_studies(first: Study, second: Study) -> Comparison:
     only_first, only_second = success.count((True, False)), success.count((False, True))
     differing = only_first + only_second
     solved = [pair for pair, good in zip(pairs, success, strict=True) if all(good)]
-    differences = {label: _difference(solved, column) for label, column in _QUANTITIES.items()}
+    differences = {
+        label: _difference_statistics(solved, column) for label, column in _COMPARED_COLUMNS.items()
+    }
     return Comparison(
         names=(first.title, second.title),
         scenes=len(pairs),
@@ -152,7 +154,7 @@ def compare_studies(first: Study, second: Study) -> Comparison:
     )
 
 
-def _by_scene(study: Study) -> dict[Hashable, Row]:
+def _rows_by_scene(study: Study) -> dict[Hashable, Row]:
     """Rows of a study's table, each joined with its times, by the key that identifies the scene.
 
     The key is the seed of a random scene, or (place in the study, name) of a given scenario.
@@ -165,11 +167,11 @@ def _by_scene(study: Study) -> dict[Hashable, Row]:
     }
 
 
-def _difference(pairs: list[tuple[Row, Row]], column: str) -> dict[str, float]:
+def _difference_statistics(pairs: list[tuple[Row, Row]], column: str) -> dict[str, float]:
     """Statistics of a column's difference, second minus first, over pairs of rows that both have a value.
 
     Returns:
-        Values by the names `_COLUMNS`; an empty dict if there is no such pair.
+        Values by the names `_STATISTICS`; an empty dict if there is no such pair.
     """
     values = np.array([[row.get(column) for row in pair] for pair in pairs], dtype=float).reshape(-1, 2)
     values = values[np.all(np.isfinite(values), axis=1)]
@@ -178,4 +180,4 @@ def _difference(pairs: list[tuple[Row, Row]], column: str) -> dict[str, float]:
     change = values[:, 1] - values[:, 0]
     spread = np.quantile(change, [0.05, 0.5, 0.95])
     found = (len(change), *np.mean(values, axis=0), np.mean(change), *spread, np.mean(change < 0))
-    return {name: float(value) for name, value in zip(_COLUMNS, found, strict=True)}
+    return {name: float(value) for name, value in zip(_STATISTICS, found, strict=True)}

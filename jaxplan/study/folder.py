@@ -84,12 +84,12 @@ class Head:
         Raises:
             StudyFolderError: if the folder holds anything else, is not a folder, or is in use.
         """
-        self._make(folder)
-        with self._locked(folder):
-            self._claim(folder, description, begun)
+        self._make_folder(folder)
+        with self._open_lock(folder):
+            self._write_or_check_head(folder, description, begun)
             yield
 
-    def _make(self, folder: Path) -> None:
+    def _make_folder(self, folder: Path) -> None:
         """Make a folder if it is missing; raise a StudyFolderError if it holds files but no head."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -103,7 +103,7 @@ class Head:
                 "take a new or an empty folder"
             )
 
-    def _locked(self, folder: Path) -> IO[bytes]:
+    def _open_lock(self, folder: Path) -> IO[bytes]:
         """Open and lock the folder's lock file; closing the file that is returned releases the lock.
 
         Raises:
@@ -134,7 +134,7 @@ class Head:
             force(file)
         os.replace(folder / self.part, folder / self.name)
 
-    def _claim(
+    def _write_or_check_head(
         self,
         folder: Path,
         description: Mapping[str, Any],
@@ -151,7 +151,7 @@ class Head:
         there = self.read(folder)
         allowed = description if begun is None else begun(there)
         differing = [
-            f"{key} {_short(there.get(key))} there, {_short(description.get(key))} here"
+            f"{key} {_short_json(there.get(key))} there, {_short_json(description.get(key))} here"
             for key in dict.fromkeys([*description, *there])
             if there.get(key) != allowed.get(key)
         ]
@@ -167,7 +167,7 @@ def refuse_constant(word: str) -> float:
     raise ValueError(f"{word} is not allowed")
 
 
-def _short(value: Any) -> str:
+def _short_json(value: Any) -> str:
     """A value as JSON text, cut to 80 characters."""
     text = json.dumps(value)
     return text if len(text) <= 80 else text[:77] + "..."

@@ -66,7 +66,7 @@ def aligned(title: str, lines: Lines, cells: Cells) -> str:
 
 QUANTILES: Mapping[str, float] = {"least": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "most": 1.0}
 # Quantities of a summary: label, column, and whether every scene counts or only the planned ones.
-_QUANTITIES = (
+_SUMMARY_QUANTITIES = (
     ("time (s), all scenes", "total_s", True),
     ("  of which search (s)", "search_s", True),
     ("expansions, all scenes", "expansions", True),
@@ -76,7 +76,7 @@ _QUANTITIES = (
     ("duration over its bound", "over_bound", False),
     ("smallest margin (deg)", "min_margin_deg", False),
 )
-_TYPES = {int: "Int64", float: "Float64", bool: "boolean", str: "string"}  # pandas types that allow NA
+_PANDAS_TYPES = {int: "Int64", float: "Float64", bool: "boolean", str: "string"}  # pandas types that allow NA
 
 
 def success_interval(successes: int, trials: int) -> tuple[float, float]:
@@ -193,12 +193,12 @@ class Study:
     scenes: int
     folder: Path | None = None
     columns: tuple[str, ...] = ()
-    _held: Mapping[str, list[Row]] = field(default_factory=dict, repr=False)
+    _memory_rows: Mapping[str, list[Row]] = field(default_factory=dict, repr=False)
 
     @cached_property
     def table(self) -> list[Row]:
         """Rows of the scenes done, in the order of scenes, the same on every run; see `rows.COLUMNS`."""
-        return self._rows(TABLE)
+        return self._read_rows(TABLE)
 
     @cached_property
     def timings(self) -> list[Row]:
@@ -207,12 +207,12 @@ class Study:
         Times are None where a scene crashed; a scene whose times are lost has no row.
         """
         done = {row["scene"] for row in self.table}
-        return [row for row in self._rows(TIMINGS) if row["scene"] in done]
+        return [row for row in self._read_rows(TIMINGS) if row["scene"] in done]
 
-    def _rows(self, name: str) -> list[Row]:
+    def _read_rows(self, name: str) -> list[Row]:
         """Rows of `TABLE` or `TIMINGS`, in the order of scenes; of several for a scene the last counts."""
         if self.folder is None:
-            return sorted(self._held[name], key=lambda row: row["scene"])
+            return sorted(self._memory_rows[name], key=lambda row: row["scene"])
         rows = {row["scene"]: row for _, row in scan(self.folder, name, self.scenes, self.columns)}
         return [rows[number] for number in sorted(rows)]
 
@@ -265,7 +265,7 @@ class Study:
 
     def summary(self) -> Summary:
         """Summarize the study: success rate with interval, and quantiles of results; prints as a table."""
-        quantities = [*_QUANTITIES, *((name, name, False) for name in self.columns)]
+        quantities = [*_SUMMARY_QUANTITIES, *((name, name, False) for name in self.columns)]
         values = {label: self.values(column, every) for label, column, every in quantities}
         return Summary(
             study=self.title,
@@ -282,13 +282,13 @@ class Study:
         Raises:
             ImportError: without pandas, which the extra ``study`` installs.
         """
-        with _extra("pandas"):
+        with _explain_missing_package("pandas"):
             import pandas as pd
         times = {row["scene"]: row for row in self.timings}
         rows = [{**times.get(row["scene"], {}), **row} for row in self.table]
         return pd.DataFrame(
             {
-                name: pd.array([row.get(name) for row in rows], dtype=_TYPES[kind])
+                name: pd.array([row.get(name) for row in rows], dtype=_PANDAS_TYPES[kind])
                 for name, kind in {**columns_of(self.columns), **TIMES}.items()
             }
         )
@@ -302,7 +302,7 @@ class Study:
         Raises:
             ImportError: without pandas or pyarrow, which the extra ``study`` installs.
         """
-        with _extra("pyarrow"):
+        with _explain_missing_package("pyarrow"):
             import pyarrow  # noqa: F401
         frame = self.to_pandas()
         with replacing_file(Path(path)) as temporary:
@@ -322,7 +322,7 @@ def _spread(values: np.ndarray) -> dict[str, float]:
 
 
 @contextmanager
-def _extra(package: str) -> Iterator[None]:
+def _explain_missing_package(package: str) -> Iterator[None]:
     """Context in which an ImportError is replaced by one that says how to install the package."""
     try:
         yield

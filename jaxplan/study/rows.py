@@ -105,7 +105,7 @@ def check_columns(columns: object, *, sent: bool = False) -> None:
                 ) from error
 
 
-def _number(value: Any) -> float:
+def _finite_float(value: Any) -> float:
     """Convert a value to a float; raises a ValueError if it is not one finite number."""
     if isinstance(value, str) or np.ndim(value) or not math.isfinite(value):
         raise ValueError(f"{value!r} is no finite number")
@@ -123,7 +123,7 @@ def _own_values(columns: Mapping[str, Callable[[Plan], Any]], found: Plan) -> tu
     wrong = []
     for name, function in columns.items():
         try:
-            row[name] = _number(function(found))
+            row[name] = _finite_float(function(found))
         except Exception as error:
             row[name] = None
             wrong.append(f"column {name}: {type(error).__name__}: {error}")
@@ -201,11 +201,11 @@ def plan_chunk(chunk: Chunk) -> Answer:
             "install the same on all machines"
         )
     began = working_time()
-    answer = answer_of(chunk, [outcome for block in chunk.blocks() for outcome in _outcomes(block)])
+    answer = answer_of(chunk, [outcome for block in chunk.blocks() for outcome in _plan_block(block)])
     return replace(answer, seconds=working_time() - began)
 
 
-def _outcomes(block: Chunk) -> list[Plan | str]:
+def _plan_block(block: Chunk) -> list[Plan | str]:
     """Plan the scenes of a block together, or one by one if that raises an error, to find whose it is.
 
     Returns:

@@ -153,7 +153,7 @@ def run_task(
             scenes=len(task.scenes),
             folder=None if out is None else Path(out),
             columns=tuple(task.columns),
-            _held=store.rows,
+            _memory_rows=store.rows,
         )
 
 
@@ -225,8 +225,8 @@ LARGEST = 16
 """Blocks in a chunk at most."""
 DEATHS = 2
 """Deaths of workers with nothing else to do, after which a block is cut into scenes, or a scene given up."""
-_UNDER_WAY = 2  # chunks handed out for each worker at first, so that none waits for the next
-_IDLE = 1.5  # one more chunk is handed out if an answer comes within this multiple of its working time
+_CHUNKS_PER_WORKER = 2  # chunks handed out for each worker at first, so that none waits for the next
+_PROMPT_RATIO = 1.5  # one more chunk goes out if an answer comes within this multiple of its working time
 
 
 class Blocks:
@@ -245,10 +245,10 @@ class Blocks:
 
     def __init__(self, task: Task, left: Iterable[int], size: int | None) -> None:
         self._task = task
-        self._left = deque(sorted({number // BLOCK for number in left}))
-        self._fixed, self._size = size, size or 1
+        self._blocks_left = deque(sorted({number // BLOCK for number in left}))
+        self._fixed_size, self._chunk_size = size, size or 1
         self._suspects: deque[Chunk] = deque()
-        self._alone = False  # whether what is under way is a suspect, beside which nothing else may run
+        self._suspect_running = False  # whether a suspect is under way, beside which nothing else may run
 
     def take(self, under_way: int, most: int = 1) -> Chunk | None:
         """Remove and return the next chunk; None if none is left, or none may run beside those under way.
@@ -258,20 +258,20 @@ class Blocks:
             most: number of chunks that may be under way at once. A chunk has at most 1 / most of the
                 blocks left, so that all workers finish at about the same time.
         """
-        if under_way and (self._suspects or self._alone):
+        if under_way and (self._suspects or self._suspect_running):
             return None
-        self._alone = bool(self._suspects)
+        self._suspect_running = bool(self._suspects)
         if self._suspects:
             return self._suspects.popleft()
-        size = self._fixed or min(self._size, math.ceil(len(self._left) / most))
-        blocks = [self._left.popleft() for _ in range(min(size, len(self._left)))]
+        size = self._fixed_size or min(self._chunk_size, math.ceil(len(self._blocks_left) / most))
+        blocks = [self._blocks_left.popleft() for _ in range(min(size, len(self._blocks_left)))]
         return self._task.chunk(blocks) if blocks else None
 
     def learn(self, scenes: int, seconds: float) -> None:
         """Adapt the size of chunks so that one takes `AIM`, given the time in s of some scenes."""
-        if self._fixed is None:
+        if self._fixed_size is None:
             wanted = AIM * scenes / max(seconds, 1e-9) / BLOCK
-            self._size = int(min(max(wanted, self._size / 2, 1), self._size * 2, LARGEST))
+            self._chunk_size = int(min(max(wanted, self._chunk_size / 2, 1), self._chunk_size * 2, LARGEST))
 
     def suspect(self, chunks: Iterable[Chunk]) -> None:
         """Put back chunks, one of which may have killed a worker, to be planned with nothing else running."""
@@ -316,7 +316,7 @@ def by_workers(chunks: Parts[P, A], work: Callable[[P], A], pool: WorkerPool) ->
         Exception: raised by the executor or the work itself, for instance for a package that is missing.
     """
     running: dict[Future[A], tuple[P, float]] = {}
-    most = _UNDER_WAY * pool.workers
+    most = _CHUNKS_PER_WORKER * pool.workers
     while True:
         lost: list[P] = []
         broken = False
@@ -343,7 +343,7 @@ def by_workers(chunks: Parts[P, A], work: Callable[[P], A], pool: WorkerPool) ->
                     yield from chunks.killed(chunk)
                 else:
                     chunks.learn(len(chunk.scenes), answer.seconds)
-                    most += time.monotonic() - since < _IDLE * answer.seconds
+                    most += time.monotonic() - since < _PROMPT_RATIO * answer.seconds
                     yield answer
             waiting = broken  # a broken pool ends all its futures, so wait for these
         if broken:

@@ -30,7 +30,7 @@ from jaxplan.study.task import BLOCK, Task
 HEADER, TABLE, TIMINGS = "study.json", "table.jsonl", "timings.jsonl"
 NOUN = "study"
 _LONGEST_LINE = 2**20  # bytes of a row at most
-_KEYS: Mapping[str, Any] = {  # keys of the head, with their types
+_HEAD_KEYS: Mapping[str, Any] = {  # keys of the head, with their types
     "jaxplan": str,
     "kind": str | None,
     "planner": str,
@@ -41,7 +41,7 @@ _KEYS: Mapping[str, Any] = {  # keys of the head, with their types
 
 def _check_header(content: dict[str, Any]) -> None:
     """Raise a ValueError if a head, as read from JSON, is not that of a study."""
-    for key, kind in _KEYS.items():
+    for key, kind in _HEAD_KEYS.items():
         if not isinstance(content.get(key), kind) or isinstance(content.get(key), bool):
             raise ValueError(f"{key} is missing or wrong")
     own = content.get("columns", [])
@@ -81,7 +81,7 @@ def scan(folder: Path, name: str, scenes: int, own: Iterable[str] = ()) -> Itera
     end = 0
     with open(os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW), "rb") as file:
         while line := file.readline(_LONGEST_LINE):
-            row = _row(line, columns, scenes)
+            row = _parse_row(line, columns, scenes)
             if row is None and not (name == TIMINGS and line.endswith(b"\n")):
                 return
             end += len(line)
@@ -89,7 +89,7 @@ def scan(folder: Path, name: str, scenes: int, own: Iterable[str] = ()) -> Itera
                 yield end, row
 
 
-def _row(line: bytes, columns: Mapping[str, type], scenes: int) -> Row | None:
+def _parse_row(line: bytes, columns: Mapping[str, type], scenes: int) -> Row | None:
     """Parse a line of a file; returns None if it is incomplete or damaged.
 
     Args:
@@ -130,7 +130,7 @@ class Store:
         self.done = bytearray(len(task.scenes))
         self.rows: dict[str, list[Row]] = {TIMINGS: [], TABLE: []}  # without a folder
         self._files: dict[str, IO[bytes]] = {}
-        self._open = ExitStack()
+        self._exit_stack = ExitStack()
         if folder is None:
             return
         if not os.fspath(folder):
@@ -154,13 +154,13 @@ class Store:
                         self.done[row["scene"]] = True
                 if file.seek(0, os.SEEK_END) > whole:
                     file.truncate(whole)
-            self._open = stack.pop_all()
+            self._exit_stack = stack.pop_all()
 
     def __enter__(self) -> "Store":
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._open.close()
+        self._exit_stack.close()
 
     def add(self, answer: Answer) -> list[Row]:
         """Write the rows of a chunk to disk, or keep them in memory.
@@ -172,7 +172,7 @@ class Store:
         for name, rows in ((TIMINGS, answer.timings), (TABLE, answer.table)):
             fresh = [row for row in rows if not self.done[row["scene"]]]
             if self._files:
-                _append(self._files[name], fresh)
+                _append_rows(self._files[name], fresh)
             else:
                 self.rows[name] += fresh
         for row in fresh:
@@ -192,10 +192,10 @@ def _keep_full_blocks(folder: Path, scenes: int, own: Iterable[str]) -> None:
     for name in (TABLE, TIMINGS):  # table first: a scene without a row there is planned again
         if full < scenes and (folder / name).exists():
             with replacing_file(folder / name) as fresh, fresh.open("wb") as file:
-                _append(file, (row for _, row in scan(folder, name, scenes, own) if row["scene"] < full))
+                _append_rows(file, (row for _, row in scan(folder, name, scenes, own) if row["scene"] < full))
 
 
-def _append(file: IO[bytes], rows: Iterable[Mapping[str, Any]]) -> None:
+def _append_rows(file: IO[bytes], rows: Iterable[Mapping[str, Any]]) -> None:
     """Append rows to a file as lines of JSON, and force them to disk."""
     file.write(b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in rows))
     force(file)

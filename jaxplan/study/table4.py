@@ -41,9 +41,9 @@ from jaxplan.study.task import Chunk, Task
 TOLERANCE = 1e-9
 """rad, by which a margin may be below zero: rounding."""
 PAPER_KINDS = ("keep_out", "keep_in")
-_INTERVALS = 32  # intervals into which an edge is cut for the check
-_REHEARSALS = 5  # scenes that are searched once before times are taken, so that kernels are compiled
-_KEPT = 256  # search problems kept in memory, so that their goals are not computed for each planner
+_EDGE_INTERVALS = 32  # intervals into which an edge is cut for the check
+_WARM_UP_SCENES = 5  # scenes that are searched once before times are taken, so that kernels are compiled
+_PROBLEM_CACHE_SIZE = 256  # problems kept in memory, so that goals are not computed for each planner
 _HEAD = [
     *("planner", "found", "95 %", "clear", "95 %", "MinT", "MaxT", "AT", "MinL", "MaxL", "AL"),
     *("steps: min", "max", "mean"),
@@ -110,14 +110,14 @@ class Row:
         digits = 1 if self.solved is None else 4
         return [
             self.planner,
-            *self._rate(self.found),
-            *self._rate(self.clear),
-            *_texts(self.spread(self.seconds), digits, digits),
-            *_texts(self.spread(self.nodes), 0, 1),
-            *([""] * 3 if self.steps is None else _texts(self.spread(self.steps), 2, 2)),
+            *self._rate_texts(self.found),
+            *self._rate_texts(self.clear),
+            *_format_spread(self.spread(self.seconds), digits, digits),
+            *_format_spread(self.spread(self.nodes), 0, 1),
+            *([""] * 3 if self.steps is None else _format_spread(self.spread(self.steps), 2, 2)),
         ]
 
-    def _rate(self, count: int | None) -> list[str]:
+    def _rate_texts(self, count: int | None) -> list[str]:
         """Texts of a count out of all scenes, and of its Wilson interval in percent; two blanks for None."""
         if count is None:
             return ["", ""]
@@ -125,7 +125,7 @@ class Row:
         return [f"{count}/{self.scenes:<4}", f"{low:5.1f} to {high:5.1f}"]
 
 
-def _texts(values: tuple[float, ...] | None, digits: int, of_mean: int) -> list[str]:
+def _format_spread(values: tuple[float, ...] | None, digits: int, of_mean: int) -> list[str]:
     """Format least, largest and mean as texts; three dashes for None.
 
     Args:
@@ -138,7 +138,7 @@ def _texts(values: tuple[float, ...] | None, digits: int, of_mean: int) -> list[
     return [f"{value:.{places}f}" for value, places in zip(values, (digits, digits, of_mean), strict=True)]
 
 
-def _printed(kind: str, planner: str, found: int, seconds: Sequence[float], nodes: Sequence[float]) -> Row:
+def _paper_row(kind: str, planner: str, found: int, seconds: Sequence[float], nodes: Sequence[float]) -> Row:
     """Make a row from the paper, where seconds and nodes are (least, largest, mean)."""
     values: dict[str, Any] = {"seconds": np.array(seconds), "nodes": np.array(nodes)}
     return Row(kind=kind, planner=planner, scenes=20, found=found, **values)
@@ -146,12 +146,12 @@ def _printed(kind: str, planner: str, found: int, seconds: Sequence[float], node
 
 # The rows printed in the paper; they are of other scenes of the same kinds, on another machine.
 PAPER = (
-    _printed("keep_out", "paper's MHA*", 19, (0.1, 0.7, 0.3), (15, 49, 27.6)),
-    _printed("keep_out", "paper's WA*", 15, (0.1, 0.6, 0.2), (17, 42, 26.6)),
-    _printed("keep_out", "paper's RRT*", 15, (1.5, 25.6, 6.0), (13, 26, 20.5)),
-    _printed("keep_in", "paper's MHA*", 19, (0.2, 0.5, 0.2), (11, 38, 24.4)),
-    _printed("keep_in", "paper's WA*", 18, (0.1, 1.7, 0.3), (13, 38, 24.2)),
-    _printed("keep_in", "paper's RRT*", 17, (0.7, 13.1, 3.2), (11, 28, 16.8)),
+    _paper_row("keep_out", "paper's MHA*", 19, (0.1, 0.7, 0.3), (15, 49, 27.6)),
+    _paper_row("keep_out", "paper's WA*", 15, (0.1, 0.6, 0.2), (17, 42, 26.6)),
+    _paper_row("keep_out", "paper's RRT*", 15, (1.5, 25.6, 6.0), (13, 26, 20.5)),
+    _paper_row("keep_in", "paper's MHA*", 19, (0.2, 0.5, 0.2), (11, 38, 24.4)),
+    _paper_row("keep_in", "paper's WA*", 18, (0.1, 1.7, 0.3), (13, 38, 24.2)),
+    _paper_row("keep_in", "paper's RRT*", 17, (0.7, 13.1, 3.2), (11, 28, 16.8)),
 )
 
 
@@ -215,7 +215,7 @@ def search_study(seeds: range, kind: str, planner: str, *, progress: bool = Fals
     Raises:
         KeyboardInterrupt: if it is interrupted.
     """
-    for some, bar in ((seeds[:_REHEARSALS], False), (seeds, progress)):  # the study of the second pass counts
+    for some, bar in ((seeds[:_WARM_UP_SCENES], False), (seeds, progress)):  # the second study counts
         task = Task(kind=kind, scenes=some, planner=planner)
         study = run_task(task, None, None, None, bar, search_chunk)
         if not study.complete:  # a study ends early where it is interrupted
@@ -245,7 +245,7 @@ def search_chunk(chunk: Chunk) -> Answer:
     table, timings = [], []
     for place in range(len(chunk.numbers)):
         head = chunk.head(place)
-        scenario, scene = _problem(head["seed"], head["kind"])
+        scenario, scene = _cached_problem(head["seed"], head["kind"])
         known, seconds = {"status": Status.NO_PATH.name, "certified": False}, 0.0
         if find_barrier(scene) is None:
             bare = replace(scene)  # a copy without what earlier searches cached in it
@@ -263,8 +263,8 @@ def search_chunk(chunk: Chunk) -> Answer:
     return Answer(table, timings, sum(row["search_s"] for row in timings))
 
 
-@lru_cache(maxsize=_KEPT)
-def _problem(seed: int, kind: str) -> tuple[Scenario, Scene]:
+@lru_cache(maxsize=_PROBLEM_CACHE_SIZE)
+def _cached_problem(seed: int, kind: str) -> tuple[Scenario, Scene]:
     """The random scenario of a seed and kind, and its search problem."""
     scenario = random_scenario(seed, kind)
     return scenario, make_problem(scenario)
@@ -301,12 +301,12 @@ def least_margins(scene: Scene, path: Path) -> np.ndarray:
     first[: path.edges], last[: path.edges] = path.attitudes[:-1], path.attitudes[1:]
     joints[: path.edges], change[: path.edges] = path.joints[:-1], np.diff(path.joints, axis=0)
     with jax.enable_x64(True):
-        margins = np.asarray(_edges(scene, first, last, joints, change))[: path.edges]
+        margins = np.asarray(_edge_margin_bounds(scene, first, last, joints, change))[: path.edges]
     return np.min(margins, axis=-1, initial=np.inf)
 
 
 @quick_jit
-def _edges(
+def _edge_margin_bounds(
     scene: Scene, first: jax.Array, last: jax.Array, joints: jax.Array, change: jax.Array
 ) -> jax.Array:
     """Lower bounds (m, Z) in rad of the margins to Z zones along m whole edges, by `edge_margins`.
@@ -321,7 +321,7 @@ def _edges(
 
     def margins(start: jax.Array, end: jax.Array, q: jax.Array, dq: jax.Array) -> list[jax.Array]:
         turn = so3.log(start.T @ end)
-        motion = (scene.sights, start, q, turn, dq, _INTERVALS)
+        motion = (scene.sights, start, q, turn, dq, _EDGE_INTERVALS)
         return [edge_margins(rows, *motion) for rows in (scene.cones, scene.grouped_cones)]
 
     single, grouped = jax.vmap(margins)(first, last, joints, change)

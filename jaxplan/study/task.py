@@ -28,9 +28,9 @@ from jaxplan.version import __version__
 BLOCK = 16
 """Scenes that are planned together. More make a study little quicker on a processor, but its end ragged."""
 _LARGEST_SEED = 2**63 - 1  # largest seed, which still fits the 64-bit integers of data frames
-_MOST_SCENES = 2**31  # a study has fewer scenes, since it numbers them with 32 bits
+_MAX_SCENES = 2**31  # a study has fewer scenes, since it numbers them with 32 bits
 # Settings that users may not change, since a study sets them itself, with the reason.
-_OWN = {
+_FIXED_SETTINGS = {
     "search.method": "given by planner",
     "search.time_limit_s": (
         "off in studies, where no result depends on the machine's load; search.max_expansions limits searches"
@@ -80,7 +80,11 @@ class Task:
             "settings": dict(self.settings),
             "scenes": len(self.scenes),
             **({"columns": list(self.columns)} if self.columns else {}),
-            **({"scenarios": _digest(self.scenes)} if self.kind is None else {"seeds": _runs(self.scenes)}),
+            **(
+                {"scenarios": _digest(self.scenes)}
+                if self.kind is None
+                else {"seeds": _consecutive_runs(self.scenes)}
+            ),
         }
 
     def first(self, scenes: int) -> "Task":
@@ -124,14 +128,14 @@ class Chunk(Task):
     def blocks(self) -> list["Chunk"]:
         """Divide the chunk into its blocks, each a chunk."""
         groups = groupby(range(len(self.numbers)), lambda place: self.numbers[place] // BLOCK)
-        return [self._part(places) for _, places in groups]
+        return [self._subset(places) for _, places in groups]
 
     def singles(self) -> list["Chunk"]:
         """Divide the chunk into its scenes, each a chunk that is marked `apart`."""
-        parts = (self._part([place]) for place in range(len(self.numbers)))
+        parts = (self._subset([place]) for place in range(len(self.numbers)))
         return [replace(part, apart=True) for part in parts]
 
-    def _part(self, places: Iterable[int]) -> "Chunk":
+    def _subset(self, places: Iterable[int]) -> "Chunk":
         """Make a chunk of the scenes at some places of this one."""
         pairs: list[tuple[int, Any]] = [(self.numbers[place], self.scenes[place]) for place in places]
         numbers, scenes = zip(*pairs, strict=True)
@@ -157,9 +161,9 @@ def make_task(
     scenes: Sequence[Any] = given if isinstance(given, range) else tuple(given)
     if (
         isinstance(scenes, range)
-        and not -_MOST_SCENES < (scenes.stop - scenes.start) // scenes.step < _MOST_SCENES
+        and not -_MAX_SCENES < (scenes.stop - scenes.start) // scenes.step < _MAX_SCENES
     ):
-        raise ValueError(f"scenarios_or_seeds = {scenes}: a study has less than {_MOST_SCENES} scenes")
+        raise ValueError(f"scenarios_or_seeds = {scenes}: a study has less than {_MAX_SCENES} scenes")
     if not len(scenes):
         raise ValueError("scenarios_or_seeds is empty: there is nothing to plan")
     if isinstance(scenes[0], Scenario):
@@ -172,12 +176,12 @@ def make_task(
         kind = "keep_out" if kind is None else kind
         if kind not in RANDOM_KINDS:
             raise ValueError(f"kind = {kind!r}: must be one of {', '.join(RANDOM_KINDS)}")
-        scenes = _seeds(scenes)
+        scenes = _check_seeds(scenes)
     task = Task(
         kind=kind,
         scenes=scenes,
         planner=planner,
-        settings=_plain(settings or {}),
+        settings=_settings_to_json(settings or {}),
         columns=dict(columns or {}),
     )
     for place in range(task.examples):
@@ -185,7 +189,7 @@ def make_task(
     return task
 
 
-def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
+def _settings_to_json(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Check settings and convert them to JSON's types, sorted by name, so that equal ones are equal texts.
 
     Raises:
@@ -196,7 +200,9 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
         raise TypeError(
             f'settings must be a dict such as {{"search.seed": 1}}, not {type(settings).__name__}'
         )
-    faults = [f"{name}: {_OWN[name]}" for name in sorted(map(str, settings)) if name in _OWN]
+    faults = [
+        f"{name}: {_FIXED_SETTINGS[name]}" for name in sorted(map(str, settings)) if name in _FIXED_SETTINGS
+    ]
     if faults:
         raise ScenarioError(faults, "settings")
     texts = {
@@ -205,20 +211,20 @@ def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
         for name, value in settings.items()
     }
     try:
-        plain: dict[str, Any] = json.loads(json.dumps(texts, sort_keys=True, default=_unwrapped))
+        plain: dict[str, Any] = json.loads(json.dumps(texts, sort_keys=True, default=_unwrap_numpy))
     except (TypeError, ValueError) as error:
         raise ScenarioError([str(error)], "settings") from error
     return plain
 
 
-def _unwrapped(value: object) -> Any:
+def _unwrap_numpy(value: object) -> Any:
     """Convert a number or array of numpy to Python's own types; raises a TypeError for anything else."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     raise TypeError(f"{value!r} is nothing that a scenario file holds")
 
 
-def _seeds(scenes: Sequence[Any]) -> Sequence[int]:
+def _check_seeds(scenes: Sequence[Any]) -> Sequence[int]:
     """Check that seeds are integers in their range, none of them twice.
 
     Returns:
@@ -247,7 +253,7 @@ def _seeds(scenes: Sequence[Any]) -> Sequence[int]:
     return scenes if whole else tuple(map(int, scenes))
 
 
-def _runs(seeds: Sequence[Any]) -> list[list[int]]:
+def _consecutive_runs(seeds: Sequence[Any]) -> list[list[int]]:
     """Divide seeds into runs of consecutive numbers; returns a pair [first, last] for each run."""
     if isinstance(seeds, range) and seeds.step == 1:
         return [[seeds[0], seeds[-1]]]

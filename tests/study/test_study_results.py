@@ -29,7 +29,7 @@ def make_study(scenes: int = 30, planner: str = "mha", *, failing: int | None = 
         row.update(
             status="NODE_LIMIT", certified=False, duration_s=None, length_steps=None, min_margin_deg=None
         )
-    return replace(study, _held={TABLE: table, TIMINGS: study.timings}, **changes)
+    return replace(study, _memory_rows={TABLE: table, TIMINGS: study.timings}, **changes)
 
 
 def test_the_summary_counts_successes_and_takes_quantiles_of_plans_and_of_all_times():
@@ -66,7 +66,7 @@ def test_a_study_without_plans_or_scenes_has_a_summary_too():
     nothing = make_study(5, failing=5).summary()
     assert nothing.success_rate == 0
     assert "path length" not in str(nothing)
-    empty = replace(make_study(5), _held={TABLE: [], TIMINGS: []}).summary()
+    empty = replace(make_study(5), _memory_rows={TABLE: [], TIMINGS: []}).summary()
     assert empty.success_rate is None
     assert empty.interval == (0, 1)
     assert "0 done of 5" in str(empty)
@@ -106,7 +106,7 @@ def test_studies_are_paired_by_seed_and_only_of_the_same_kind():
     with pytest.raises(ValueError, match="different scenes, kind = 'keep_in' and None"):
         jp.compare_studies(one, replace(other, kind=None))
     shifted = replace(
-        one, _held={TABLE: [{**row, "seed": row["seed"] + 50} for row in one.table], TIMINGS: []}
+        one, _memory_rows={TABLE: [{**row, "seed": row["seed"] + 50} for row in one.table], TIMINGS: []}
     )
     with pytest.raises(ValueError, match="no scene in common"):
         jp.compare_studies(one, shifted)
@@ -170,7 +170,7 @@ def test_small_margins_and_few_expansions_are_told_apart_from_none():
     study = make_study(30)
     rows = [row | {"min_margin_deg": 0.3, "expansions": 4000} for row in study.table[:1] + study.table[2:]]
     rows.append(study.table[1] | {"min_margin_deg": 60.0, "expansions": 0})
-    study = replace(study, _held={TABLE: rows, TIMINGS: study.timings})
+    study = replace(study, _memory_rows={TABLE: rows, TIMINGS: study.timings})
     for quantity, small, large in (("min_margin_deg", 0.3, 60), ("expansions", 1, 4000)):
         axes = jp.plot.distribution(study, quantity)
         axes.figure.draw_without_rendering()
@@ -277,7 +277,7 @@ def test_what_cannot_be_drawn_is_refused_with_a_reason():
     with pytest.raises(ValueError, match="no studies to draw"):
         jp.plot.study([])
     with pytest.raises(ValueError, match="mha has no scenes to draw yet"):
-        jp.plot.study(replace(make_study(3), _held={TABLE: [], TIMINGS: []}))
+        jp.plot.study(replace(make_study(3), _memory_rows={TABLE: [], TIMINGS: []}))
     with pytest.raises(ValueError, match="quantity = 'speed': must be one of total_s"):
         jp.plot.distribution(make_study(3), "speed")
     with pytest.raises(ValueError, match="6 panels, but 1 axes"):
