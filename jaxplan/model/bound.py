@@ -42,7 +42,7 @@ class Bound:
         for number in sorted({number for zone in cones if zone.of_field for number in self.fields(zone)}):
             places[number] = self._add_edges(number)
         first = len(self.devices), len(self.devices) + len(self.body)
-        self._first = {what: first[not of_body] + place for what, (of_body, place) in places.items()}
+        self._first_sight = {what: first[not of_body] + place for what, (of_body, place) in places.items()}
 
     @property
     def names(self) -> list[str]:
@@ -59,7 +59,7 @@ class Bound:
         A sight that is no edge has its own number there.
         """
         found = list(range(self.count))
-        for number, first in self._first.items():
+        for number, first in self._first_sight.items():
             if number in range(len(self.devices)):
                 found[first : first + len(outlines.EDGES)] = [number] * len(outlines.EDGES)
         return found
@@ -98,7 +98,7 @@ class Bound:
         if vector.to is None:
             self.body.append((vector.along, body_axis_name(vector.along)))
             return True, len(self.body) - 1
-        name = f"direction {_numbers(vector.along)} of {vector.to}"
+        name = f"direction {_format_vector(vector.along)} of {vector.to}"
         self.carried.append((vector.along, name, self.gimbal(zone, "vectors", vector.to)))
         return False, len(self.carried) - 1
 
@@ -174,7 +174,7 @@ class Bound:
         for place, name in enumerate(names):
             if name in names[:place]:
                 raise ValueError(f"zone {zone.name}: devices: {name!r} is named twice")
-        return numbers + [self._first[id(vector)] for vector in zone.vectors]
+        return numbers + [self._first_sight[id(vector)] for vector in zone.vectors]
 
     def fields(self, zone: Any) -> list[int]:
         """Return the numbers of the devices whose fields of view a zone binds; by default all that have one.
@@ -200,15 +200,15 @@ class Bound:
 
         `number` is that of the device.
         """
-        return range(self._first[number], self._first[number] + len(outlines.EDGES))
+        return range(self._first_sight[number], self._first_sight[number] + len(outlines.EDGES))
 
 
 def body_axis_name(axis: np.ndarray) -> str:
     """Return the name of an axis (3,) of the body in messages, such as "axis (0, 0, 1) of the body"."""
-    return f"axis {_numbers(axis)} of the body"
+    return f"axis {_format_vector(axis)} of the body"
 
 
-def _numbers(vector: np.ndarray) -> str:
+def _format_vector(vector: np.ndarray) -> str:
     """Return a vector's components as text with three digits, such as "(0, 0, 1)"."""
     if is_traced(vector):  # its numbers are not known, and nobody reads the name
         return "(traced)"

@@ -64,10 +64,10 @@ def constraint_breaches(
         zone = zones[row]
         name = zone.name if zone.any_of is None else f"{zone.name}, the nearest of group {zone.any_of}"
         overlap = f"{np.rad2deg(-worst[row]):.4g} deg"
-        yield f"{called[sight]} is {overlap} {_where(rows, row, zone, name, axes)}"
+        yield f"{called[sight]} is {overlap} {_describe_breach(rows, row, zone, name, axes)}"
 
 
-def _where(rows: Constraints, row: int, zone: Zone, name: str, axes: Sequence[str]) -> str:
+def _describe_breach(rows: Constraints, row: int, zone: Zone, name: str, axes: Sequence[str]) -> str:
     """Return the end of a sentence on a sight that breaks a row, such as "inside keep-out zone sun".
 
     Args:
@@ -117,7 +117,7 @@ def in_own_zone(
             else:
                 bound = zone.binds_all or name in zone.devices
             if bound:
-                deep = _depth(craft, name, zone, float(separation(path.at(time), zone.axis_at(time))))
+                deep = _breach_depth(craft, name, zone, float(separation(path.at(time), zone.axis_at(time))))
                 if deep > asked.tolerance:
                     called = f", {path.target}" * bool(path.target)
                     side = "outside keep-in" if isinstance(zone, KeepIn) else "inside keep-out"
@@ -126,7 +126,7 @@ def in_own_zone(
     return "; ".join(found) or None
 
 
-def _depth(craft: Spacecraft, name: str, zone: KeepOut | KeepIn, away: float) -> float:
+def _breach_depth(craft: Spacecraft, name: str, zone: KeepOut | KeepIn, away: float) -> float:
     """Return by how much, rad, a boresight that points at its target breaks a zone at least.
 
     Args:

@@ -117,16 +117,16 @@ class Constraints:
         The frame is inertial or that of the body. Axes of rows that do not move are repeated for every time.
         """
         xp, t, still = arrays(times, self.axis)
-        return self._each_path(xp.broadcast_to(still, (*t.shape, *still.shape)), lambda path: path.at(t))
+        return self._evaluate_paths(xp.broadcast_to(still, (*t.shape, *still.shape)), lambda path: path.at(t))
 
     def axis_rates(self, time: ArrayLike) -> AnyArray:
         """Return the derivatives (Z, 3) 1/s of the axes with respect to time, at a time, s.
 
         They are zero for axes that stand still.
         """
-        return self._each_path(np.zeros(self.axis.shape), lambda path: path.rate(time))
+        return self._evaluate_paths(np.zeros(self.axis.shape), lambda path: path.rate(time))
 
-    def _each_path(self, still: AnyArray, of_path: Callable[[DirectionPath], AnyArray]) -> AnyArray:
+    def _evaluate_paths(self, still: AnyArray, of_path: Callable[[DirectionPath], AnyArray]) -> AnyArray:
         """Replace those of vectors (..., Z, 3) whose rows have a moving axis.
 
         Args:
@@ -283,7 +283,7 @@ def best_entries(rows: Constraints, margin: ArrayLike) -> AnyArray:
         (..., Z): each constraint's margin stands at its first row; +inf at all other rows, and at padding.
     """
     xp, given = arrays(margin)
-    _, best = _entries_and_constraints(rows, given)
+    _, best = _entry_and_constraint_margins(rows, given)
     return xp.where(rows.group == np.arange(given.shape[-1]), best, xp.inf)
 
 
@@ -298,13 +298,13 @@ def chosen_entries(rows: Constraints, margin: ArrayLike) -> AnyArray:
         (..., Z) int, numbers of entries as in `Constraints.entry`.
     """
     xp, given = arrays(margin)
-    of_entry, best = _entries_and_constraints(rows, given)
-    as_good = _same(rows.group) & (of_entry[..., None, :] == best[..., :, None])
+    of_entry, best = _entry_and_constraint_margins(rows, given)
+    as_good = _equal_pairs(rows.group) & (of_entry[..., None, :] == best[..., :, None])
     count = rows.entry.shape[0]
     return xp.min(xp.where(as_good, rows.entry, count), axis=-1, initial=count)
 
 
-def _entries_and_constraints(rows: Constraints, margin: AnyArray) -> tuple[AnyArray, AnyArray]:
+def _entry_and_constraint_margins(rows: Constraints, margin: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Return for every row the margin of its entry and that of its constraint, (..., Z) each.
 
     Everything that tells which entry or constraint holds uses this function. `margin` (..., Z) are those of
@@ -313,12 +313,16 @@ def _entries_and_constraints(rows: Constraints, margin: AnyArray) -> tuple[AnyAr
     xp = array_module(margin)
     of_entry = margin
     if rows.nested:
-        of_entry = xp.min(xp.where(_same(rows.entry), margin[..., None, :], xp.inf), axis=-1, initial=xp.inf)
-    best = xp.max(xp.where(_same(rows.group), of_entry[..., None, :], -xp.inf), axis=-1, initial=-xp.inf)
+        of_entry = xp.min(
+            xp.where(_equal_pairs(rows.entry), margin[..., None, :], xp.inf), axis=-1, initial=xp.inf
+        )
+    best = xp.max(
+        xp.where(_equal_pairs(rows.group), of_entry[..., None, :], -xp.inf), axis=-1, initial=-xp.inf
+    )
     return of_entry, best
 
 
-def _same(number: AnyArray) -> AnyArray:
+def _equal_pairs(number: AnyArray) -> AnyArray:
     """(Z, Z) bool, which pairs of rows have equal numbers, for numbers (Z,)."""
     return number[:, None] == number[None, :]
 

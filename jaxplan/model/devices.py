@@ -22,7 +22,7 @@ NEAREST_TO_POLE = np.deg2rad(0.1)
 """rad; a pitch stays this far from 90 deg, where the yaw loses its meaning, whatever its range says."""
 
 
-_MOST_ANGLE = np.array([np.inf, np.inf, np.pi / 2 - NEAREST_TO_POLE, np.pi / 2 - NEAREST_TO_POLE])
+_MAX_ANGLE = np.array([np.inf, np.inf, np.pi / 2 - NEAREST_TO_POLE, np.pi / 2 - NEAREST_TO_POLE])
 
 
 @shown("yaw_axis", "boresight")
@@ -192,7 +192,7 @@ class Terminal:
         Its columns are the boresight, the left of that, and the yaw axis, in body axes.
         """
         if self.mounting is None:
-            return frame_about_z(_given(self.mount))
+            return frame_about_z(_nan_if_none(self.mount))
         return frame_of(self.mounting.yaw_axis, self.mounting.boresight)
 
     @property
@@ -201,10 +201,10 @@ class Terminal:
         yaw: Any = self.yaw_range
         pitch: Any = self.pitch_range
         if yaw is None:
-            yaw = -_given(self.yaw_limit), self.yaw_limit
+            yaw = -_nan_if_none(self.yaw_limit), self.yaw_limit
         if pitch is None:
-            pitch = -_given(self.pitch_limit), self.pitch_limit
-        return stacked([yaw[0], yaw[1], pitch[0], pitch[1]]).clip(-_MOST_ANGLE, _MOST_ANGLE).reshape(2, 2)
+            pitch = -_nan_if_none(self.pitch_limit), self.pitch_limit
+        return stacked([yaw[0], yaw[1], pitch[0], pitch[1]]).clip(-_MAX_ANGLE, _MAX_ANGLE).reshape(2, 2)
 
     @property
     def rate_limits(self) -> tuple[Any, Any]:
@@ -219,7 +219,7 @@ class Terminal:
         return tuple(self.acceleration_limit if each is None else each for each in own)  # type: ignore[return-value]
 
 
-def _given(number: float | None) -> float:
+def _nan_if_none(number: float | None) -> float:
     """The number, or NaN for None, which no spacecraft that passed its checks has where this is called."""
     return np.nan if number is None else number
 

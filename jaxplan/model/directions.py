@@ -37,8 +37,8 @@ from jaxplan.runtime.once import made_once
 # Largest distance of the spline's control points from the first sample of their interval. It keeps the spline
 # away from zero; a direction that turns farther between two samples is refused.
 FARTHEST = 0.6
-_PLACES = 65  # instants at which `reach` evaluates a path; with more its bound is sharper
-_ROUNDING = 4 * np.finfo(float).eps  # by which the length of a unit vector may differ from one
+_REACH_SAMPLES = 65  # instants at which `reach` evaluates a path; with more its bound is sharper
+_UNIT_TOLERANCE = 4 * np.finfo(float).eps  # by which the length of a unit vector may differ from one
 
 
 @shown("times s", "samples", "slopes 1/s")
@@ -101,10 +101,10 @@ class DirectionPath:
         if not np.all(np.abs(length - 1) <= 1e-6):
             i = int(np.argmin(np.abs(length - 1) <= 1e-6))
             raise ValueError(f"samples[{i}] = {p[i].tolist()}: must be a unit vector, to 1e-6")
-        odd = np.abs(length - 1) > _ROUNDING  # the others keep their bits, as when a file is read
+        odd = np.abs(length - 1) > _UNIT_TOLERANCE  # the others keep their bits, as when a file is read
         p[odd] /= length[odd, None]
         path = cls(times=t, samples=p, slopes=np.asarray(CubicSpline(t, p)(t, 1)))
-        far = path._spread()[0] > FARTHEST
+        far = path._bound_intervals()[0] > FARTHEST
         if np.any(far):
             raise ValueError(f"samples: {too_far(int(np.argmax(far)))}")
         return path
@@ -139,8 +139,8 @@ class DirectionPath:
             ValueError: if a time given to numpy lies outside the samples, since nothing is extrapolated.
         """
         if not self.moves:
-            return self._everywhere(self.samples[0], time)
-        xp, value, _ = self._spline(time)
+            return self._repeat_over_times(self.samples[0], time)
+        xp, value, _ = self._evaluate_spline(time)
         return value / xp.linalg.norm(value, axis=-1, keepdims=True)
 
     def rate(self, time: ArrayLike) -> Any:
@@ -150,8 +150,8 @@ class DirectionPath:
             (..., 3) 1/s, at right angles to the direction; its length is the rate of turn in rad/s.
         """
         if not self.moves:
-            return self._everywhere(self.slopes[0], time)
-        xp, value, slope = self._spline(time)
+            return self._repeat_over_times(self.slopes[0], time)
+        xp, value, slope = self._evaluate_spline(time)
         length = xp.linalg.norm(value, axis=-1, keepdims=True)
         unit = value / length
         return (slope - xp.sum(slope * unit, axis=-1, keepdims=True) * unit) / length
@@ -160,7 +160,7 @@ class DirectionPath:
         """Return an upper bound, rad/s, of the rate of turn at all times from `first` to `last`, s."""
         if not self.moves:
             return 0.0
-        far, speed = self._spread()
+        far, speed = self._bound_intervals()
         within = (self.times[1:] >= first) & (self.times[:-1] <= last)
         return float(np.max((speed / (1 - far))[within]))
 
@@ -172,9 +172,9 @@ class DirectionPath:
             first: s, start of the span.
             last: s, end of the span, not before `first`.
         """
-        seen = self.at(np.linspace(first, last, _PLACES))
+        seen = self.at(np.linspace(first, last, _REACH_SAMPLES))
         apart = separation(axis, seen)
-        between = self.largest_rate(first, last) * (last - first) / (_PLACES - 1) / 2
+        between = self.largest_rate(first, last) * (last - first) / (_REACH_SAMPLES - 1) / 2
         return float(min(np.max(apart) + between, np.pi))
 
     def covers(self, last: float) -> bool:
@@ -182,12 +182,12 @@ class DirectionPath:
         return not self.moves or bool(self.times[0] <= 0 and last <= self.times[-1])
 
     @staticmethod
-    def _everywhere(vector: ArrayLike, time: ArrayLike) -> Any:
+    def _repeat_over_times(vector: ArrayLike, time: ArrayLike) -> Any:
         """Repeat a vector (3,) for each of the times (...), as (..., 3)."""
         xp, same = arrays(vector)
         return xp.broadcast_to(same, (*np.shape(time), 3))
 
-    def _spline(self, time: ArrayLike) -> tuple[Any, Any, Any]:
+    def _evaluate_spline(self, time: ArrayLike) -> tuple[Any, Any, Any]:
         """Evaluate the spline ``s``, which is not scaled to unit length, at times (...), s.
 
         Returns:
@@ -221,7 +221,7 @@ class DirectionPath:
             value = jnp.where(outside[..., None], jnp.nan, value)
         return xp, value, slope
 
-    def _spread(self) -> tuple[np.ndarray, np.ndarray]:
+    def _bound_intervals(self) -> tuple[np.ndarray, np.ndarray]:
         """Bound the spline on each of its n - 1 intervals, by its Bezier control points.
 
         The spline lies in the convex hull of its control points, and its derivative in that of theirs.

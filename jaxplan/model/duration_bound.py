@@ -28,7 +28,7 @@ from jaxplan.model.quadratic import greatest_of
 from jaxplan.model.spacecraft import Spacecraft
 
 # A bound below this fraction of the duration says nothing, such as that of a path that ends at its start.
-_TELLING = 0.01
+_MIN_BOUND_SHARE = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,7 +167,7 @@ def excess(duration: float, bound: float) -> float | None:
 
     The result is None if the bound is too low to tell anything.
     """
-    return duration / bound - 1 if bound > _TELLING * duration else None
+    return duration / bound - 1 if bound > _MIN_BOUND_SHARE * duration else None
 
 
 def _ways_of_joints(craft: Spacecraft, moves: AnyArray, rates: AnyArray | None = None) -> Iterator[Way]:

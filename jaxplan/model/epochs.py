@@ -14,9 +14,9 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import ArrayLike
 
-_FIRST, _LAST = 1972, 2099  # years within which epochs must lie
-_TOO_FINE = re.compile(r"\.\d{6}\d*[1-9]")
-_SECOND = np.timedelta64(1, "s")
+_FIRST_YEAR, _LAST_YEAR = 1972, 2099  # years within which epochs must lie
+_FINER_THAN_MICROSECOND = re.compile(r"\.\d{6}\d*[1-9]")
+_ONE_SECOND = np.timedelta64(1, "s")
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
 TT_MINUS_TAI = 32.184  # s, terrestrial time less atomic time
 
@@ -34,7 +34,7 @@ def parse_epoch(text: object) -> np.datetime64:
     Raises:
         ValueError: if it is no such time, or lies outside 1972 to 2099.
     """
-    if _TOO_FINE.search(str(text)):
+    if _FINER_THAN_MICROSECOND.search(str(text)):
         raise ValueError(f"epoch = {text!r}: must have at most 6 digits of a second")
     try:
         moment = datetime.fromisoformat(str(text).strip())
@@ -44,8 +44,8 @@ def parse_epoch(text: object) -> np.datetime64:
         raise ValueError(
             f"epoch = {text!r}: must be a time in UTC such as 2026-01-01T00:00:00 ({error})"
         ) from error
-    if not _FIRST <= moment.year <= _LAST:
-        raise ValueError(f"epoch = {text!r}: must lie in the years {_FIRST} to {_LAST}")
+    if not _FIRST_YEAR <= moment.year <= _LAST_YEAR:
+        raise ValueError(f"epoch = {text!r}: must lie in the years {_FIRST_YEAR} to {_LAST_YEAR}")
     return np.datetime64(moment, "ns")
 
 
@@ -68,8 +68,8 @@ def utc_texts(start: np.datetime64, times: np.ndarray) -> list[str]:
     if start.astype("datetime64[6M]") != half_year and leaps(stamps[-1]) > leaps(start):
         midnight = half_year.astype("datetime64[ns]")
         late = stamps >= midnight
-        leap = late & (stamps < midnight + _SECOND)
-        stamps = np.where(late, stamps - _SECOND, stamps)
+        leap = late & (stamps < midnight + _ONE_SECOND)
+        stamps = np.where(late, stamps - _ONE_SECOND, stamps)
     texts = np.datetime_as_string(stamps, unit="ns").tolist()
     return [f"{text[:17]}60{text[19:]}" if odd else text for text, odd in zip(texts, leap, strict=True)]
 

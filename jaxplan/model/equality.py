@@ -13,8 +13,8 @@ from jaxplan.runtime.arguments import as_floats
 
 # Relative difference up to which numbers are equal. It is twice what an angle can lose on the way to degrees
 # and back, since for some radians there are no degrees that a file could hold.
-_ROUNDING = 4 * np.finfo(float).eps
-_INFINITE = ("off", "inf")  # words that scenarios may have for an infinite number
+_RELATIVE_TOLERANCE = 4 * np.finfo(float).eps
+_INFINITY_WORDS = ("off", "inf")  # words that scenarios may have for an infinite number
 
 
 def same(one: Any, other: Any) -> bool:
@@ -35,8 +35,8 @@ def same(one: Any, other: Any) -> bool:
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
     if isinstance(one, np.datetime64) or isinstance(other, np.datetime64):
-        instant = _instant(one)
-        return instant is not None and instant == _instant(other)
+        instant = _as_utc(one)
+        return instant is not None and instant == _as_utc(other)
     if isinstance(one, str) and isinstance(other, str):
         return one == other
     return _same_numbers(one, other) or _same_entries(one, other)
@@ -52,7 +52,7 @@ def _same_paths(one: Any, other: Any) -> bool:
     )
 
 
-def _instant(value: Any) -> Any:
+def _as_utc(value: Any) -> Any:
     """Return the time in UTC that a value gives, as datetime64; None if it gives none."""
     try:
         return parse_epoch(value)
@@ -66,22 +66,22 @@ def _same_numbers(one: Any, other: Any) -> bool:
     None counts as zero, and the words "off" and "inf" as infinite. A single number equals an array if it
     equals each of its entries.
     """
-    first, second = _numbers(one), _numbers(other)
+    first, second = _as_numbers(one), _as_numbers(other)
     if first is None or second is None or not (first.shape == second.shape or 0 in (first.ndim, second.ndim)):
         return False
     with np.errstate(invalid="ignore"):  # differences of infinite numbers, which are compared below
-        near = np.abs(first - second) <= _ROUNDING * np.abs(second)
+        near = np.abs(first - second) <= _RELATIVE_TOLERANCE * np.abs(second)
     return bool(np.all((first == second) | (near & np.isfinite(second))))
 
 
-def _numbers(value: Any) -> np.ndarray | None:
+def _as_numbers(value: Any) -> np.ndarray | None:
     """Return a value as an array of floats, or None if it is no number.
 
     None counts as zero, and "off" and "inf" as infinite.
     """
     if value is None:
         return np.zeros(())
-    return np.array(math.inf) if isinstance(value, str) and value in _INFINITE else as_floats(value)
+    return np.array(math.inf) if isinstance(value, str) and value in _INFINITY_WORDS else as_floats(value)
 
 
 def _same_entries(one: Any, other: Any) -> bool:

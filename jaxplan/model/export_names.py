@@ -23,7 +23,7 @@ LONGEST_FRAME = 26
 """Characters of the name of a frame at most."""
 NAIF_IDS = (-2147482, -1)
 """Least and greatest number of a spacecraft: 1000 times it, less 999, is a number of 32 bits."""
-_TAKEN = {"J2000", "B1950", "FK4", "GALACTIC", "ECLIPJ2000", "ECLIPB1950", "ITRF93", "EARTH_FIXED"}
+_RESERVED_FRAMES = {"J2000", "B1950", "FK4", "GALACTIC", "ECLIPJ2000", "ECLIPB1950", "ITRF93", "EARTH_FIXED"}
 
 
 @shown()
@@ -106,7 +106,7 @@ def _frame_fault(value: object) -> str | None:
     ):
         return f"must be 1 to {LONGEST_FRAME} letters, digits and underscores, of which the first is a letter"
     upper = value.upper()
-    if upper in _TAKEN or upper in REFERENCE_FRAMES or upper.startswith("IAU_"):
+    if upper in _RESERVED_FRAMES or upper in REFERENCE_FRAMES or upper.startswith("IAU_"):
         return "must be none of the frames that SPICE or CCSDS know, since this one turns with the body"
     return None
 

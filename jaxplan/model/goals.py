@@ -28,8 +28,10 @@ CRITERIA = (LEAST_TIME, LEAST_ROTATION)
 
 # Value of rates that are left out. Planning puts zeros there, since only then is the number of joints known.
 _AT_REST: Any = None
-_SPIN = key("angular_velocity_rad_s", "of the platform, body axes; zero if absent", kind="angular velocity")
-_JOINT_RATES = key("joint_rates_rad_s", "zero if absent", kind="joint rates")
+_SPIN_KEY = key(
+    "angular_velocity_rad_s", "of the platform, body axes; zero if absent", kind="angular velocity"
+)
+_JOINT_RATES_KEY = key("joint_rates_rad_s", "zero if absent", kind="joint rates")
 
 
 @shown("rotation_vector deg", "joints deg", "angular_velocity deg/s", "joint_rates deg/s")
@@ -49,8 +51,8 @@ class GivenState:
         metadata=key("attitude", "rotation vector, rad, body to inertial", kind="rotation vector")
     )
     joints: np.ndarray = field(metadata=key("", kind="joints"))
-    angular_velocity: np.ndarray = field(default=_AT_REST, metadata=_SPIN)
-    joint_rates: np.ndarray = field(default=_AT_REST, metadata=_JOINT_RATES)
+    angular_velocity: np.ndarray = field(default=_AT_REST, metadata=_SPIN_KEY)
+    joint_rates: np.ndarray = field(default=_AT_REST, metadata=_JOINT_RATES_KEY)
 
     paths: ClassVar[tuple[DirectionPath, ...]] = ()  # like `Targets.paths`: it has no targets that move
     moves: ClassVar[bool] = False
@@ -155,8 +157,8 @@ class Targets:
         math.radians(1e-6), "tolerance_deg", "to which instruments and drives meet targets", "[1e-8, 1]"
     )
     clearance: float = keyed(0.0, "clearance_deg", "that the goal keeps from the edges of zones", "[0, 45]")
-    angular_velocity: np.ndarray = field(default=_AT_REST, metadata=_SPIN)
-    joint_rates: np.ndarray = field(default=_AT_REST, metadata=_JOINT_RATES)
+    angular_velocity: np.ndarray = field(default=_AT_REST, metadata=_SPIN_KEY)
+    joint_rates: np.ndarray = field(default=_AT_REST, metadata=_JOINT_RATES_KEY)
 
     @classmethod
     def of(cls, targets: Mapping[str, Any], **more: Any) -> Self:

@@ -48,10 +48,10 @@ class Kinematics(NamedTuple):
     @property
     def known(self) -> "Kinematics":
         """The same motion with `carried` computed if there are stages, for use by several quantities."""
-        return self if self.stages is None else self._replace(carried=self._carried)
+        return self if self.stages is None else self._replace(carried=self._stage_momentum)
 
     @property
-    def _carried(self) -> Sequence[AnyArray]:
+    def _stage_momentum(self) -> Sequence[AnyArray]:
         """Momentum of the stages and its derivative, from `Stages.carried`; empty without stages."""
         if self.carried is not None:
             return self.carried
@@ -70,14 +70,14 @@ class Kinematics(NamedTuple):
     @property
     def momentum(self) -> AnyArray:
         """``L``, (3, ...) N m s, body axes: momentum of all but the wheels, ``J omega`` plus the stages'."""
-        own = _product(self.inertia, self.spin[0])
-        return own if self.stages is None else own + self._carried[0]
+        own = _apply_matrix(self.inertia, self.spin[0])
+        return own if self.stages is None else own + self._stage_momentum[0]
 
     @property
     def momentum_change(self) -> AnyArray:
         """``L'``, (3, ...) N m: derivative of the components of `momentum` in body axes."""
-        own = _product(self.inertia, self.spin[1])
-        return own if self.stages is None else own + self._carried[1]
+        own = _apply_matrix(self.inertia, self.spin[1])
+        return own if self.stages is None else own + self._stage_momentum[1]
 
     @property
     def torque(self) -> AnyArray:
@@ -86,7 +86,7 @@ class Kinematics(NamedTuple):
         Where `total` is given, as it is with wheels, it is ``L' + omega x (R^T H)``.
         """
         turned = self.momentum if self.total is None else self.total
-        return self.momentum_change + _stacked(cross(self.spin[0], turned))
+        return self.momentum_change + _stack_components(cross(self.spin[0], turned))
 
     @property
     def wheel_torques(self) -> AnyArray:
@@ -95,7 +95,7 @@ class Kinematics(NamedTuple):
         They are the products of the rows with the torque of all wheels in body axes,
         ``L' + omega x (R^T H)``.
         """
-        return _product(self._array.rows, self.momentum_change) + self.turning_torques
+        return _apply_matrix(self._wheel_array.rows, self.momentum_change) + self.turning_torques
 
     @property
     def turning_torques(self) -> AnyArray:
@@ -103,7 +103,7 @@ class Kinematics(NamedTuple):
 
         It is the torque that turns the total momentum with the body.
         """
-        return _product(self._array.rows, _stacked(cross(self.spin[0], self.total)))
+        return _apply_matrix(self._wheel_array.rows, _stack_components(cross(self.spin[0], self.total)))
 
     @property
     def wheel_momenta(self) -> AnyArray:
@@ -112,30 +112,30 @@ class Kinematics(NamedTuple):
         They are the products of the rows with the momentum of all wheels in body axes, ``R^T H - L``, plus
         the momenta by which wheels work against each other (`WheelArray.apart`).
         """
-        return self.resting_momenta - _product(self._array.rows, self.momentum)
+        return self.resting_momenta - _apply_matrix(self._wheel_array.rows, self.momentum)
 
     @property
     def resting_momenta(self) -> AnyArray:
         """What `wheel_momenta` (r, ...) N m s would be if the body rested at the same attitudes."""
-        held = _product(self._array.rows, self.total)
-        apart = self._array.apart
+        held = _apply_matrix(self._wheel_array.rows, self.total)
+        apart = self._wheel_array.apart
         return held + apart.reshape(*apart.shape, *[1] * (held.ndim - apart.ndim))
 
     @property
-    def _array(self) -> WheelArray:
+    def _wheel_array(self) -> WheelArray:
         """The array of wheels; ValueError if there is none."""
         if self.array is None:
             raise ValueError("without wheels they give and hold nothing")
         return self.array
 
 
-def _product(matrix: Any, vector: AnyArray) -> AnyArray:
+def _apply_matrix(matrix: Any, vector: AnyArray) -> AnyArray:
     """Multiply a matrix (k, 3), or matrices (k, 3, ...), by vectors (3, ...), to (k, ...)."""
     _, m, v = arrays(matrix, vector)
     m = m.reshape(*m.shape, *[1] * (v.ndim + 1 - m.ndim))
     return m[:, 0] * v[0] + m[:, 1] * v[1] + m[:, 2] * v[2]
 
 
-def _stacked(components: Sequence[AnyArray]) -> AnyArray:
+def _stack_components(components: Sequence[AnyArray]) -> AnyArray:
     """Stack components to one array, of numpy or JAX."""
     return array_module(*components).stack(components)

@@ -29,12 +29,12 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import row_names
 from jaxplan.runtime.once import made_once
 
-_AXES = ("x", "y", "z")
-_LENGTH = ("length",)
-_RAISED = str.maketrans("23", "\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}", "^")
+_AXIS_NAMES = ("x", "y", "z")
+_LENGTH_NAME = ("length",)
+_SUPERSCRIPTS = str.maketrans("23", "\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}", "^")
 
 
-def _length(vector: AnyArray) -> AnyArray:
+def _length_component(vector: AnyArray) -> AnyArray:
     """Return the Euclidean lengths (1, ...) of vectors (3, ...), with an axis for the only component."""
     return norm(vector)[None]
 
@@ -81,7 +81,7 @@ class Quantity:
 
     def __reduce__(self) -> tuple[Callable[[str], "Quantity"], tuple[str]]:
         """Pickle the name only, since every process has the same list of quantities."""
-        return _named, (self.name,)
+        return _find_quantity, (self.name,)
 
     @property
     def angular(self) -> bool:
@@ -91,21 +91,21 @@ class Quantity:
     @property
     def printed_unit(self) -> str:
         """The unit with exponents as superscripts."""
-        return self.unit.translate(_RAISED)
+        return self.unit.translate(_SUPERSCRIPTS)
 
     def in_unit(self, values: ArrayLike) -> np.ndarray:
         """Convert values from SI units to `unit`."""
         return np.rad2deg(values) if self.angular else np.asarray(values, float)
 
 
-def _ranges(craft: Spacecraft, which: int) -> AnyArray:
+def _joint_ranges(craft: Spacecraft, which: int) -> AnyArray:
     """Return the ranges (c, 2) rad of the yaws (`which` = 0), the pitches (1), or the drives' angles (2)."""
     terminals = len(craft.terminals)
     return craft.joint_ranges[which * terminals : (which + 1) * terminals if which < 2 else None]
 
 
-def _angle(name: str, word: str, label: str, which: int) -> "Quantity":
-    """Make the quantity of one kind of joint angle: `which` as in `_ranges`, the others as in `Quantity`."""
+def _joint_angle_quantity(name: str, word: str, label: str, which: int) -> "Quantity":
+    """Make the quantity of a kind of joint angle: `which` as in `_joint_ranges`, others as in `Quantity`."""
     return Quantity(
         name=name,
         word=word,
@@ -114,8 +114,8 @@ def _angle(name: str, word: str, label: str, which: int) -> "Quantity":
         power=0,
         of_joints=True,
         values=lambda motion: motion.angles(which),
-        given=lambda craft: (_ranges(craft, which)[:, 1] - _ranges(craft, which)[:, 0]) / 2,
-        centre=lambda craft: (_ranges(craft, which)[:, 1] + _ranges(craft, which)[:, 0]) / 2,
+        given=lambda craft: (_joint_ranges(craft, which)[:, 1] - _joint_ranges(craft, which)[:, 0]) / 2,
+        centre=lambda craft: (_joint_ranges(craft, which)[:, 1] + _joint_ranges(craft, which)[:, 0]) / 2,
     )
 
 
@@ -137,7 +137,7 @@ QUANTITIES = (
         unit="deg/s",
         power=1,
         of_length=True,
-        values=lambda motion: _length(motion.spin[0]),
+        values=lambda motion: _length_component(motion.spin[0]),
         given=lambda craft: craft.rate_norm_limit,
     ),
     Quantity(
@@ -157,7 +157,7 @@ QUANTITIES = (
         unit="deg/s^2",
         power=2,
         of_length=True,
-        values=lambda motion: _length(motion.spin[1]),
+        values=lambda motion: _length_component(motion.spin[1]),
         given=lambda craft: craft.acceleration_norm_limit,
     ),
     Quantity(
@@ -180,9 +180,9 @@ QUANTITIES = (
         values=lambda motion: motion.joints[2],
         given=lambda craft: craft.joint_acceleration_limits,
     ),
-    _angle("yaw", "yaw", "Yaw angles", 0),
-    _angle("pitch", "pitch", "Pitch angles", 1),
-    _angle("drive", "angle", "Drive angles", 2),
+    _joint_angle_quantity("yaw", "yaw", "Yaw angles", 0),
+    _joint_angle_quantity("pitch", "pitch", "Pitch angles", 1),
+    _joint_angle_quantity("drive", "angle", "Drive angles", 2),
     Quantity(
         name="torque",
         word="torque",
@@ -244,12 +244,12 @@ QUANTITIES = (
 )
 """All that can be limited, in the order of a report."""
 
-_BY_NAME = {quantity.name: quantity for quantity in QUANTITIES}
+_QUANTITY_BY_NAME = {quantity.name: quantity for quantity in QUANTITIES}
 
 
-def _named(name: str) -> Quantity:
+def _find_quantity(name: str) -> Quantity:
     """Return the entry of `QUANTITIES` that has a name."""
-    return _BY_NAME[name]
+    return _QUANTITY_BY_NAME[name]
 
 
 @jax.tree_util.register_dataclass
@@ -316,7 +316,7 @@ def limits(craft: Spacecraft) -> tuple[Limit, ...]:
         given = quantity.given(craft)
         if given is None or (quantity.by_inertia and craft.inertia is None):
             continue
-        owners = _owners(quantity, craft)
+        owners = _component_owners(quantity, craft)
         if owners:
             bound = array_module(given).full(len(owners), given)
             centre = None if quantity.centre is None else quantity.centre(craft)
@@ -324,7 +324,7 @@ def limits(craft: Spacecraft) -> tuple[Limit, ...]:
     return tuple(found)
 
 
-def _owners(quantity: Quantity, craft: Spacecraft) -> tuple[str, ...]:
+def _component_owners(quantity: Quantity, craft: Spacecraft) -> tuple[str, ...]:
     """Return the names (c,) of what each component belongs to, see `Limit`.
 
     They are empty if the spacecraft has no joint of the kind.
@@ -332,7 +332,7 @@ def _owners(quantity: Quantity, craft: Spacecraft) -> tuple[str, ...]:
     if quantity.of_wheels:
         return row_names(craft.wheels, craft.allocation)
     if not quantity.of_joints:
-        return _LENGTH if quantity.of_length else _AXES
+        return _LENGTH_NAME if quantity.of_length else _AXIS_NAMES
     if quantity.power:
         return craft.joint_names
     devices = craft.drives if quantity.name == "drive" else craft.terminals
@@ -377,7 +377,7 @@ def values(names: Iterable[str], motion: Kinematics) -> AnyArray:
     Returns:
         (C + E, ...) in SI units: all C components, then the lesser parts of those E among them that have one.
     """
-    own = [_BY_NAME[name] for name in names]
+    own = [_QUANTITY_BY_NAME[name] for name in names]
     found = [quantity.values(motion) for quantity in own]
     found += [quantity.lesser(motion) for quantity in own if quantity.lesser is not None]
     return array_module(*found).concatenate(found)
@@ -392,7 +392,7 @@ def components(names: Iterable[str], rows: int = 0) -> list[slice]:
     """
     found, first = [], 0
     for name in names:
-        last = first + _size(name, rows)
+        last = first + _component_count(name, rows)
         found.append(slice(first, last))
         first = last
     return found
@@ -404,10 +404,10 @@ def lesser_components(names: Iterable[str], rows: int) -> list[slice | None]:
     None stands for a quantity without a lesser part. Arguments are as for `components`.
     """
     given = list(names)
-    first = sum(_size(name, rows) for name in given)
+    first = sum(_component_count(name, rows) for name in given)
     found: list[slice | None] = []
     for name in given:
-        has = _BY_NAME[name].lesser is not None
+        has = _QUANTITY_BY_NAME[name].lesser is not None
         found.append(slice(first, first + rows) if has else None)
         first += rows * has
     return found
@@ -415,12 +415,14 @@ def lesser_components(names: Iterable[str], rows: int) -> list[slice | None]:
 
 def are_lengths(names: Iterable[str], rows: int = 0) -> np.ndarray:
     """(C,) bool, which components of platform quantities, as `values` has them, are lengths of vectors."""
-    return np.concatenate([[_BY_NAME[name].of_length] * _size(name, rows) for name in names])
+    return np.concatenate(
+        [[_QUANTITY_BY_NAME[name].of_length] * _component_count(name, rows) for name in names]
+    )
 
 
-def _size(name: str, rows: int) -> int:
+def _component_count(name: str, rows: int) -> int:
     """Return the number of components of a quantity of the platform, given the number of rows of wheels."""
-    quantity = _BY_NAME[name]
+    quantity = _QUANTITY_BY_NAME[name]
     if quantity.of_wheels:
         return rows
     return 1 if quantity.of_length else 3
@@ -428,4 +430,4 @@ def _size(name: str, rows: int) -> int:
 
 def highest_derivative(names: Iterable[str]) -> int:
     """Return the highest time derivative that quantities of these names need."""
-    return max(_BY_NAME[name].power for name in names)
+    return max(_QUANTITY_BY_NAME[name].power for name in names)

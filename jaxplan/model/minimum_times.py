@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from jaxplan.geometry.vectors import AnyArray, arrays
 
-_ROOTS = 12  # steps of Newton's method, which has then converged to rounding
+_NEWTON_STEPS = 12  # steps of Newton's method, which has then converged to rounding
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,7 +45,7 @@ class Way:
         xp, far, top, growth, more = arrays(self.distance, self.top, self.growth, more_growth)
         far = xp.abs(far)
         full = top / growth  # s, until the top is reached; Newton's method comes from above
-        for _ in range(_ROOTS if grows else 0):
+        for _ in range(_NEWTON_STEPS if grows else 0):
             full = full - (full * (growth + more * full**2 / 3) - top) / (growth + more * full**2)
         flanks = full**2 * (
             growth + more * full**2 / 6

@@ -15,7 +15,7 @@ from jaxplan import so3
 from jaxplan.geometry.vectors import AnyArray, array_module, length
 from jaxplan.runtime.display import shown
 
-_STRAIGHT = 1e-9  # rad; an edge that is off a line by no more than this lies on it
+_LINE_TOLERANCE = 1e-9  # rad; an edge that is off a line by no more than this lies on it
 
 
 @shown("first", "second", "share")
@@ -48,12 +48,12 @@ class Leads:
         Returns:
             Attitudes (m + 1, 3, 3) and joints (m + 1, J).
         """
-        start, turn = attitudes[self.first], self._turn(attitudes)
+        start, turn = attitudes[self.first], self._rotation_vectors(attitudes)
         moves = joints[self.second] - joints[self.first]
         turned = start @ so3.exp(self.share[:, None] * turn)
         return turned, joints[self.first] + self.share[:, None] * moves
 
-    def _turn(self, attitudes: AnyArray) -> AnyArray:
+    def _rotation_vectors(self, attitudes: AnyArray) -> AnyArray:
         """Return the rotation vectors (m + 1, 3) rad of the straight motions, turning the way of `turn`."""
         xp = array_module(attitudes)
         turn = so3.log(xp.swapaxes(attitudes[self.first], -1, -2) @ attitudes[self.second])
@@ -77,8 +77,8 @@ def leads_of(attitudes: np.ndarray, joints: np.ndarray, nodes: int | None = None
     first, second = own.copy(), own.copy()
     share, turn = np.zeros(count), np.zeros((count, 3))
     last = len(edges)
-    ahead = _straight(edges)
-    behind = last - _straight(edges[::-1])
+    ahead = _count_straight_edges(edges)
+    behind = last - _count_straight_edges(edges[::-1])
     for begin, end in {(0, ahead), (behind, last)}:
         steps = np.linalg.norm(edges[begin:end], axis=1)
         if end - begin < 2 or not np.sum(steps):
@@ -90,7 +90,7 @@ def leads_of(attitudes: np.ndarray, joints: np.ndarray, nodes: int | None = None
     return Leads(first=first, second=second, share=share, turn=turn)
 
 
-def _straight(edges: np.ndarray) -> int:
+def _count_straight_edges(edges: np.ndarray) -> int:
     """Return how many of the first edges lie along one line, within less than a whole turn of the platform.
 
     Args:
@@ -104,5 +104,5 @@ def _straight(edges: np.ndarray) -> int:
     ways = edges @ along
     off = np.linalg.norm(edges - ways[:, None] * along, axis=1)
     turned = np.linalg.norm(np.cumsum(edges[:, :3], axis=0), axis=1)
-    straight = (off <= _STRAIGHT) & (ways >= 0) & (turned < 2 * np.pi)
+    straight = (off <= _LINE_TOLERANCE) & (ways >= 0) & (turned < 2 * np.pi)
     return int(np.argmin(np.append(straight, False)))

@@ -32,7 +32,7 @@ FORWARD = np.array([1.0, 0.0, 0.0])
 """The boresight of a terminal in the axes of its moving part: boresight, left, up."""
 MOST_TURNS = 2
 """Whole turns to either side after which a mask of traced numbers is repeated: enough for ranges of two."""
-_FLAT = 1e-9  # rad; shorter edges of a mask are refused, corners that bend by less are straight
+_EDGE_TOLERANCE = 1e-9  # rad; shorter edges of a mask are refused, corners that bend by less are straight
 
 
 def field_edges(boresight: ArrayLike, up: ArrayLike | None, angles: ArrayLike | None) -> AnyArray:
@@ -130,7 +130,7 @@ def fault(corners: np.ndarray) -> str | None:
         return f"have 3 corners or more, not {len(corners)}"
     edge = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(edge, axis=-1)
-    if np.min(lengths) < _FLAT:
+    if np.min(lengths) < _EDGE_TOLERANCE:
         corner = int(np.argmin(lengths))
         if corner == len(corners) - 1:
             return "have each corner once, the last is the first again"
@@ -138,13 +138,13 @@ def fault(corners: np.ndarray) -> str | None:
     following = np.roll(edge, -1, axis=0)
     bend = edge[:, 0] * following[:, 1] - edge[:, 1] * following[:, 0]
     ahead = np.sum(edge * following, axis=-1)
-    if np.all(np.abs(bend) <= _FLAT * lengths * np.roll(lengths, -1)):
+    if np.all(np.abs(bend) <= _EDGE_TOLERANCE * lengths * np.roll(lengths, -1)):
         return "have an area, its corners lie on a line"
     turned = np.arctan2(bend, ahead)
     around = round(float(np.sum(turned)) / (2 * np.pi))
     if abs(around) != 1:
         return "not cross itself"
-    inward = np.flatnonzero(np.sign(around) * turned < -_FLAT)
+    inward = np.flatnonzero(np.sign(around) * turned < -_EDGE_TOLERANCE)
     if len(inward):
         corner = (int(inward[0]) + 1) % len(corners)
         return f"be convex, it bends inward at corner [{corner}]: cut it there into convex ones, each a mask"

@@ -62,7 +62,9 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.turn_table import turn_table
 from jaxplan.model.wheel_reach import WheelSpeeds, reaches
 
-_SAME = 1e-9  # relative difference below which the axes' ratios of acceleration to rate count as equal
+_RATIO_TOLERANCE = (
+    1e-9  # relative difference below which the axes' ratios of acceleration to rate count as equal
+)
 
 RATES = "rates and accelerations of the platform"
 TORQUE = "rates, accelerations and torque of the platform"
@@ -129,7 +131,7 @@ def ways_of_platform(craft: Spacecraft, turns: AnyArray, ends: Ends) -> Iterator
         rate = xp.minimum(rate, by_momentum)
     across = None
     if craft.wheel_array is not None:
-        array, body, total = craft.wheel_array, inertia_bounds(craft), _total(craft, ends)
+        array, body, total = craft.wheel_array, inertia_bounds(craft), _total_momentum(craft, ends)
         own = WheelSpeeds.of(craft, total, body.middle)
         yield _energy_way(craft, body, given, norms, turns, ends)
         if craft.stages is not None:
@@ -204,7 +206,7 @@ def _box_ways(
     xp, rate, acceleration = arrays(rate, acceleration)
     boxes = [rate]
     ratio = acceleration / rate
-    if xp is not np or np.ptp(ratio) > _SAME * np.max(ratio):
+    if xp is not np or np.ptp(ratio) > _RATIO_TOLERANCE * np.max(ratio):
         boxes += [acceleration, xp.sqrt(rate * acceleration)]
     for box in boxes:
         yield Way(
@@ -305,7 +307,7 @@ def _energy_way(
         growths.append(largest_in_box(given["torque"], inverse) + pushed + swept)
     else:
         torque, momentum = reaches(craft)
-        tops.append(momentum.largest(inverse) + _total(craft, ends) / lightest + carried)
+        tops.append(momentum.largest(inverse) + _total_momentum(craft, ends) / lightest + carried)
         growths.append(torque.largest(inverse) + pushed + swept)
     xp = array_module(*tops, *growths)
     if spins is not None and craft.stages is None:
@@ -321,7 +323,7 @@ def _energy_way(
     )
 
 
-def _total(craft: Spacecraft, ends: Ends) -> AnyArray:
+def _total_momentum(craft: Spacecraft, ends: Ends) -> AnyArray:
     """Return the length, N m s, of the total momentum of platform and wheels, from the start's motion.
 
     Raises:

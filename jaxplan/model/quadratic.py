@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays
 
-_CORNERS = np.array([(1.0, *signs) for signs in product((1.0, -1.0), repeat=2)])
+_BOX_CORNERS = np.array([(1.0, *signs) for signs in product((1.0, -1.0), repeat=2)])
 """(4, 3) corners of the box of half widths one about zero, without their opposites."""
 
 
@@ -45,7 +45,7 @@ def principal(inertia: AnyArray) -> tuple[AnyArray, AnyArray]:
 def largest_in_box(bound: AnyArray, matrix: AnyArray) -> AnyArray:
     """Return the largest ``sqrt(x . matrix x)`` of vectors x in the box ``|x_i| <= bound_i``."""
     _, bound, matrix = arrays(bound, matrix)
-    return largest_size(_CORNERS * bound, matrix)
+    return largest_size(_BOX_CORNERS * bound, matrix)
 
 
 def largest_size(vectors: AnyArray, matrix: AnyArray) -> AnyArray:

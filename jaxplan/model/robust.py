@@ -129,28 +129,30 @@ def usable(craft: Spacecraft, robust: Robust) -> Spacecraft:
         torque_limit=None if torque is None else torque * kept,
         wheel_momentum_limit=None if momentum is None else momentum * held,
         wheels=wheels,
-        terminals=tuple(_within(terminal, robust.joint_error) for terminal in craft.terminals),
-        drives=tuple(replace(one, range=_narrowed(one.range, robust.joint_error)) for one in craft.drives),
+        terminals=tuple(_narrow_terminal(terminal, robust.joint_error) for terminal in craft.terminals),
+        drives=tuple(
+            replace(one, range=_narrow_range(one.range, robust.joint_error)) for one in craft.drives
+        ),
     )
 
 
-def _within(terminal: Terminal, error: Any) -> Terminal:
+def _narrow_terminal(terminal: Terminal, error: Any) -> Terminal:
     """Return the terminal with its ranges narrowed by an error, rad, at either end."""
-    yaw, pitch = (_narrowed(ends, error) for ends in terminal.ranges)
+    yaw, pitch = (_narrow_range(ends, error) for ends in terminal.ranges)
     return replace(
         terminal,
-        yaw_limit=None if terminal.yaw_limit is None else _number(yaw[1]),
+        yaw_limit=None if terminal.yaw_limit is None else _numpy_to_float(yaw[1]),
         yaw_range=None if terminal.yaw_range is None else yaw,
-        pitch_limit=None if terminal.pitch_limit is None else _number(pitch[1]),
+        pitch_limit=None if terminal.pitch_limit is None else _numpy_to_float(pitch[1]),
         pitch_range=None if terminal.pitch_range is None else pitch,
     )
 
 
-def _narrowed(ends: Any, error: Any) -> AnyArray:
+def _narrow_range(ends: Any, error: Any) -> AnyArray:
     """Return the ends (2,) rad of a range after narrowing it by an error, rad, at either end."""
     return stacked([ends[0] + error, ends[1] - error])
 
 
-def _number(value: Any) -> Any:
+def _numpy_to_float(value: Any) -> Any:
     """Turn a scalar of numpy into a float of Python; leave anything else, such as one of JAX, as it is."""
     return float(value) if isinstance(value, np.floating) else value

@@ -11,7 +11,7 @@ from jax.typing import ArrayLike
 
 from jaxplan.geometry.vectors import AnyArray, arrays
 
-_FULL = 1 + 1e-12  # fraction of a limit up to which a lesser part counts as within it
+_MAX_LESSER_SHARE = 1 + 1e-12  # fraction of a limit up to which a lesser part counts as within it
 
 
 def time_factor(share: ArrayLike, power: int | np.ndarray, lesser: ArrayLike | None = None) -> AnyArray:
@@ -29,20 +29,20 @@ def time_factor(share: ArrayLike, power: int | np.ndarray, lesser: ArrayLike | N
         if there is none.
     """
     if lesser is not None:
-        return _time_root(share, power, lesser)
+        return _least_time_factor(share, power, lesser)
     xp, given = arrays(share)
     zero = given == 0
     return xp.where(zero, 0, xp.where(zero, 1, given) ** (1 / power))
 
 
-def _time_root(share: ArrayLike, power: int | np.ndarray, lesser: ArrayLike) -> AnyArray:
+def _least_time_factor(share: ArrayLike, power: int | np.ndarray, lesser: ArrayLike) -> AnyArray:
     """Return the least ``s`` from which on ``|share / s^p + lesser / s^(p - 1)| <= 1``, with p the power."""
     xp, a, b = arrays(share, lesser)
     if power == 1:
         room = 1 - xp.where(a < 0, -b, b)
         open_ = room > 0
         found = xp.where(open_, xp.abs(a) / xp.where(open_, room, 1), xp.where(a == 0, 0, xp.inf))
-        return xp.where(xp.abs(b) > _FULL, xp.inf, xp.where(xp.isnan(a + b), xp.nan, found))
+        return xp.where(xp.abs(b) > _MAX_LESSER_SHARE, xp.inf, xp.where(xp.isnan(a + b), xp.nan, found))
     found = xp.where(xp.isnan(a + b), xp.nan, 0 * a)
     for sign in (1, -1):  # the larger root of s^2 - sign b s - sign a
         square = b * b + 4 * sign * a

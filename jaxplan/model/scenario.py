@@ -32,7 +32,7 @@ from jaxplan.runtime.once import made_once
 SEARCH_METHODS = ["mha", "mha-paper", "wastar", "rrt_star", "rrt_connect"]
 TRAJECTORY_METHODS = ("global", "paper")
 END_ACCELERATIONS = ("zero", "free")
-_STEP = "[1e-3, 3.14]"  # rad, range of a search step; a longer turn has a shorter way round
+_STEP_RANGE = "[1e-3, 3.14]"  # rad, range of a search step; a longer turn has a shorter way round
 
 
 @jax.tree_util.register_static
@@ -75,10 +75,10 @@ class SearchSettings:
 
     method: str = keyed("mha", "method", "the planner", options=SEARCH_METHODS, always=True, static=True)
     attitude_step: float = keyed(
-        0.1, "attitude_step_rad", "turn of the platform in a step, delta_SO(3) of the paper", _STEP
+        0.1, "attitude_step_rad", "turn of the platform in a step, delta_SO(3) of the paper", _STEP_RANGE
     )
     joint_step: float = keyed(
-        0.1, "joint_step_rad", "change of a joint in a step, delta_h of the paper", _STEP
+        0.1, "joint_step_rad", "change of a joint in a step, delta_h of the paper", _STEP_RANGE
     )
     terminal_step_scale: dict[str, float] = field(
         default_factory=dict,

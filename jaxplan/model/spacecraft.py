@@ -150,15 +150,15 @@ class Spacecraft:
     @made_once
     def joint_rate_limits(self) -> np.ndarray:
         """(2n + d,) rad/s: bound of each joint's rate, in the order of the joint vector."""
-        return self._each_joint([t.rate_limits for t in self.terminals], "rate_limit")
+        return self._order_by_joint([t.rate_limits for t in self.terminals], "rate_limit")
 
     @property
     @made_once
     def joint_acceleration_limits(self) -> np.ndarray:
         """(2n + d,) rad/s^2: bound of each joint's acceleration, in the order of the joint vector."""
-        return self._each_joint([t.acceleration_limits for t in self.terminals], "acceleration_limit")
+        return self._order_by_joint([t.acceleration_limits for t in self.terminals], "acceleration_limit")
 
-    def _each_joint(self, of_terminals: list[tuple[Any, Any]], of_drives: str) -> np.ndarray:
+    def _order_by_joint(self, of_terminals: list[tuple[Any, Any]], of_drives: str) -> np.ndarray:
         """Put numbers of terminals and drives into the order of the joint vector, as (2n + d,).
 
         Args:

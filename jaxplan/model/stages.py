@@ -32,7 +32,7 @@ import numpy as np
 from jaxplan.geometry.vectors import AnyArray, array_module, arrays, cross
 from jaxplan.runtime.display import shown
 
-_MOMENTS = (3,)  # shape of an inertia that is given by the moments about the device's axes
+_MOMENTS_SHAPE = (3,)  # shape of an inertia that is given by the moments about the device's axes
 
 
 @shown()
@@ -80,8 +80,8 @@ class Stages:
             (3, ...) N m s, body axes; with both optional arguments also its derivative (3, ...) N m in body
             axes.
         """
-        of_each = self._of_each(spin, [self._split(own) for own in joints])
-        return tuple(_summed(own) for own in of_each)
+        of_each = self._momentum_by_stage(spin, [self._split_joints(own) for own in joints])
+        return tuple(_sum_over_stages(own) for own in of_each)
 
     def slopes(self, spin: Sequence[AnyArray], joints: Sequence[AnyArray]) -> "StageSlopes":
         """Return the results of `carried` with their derivatives, by JAX.
@@ -89,10 +89,10 @@ class Stages:
         Arguments are as for `carried`; angular acceleration and joint accelerations must be given.
         """
         velocity, acceleration = spin[:2]
-        own = jnp.stack([jnp.stack(self._split(each)) for each in joints])  # (3, 2, s, ...)
+        own = jnp.stack([jnp.stack(self._split_joints(each)) for each in joints])  # (3, 2, s, ...)
 
         def stacked(velocity: AnyArray, own: AnyArray) -> AnyArray:
-            of_each = self._of_each([velocity, acceleration], own)
+            of_each = self._momentum_by_stage([velocity, acceleration], own)
             return jnp.stack([jnp.stack(vector) for vector in of_each])  # (2, 3, s, ...)
 
         def along(way: AnyArray) -> AnyArray:
@@ -110,28 +110,28 @@ class Stages:
             by_joints=jnp.einsum("odtcs...,dsj->tcoj...", by_own, which.astype(own.dtype)),
         )
 
-    def _of_each(
+    def _momentum_by_stage(
         self, spin: Sequence[AnyArray], joints: Sequence[tuple[AnyArray, AnyArray]]
     ) -> list[tuple[AnyArray, ...]]:
         """Return the results of `carried` for each stage, as components (3, s, ...).
 
         Args:
             spin: as for `carried`.
-            joints: from `_split`, for each of angles, rates and perhaps accelerations.
+            joints: from `_split_joints`, for each of angles, rates and perhaps accelerations.
         """
-        at = _At.of(self, joints)
+        at = _StageMotion.of(self, joints)
         velocity = at.inward(spin[0])
-        momentum = _product(self.inertias, _sum(velocity, at.rate))
+        momentum = _apply_matrices(self.inertias, _add_vectors(velocity, at.rate))
         found = [at.outward(momentum)]
         if len(spin) > 1 and len(joints) > 2:
             of_body = (
                 own - swept for own, swept in zip(at.inward(spin[1]), cross(at.rate, velocity), strict=True)
             )
-            own = _product(self.inertias, _sum(tuple(of_body), at.acceleration(joints[2])))
-            found.append(at.outward(_sum(own, cross(at.rate, momentum))))
+            own = _apply_matrices(self.inertias, _add_vectors(tuple(of_body), at.acceleration(joints[2])))
+            found.append(at.outward(_add_vectors(own, cross(at.rate, momentum))))
         return found
 
-    def _split(self, joints: AnyArray) -> tuple[AnyArray, AnyArray]:
+    def _split_joints(self, joints: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Return values (s, ...) of the stages' yaws and pitches, from those (2n + d, ...) of the joints.
 
         The value is zero for a stage that has no pitch.
@@ -200,11 +200,11 @@ def stages_of(devices: Sequence[Any], terminals: int, joints: int) -> Stages | N
 def matrix_of(inertia: AnyArray) -> AnyArray:
     """Return an inertia as a matrix (3, 3), given as a matrix or as its moments (3,) about the axes."""
     _, given = arrays(inertia)
-    return given[:, None] * np.eye(3) if given.shape == _MOMENTS else given
+    return given[:, None] * np.eye(3) if given.shape == _MOMENTS_SHAPE else given
 
 
 @dataclass(frozen=True, eq=False)
-class _At:
+class _StageMotion:
     """Stages at given joint angles and rates.
 
     Attributes:
@@ -223,7 +223,7 @@ class _At:
     rate: tuple[AnyArray, AnyArray, AnyArray]
 
     @classmethod
-    def of(cls, stages: Stages, joints: Sequence[tuple[AnyArray, AnyArray]]) -> "_At":
+    def of(cls, stages: Stages, joints: Sequence[tuple[AnyArray, AnyArray]]) -> "_StageMotion":
         """Make it from the angles and the rates of yaws and pitches, each (s, ...)."""
         (yaw, pitch), (yaw_rate, pitch_rate) = joints[0], joints[1]
         xp = array_module(yaw)
@@ -233,7 +233,7 @@ class _At:
             yaw=(xp.cos(yaw), xp.sin(yaw)),
             pitch=lifted,
             rates=(yaw_rate, pitch_rate),
-            rate=_about(lifted, yaw_rate, pitch_rate),
+            rate=_combine_joint_axes(lifted, yaw_rate, pitch_rate),
         )
 
     def acceleration(self, own: tuple[AnyArray, AnyArray]) -> tuple[AnyArray, AnyArray, AnyArray]:
@@ -243,13 +243,13 @@ class _At:
             own: accelerations (s, ...) rad/s^2 of yaws and of pitches.
         """
         (yaw_rate, pitch_rate), (cosine, sine) = self.rates, self.pitch
-        x, y, z = _about(self.pitch, *own)
+        x, y, z = _combine_joint_axes(self.pitch, *own)
         both = yaw_rate * pitch_rate
         return x + both * cosine, y, z - both * sine
 
     def inward(self, vector: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
         """Turn vectors (3, ...) in body axes into components (3, s, ...) in the axes of each stage."""
-        x, y, z = _product(
+        x, y, z = _apply_matrices(
             array_module(self.stages.frames).swapaxes(self.stages.frames, 1, 2), vector, shared=True
         )
         (cosine, sine), (level, lift) = self.yaw, self.pitch
@@ -262,10 +262,10 @@ class _At:
         (cosine, sine), (level, lift) = self.yaw, self.pitch
         x, z = level * x - lift * z, level * z + lift * x
         x, y = cosine * x - sine * y, cosine * y + sine * x
-        return _product(self.stages.frames, (x, y, z))
+        return _apply_matrices(self.stages.frames, (x, y, z))
 
 
-def _about(
+def _combine_joint_axes(
     lifted: tuple[AnyArray, AnyArray], yaw: AnyArray, pitch: AnyArray
 ) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Return ``yaw`` times the yaw axis plus ``pitch`` times the pitch axis, in stages' axes.
@@ -279,18 +279,18 @@ def _about(
     return yaw * sine, -pitch, yaw * cosine
 
 
-def _summed(of_each: tuple[AnyArray, ...]) -> AnyArray:
+def _sum_over_stages(of_each: tuple[AnyArray, ...]) -> AnyArray:
     """Sum vectors, given as components (3, s, ...), over all stages, to (3, ...)."""
     xp = array_module(*of_each)
     return xp.stack([xp.sum(own, axis=0) for own in of_each])
 
 
-def _sum(first: Sequence[AnyArray], second: Sequence[AnyArray]) -> tuple[AnyArray, ...]:
+def _add_vectors(first: Sequence[AnyArray], second: Sequence[AnyArray]) -> tuple[AnyArray, ...]:
     """Add two vectors that are given as components."""
     return tuple(a + b for a, b in zip(first, second, strict=True))
 
 
-def _product(matrices: AnyArray, vector: Any, *, shared: bool = False) -> tuple[AnyArray, ...]:
+def _apply_matrices(matrices: AnyArray, vector: Any, *, shared: bool = False) -> tuple[AnyArray, ...]:
     """Multiply matrices (s, 3, 3) by vectors (3, s, ...), or if `shared` all by the same ones (3, ...)."""
     own = vector[0].ndim - (not shared)
     m = matrices.reshape(*matrices.shape, *[1] * own)

@@ -25,18 +25,18 @@ class Status(Enum):
 
         A certified plan went through all of them.
         """
-        return _STEP[self]
+        return _STEP_BY_STATUS[self]
 
     @property
     def advice(self) -> str:
         """What a user may change, in a sentence or two; empty for a certified plan."""
-        return _ADVICE[self]
+        return _ADVICE_BY_STATUS[self]
 
 
 STEPS = ("start", "goal", "path", "trajectory", "certificate")
 """The steps of planning, in order."""
 
-_STEP = {
+_STEP_BY_STATUS = {
     Status.OK: "certificate",
     Status.INVALID_START: "start",
     Status.INVALID_GOAL: "goal",
@@ -51,7 +51,7 @@ _STEP = {
     Status.UNCERTIFIED: "certificate",
 }
 
-_ADVICE = {
+_ADVICE_BY_STATUS = {
     Status.OK: "",
     Status.INVALID_START: "Correct the state in [start], or the zone or limit that it breaks.",
     Status.INVALID_GOAL: (

@@ -31,14 +31,14 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.zones import JointBound, KeepIn, KeepOut, Mask, Turns, Zone, masks
 from jaxplan.runtime.batching import padded_count
 
-_NOWHERE = np.full(3, np.nan)  # the axis of a row whose axis moves
+_NAN_AXIS = np.full(3, np.nan)  # the axis of a row whose axis moves
 
 
 _PADDING_AXIS = np.array([0.0, 0.0, 1.0])
 
 
 MOST_WAYS = 64
-"""Most alternatives of a group's entry (`_Ways`): five to the power of the fields of view it keeps clear."""
+"""Most `_Alternatives` of a group's entry: five to the power of the fields of view that it keeps clear."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,7 +58,7 @@ class _Row:
     path: DirectionPath | None = None
 
 
-_Ways = list[list[_Row]]  # alternatives, of which one must hold; of that all rows
+_Alternatives = list[list[_Row]]  # alternatives, of which one must hold; of that all rows
 
 
 def tabulate(
@@ -87,7 +87,7 @@ def tabulate(
     """
     zones: list[Zone] = [*keep_out, *keep_in, *joint_bounds, *masks(spacecraft, turns)]
     sights = bound_by(zones, spacecraft)
-    rows, entry, group = _numbered(zones, sights, robust)
+    rows, entry, group = _collect_rows(zones, sights, robust)
     size = padded_count(len(rows))
     padding = range(len(rows), size)
     rows += [_Row() for _ in padding]
@@ -114,7 +114,7 @@ def tabulate(
     )
 
 
-def _numbered(
+def _collect_rows(
     zones: Sequence[Zone], sights: Bound, robust: Robust | None
 ) -> tuple[list[_Row], list[int], list[int]]:
     """Collect all rows of zones, with the entry and the constraint to which each belongs.
@@ -126,9 +126,9 @@ def _numbered(
     Raises:
         ValueError: if an entry of a group has more than `MOST_WAYS` alternatives.
     """
-    asked = [list(_asked(number, zone, sights, robust)) for number, zone in enumerate(zones)]
+    asked = [list(_zone_conditions(number, zone, sights, robust)) for number, zone in enumerate(zones)]
     found: list[tuple[_Row, Any, Any]] = []  # each with a key of its constraint and of its entry
-    groups: dict[str, dict[Any, list[_Ways]]] = {}
+    groups: dict[str, dict[Any, list[_Alternatives]]] = {}
     for number, (zone, each) in enumerate(zip(zones, asked, strict=True)):
         if zone.any_of is None:
             for place, ways in enumerate(each):
@@ -139,7 +139,7 @@ def _numbered(
     for name, entries in groups.items():
         for own_entry, each in entries.items():
             if math.prod(map(len, each)) > MOST_WAYS:
-                raise ValueError(f"group {name}: {_too_many(each)}")
+                raise ValueError(f"group {name}: {_too_many_message(each)}")
             for way, parts in enumerate(product(*each)):
                 found += [(row, name, (name, own_entry, way)) for part in parts for row in part]
     found.sort(key=lambda one: one[0].zone)
@@ -149,13 +149,15 @@ def _numbered(
     return [row for row, *_ in found], entry, group
 
 
-def _too_many(each: Sequence[_Ways]) -> str:
+def _too_many_message(each: Sequence[_Alternatives]) -> str:
     """Return the message that an entry has too many alternatives."""
     ways = math.prod(map(len, each))
     return f"an entry of it may hold in {ways} ways, {MOST_WAYS} at most: bind fewer fields of view by it"
 
 
-def _asked(number: int, zone: Zone, sights: Bound, robust: Robust | None) -> Iterator[_Ways]:
+def _zone_conditions(
+    number: int, zone: Zone, sights: Bound, robust: Robust | None
+) -> Iterator[_Alternatives]:
     """Yield all conditions of a zone, which must all hold, each as a list of alternatives, one of which must.
 
     An alternative is a list of rows, all of which must hold.
@@ -186,9 +188,9 @@ def _asked(number: int, zone: Zone, sights: Bound, robust: Robust | None) -> Ite
         raise ValueError(f"zone {zone.name} has {what}: give one of direction, axis_body and axis_device")
     if zone.of_field:
         for device in sights.fields(zone):
-            yield from _of_field(number, zone, device, sights, robust)
+            yield from _field_conditions(number, zone, device, sights, robust)
     else:
-        for row in _cones(number, zone, sights.bound(zone), sights, robust):
+        for row in _cone_rows(number, zone, sights.bound(zone), sights, robust):
             yield [[row]]
 
 
@@ -208,9 +210,9 @@ def _joint_row(number: int, normal: Any, least: Any, device: int, robust: Robust
     return _Row(zone=number, axis=axis, half_angle=least, bound=[device], frame=JOINTS)
 
 
-def _of_field(
+def _field_conditions(
     number: int, zone: KeepOut | KeepIn, device: int, sights: Bound, robust: Robust | None
-) -> Iterator[_Ways]:
+) -> Iterator[_Alternatives]:
     """Yield what a zone asks of the field of view of one device, as alternatives of rows.
 
     For a keep-out the axis must be outside of the field: beyond one of its four edges, or farther from the
@@ -227,7 +229,7 @@ def _of_field(
         robust: errors for which it must hold; None for none.
     """
     edges, away = sights.edges(device), zone.half_angle
-    about = partial(_cones, number, zone, sights=sights, robust=robust)
+    about = partial(_cone_rows, number, zone, sights=sights, robust=robust)
     if zone.side < 0:
         for edge in edges:
             yield [list(about([edge], side=1.0, half_angle=np.pi / 2 + away))]
@@ -237,7 +239,7 @@ def _of_field(
     yield [*beyond, list(about([device], half_angle=corner + away))]
 
 
-def _cones(
+def _cone_rows(
     number: int,
     zone: KeepOut | KeepIn,
     bound: Sequence[int],
@@ -270,7 +272,7 @@ def _cones(
         if zone.path is not None:
             moving = zone.path.moves
             where = {
-                "axis": _NOWHERE if moving else zone.path.samples[0],
+                "axis": _NAN_AXIS if moving else zone.path.samples[0],
                 "path": zone.path if moving else None,
             }
         inertial = zone.path is not None

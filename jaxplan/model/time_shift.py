@@ -17,7 +17,7 @@ from jaxplan.model.scenario import Scenario
 from jaxplan.model.zones import KeepIn, KeepOut
 
 AnyCone = TypeVar("AnyCone", KeepOut, KeepIn)
-_PAD = 60.0  # s before and after a span of time, for which directions are kept
+_SPAN_PADDING = 60.0  # s before and after a span of time, for which directions are kept
 
 
 def later(scene: Scenario, time: float, duration: float | None = None) -> Scenario:
@@ -71,8 +71,8 @@ def later_direction(direction: Any, time: float, duration: float | None = None) 
         return direction
     first, beyond = 0, len(direction.times)
     if duration is not None:
-        first = max(0, int(np.searchsorted(direction.times, time - _PAD)) - 2)
-        beyond = int(np.searchsorted(direction.times, time + duration + _PAD)) + 3
+        first = max(0, int(np.searchsorted(direction.times, time - _SPAN_PADDING)) - 2)
+        beyond = int(np.searchsorted(direction.times, time + duration + _SPAN_PADDING)) + 3
     own = slice(first, beyond)
     return replace(
         direction,

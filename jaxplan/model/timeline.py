@@ -22,7 +22,7 @@ LOOK_AHEAD = "whether the platform turns to where the next slew leads, as far as
 """Meaning of the key `look_ahead`, for the manual and for messages."""
 REST = "rest until the end"
 """Name of the rest that a plan has in the time that is left after all activities."""
-_SPAN = "[0, 86400]"  # s, of all times of a timeline
+_TIME_RANGE = "[0, 86400]"  # s, of all times of a timeline
 
 
 @shown("name", "kind", "duration s", "earliest s", "latest s", "after")
@@ -53,12 +53,18 @@ class Activity:
     attitude: GivenState | None = keyed(None, "attitude", "the state to be held, at rest")
     idle: bool = keyed(False, "idle", "nothing is asked", static=True)
     duration: float | None = keyed(
-        None, "for_s", "how long; if absent until its window ends, the last one until timeline.until_s", _SPAN
+        None,
+        "for_s",
+        "how long; if absent until its window ends, the last one until timeline.until_s",
+        _TIME_RANGE,
     )
     earliest: float | None = keyed(
-        None, "from_s", "it does not begin before; if absent as soon as can be after the one in front", _SPAN
+        None,
+        "from_s",
+        "it does not begin before; if absent as soon as can be after the one in front",
+        _TIME_RANGE,
     )
-    latest: float | None = keyed(None, "until_s", "it has ended by then", _SPAN)
+    latest: float | None = keyed(None, "until_s", "it has ended by then", _TIME_RANGE)
     after: str = keyed(
         "", "after", "name of an activity that must have ended before", kind="activity name", static=True
     )
@@ -115,7 +121,7 @@ class Timeline:
     scene: Scenario = field(metadata=key("scene", "spacecraft, start, zones, settings and epoch"))
     activities: tuple[Activity, ...] = field(metadata=key("activity", "what is to be done, in order"))
     until: float | None = keyed(
-        None, "until_s", "when it ends; if absent at the end of the last activity", _SPAN
+        None, "until_s", "when it ends; if absent at the end of the last activity", _TIME_RANGE
     )
     slew: str = keyed(
         SHORTEST, "slew", "whether slews take the shortest time, or all that there is", options=SLEWS

@@ -89,7 +89,7 @@ class TurnTable:
         largest = xp.where(q[..., 0] > 0, q[..., 0], 1)
         angle = xp.minimum(length(r) / np.pi, 1)
         places = [angle, q[..., 1] / largest, q[..., 2] / largest]
-        return q[..., 0] * _linear(table, face, places)
+        return q[..., 0] * _trilinear(table, face, places)
 
     def at(self, rates: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Return the table (3, K, L, L) for given rates, and the rates for which it holds.
@@ -106,10 +106,10 @@ class TurnTable:
         third = second * xp.maximum(c[2] / second, self.ratios[1][0])
         used = xp.stack([c[0], second, third])
         ratios = second / c[0], third / second
-        return _mixed(self.shares, self.ratios, ratios) / _mixed(self.slopes, self.finer, ratios), used
+        return _bilinear(self.shares, self.ratios, ratios) / _bilinear(self.slopes, self.finer, ratios), used
 
 
-def _mixed(
+def _bilinear(
     values: AnyArray, known: tuple[np.ndarray, np.ndarray], ratios: tuple[AnyArray, AnyArray]
 ) -> AnyArray:
     """Interpolate values linearly at two ratios.
@@ -129,7 +129,7 @@ def _mixed(
     return values
 
 
-def _linear(table: AnyArray, face: AnyArray, places: list[AnyArray]) -> AnyArray:
+def _trilinear(table: AnyArray, face: AnyArray, places: list[AnyArray]) -> AnyArray:
     """Interpolate a table (3, K, L, L) linearly along its three last axes.
 
     Args:

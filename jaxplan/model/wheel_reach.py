@@ -30,10 +30,10 @@ from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import PSEUDO_INVERSE
 from jaxplan.runtime.once import made_once
 
-_AT_ONCE = 8  # largest number of wheels whose 2^(n - 1) corners are listed together
-_FLAT = 1e-12  # volume of three unit axes below which they lie in a plane but for rounding
-_THIN = 1e-6  # volume of three unit axes from which on what follows from them is precise
-_BEYOND = 1e-6  # fraction of a range by which a corner may lie beyond it, for rounding
+_MAX_WHEELS_AT_ONCE = 8  # largest number of wheels whose 2^(n - 1) corners are listed together
+_PLANAR_VOLUME = 1e-12  # volume of three unit axes below which they lie in a plane but for rounding
+_PRECISE_VOLUME = 1e-6  # volume of three unit axes from which on what follows from them is precise
+_CORNER_TOLERANCE = 1e-6  # fraction of a range by which a corner may lie beyond it, for rounding
 
 
 class Reach(NamedTuple):
@@ -63,13 +63,13 @@ class Reach(NamedTuple):
         found = xp.abs(directions @ axes.T) @ each
         if self.lower is None or self.upper is None:
             return found
-        three, inverses, volume = _threes(axes)
+        three, inverses, volume = _axis_triples(axes)
         shares = xp.einsum(
             "ki,tij->tkj", directions @ (axes.T @ axes), inverses
         )  # ``l``, for each choice of three
         lower, upper = (bound[three][:, None] for bound in (self.lower, self.upper))
         both = [xp.maximum(own * lower, own * upper).sum(axis=2) for own in (shares, -shares)]
-        each_way = [xp.min(xp.where(volume[:, None] < _THIN, xp.inf, own), axis=0) for own in both]
+        each_way = [xp.min(xp.where(volume[:, None] < _PRECISE_VOLUME, xp.inf, own), axis=0) for own in both]
         return xp.minimum(found, xp.maximum(*each_way))
 
     def largest(self, matrix: AnyArray) -> AnyArray:
@@ -94,12 +94,12 @@ def reaches(craft: Spacecraft) -> tuple[Reach, Reach]:
     for each, apart in ((array.each_torque, 0 * array.each_torque), (array.each_momentum, array.apart)):
         _, axes, each = arrays(array.axes, each)
         if craft.allocation != PSEUDO_INVERSE:
-            found.append(Reach(axes, each, None, None, tuple(_sums(axes, each))))
+            found.append(Reach(axes, each, None, None, tuple(_sums_at_bounds(axes, each))))
             continue
         lower, upper = -each - apart, each - apart
-        corners = list(_sums(axes, each))
-        if len(axes) <= _AT_ONCE:
-            corners = [_corners(axes, lower, upper, corners[0])]
+        corners = list(_sums_at_bounds(axes, each))
+        if len(axes) <= _MAX_WHEELS_AT_ONCE:
+            corners = [_polytope_corners(axes, lower, upper, corners[0])]
         found.append(Reach(axes, each, lower, upper, tuple(corners)))
     torque, momentum = found
     return torque, momentum
@@ -151,7 +151,7 @@ class WheelSpeeds(NamedTuple):
 
     def top(self, plane: AnyArray) -> AnyArray:
         """Return a bound, rad/s, of the length of the angular velocity's projection by a matrix (3, 3)."""
-        return self._length(self.momentum, plane, self.total + self.carried)
+        return self._bound_length(self.momentum, plane, self.total + self.carried)
 
     def growth(self, plane: AnyArray, top: AnyArray) -> AnyArray:
         """Return a bound, rad/s^2, of the length of the angular acceleration's projection.
@@ -160,9 +160,9 @@ class WheelSpeeds(NamedTuple):
             plane: (3, 3) matrix of the projection.
             top: rad/s, bound of the length of the angular velocity.
         """
-        return self._length(self.torque, plane, self.total * top + self.pushed)
+        return self._bound_length(self.torque, plane, self.total * top + self.pushed)
 
-    def _length(self, reach: Reach, plane: AnyArray, beside: AnyArray) -> AnyArray:
+    def _bound_length(self, reach: Reach, plane: AnyArray, beside: AnyArray) -> AnyArray:
         """Return a bound of the length of ``plane @ inverse @ (x + b)``.
 
         Here x is any vector of `reach`, and b any vector whose length is at most `beside`.
@@ -171,7 +171,7 @@ class WheelSpeeds(NamedTuple):
         return reach.largest(light.T @ light) + length(length(light)) * beside
 
 
-def _threes(axes: AnyArray) -> tuple[np.ndarray, AnyArray, AnyArray]:
+def _axis_triples(axes: AnyArray) -> tuple[np.ndarray, AnyArray, AnyArray]:
     """Return all choices of three of the axes (n, 3).
 
     Returns:
@@ -183,11 +183,11 @@ def _threes(axes: AnyArray) -> tuple[np.ndarray, AnyArray, AnyArray]:
     first, second, third = (axes[three[:, place]] for place in range(3))
     across = xp.stack([xp.cross(second, third), xp.cross(third, first), xp.cross(first, second)], axis=2)
     volume = xp.sum(first * across[..., 0], axis=1)
-    inverses = across / xp.where(xp.abs(volume) < _FLAT, 1, volume)[:, None, None]
+    inverses = across / xp.where(xp.abs(volume) < _PLANAR_VOLUME, 1, volume)[:, None, None]
     return three, inverses, xp.abs(volume)
 
 
-def _corners(axes: AnyArray, lower: AnyArray, upper: AnyArray, others: AnyArray) -> AnyArray:
+def _polytope_corners(axes: AnyArray, lower: AnyArray, upper: AnyArray, others: AnyArray) -> AnyArray:
     """Return the corners (v, 3) of ``{S y: lower <= axes y <= upper}``.
 
     Args:
@@ -202,26 +202,26 @@ def _corners(axes: AnyArray, lower: AnyArray, upper: AnyArray, others: AnyArray)
         w zeros.
     """
     xp, axes, lower, upper = arrays(axes, lower, upper)
-    three, inverses, volume = _threes(axes)
+    three, inverses, volume = _axis_triples(axes)
     high = np.array(list(product((False, True), repeat=3)))
     bounds = xp.where(high[None], upper[three][:, None], lower[three][:, None])  # (t, 8, 3)
     y = xp.einsum("tij,tsj->tsi", inverses, bounds).reshape(-1, 3)
-    parts, room = y @ axes.T, _BEYOND * (upper - lower)
+    parts, room = y @ axes.T, _CORNER_TOLERANCE * (upper - lower)
     inside = xp.all((parts >= lower - room) & (parts <= upper + room), axis=1)
-    inside &= xp.repeat(volume >= _FLAT, len(high))
+    inside &= xp.repeat(volume >= _PLANAR_VOLUME, len(high))
     found = xp.where(inside[:, None], y, 0) @ (axes.T @ axes)
-    thin = xp.any((volume >= _FLAT) & (volume < _THIN))
+    thin = xp.any((volume >= _PLANAR_VOLUME) & (volume < _PRECISE_VOLUME))
     return xp.concatenate([found, xp.where(thin, others, 0)])
 
 
-def _sums(axes: AnyArray, bound: AnyArray) -> Iterator[AnyArray]:
+def _sums_at_bounds(axes: AnyArray, bound: AnyArray) -> Iterator[AnyArray]:
     """Yield for every few wheels all sums (v, 3) of ``axes_k u_k`` with ``u_k`` at plus or minus its bound.
 
     Of two opposite sums one is left out.
     """
     xp, axes, bound = arrays(axes, bound)
     vectors = axes * bound[:, None]
-    for first in range(0, len(vectors), _AT_ONCE):
-        own = vectors[first : first + _AT_ONCE]
+    for first in range(0, len(vectors), _MAX_WHEELS_AT_ONCE):
+        own = vectors[first : first + _MAX_WHEELS_AT_ONCE]
         signs = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=len(own) - 1)])
         yield xp.asarray(signs) @ own

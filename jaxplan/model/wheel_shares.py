@@ -16,7 +16,7 @@ from jaxplan.model.kinematics import Kinematics
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import PSEUDO_INVERSE, least_shares
 
-_ACROSS = 1e-9  # product of unit vectors below which they count as at right angles
+_ORTHOGONALITY_TOLERANCE = 1e-9  # product of unit vectors below which they count as at right angles
 
 
 def wheel_loads(motion: Kinematics, craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
@@ -54,7 +54,7 @@ def shared_out(axes: np.ndarray, limit: np.ndarray, vectors: np.ndarray) -> np.n
     x = np.moveaxis(vectors, 0, -1).reshape(-1, 3)
     share, face = least_shares(axes, limit, x)
     side = face @ axes.T  # (k, n)
-    within = np.abs(side) <= _ACROSS
+    within = np.abs(side) <= _ORTHOGONALITY_TOLERANCE
     found = np.where(within, 0, np.sign(side) * share[:, None] * limit)
     rest = x - found @ axes
     lines = np.cross(face[:, None], axes)  # (k, n, 3), in the plane and across each wheel of it
@@ -64,7 +64,7 @@ def shared_out(axes: np.ndarray, limit: np.ndarray, vectors: np.ndarray) -> np.n
     each = np.arange(len(x))
     share, line = shares[each, own], lines[each, own]
     side = line @ axes.T
-    along = within & (np.abs(side) <= _ACROSS)
+    along = within & (np.abs(side) <= _ORTHOGONALITY_TOLERANCE)
     found += np.where(within & ~along, np.sign(side) * share[:, None] * limit, 0)
     rest = x - found @ axes
     chosen = axes[own]

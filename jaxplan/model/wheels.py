@@ -43,7 +43,7 @@ PSEUDO_INVERSE, MINIMAX = ALLOCATIONS = ("pseudo_inverse", "minimax")
 
 FLAT = 1e-3
 """Least singular value of the matrix of axes, by which they span space."""
-_PARALLEL = 1e-9  # sine of an angle below which axes, or normals of planes, count as parallel
+_PARALLEL_SINE = 1e-9  # sine of an angle below which axes, or normals of planes, count as parallel
 
 
 @shown("axis", "torque N m", "momentum N m s", "stored N m s")
@@ -170,10 +170,11 @@ def _facets(axes: AnyArray) -> tuple[AnyArray, AnyArray]:
     pairs = np.array(list(combinations(range(len(axes)), 2)))
     across = xp.cross(axes[pairs[:, 0]], axes[pairs[:, 1]])
     square = xp.sum(across * across, axis=1)
-    apart = square > _PARALLEL**2
+    apart = square > _PARALLEL_SINE**2
     normals = across / xp.sqrt(xp.where(apart, square, 1))[:, None]
     between = xp.cross(normals[:, None], normals[None])
-    same = xp.sum(between * between, axis=2) <= _PARALLEL**2  # whether the planes of two pairs are the same
+    # whether the planes of two pairs are the same
+    same = xp.sum(between * between, axis=2) <= _PARALLEL_SINE**2
     earlier = np.tri(len(pairs), k=-1, dtype=bool)
     kept = apart & ~xp.any(same & apart & earlier, axis=1)
     of_pair = np.zeros((len(pairs), len(axes)), bool)

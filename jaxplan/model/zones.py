@@ -27,9 +27,9 @@ from jaxplan.model.file_keys import key, keyed
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import shown
 
-_NAME = key("name", "unique among the zones", static=True)
-_GROUP = key("any_of", "name of a group, of which one entry must hold at every instant", static=True)
-_ENTRY = key("entry", "of its group; zones of the same one must hold together", static=True)
+_NAME_KEY = key("name", "unique among the zones", static=True)
+_GROUP_KEY = key("any_of", "name of a group, of which one entry must hold at every instant", static=True)
+_ENTRY_KEY = key("entry", "of its group; zones of the same one must hold together", static=True)
 
 
 @shown("to", "along")
@@ -65,7 +65,7 @@ class _Cone:
 
     side: ClassVar[float]
 
-    name: str = field(metadata=_NAME)
+    name: str = field(metadata=_NAME_KEY)
     direction: np.ndarray | DirectionPath | None = keyed(
         None, "direction", "axis of the cone, inertial, or a name of [sky]", kind="axis", required=True
     )
@@ -98,8 +98,8 @@ class _Cone:
         "(0, 1e7]",
         words={"always": math.inf},
     )
-    any_of: str | None = field(default=None, metadata=_GROUP)
-    entry: str | None = field(default=None, metadata=_ENTRY)
+    any_of: str | None = field(default=None, metadata=_GROUP_KEY)
+    entry: str | None = field(default=None, metadata=_ENTRY_KEY)
 
     @property
     def path(self) -> DirectionPath | None:
@@ -138,7 +138,7 @@ class _Cone:
         return axis
 
 
-_SHOWN = (
+_SHOWN_ATTRIBUTES = (
     *("half_angle deg", "direction", "axis_body", "axis_device", "devices", "vectors", "lasts s"),
     *("any_of", "entry"),
 )
@@ -146,7 +146,7 @@ FIELD_OF_VIEW = "field_of_view"
 """What a zone may be outside or inside of."""
 
 
-@shown(*_SHOWN, "outside")
+@shown(*_SHOWN_ATTRIBUTES, "outside")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeepOut(_Cone):
@@ -183,7 +183,7 @@ class KeepOut(_Cone):
     )
 
 
-@shown(*_SHOWN, "inside")
+@shown(*_SHOWN_ATTRIBUTES, "inside")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KeepIn(_Cone):
@@ -238,12 +238,12 @@ class JointBound:
         entry: name of its entry in the group, as for `KeepOut`.
     """
 
-    name: str = field(metadata=_NAME)
+    name: str = field(metadata=_NAME_KEY)
     device: str = field(metadata=key("device", "whose joints it bounds", kind="terminal", static=True))
     normal: np.ndarray = field(metadata=key("normal", "weights of yaw and pitch", kind="plane unit vector"))
     least: float = field(metadata=key("least_deg", "of the weighted sum", "[-1000, 1000]"))
-    any_of: str | None = field(default=None, metadata=_GROUP)
-    entry: str | None = field(default=None, metadata=_ENTRY)
+    any_of: str | None = field(default=None, metadata=_GROUP_KEY)
+    entry: str | None = field(default=None, metadata=_ENTRY_KEY)
 
     path: ClassVar[None] = None
     moves: ClassVar[bool] = False

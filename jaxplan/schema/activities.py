@@ -28,9 +28,9 @@ from jaxplan.schema.value_kinds import Choice, Epoch, Interval
 
 TRACKED = float(np.deg2rad(0.01))
 """rad, the tolerance of an activity that tracks, if the file does not say."""
-_WITHIN = Interval("[0, 86400]")  # s, of all times of a timeline
-_SHORT = 1e-9  # s by which rounding may make a window too short
-_ENDS = {"earliest": "from", "latest": "until"}  # beginnings of the keys of a window
+_TIME_RANGE = Interval("[0, 86400]")  # s, of all times of a timeline
+_WINDOW_TOLERANCE = 1e-9  # s by which rounding may make a window too short
+_WINDOW_KEY_STEMS = {"earliest": "from", "latest": "until"}  # beginnings of the keys of a window
 
 
 class Aims(TargetList):
@@ -40,40 +40,40 @@ class Aims(TargetList):
         return False
 
 
-def _what(key: str, kind: Any, attribute: str, meaning: str) -> Field:
+def _make_kind_field(key: str, kind: Any, attribute: str, meaning: str) -> Field:
     """Make one of the keys that say what an activity is, of which exactly one must be given."""
     first = key == "track"
     return Field(key, kind, attribute, meaning, required=first, instead_of="" if first else "track")
 
 
-def _entries(table: Table, *attributes: str) -> list[Field]:
+def _find_fields(table: Table, *attributes: str) -> list[Field]:
     """Return the keys of a table that set given attributes."""
     return [entry for entry in table.fields if entry.attribute in attributes]
 
 
-_MADE = declared(Activity)
-_OWN = {entry.attribute: entry for entry in _MADE.attributes}
-_STATE = [
+_DECLARED = declared(Activity)
+_DECLARED_FIELDS = {entry.attribute: entry for entry in _DECLARED.attributes}
+_STATE_FIELDS = [
     replace(entry, required=False)
     for entry in STATE.fields
     if entry.attribute not in (*RATES.values(), "frame")
 ]
-_OF_GOALS = "is of goals, an activity has none"
-_ATTITUDES = ("rotation_vector", "quaternion")
-_TARGETS = [
-    *_entries(TARGETS, "prefer", "hold"),
+_ONLY_GOALS_FAULT = "is of goals, an activity has none"
+_ATTITUDE_ATTRIBUTES = ("rotation_vector", "quaternion")
+_TARGET_FIELDS = [
+    *_find_fields(TARGETS, "prefer", "hold"),
     replace(
-        *_entries(TARGETS, "tolerance"),
+        *_find_fields(TARGETS, "tolerance"),
         meaning="by which devices may be off their targets; if absent 0.01 of track, 1e-6 of point",
     ),
 ]
 
 
-def _times(attribute: str) -> tuple[Field, Field]:
+def _window_fields(attribute: str) -> tuple[Field, Field]:
     """Return the two keys of an end of a window ("earliest" or "latest"), in seconds and in UTC."""
-    own = _OWN[attribute]
+    own = _DECLARED_FIELDS[attribute]
     utc = Field(
-        f"{_ENDS[attribute]}_utc",
+        f"{_WINDOW_KEY_STEMS[attribute]}_utc",
         Epoch(),
         f"{attribute}_utc",
         f"{own.key} as UTC",
@@ -87,14 +87,14 @@ def _make_activity(parts: dict[str, Any], place: Place) -> Activity:
 
     Its window may stay in UTC until `timed` is called.
     """
-    state = {entry.attribute: entry for entry in _STATE if entry.attribute in parts}
+    state = {entry.attribute: entry for entry in _STATE_FIELDS if entry.attribute in parts}
     held = {name: parts.pop(name) for name in state}
-    beside = {e.attribute: (parts.pop(e.attribute), e.key) for e in _TARGETS if e.attribute in parts}
+    beside = {e.attribute: (parts.pop(e.attribute), e.key) for e in _TARGET_FIELDS if e.attribute in parts}
     aims = {name: parts.pop(name) for name in ("track", "point") if name in parts}
-    for name in _ENDS:
+    for name in _WINDOW_KEY_STEMS:
         utc = parts.pop(f"{name}_utc", None)
         parts |= {} if utc is None else {name: utc}
-    if not held.keys().isdisjoint(_ATTITUDES):
+    if not held.keys().isdisjoint(_ATTITUDE_ATTRIBUTES):
         parts["attitude"] = make_state(held, place)
     else:
         for entry in state.values():
@@ -142,13 +142,13 @@ def _check_made(activity: Any, place: Place) -> None:
         usual = {part.name: part.default for part in fields(Targets)}
         for name in ("criterion", "yaw_limit", "pitch_limit", "clearance"):
             if getattr(targets, name) not in (WRONG, usual[name]):
-                place[key][_key(TARGETS, name)].fault(_OF_GOALS, getattr(targets, name))
-        _expect_none(targets, place[key], "follows from the targets; leave it out")
+                place[key][_find_key(TARGETS, name)].fault(_ONLY_GOALS_FAULT, getattr(targets, name))
+        _refuse_rates(targets, place[key], "follows from the targets; leave it out")
     if activity.attitude is not None and activity.attitude is not WRONG:
-        _expect_none(activity.attitude, place["attitude"], "must be zero, since it is held at rest")
+        _refuse_rates(activity.attitude, place["attitude"], "must be zero, since it is held at rest")
 
 
-def _expect_none(owner: Any, place: Place, complaint: str) -> None:
+def _refuse_rates(owner: Any, place: Place, complaint: str) -> None:
     """Note a fault for each rate of a state or of targets that is not zero."""
     for key, name in RATES.items():
         rates = getattr(owner, name)
@@ -156,27 +156,29 @@ def _expect_none(owner: Any, place: Place, complaint: str) -> None:
             place[key].fault(complaint, rates.tolist())
 
 
-def _key(table: Table, attribute: str) -> str:
+def _find_key(table: Table, attribute: str) -> str:
     """Return the key of a table that sets an attribute."""
     return next(entry.key for entry in table.fields if entry.attribute == attribute)
 
 
 ACTIVITY = replace(
-    _MADE,
+    _DECLARED,
     fields=(
-        _OWN["name"],
-        _what("track", Aims(), "track", _OWN["track"].meaning),
-        _what("point", Aims(), "point", _OWN["point"].meaning),
+        _DECLARED_FIELDS["name"],
+        _make_kind_field("track", Aims(), "track", _DECLARED_FIELDS["track"].meaning),
+        _make_kind_field("point", Aims(), "point", _DECLARED_FIELDS["point"].meaning),
         *(
-            replace(entry, instead_of="track" if entry.attribute in _ATTITUDES else entry.instead_of)
-            for entry in _STATE
+            replace(
+                entry, instead_of="track" if entry.attribute in _ATTITUDE_ATTRIBUTES else entry.instead_of
+            )
+            for entry in _STATE_FIELDS
         ),
-        _what("idle", Choice((True,)), "rest", _OWN["idle"].meaning),
-        *_TARGETS,
-        _OWN["duration"],
-        *_times("earliest"),
-        *_times("latest"),
-        _OWN["after"],
+        _make_kind_field("idle", Choice((True,)), "rest", _DECLARED_FIELDS["idle"].meaning),
+        *_TARGET_FIELDS,
+        _DECLARED_FIELDS["duration"],
+        *_window_fields("earliest"),
+        *_window_fields("latest"),
+        _DECLARED_FIELDS["after"],
     ),
     make=_make_activity,
     split=lambda parts: parts,
@@ -185,10 +187,10 @@ ACTIVITY = replace(
     | {"frame": 'an attitude is held at rest along inertial axes; track what turns, such as "nadir"'}
     | dict.fromkeys(
         ("criterion", "clearance_deg", "yaw_limit_deg", "pitch_limit_deg"),
-        _OF_GOALS,
+        _ONLY_GOALS_FAULT,
     ),
 )
-MADE_ACTIVITY = replace(ACTIVITY, fields=_MADE.attributes)
+MADE_ACTIVITY = replace(ACTIVITY, fields=_DECLARED.attributes)
 """The same by its attributes, for what is made in Python."""
 KINDS[Activity] = MADE_ACTIVITY
 
@@ -223,7 +225,7 @@ def split_activity(activity: Activity, craft: Spacecraft, name_of: Callable[[Any
 def timed(activity: Activity, place: Place, epoch: Any) -> Activity:
     """Return the activity with its window in seconds from the epoch, noting UTC that is out of range."""
     changed = {}
-    for name, key in _ENDS.items():
+    for name, key in _WINDOW_KEY_STEMS.items():
         stamp: Any = getattr(activity, name)
         if isinstance(stamp, np.datetime64):
             changed[name] = seconds_after(epoch, stamp, place[f"{key}_utc"])
@@ -249,9 +251,9 @@ def seconds_after(epoch: Any, stamp: np.datetime64, place: Place) -> Any:
         after = seconds_between(epoch, stamp)
     except ValueError as error:
         return place.fault(str(error))
-    if after in _WITHIN:
+    if after in _TIME_RANGE:
         return after
-    told = f"must {_WITHIN.wanted()} s from the epoch {Epoch().write(epoch)} on, is at {after:.10g} s"
+    told = f"must {_TIME_RANGE.wanted()} s from the epoch {Epoch().write(epoch)} on, is at {after:.10g} s"
     return place.fault(told, Epoch().write(stamp))
 
 
@@ -296,7 +298,7 @@ def check_windows(rows: Sequence[tuple[Place, Any, Any]], until: Any, ends: Plac
     for place, one, read in rows:
         keys = {
             name: place[f"{key}_{'utc' if isinstance(getattr(read, name), np.datetime64) else 's'}"]
-            for name, key in _ENDS.items()
+            for name, key in _WINDOW_KEY_STEMS.items()
         }
         if WRONG in (one.duration, one.earliest, one.latest, until):
             continue
@@ -325,7 +327,7 @@ def _check_window(one: Activity, lasts: Place, opens: Place, closes: Place) -> N
     begin, asked = one.earliest or 0.0, one.duration or 0.0
     if one.latest < begin:
         closes.fault(f"at {one.latest:.10g} s, must not be before {opens.path}, at {begin:.10g} s")
-    elif asked > one.latest - begin + _SHORT:
+    elif asked > one.latest - begin + _WINDOW_TOLERANCE:
         since = f"{opens.path}, at {begin:.10g} s" if one.earliest is not None else "the start, at 0 s"
         left = one.latest - begin
         lasts.fault(f"must be at most {left:.10g}, the time from {since}, to {closes.path}", asked)
@@ -350,7 +352,7 @@ def _check_until(
         keys["earliest"].fault(f"at {one.earliest:.10g} s, must not be after {end}")
     elif one.latest is not None and one.latest > until:
         keys["latest"].fault(f"at {one.latest:.10g} s, must not be after {end}")
-    elif one.latest is None and (one.earliest or 0.0) + (one.duration or 0.0) > until + _SHORT:
+    elif one.latest is None and (one.earliest or 0.0) + (one.duration or 0.0) > until + _WINDOW_TOLERANCE:
         lasts.fault(f"ends after {end}", one.duration)
 
 

@@ -20,8 +20,8 @@ from jaxplan.schema.faults import WRONG, Place, Reading
 from jaxplan.schema.value_kinds import NUMBER, Kind, Number
 
 UNIT_TOLERANCE = 1e-3  # by which the length of a unit vector may differ from one
-_ROUNDING = 8 * np.finfo(float).eps  # by which a unit vector's length may differ from one and keep its bits
-_SAME_TURN = 1e-9  # share of a turn by which a rotation vector may be longer, for rounding
+_UNIT_TOLERANCE = 8 * np.finfo(float).eps  # by which a vector's length may differ from one and keep its bits
+_TURN_TOLERANCE = 1e-9  # share of a turn by which a rotation vector may be longer, for rounding
 # By which entries of R^T R may differ from the identity; the certificate is stricter.
 ORTHONORMAL = 1e-6
 # Least and greatest length of an axis, by its name, where the first array that has it sets the length.
@@ -71,7 +71,7 @@ class Array(Kind):
     def absent(self, reading: Reading) -> Any:
         if not self.zero:
             return None
-        lengths = [_known(axis, reading) for axis in self.shape]
+        lengths = [_known_length(axis, reading) for axis in self.shape]
         return WRONG if None in lengths else np.zeros(lengths)  # why the length is not known was noted before
 
     def may_miss(self, reading: Reading) -> bool:
@@ -80,22 +80,22 @@ class Array(Kind):
 
     def read(self, value: Any, place: Place) -> Any:
         reading = place.reading
-        array = as_floats(value) if reading.python or _plain(value) else None
+        array = as_floats(value) if reading.python or _is_numeric(value) else None
         if array is None:
-            return self._blamed(value, place)
+            return self._refuse_malformed(value, place)
         if array.shape == (0,) and len(self.shape) == 2:  # no rows
-            array = array.reshape(0, _known(self.shape[1], reading) or 0)
+            array = array.reshape(0, _known_length(self.shape[1], reading) or 0)
         if array.ndim != len(self.shape):
             size = f", not of shape {array.shape}" if array.ndim else ""
-            return place.refuse(f"must be {self._counted(reading)}{size}", value)
-        lengths = [self._length(i, size, reading) for i, size in enumerate(array.shape)]
+            return place.refuse(f"must be {self._describe_wanted(reading)}{size}", value)
+        lengths = [self._required_length(i, size, reading) for i, size in enumerate(array.shape)]
         if lengths != list(array.shape):
             size = f"shape {array.shape}" if len(array) == lengths[0] else f"{len(array)}"
-            return place.refuse(f"must be {self._counted(reading)}, not of {size}", value)
+            return place.refuse(f"must be {self._describe_wanted(reading)}, not of {size}", value)
         outside = [i for i, number in enumerate(array.ravel().tolist()) if number not in self.of.interval]
         for i in outside[:_MOST_FAULTS]:
             index = np.unravel_index(i, array.shape)
-            self.of.read(float(array[index]), _within(place, index))
+            self.of.read(float(array[index]), _place_of_entry(place, index))
         if outside:
             return WRONG
         if self.of.degrees and not reading.python:
@@ -108,7 +108,7 @@ class Array(Kind):
             return array.tolist()
         return np.reshape([self.of.write(number) for number in array.ravel().tolist()], array.shape).tolist()
 
-    def _length(self, number: int, size: int, reading: Reading) -> int:
+    def _required_length(self, number: int, size: int, reading: Reading) -> int:
         """Return the length that an axis, given by its number, must have.
 
         A name of an axis that is not known yet gets the array's length, `size`.
@@ -118,15 +118,15 @@ class Array(Kind):
             name, _, more = axis.partition(" + ")
             low, high = LENGTHS.get(name, (0, math.inf))
             reading.sizes.setdefault(name, int(min(max(size - int(more or 0), low), high)))
-        known = _known(axis, reading)
+        known = _known_length(axis, reading)
         return size if known is None else known
 
-    def _counted(self, reading: Reading, depth: int = 0) -> str:
+    def _describe_wanted(self, reading: Reading, depth: int = 0) -> str:
         """Return what the array must be, for messages, with its length if that is known.
 
         With a `depth` it is that of the arrays so many axes down.
         """
-        count = _known(self.shape[depth], reading)
+        count = _known_length(self.shape[depth], reading)
         text = self.noun if not depth else ""
         if text.startswith("a "):
             return f"{text}{self.hint}" if reading.python else text
@@ -138,29 +138,29 @@ class Array(Kind):
         counted = "" if count is None or text[0].isdigit() else f"{count} "
         return f"an array of {counted}{text}{self.hint if reading.python else ''}"
 
-    def _blamed(self, value: Any, place: Place) -> Any:
+    def _refuse_malformed(self, value: Any, place: Place) -> Any:
         """Note where something that is no number stands, or lists have a wrong length; returns `WRONG`."""
         faults = place.reading.faults
         before = len(faults)
-        self._blame(value, 0, place, before + _MOST_FAULTS)
+        self._note_faults(value, 0, place, before + _MOST_FAULTS)
         if len(faults) == before:
-            place.refuse(f"must be {self._counted(place.reading)}", value)
+            place.refuse(f"must be {self._describe_wanted(place.reading)}", value)
         return WRONG
 
-    def _blame(self, value: Any, depth: int, place: Place, most: int) -> None:
+    def _note_faults(self, value: Any, depth: int, place: Place, most: int) -> None:
         """Note faults of nested lists that are `depth` axes down, until there are `most` faults in all."""
         if depth == len(self.shape):
             self.of.read(value, place)
             return
-        wanted = self._counted(place.reading, depth)
+        wanted = self._describe_wanted(place.reading, depth)
         if not isinstance(value, list | tuple) and not (isinstance(value, np.ndarray) and value.ndim):
             place.refuse(f"must be {wanted}", value)
             return
-        if len(value) != self._length(depth, len(value), place.reading):
+        if len(value) != self._required_length(depth, len(value), place.reading):
             place.refuse(f"must be {wanted}, not of {len(value)}", value)
         for i, entry in enumerate(value):
             if len(place.reading.faults) < most:
-                self._blame(entry, depth + 1, place[i], most)
+                self._note_faults(entry, depth + 1, place[i], most)
 
 
 @dataclass(frozen=True)
@@ -184,12 +184,12 @@ class PerAxis(Kind):
     def read(self, value: Any, place: Place) -> Any:
         array = as_floats(value) if place.reading.python else None
         if isinstance(value, list | tuple) or (array is not None and array.ndim):
-            return self._of_three(value, place)
+            return self._read_three(value, place)
         if array is None and not isinstance(value, int | float):
             return place.refuse(f"must be {self.of.asked(place)}{_OR_THREE}", value)
         return self.of.read(value, place)
 
-    def _of_three(self, value: Any, place: Place) -> Any:
+    def _read_three(self, value: Any, place: Place) -> Any:
         """Read three numbers to an array (3,), or to `WRONG`."""
         if len(value) != 3:
             return place.refuse(f"must be {self.of.asked(place)}{_OR_THREE}, not {len(value)}", value)
@@ -263,11 +263,11 @@ class Polygons(Kind):
             return place.refuse(
                 f"must be {self.wanted}; of one polygon too, within brackets of its own", value
             )
-        read = tuple(self._polygon(polygon, place[i]) for i, polygon in enumerate(value))
+        read = tuple(self._read_polygon(polygon, place[i]) for i, polygon in enumerate(value))
         same = isinstance(value, tuple) and all(one is given for one, given in zip(read, value, strict=True))
         return WRONG if any(one is WRONG for one in read) else value if same else read
 
-    def _polygon(self, value: Any, place: Place) -> Any:
+    def _read_polygon(self, value: Any, place: Place) -> Any:
         """Read one polygon to an array (k, 2) of corners, or to `WRONG`."""
         given = as_floats(value) if place.reading.python else None
         listed = value if given is None else given
@@ -297,7 +297,7 @@ def _is_corner(value: Any) -> bool:
 _OR_THREE = ", or 3, one a body axis"
 
 
-def _known(axis: int | str, reading: Reading) -> int | None:
+def _known_length(axis: int | str, reading: Reading) -> int | None:
     """Return the length that an axis of an `Array` must have; None if it may have any."""
     if isinstance(axis, int) or axis in reading.sizes:
         return axis if isinstance(axis, int) else reading.sizes[axis]
@@ -306,14 +306,14 @@ def _known(axis: int | str, reading: Reading) -> int | None:
     return None if known is None else known + int(more or 0)
 
 
-def _plain(value: Any) -> bool:
+def _is_numeric(value: Any) -> bool:
     """Tell whether a value of a file is a number, or nested lists of numbers."""
     if type(value) is list:
-        return all(type(entry) is float or _plain(entry) for entry in value)
+        return all(type(entry) is float or _is_numeric(entry) for entry in value)
     return type(value) is float or type(value) is int
 
 
-def _within(place: Place, index: Any) -> Place:
+def _place_of_entry(place: Place, index: Any) -> Place:
     """Return the place of an array's entry, given its indices."""
     for i in index:
         place = place[int(i)]
@@ -335,7 +335,7 @@ def unit(vector: np.ndarray, value: Any, place: Place, what: str = "a unit vecto
         return place.fault(f"must be {what}, not zero", shown_value(vector, value, place))
     if abs(norm - 1) > UNIT_TOLERANCE:
         return place.fault(f"must be {what}, its norm is {norm:.6g}", shown_value(vector, value, place))
-    return vector if abs(norm - 1) <= _ROUNDING else vector / norm
+    return vector if abs(norm - 1) <= _UNIT_TOLERANCE else vector / norm
 
 
 def units(vectors: np.ndarray, value: Any, place: Place) -> Any:
@@ -360,7 +360,7 @@ def within_a_turn(vector: np.ndarray, value: Any, place: Place) -> Any:
     It is longer if it was given in degrees by mistake.
     """
     size = float(np.linalg.norm(vector))
-    if size <= 2 * np.pi * (1 + _SAME_TURN):
+    if size <= 2 * np.pi * (1 + _TURN_TOLERANCE):
         return vector
     return place.fault(
         f"is {size:.4g} rad long, must be at most a turn, 6.28319 rad: rotation vectors are not in deg",
@@ -375,7 +375,7 @@ def rotations(matrices: np.ndarray, value: Any, place: Place) -> Any:
     if np.all(good):
         return matrices
     index = np.argwhere(~good)[0]
-    return _within(place, index).fault(
+    return _place_of_entry(place, index).fault(
         f"must be a rotation matrix, to {ORTHONORMAL:g}", matrices[tuple(index)].tolist()
     )
 

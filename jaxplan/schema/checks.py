@@ -26,7 +26,7 @@ ZONES = {"keep_out": "keep_out", "keep_in": "keep_in", "joint_bound": "joint_bou
 # Keys of rates at start and goal, and their attributes.
 RATES = {"angular_velocity_rad_s": "angular_velocity", "joint_rates_rad_s": "joint_rates"}
 AGAINST = 0.01  # fraction of its limit by which the fullest wheel may hold more than it has to
-_DEVICES = {"terminal": "terminals", "drive": "drives", "instrument": "instruments"}
+_DEVICE_ATTRIBUTES = {"terminal": "terminals", "drive": "drives", "instrument": "instruments"}
 SQUARE = 1e-3  # by which the cosine of a right angle may differ from zero; the model makes it exact
 APART = np.deg2rad(
     1.0
@@ -170,8 +170,9 @@ def _check_wheels(craft: Any, place: Place) -> None:
             )
 
 
-_LEFT = 1e-9  # least fraction of the whole inertia that must be left without stages; less is rounding
-_STAGES = {
+# Least fraction of the whole inertia that must be left without stages; less is rounding.
+_MIN_INERTIA_SHARE = 1e-9
+_STAGE_INERTIAS = {
     "terminal": {"yaw_inertia_kg_m2": "yaw_inertia", "pitch_inertia_kg_m2": "pitch_inertia"},
     "drive": {"inertia_kg_m2": "inertia"},
 }
@@ -185,7 +186,7 @@ def _check_stages(craft: Any, place: Place) -> None:
     """
     given = [
         (there[key], getattr(device, name))
-        for kind, keys in _STAGES.items()
+        for kind, keys in _STAGE_INERTIAS.items()
         for there, device in placed(getattr(craft, f"{kind}s"), place[kind])
         for key, name in keys.items()
     ]
@@ -206,7 +207,7 @@ def _check_stages(craft: Any, place: Place) -> None:
     if not np.all(np.isfinite(fixed)):
         return  # as for a drive that points along its axis, which is noted elsewhere
     left = np.linalg.eigvalsh(fixed)
-    rounding = _LEFT * np.linalg.norm(craft.whole_inertia, 2)
+    rounding = _MIN_INERTIA_SHARE * np.linalg.norm(craft.whole_inertia, 2)
     names = ", ".join(there.path for there, _ in given)
     whole = "is of the whole spacecraft with joints at zero, so"
     if not left[0] > rounding:
@@ -251,8 +252,10 @@ def check_spacecraft(craft: Any, place: Place) -> None:
     reading = place.reading
     _check_wheels(craft, place)
     _check_stages(craft, place)
-    check_unique([row for key, name in _DEVICES.items() for row in placed(getattr(craft, name), place[key])])
-    names = {key: _names(getattr(craft, name)) for key, name in _DEVICES.items()}
+    check_unique(
+        [row for key, name in _DEVICE_ATTRIBUTES.items() for row in placed(getattr(craft, name), place[key])]
+    )
+    names = {key: _device_names(getattr(craft, name)) for key, name in _DEVICE_ATTRIBUTES.items()}
     terminals, drives, others = names["terminal"], names["drive"], reading.terminals
     if terminals is not None and others not in (None, len(terminals)):
         place["terminal"].fault(f"must be as many as start and goal are for, {others}, not {len(terminals)}")
@@ -288,7 +291,7 @@ def _joint_ranges(craft: Any) -> np.ndarray | None:
     return None if any(drive.range is WRONG for drive in craft.drives) else craft.joint_ranges
 
 
-def _names(devices: Any) -> tuple[str, ...] | None:
+def _device_names(devices: Any) -> tuple[str, ...] | None:
     """Return the names of devices; None if one of them has a fault."""
     if devices is WRONG or any(one is WRONG or one.name is WRONG for one in devices):
         return None
@@ -407,10 +410,10 @@ def check_paths(scenario: Scenario, root: Place) -> None:
     paths = [
         (zone.direction, place["direction"] if root.reading.python else place)
         for place, zone in zones
-        if _moves(zone.direction)
+        if _is_moving(zone.direction)
     ]
     targets = placed(getattr(scenario.goal, "directions", ()), root["goal"]["targets"])
-    paths += [(target, place) for place, target in targets if _moves(target)]
+    paths += [(target, place) for place, target in targets if _is_moving(target)]
     duration = getattr(settings, "duration", STRETCHED)
     if paths and getattr(settings, "method", "") == "paper" and isinstance(duration, str):
         complaint = 'must be a number of seconds with trajectory.method = "paper", since something moves'
@@ -427,6 +430,6 @@ def check_paths(scenario: Scenario, root: Place) -> None:
             place["times_s"].fault(f"must reach from the start, 0, on, lies in [{first:g}, {last:g}]")
 
 
-def _moves(axis: Any) -> bool:
+def _is_moving(axis: Any) -> bool:
     """Tell whether a direction is a path that does not stand still."""
     return isinstance(axis, DirectionPath) and axis.moves

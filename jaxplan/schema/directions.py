@@ -15,7 +15,7 @@ from jaxplan.schema.sky import Followed
 from jaxplan.schema.tables import Field, Table
 from jaxplan.schema.value_kinds import Kind, Names
 
-_SLOPE_ROUNDING = 1e-3  # rad between two samples, by which slopes may be off, as they may have few digits
+_SLOPE_TOLERANCE = 1e-3  # rad between two samples, by which slopes may be off, as they may have few digits
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Axis(Kind):
         if isinstance(value, DirectionPath):
             if value.moves and not self.moving:
                 return place.refuse(f"must be {self.wanted}, not a direction that moves", value)
-            return _taken_path(value, place) if value.moves else DIRECTION.read(value.samples[0], place)
+            return _take_in_path(value, place) if value.moves else DIRECTION.read(value.samples[0], place)
         if not place.reading.python:
             if value == "hold" and self.inline:
                 complaint = "is no direction: name a device that keeps its joints in goal.hold"
@@ -87,7 +87,7 @@ class TargetList(Kind):
 
     def read(self, value: Any, place: Place) -> Any:
         if isinstance(value, dict) and not place.reading.python:
-            return self._by_name(value, place)
+            return self._read_by_name(value, place)
         if not place.reading.python:
             place.reading.sizes["target"] = place.reading.sizes["terminal"]
         entries = value if isinstance(value, list | tuple) else ()
@@ -98,9 +98,9 @@ class TargetList(Kind):
         if count not in (None, len(value)):
             complaint = f"must be an array of {count} {self.still.wanted}, not of {len(value)}"
             return place.refuse(complaint, value)
-        return _together([Axis(inline=True).read(entry, place[i]) for i, entry in enumerate(value)])
+        return _combine_directions([Axis(inline=True).read(entry, place[i]) for i, entry in enumerate(value)])
 
-    def _by_name(self, value: dict[str, Any], place: Place) -> Any:
+    def _read_by_name(self, value: dict[str, Any], place: Place) -> Any:
         """Read a table of a file from names of devices to directions.
 
         Returns:
@@ -112,7 +112,7 @@ class TargetList(Kind):
         for name in value:
             if known is not None and name not in known:
                 place[name].fault(f"no such device, {nearest(name, known, 'devices')}")
-        return tuple(value), _together(
+        return tuple(value), _combine_directions(
             [Axis(inline=True).read(own, place[name]) for name, own in value.items()]
         )
 
@@ -125,7 +125,7 @@ class TargetList(Kind):
         return [Axis().write(direction) for direction in value]
 
 
-def _together(each: Sequence[Any]) -> Any:
+def _combine_directions(each: Sequence[Any]) -> Any:
     """Return directions as `Targets` has them: (k, 3), or a tuple if one moves; `WRONG` if one is wrong."""
     if any(one is WRONG for one in each):
         return WRONG
@@ -155,15 +155,15 @@ def path_of(parts: dict[str, Any], place: Place) -> Any:
         return place["direction_samples"].fault(str(error).removeprefix("samples: "), samples.tolist())
 
 
-def _taken_path(path: DirectionPath, place: Place) -> Any:
+def _take_in_path(path: DirectionPath, place: Place) -> Any:
     """Check a path made in Python, and make it anew as if from a file; a path used many times only once."""
     taken = place.reading.taken
     if id(path) not in taken:
-        taken[id(path)] = path, _path_anew(path, place)
+        taken[id(path)] = path, _remake_path(path, place)
     return taken[id(path)][1]
 
 
-def _path_anew(path: DirectionPath, place: Place) -> Any:
+def _remake_path(path: DirectionPath, place: Place) -> Any:
     """Make the path through the samples of another; `WRONG` after noting what is wrong with that."""
     parts = {
         entry.attribute: entry.kind.read(getattr(path, entry.attribute), place[entry.key])
@@ -174,7 +174,7 @@ def _path_anew(path: DirectionPath, place: Place) -> Any:
     if made is WRONG or slopes is WRONG:
         return WRONG
     off = (slopes - made.slopes) * np.gradient(made.times)[:, None]
-    wrong = np.flatnonzero(~np.all(np.abs(off) <= _SLOPE_ROUNDING, axis=1))
+    wrong = np.flatnonzero(~np.all(np.abs(off) <= _SLOPE_TOLERANCE, axis=1))
     if len(wrong):
         i = int(wrong[0])
         complaint = "must be that of the spline; DirectionPath.through finds it"

@@ -19,7 +19,7 @@ _LONGEST_NAME = 60
 # A file with more faults than this is not one that somebody mends by hand; reading stops.
 _MOST_FAULTS = 1000
 # Values of an array that are shown; nine are a matrix.
-_MOST_SHOWN = 9
+_MAX_SHOWN_NUMBERS = 9
 
 
 class ScenarioError(ValueError):
@@ -42,7 +42,7 @@ class ScenarioError(ValueError):
         return "\n  ".join(lines)
 
 
-_NOTHING = object()  # no value, since None is one that a JSON file may hold
+_NO_VALUE = object()  # no value, since None is one that a JSON file may hold
 WRONG: Any = object()
 """Stands for a value that is wrong, its fault being noted: what readers return, and what attributes have."""
 
@@ -54,7 +54,7 @@ def quote(text: str) -> str:
     return f'"{"".join(escaped)}"'
 
 
-def _cut(text: str) -> str:
+def _truncate(text: str) -> str:
     """Return a text, cut to `_LONGEST_NAME` characters and dots."""
     return text if len(text) <= _LONGEST_NAME else text[:_LONGEST_NAME] + "..."
 
@@ -72,15 +72,15 @@ def show(value: object) -> str:
     if isinstance(value, int) and value.bit_length() > 64:
         return "(a huge integer)"
     if isinstance(value, str):
-        return quote(_cut(value))
+        return quote(_truncate(value))
     if isinstance(value, dict):
         return "(a table)"
     if isinstance(value, list):
         inner = [entry for item in value for entry in (item if isinstance(item, list) else [item])]
-        small = max(len(value), len(inner)) <= _MOST_SHOWN
+        small = max(len(value), len(inner)) <= _MAX_SHOWN_NUMBERS
         plain = small and not any(isinstance(entry, list | dict) for entry in inner)
         return f"[{', '.join(map(show, value))}]" if plain else f"(an array of {len(value)})"
-    return "null" if value is None else _cut(str(value))
+    return "null" if value is None else _truncate(str(value))
 
 
 class Spelled(NamedTuple):
@@ -139,7 +139,7 @@ class Reading:
 
 def spell_path(steps: Iterable[str | int]) -> str:
     """Return keys and indices as a path, such as ``keep_out[2].half_angle_deg``."""
-    spelled = (f"[{s}]" if isinstance(s, int) else f".{spell_key(_cut(s))}" for s in steps)
+    spelled = (f"[{s}]" if isinstance(s, int) else f".{spell_key(_truncate(s))}" for s in steps)
     return "".join(spelled).removeprefix(".")
 
 
@@ -179,7 +179,7 @@ class Place:
         measured = isinstance(value, int | float) and not isinstance(value, bool) and not bare
         return f"{path or self.reading.root} = {self.reading.show(value)} {unit * measured}".rstrip()
 
-    def fault(self, complaint: str, value: object = _NOTHING, *, bare: bool = False) -> Any:
+    def fault(self, complaint: str, value: object = _NO_VALUE, *, bare: bool = False) -> Any:
         """Note that the value at this place is wrong or missing.
 
         Args:
@@ -196,7 +196,7 @@ class Place:
         faults = self.reading.faults
         if len(faults) == _MOST_FAULTS:
             raise ScenarioError([*faults, "too many faults, reading stopped here"])
-        what = self.path or self.reading.root if value is _NOTHING else self.told(value, bare=bare)
+        what = self.path or self.reading.root if value is _NO_VALUE else self.told(value, bare=bare)
         faults.append(f"{what}: {complaint}")
         return WRONG
 

@@ -18,7 +18,7 @@ from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.sky import Followed
 from jaxplan.schema.value_kinds import shortest_degrees
 
-_CONES = ("keep_out", "keep_in")
+_CONE_KEYS = ("keep_out", "keep_in")
 
 
 def check_field(device: Any, place: Place, boresight: np.ndarray | None = None) -> None:
@@ -57,22 +57,22 @@ def check_zones(scenario: Scenario, root: Place) -> None:
         one for name in ("terminals", "instruments") for _, one in placed(getattr(craft, name, ()), root)
     ]
     fields = {one.name: one.field_of_view for one in devices if one.field_of_view is not None}
-    for place, zone in _cones(scenario, root):
+    for place, zone in _placed_cones(scenario, root):
         if not zone.of_field:
-            _check_open(zone, place)
+            _check_half_angle(zone, place)
         else:
             _check_distance(zone, fields, place)
             _check_devices(zone, fields, place)
     _check_groups(scenario, len(fields), root)
 
 
-def _cones(scenario: Scenario, root: Place) -> Iterator[tuple[Place, Any]]:
+def _placed_cones(scenario: Scenario, root: Place) -> Iterator[tuple[Place, Any]]:
     """Yield the keep-out and keep-in zones that could be read, each after its place."""
-    for key in _CONES:
+    for key in _CONE_KEYS:
         yield from placed(getattr(scenario, key), root[key])
 
 
-def _check_open(zone: Any, place: Place) -> None:
+def _check_half_angle(zone: Any, place: Place) -> None:
     """Note a fault if the half angle of a zone without field of view is zero.
 
     That of a zone about a body may not be known yet, and is not looked at.
@@ -133,7 +133,7 @@ def _check_groups(scenario: Scenario, fields: int, root: Place) -> None:
     """
     kept: dict[tuple[Any, Any], int] = defaultdict(int)
     places: dict[tuple[Any, Any], Place] = {}
-    for place, zone in _cones(scenario, root):
+    for place, zone in _placed_cones(scenario, root):
         if zone.side > 0 and zone.of_field and zone.any_of not in (None, WRONG) and zone.devices is not WRONG:
             entry = zone.any_of, zone.entry or zone.name
             kept[entry] += len(zone.devices) or fields

@@ -66,13 +66,13 @@ class Names(Kind):
 
 
 KINDS[ExportNames] = Names()
-_HEADING = table(Heading, KINDS)
+_DECLARED_HEADING = table(Heading, KINDS)
 HEADING = replace(
-    _HEADING,
+    _DECLARED_HEADING,
     fields=(
-        _HEADING.fields[0],
+        _DECLARED_HEADING.fields[0],
         Field("until_utc", Epoch(), "until_utc", "until_s as UTC", instead_of="until"),
-        *_HEADING.fields[1:],
+        *_DECLARED_HEADING.fields[1:],
     ),
     make=_make_heading,
     check=_check_heading,

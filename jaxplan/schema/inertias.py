@@ -13,15 +13,16 @@ from jaxplan.schema.value_kinds import Kind, Number
 NO_BODY = "no principal moment above the sum of the other two, as no body has"
 """What inertias are refused for that no distribution of mass has."""
 
-_PAIRS = ((0, 1), (0, 2), (1, 2))  # indices of products of inertia, each of which is in the matrix twice
+# Indices of products of inertia, each of which is in the matrix twice.
+_OFF_DIAGONAL = ((0, 1), (0, 2), (1, 2))
 
 
-def _inertia(array: np.ndarray, value: Any, place: Place) -> Any:
+def _check_inertia(array: np.ndarray, value: Any, place: Place) -> Any:
     """Check that a body can have an inertia, a matrix (3, 3) or moments (3,) about the axes; a `Rule`."""
     matrix = array if array.ndim == 2 else np.diag(array)
     scaled = matrix / (np.max(np.abs(matrix)) or 1)  # so that the thresholds below are relative
     small, middle, large = np.linalg.eigvalsh((scaled + scaled.T) / 2)
-    unlike = [pair for pair in _PAIRS if abs(scaled[pair] - scaled.T[pair]) > 1e-9]
+    unlike = [pair for pair in _OFF_DIAGONAL if abs(scaled[pair] - scaled.T[pair]) > 1e-9]
     if unlike:
         told = (
             f"[{i}][{j}] = {matrix[i, j]:.12g} is not [{j}][{i}] = {matrix[j, i]:.12g}" for i, j in unlike
@@ -66,7 +67,7 @@ class Moments(Kind):
             size = f", not of {len(rows)}" if isinstance(value, list | tuple) else ""
             return place.refuse(f"must be an array of {self.wanted}{size}", value)
         nested = sum(isinstance(row, list | tuple) or np.ndim(row) > 0 for row in rows) > 1
-        return Array((3, 3) if nested else (3,), self.of, noun=self._noun(nested), rule=_inertia).read(
+        return Array((3, 3) if nested else (3,), self.of, noun=self._noun(nested), rule=_check_inertia).read(
             value, place
         )
 

@@ -64,7 +64,7 @@ def _make_zone(model: type, parts: dict[str, Any], place: Place) -> Any:
     samples, times = parts.pop("samples", None), parts.pop("times", None)
     if samples is not None:
         if times is None:
-            times = place["times_s"].fault(f"missing, must be {_TIMES.kind.wanted}")
+            times = place["times_s"].fault(f"missing, must be {_TIMES_FIELD.kind.wanted}")
         parts["direction"] = path_of({"samples": samples, "times": times}, place)
     elif times is not None:
         place["times_s"].fault("needs direction_samples, whose times they are")
@@ -92,10 +92,10 @@ def _split_zone(zone: Any) -> dict[str, Any]:
     return vars(zone) | {"direction": None, "samples": zone.direction.samples, "times": zone.direction.times}
 
 
-_SAMPLES, _TIMES = (
+_SAMPLES_FIELD, _TIMES_FIELD = (
     replace(entry, required=False, held=f"direction.{entry.attribute}") for entry in PATH.fields[:2]
 )
-_MOVING = (
+_MOVING_AXIS_FIELDS = (
     Field(
         "satellite",
         Text(),
@@ -103,10 +103,10 @@ _MOVING = (
         "the axis follows it; a satellite or ground point of [sky]",
         instead_of="direction",
     ),
-    replace(_SAMPLES, instead_of="direction"),
-    _TIMES,
+    replace(_SAMPLES_FIELD, instead_of="direction"),
+    _TIMES_FIELD,
 )
-_ABOUT_BODIES = (
+_BODY_FIELDS = (
     Field("body", Choice(BODIES), "body", "the axis points to it, as [sky] has it", instead_of="direction"),
     Field(
         "exclusion_deg",
@@ -124,7 +124,7 @@ _ABOUT_BODIES = (
 )
 KEEP_OUT, KEEP_IN = (
     declared(model, before={"devices": further}, make=partial(_make_zone, model), split=_split_zone)
-    for model, further in ((KeepOut, (*_ABOUT_BODIES, *_MOVING)), (KeepIn, _MOVING))
+    for model, further in ((KeepOut, (*_BODY_FIELDS, *_MOVING_AXIS_FIELDS)), (KeepIn, _MOVING_AXIS_FIELDS))
 )
 JOINT_BOUND = declared(JointBound)
 

@@ -14,7 +14,8 @@ from jaxplan.schema.faults import WRONG, Place
 from jaxplan.schema.sky import View, is_wrong
 from jaxplan.schema.states import LOCAL, LocalState
 
-_STEP = 0.5  # s to either side, over which the frame's turn is differenced; off by 1e-10 rad/s at most
+# s to either side, over which the frame's turn is differenced; off by 1e-10 rad/s at most.
+_DIFFERENCE_STEP = 0.5
 
 
 def in_inertial(state: Any, view: Any, time: float | None, place: Place) -> Any:
@@ -43,7 +44,7 @@ def in_inertial(state: Any, view: Any, time: float | None, place: Place) -> Any:
     parts = dict(vars(state))
     if not isinstance(view, View) or is_wrong(view) or any(own is WRONG for own in parts.values()):
         return WRONG  # noted before
-    times = time + _STEP * np.array([-1.0, 0.0, 1.0])
+    times = time + _DIFFERENCE_STEP * np.array([-1.0, 0.0, 1.0])
     try:
         before, then, after = np.swapaxes(
             sky.local_axes(view.observer, epoch=view.epoch, times=times), -1, -2
@@ -51,6 +52,6 @@ def in_inertial(state: Any, view: Any, time: float | None, place: Place) -> Any:
     except (ValueError, ImportError) as error:
         return here.fault(str(error), LOCAL)
     attitude = then @ so3.exp(parts["rotation_vector"])
-    turning = so3.log(after @ before.T) / (2 * _STEP)  # of the frame, inertial axes
+    turning = so3.log(after @ before.T) / (2 * _DIFFERENCE_STEP)  # of the frame, inertial axes
     spin = parts["angular_velocity"] + attitude.T @ turning
     return GivenState(**parts | {"rotation_vector": so3.log(attitude), "angular_velocity": spin})

@@ -31,7 +31,7 @@ ANGLE_DEG = Number(Interval("[-5e4, 5e4]"), degrees=True)
 """The same in degrees."""
 
 
-def _of_number(make: Callable[[Number], Kind]) -> Callable[[Key], Kind]:
+def _from_number(make: Callable[[Number], Kind]) -> Callable[[Key], Kind]:
     """Return a function that applies `make` to a number with the range and unit of a `Key`."""
     return lambda told: make(Number(Interval(told.range), degrees="_deg" in told.name))
 
@@ -48,23 +48,23 @@ KINDS: dict[Any, Any] = {
     "angular velocity": Array((3,), ANGLE, zero=True),
     "joints": each_joint(ANGLE),
     "joint rates": each_joint(ANGLE, zero=True),
-    "per axis": _of_number(PerAxis),
-    "range": _of_number(lambda each: Array((2,), each, noun="2 numbers, least and largest", rule=range_of)),
-    "inertia": _of_number(Moments),
+    "per axis": _from_number(PerAxis),
+    "range": _from_number(lambda each: Array((2,), each, noun="2 numbers, least and largest", rule=range_of)),
+    "inertia": _from_number(Moments),
     "device": Name("device"),
     "terminal": Name("terminal"),
     "gimbal": Name("gimbal"),
     "devices": Names(),
-    "two angles": _of_number(partial(Numbers, 2)),
-    "polygons": _of_number(Polygons),
+    "two angles": _from_number(partial(Numbers, 2)),
+    "polygons": _from_number(Polygons),
     "half angle": lambda told: FromZero(Interval(told.range), degrees=True),
-    "factors": _of_number(lambda each: ByName(each, "gimbal")),
+    "factors": _from_number(lambda each: ByName(each, "gimbal")),
     "epoch": Epoch(),
     "activity name": Text(empty=True),
     "target name": Text(empty=True),
     "samples": Array(("sample", 3), noun="unit vectors of 3 numbers, one a time", rule=units),
     "slopes": Array(("sample", 3), noun="vectors of 3 numbers, one a time"),
-    "sample times": _of_number(
+    "sample times": _from_number(
         lambda each: Array(("sample",), each, noun="rising numbers, the first at most 0", rule=rising)
     ),
 }

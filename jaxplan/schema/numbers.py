@@ -31,14 +31,14 @@ from jaxplan.schema.value_kinds import ANY, Integer, Interval, Number
 
 Held = TypeVar("Held", Scenario, Timeline)
 
-_TIMES = {"duration": "for_s", "earliest": "from_s", "latest": "until_s"}  # of activities
-_WITHIN = Interval("[0, 86400]")  # s, of these
-_OF_SLEWS = (
+_TIME_KEYS = {"duration": "for_s", "earliest": "from_s", "latest": "until_s"}  # of activities
+_TIME_RANGE = Interval("[0, 86400]")  # s, of these
+_SLEW_SETTINGS = (
     "trajectory.duration_s",
     "trajectory.method",
     "trajectory.first_guesses",
 )  # settings that timelines choose themselves
-_PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
+_PART_PATTERN = re.compile(r"(\w+)(?:\[(\d+)\])?")
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,9 @@ class NumberPlace:
         value: Any = scenario
         for step in self.path:
             value = (
-                getattr(value, step) if isinstance(step, str) else _each(value)[0 if step is ... else step]
+                getattr(value, step)
+                if isinstance(step, str)
+                else _expand_axes(value)[0 if step is ... else step]
             )
         return value / self.factor
 
@@ -84,15 +86,15 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
     path: list[str | int] = []
     *tables, last = name.split(".")
     for part in tables:
-        key, row = _parsed(part, name)
-        entry = _entry(table, key, name)
+        key, row = _parse_part(part, name)
+        entry = _find_field(table, key, name)
         path.append(entry.attribute)
         if not hasattr(value, entry.attribute):
             raise KeyError(f"{name}: {key} is used when a file is read, and is no part of a scenario")
         value, kind = getattr(value, entry.attribute), entry.kind
         if isinstance(kind, Rows):
             if row is None or not row < len(value):
-                raise KeyError(f"{name}: {_how_many(key, row, len(value), 'rows')}")
+                raise KeyError(f"{name}: {_count_message(key, row, len(value), 'rows')}")
             path.append(row)
             value, table = value[row], kind.table
         elif isinstance(kind, Goal | Start):
@@ -101,12 +103,12 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
             table = kind
         else:
             raise KeyError(f"{name}: {key} is no table with rows")
-    key, row = _parsed(last, name)
-    entry = _entry(table, key, name)
+    key, row = _parse_part(last, name)
+    entry = _find_field(table, key, name)
     held = next(other.key for other in table.fields if other.says == entry.says)
     if held != key and not hasattr(value, entry.attribute):
         raise KeyError(f"{name}: {key} is held as {held}")
-    steps, kind = _number(entry, row, value, name, len(scenario.spacecraft.terminals))
+    steps, kind = _find_number(entry, row, value, name, len(scenario.spacecraft.terminals))
     interval = None if kind.interval is ANY else kind.interval
     return NumberPlace(name, (*path, *steps), np.pi / 180 if kind.degrees else 1.0, interval)
 
@@ -114,7 +116,7 @@ def find_number(scenario: Scenario, name: str) -> NumberPlace:
 def numbers_of(scenario: Scenario) -> tuple[NumberPlace, ...]:
     """Return all numbers of a scenario that may change by themselves, in the order of its file."""
     found = []
-    for name in _names(scenario_to_dict(scenario), ""):
+    for name in _number_names(scenario_to_dict(scenario), ""):
         try:
             found.append(find_number(scenario, name))
         except KeyError:  # a whole number, or one of a vector or matrix, whose numbers depend on each other
@@ -132,13 +134,13 @@ def numbers_of_timeline(timeline: Timeline) -> tuple[NumberPlace, ...]:
     found = [
         replace(place, path=("scene", *place.path))
         for place in numbers_of(scene)
-        if place.path[0] != "goal" and not place.name.startswith(_OF_SLEWS)
+        if place.path[0] != "goal" and not place.name.startswith(_SLEW_SETTINGS)
     ]
     for row, activity in enumerate(timeline.activities):
-        for attribute, key in _TIMES.items():
+        for attribute, key in _TIME_KEYS.items():
             if getattr(activity, attribute) is not None:
                 path = ("activities", row, attribute)
-                found.append(NumberPlace(f"activity[{row}].{key}", path, 1.0, _WITHIN))
+                found.append(NumberPlace(f"activity[{row}].{key}", path, 1.0, _TIME_RANGE))
         if activity.attitude is not None:
             held = GivenState(
                 rotation_vector=activity.attitude.rotation_vector, joints=activity.attitude.joints
@@ -150,29 +152,29 @@ def numbers_of_timeline(timeline: Timeline) -> tuple[NumberPlace, ...]:
                         replace(place, name=name, path=("activities", row, "attitude", *place.path[1:]))
                     )
     if timeline.until is not None:
-        found.append(NumberPlace("timeline.until_s", ("until",), 1.0, _WITHIN))
+        found.append(NumberPlace("timeline.until_s", ("until",), 1.0, _TIME_RANGE))
     return tuple(found)
 
 
-def _names(held: Any, before: str) -> Iterator[str]:
+def _number_names(held: Any, before: str) -> Iterator[str]:
     """Yield the dotted names of all that may be a number in what a file holds.
 
     `before` is the name of the whole, with which they begin.
     """
     if isinstance(held, Mapping):
         for key, value in held.items():
-            yield from _names(value, f"{before}.{key}" if before else key)
+            yield from _number_names(value, f"{before}.{key}" if before else key)
     elif isinstance(held, list):
         same = bool(held) and all(isinstance(value, int | float) for value in held) and len(set(held)) == 1
         if same:  # one number for all axes, perhaps
             yield before
         for row, value in enumerate(held):
-            yield from _names(value, f"{before}[{row}]")
+            yield from _number_names(value, f"{before}[{row}]")
     elif isinstance(held, int | float) and not isinstance(held, bool):
         yield before
 
 
-def _how_many(key: str, row: int | None, count: int, what: str) -> str:
+def _count_message(key: str, row: int | None, count: int, what: str) -> str:
     """Return the message on how many entries a key has, if a row is missing or too high.
 
     Args:
@@ -187,7 +189,7 @@ def _how_many(key: str, row: int | None, count: int, what: str) -> str:
     return f"{key} has {count} {what}, {which}"
 
 
-def _number(
+def _find_number(
     entry: Field, row: int | None, table: Any, name: str, terminals: int
 ) -> tuple[tuple[Any, ...], Number]:
     """Find a number in a table.
@@ -219,7 +221,7 @@ def _number(
             return ((attribute, ...) if np.ndim(value) else (attribute,)), kind.of
         if row is None or not row < 3:
             what = "numbers that differ" if row is None else "numbers"
-            raise KeyError(f"{name}: {_how_many(key, row, 3, what)}")
+            raise KeyError(f"{name}: {_count_message(key, row, 3, what)}")
         return (attribute, row), kind.of
     if isinstance(kind, Array) and apart:
         first, last = 0, len(value)
@@ -229,7 +231,7 @@ def _number(
             first, last = ends[part], ends[part + 1]
         count = last - first
         if row is None or not row < count:
-            raise KeyError(f"{name}: {_how_many(key, row, count, 'numbers')}")
+            raise KeyError(f"{name}: {_count_message(key, row, count, 'numbers')}")
         return (attribute, first + row), kind.of
     if isinstance(kind, Integer):
         said = "is a whole number, no single number that has a slope"
@@ -244,7 +246,7 @@ def _number(
     raise KeyError(f"{name}: {key} {said}")
 
 
-def _each(value: Any) -> Any:
+def _expand_axes(value: Any) -> Any:
     """Return a tuple or array as it is, and one number for all body axes as an array (3,)."""
     return value if isinstance(value, tuple) or np.ndim(value) else array_module(value).full(3, value)
 
@@ -257,20 +259,20 @@ def with_numbers(scenario: Held, numbers: Mapping[NumberPlace, Any]) -> Held:
         numbers: for each place the new number in the file's units, which may be traced.
     """
     for place, number in numbers.items():
-        scenario = _replaced(scenario, place.path, number * place.factor)
+        scenario = _replace_number(scenario, place.path, number * place.factor)
     return scenario
 
 
-def _replaced(value: Any, path: tuple[Any, ...], number: Any) -> Any:
+def _replace_number(value: Any, path: tuple[Any, ...], number: Any) -> Any:
     """Return an object, tuple or array with another number at the end of a path, in the model's unit."""
     if not path:
         return number
     step, *rest = path
     if isinstance(step, str):
-        return replace(value, **{step: _replaced(getattr(value, step), tuple(rest), number)})
-    value = _each(value)
+        return replace(value, **{step: _replace_number(getattr(value, step), tuple(rest), number)})
+    value = _expand_axes(value)
     if isinstance(value, tuple):
-        return (*value[:step], _replaced(value[step], tuple(rest), number), *value[step + 1 :])
+        return (*value[:step], _replace_number(value[step], tuple(rest), number), *value[step + 1 :])
     if isinstance(number, jax.Array) or isinstance(value, jax.Array):
         return jnp.asarray(value).at[step].set(number)
     changed = np.array(value)
@@ -278,19 +280,19 @@ def _replaced(value: Any, path: tuple[Any, ...], number: Any) -> Any:
     return changed
 
 
-def _parsed(part: str, name: str) -> tuple[str, int | None]:
+def _parse_part(part: str, name: str) -> tuple[str, int | None]:
     """Split a part of a dotted name into its key and its index, which is None if there is none.
 
     Raises:
         KeyError: if it is no such part.
     """
-    found = _PART.fullmatch(part)
+    found = _PART_PATTERN.fullmatch(part)
     if found is None:
         raise KeyError(f"{name}: {part!r} is no key; write keys with dots, and rows such as keep_out[0]")
     return found[1], None if found[2] is None else int(found[2])
 
 
-def _entry(table: Table, key: str, name: str) -> Any:
+def _find_field(table: Table, key: str, name: str) -> Any:
     """Return the field of a table that has a key; raises KeyError if none has it, naming the dotted name."""
     known = [entry.key for entry in table.fields]
     for entry in table.fields:

@@ -82,12 +82,12 @@ def load_sky(path: str | os.PathLike[str]) -> Sky:
     Example:
         >>> [(one.start, one.end) for one in jp.load_sky("day.toml").passes("lisbon")]
     """
-    return read_file(path, _sky, texts.LARGEST_TIMELINE)
+    return read_file(path, _parse_sky, texts.LARGEST_TIMELINE)
 
 
-def _sky(text: str, *, folder: str | os.PathLike[str] = "") -> Sky:
+def _parse_sky(text: str, *, folder: str | os.PathLike[str] = "") -> Sky:
     """Read ``[sky]`` from the text of a file; `folder` is that of the file."""
-    root = _root(folder)
+    root = _root_place(folder)
     given, place = texts.parse(text, texts.LARGEST_TIMELINE).get("sky"), root["sky"]
     if given is None:
         place.fault("missing, must say epoch_utc and observer, and what is looked at")
@@ -119,15 +119,15 @@ def load_observer(path: str | os.PathLike[str]) -> sky.Satellite:
     Example:
         >>> jp.plot.ground_track(plan, observer=jp.load_observer("scene.toml"))
     """
-    return read_file(path, partial(_observer, needed=True), texts.LARGEST_TIMELINE)
+    return read_file(path, partial(_parse_observer, needed=True), texts.LARGEST_TIMELINE)
 
 
 def find_observer(path: str | os.PathLike[str]) -> sky.Satellite | None:
     """Read the orbit of the observer as `load_observer` does; None if the file has no observer."""
-    return read_file(path, partial(_observer, needed=False), texts.LARGEST_TIMELINE)
+    return read_file(path, partial(_parse_observer, needed=False), texts.LARGEST_TIMELINE)
 
 
-def _observer(text: str, *, folder: str | os.PathLike[str] = "", needed: bool) -> Any:
+def _parse_observer(text: str, *, folder: str | os.PathLike[str] = "", needed: bool) -> Any:
     """Read the observer from the text of a file.
 
     Args:
@@ -137,7 +137,7 @@ def _observer(text: str, *, folder: str | os.PathLike[str] = "", needed: bool) -
     """
     if not needed and "observer" not in text:
         return None
-    root = _root(folder)
+    root = _root_place(folder)
     table = texts.parse(text, texts.LARGEST_TIMELINE).get("sky")
     given, place = table.get("observer") if isinstance(table, dict) else None, root["sky"]["observer"]
     if given is None and not needed:
@@ -148,7 +148,7 @@ def _observer(text: str, *, folder: str | os.PathLike[str] = "", needed: bool) -
     return observer
 
 
-def _root(folder: str | os.PathLike[str]) -> Place:
+def _root_place(folder: str | os.PathLike[str]) -> Place:
     """Return the place of a whole file that lies in a folder."""
     root = Place(Reading())
     root.reading.folder = folder

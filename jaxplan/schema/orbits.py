@@ -15,14 +15,16 @@ from jaxplan.sky.ephemeris import FRAMES
 from jaxplan.sky.orbits import EARTH_RADIUS
 
 _ANGLE_DEG = Number(Interval("[-360, 360]"), degrees=True)
-_INCLINATION = Number(Interval("[-180, 180]"), degrees=True)
+_INCLINATION_DEG = Number(Interval("[-180, 180]"), degrees=True)
 # Wider than anything that circles the Earth needs. No position in metres passes: the largest of its three
 # numbers is at least the Earth's radius over the root of three.
-_FAR = Number(Interval("[-3e6, 3e6]"), hint="it is in km")
-_FAST = Number(Interval("[-100, 100]"), hint="it is in km/s")
-_LOWEST = 100.0  # km, below which no satellite stays in orbit for a revolution
-_LONG = Number(Interval("[-1e7, 1e7]"))  # s
-_HIGH = Number(Interval("(0, 150000]"), hint="it is in km; higher orbits have semi_major_axis_km instead")
+_POSITION_KM = Number(Interval("[-3e6, 3e6]"), hint="it is in km")
+_VELOCITY_KM_S = Number(Interval("[-100, 100]"), hint="it is in km/s")
+_LOWEST_ALTITUDE = 100.0  # km, below which no satellite stays in orbit for a revolution
+_TIME_S = Number(Interval("[-1e7, 1e7]"))  # s
+_ALTITUDE_KM = Number(
+    Interval("(0, 150000]"), hint="it is in km; higher orbits have semi_major_axis_km instead"
+)
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class Kernels(Kind):
         return [Path(place.reading.folder) / each for each in paths]
 
 
-def _make_of_kernels(parts: dict[str, Any], place: Place) -> Any:
+def _make_kernel_body(parts: dict[str, Any], place: Place) -> Any:
     """Make the body of SPICE kernels from what was read, by attribute.
 
     The result is `WRONG` if there is none, after noting why.
@@ -99,7 +101,7 @@ def _make_circular(parts: dict[str, Any], place: Place) -> Any:
     """Make a circular orbit from what was read, by attribute; `WRONG` if a part of it is."""
     if WRONG in parts.values():
         return WRONG
-    _warn_of_air(parts["altitude"], place["altitude_km"])
+    _warn_of_low_orbit(parts["altitude"], place["altitude_km"])
     return sky.CircularOrbit(**parts)
 
 
@@ -107,12 +109,12 @@ class LowOrbitWarning(UserWarning):
     """Warning that an orbit goes so low that no satellite stays on it."""
 
 
-def _warn_of_air(lowest: float, place: Place) -> None:
+def _warn_of_low_orbit(lowest: float, place: Place) -> None:
     """Warn if an orbit goes down to air in which no satellite stays; `lowest` is its least altitude, km."""
-    if lowest < _LOWEST:
+    if lowest < _LOWEST_ALTITUDE:
         warnings.warn(
-            f"{place.path}: the orbit goes down to {lowest:.6g} km, and below {_LOWEST:g} km air lets no "
-            "satellite pass",
+            f"{place.path}: the orbit goes down to {lowest:.6g} km, and below {_LOWEST_ALTITUDE:g} km air "
+            "lets no satellite pass",
             LowOrbitWarning,
             stacklevel=2,
         )
@@ -131,7 +133,7 @@ def _make_keplerian(parts: dict[str, Any], place: Place) -> Any:
         return place["semi_major_axis_km"].fault(
             f"{complaint}beyond {EARTH_RADIUS}", parts["semi_major_axis"]
         )
-    _warn_of_air(lowest - EARTH_RADIUS, place["semi_major_axis_km"])
+    _warn_of_low_orbit(lowest - EARTH_RADIUS, place["semi_major_axis_km"])
     return sky.KeplerOrbit(**parts)
 
 
@@ -149,16 +151,16 @@ def _make_samples(parts: dict[str, Any], place: Place) -> Any:
         return place["position_samples_km"].fault(str(error))
 
 
-_CIRCULAR = (
+_CIRCULAR_FIELDS = (
     # An altitude in metres is beyond the upper end wherever an orbit lasts.
-    Field("altitude_km", _HIGH, "altitude", "above 6378.137 km", required=True),
-    Field("inclination_deg", _INCLINATION, "inclination", "to the equator of J2000", required=True),
+    Field("altitude_km", _ALTITUDE_KM, "altitude", "above 6378.137 km", required=True),
+    Field("inclination_deg", _INCLINATION_DEG, "inclination", "to the equator of J2000", required=True),
     Field("ascending_node_deg", _ANGLE_DEG, "node", "its right ascension", required=True),
     Field(
         "argument_of_latitude_deg", _ANGLE_DEG, "latitude", "from the node on, at epoch_utc", required=True
     ),
 )
-_KEPLERIAN = (
+_KEPLERIAN_FIELDS = (
     Field(
         "semi_major_axis_km",
         Number(Interval("(0, 1e6]"), hint="it is in km"),
@@ -167,13 +169,13 @@ _KEPLERIAN = (
         required=True,
     ),
     Field("eccentricity", Number(Interval("[0, 1)")), "eccentricity", "0 of a circle", required=True),
-    *_CIRCULAR[1:3],
+    *_CIRCULAR_FIELDS[1:3],
     Field("argument_of_perigee_deg", _ANGLE_DEG, "perigee", "from the node on", required=True),
     Field("true_anomaly_deg", _ANGLE_DEG, "anomaly", "from the perigee on, at epoch_utc", required=True),
 )
-_TWO_LINES = (Field("tle", TwoLines(), "tle", "two-line elements", required=True),)
-_MESSAGE = (Field("ephemeris", Message(), "ephemeris", "needs the extra oem", required=True),)
-_KERNELS = (
+_TLE_FIELDS = (Field("tle", TwoLines(), "tle", "two-line elements", required=True),)
+_MESSAGE_FIELDS = (Field("ephemeris", Message(), "ephemeris", "needs the extra oem", required=True),)
+_KERNEL_FIELDS = (
     Field("spk", Kernels(), "files", "later ones have precedence; needs the extra spice", required=True),
     Field(
         "naif_id",
@@ -183,23 +185,23 @@ _KERNELS = (
         required=True,
     ),
 )
-_SAMPLES = (
+_SAMPLE_FIELDS = (
     Field(
         "position_samples_km",
-        Array(("sample", 3), _FAR, noun="positions of 3 numbers, one a time"),
+        Array(("sample", 3), _POSITION_KM, noun="positions of 3 numbers, one a time"),
         "positions",
         "over times_s, from the Earth's centre",
         required=True,
     ),
     Field(
         "velocity_samples_km_s",
-        Array(("sample", 3), _FAST, noun="velocities of 3 numbers, one a time"),
+        Array(("sample", 3), _VELOCITY_KM_S, noun="velocities of 3 numbers, one a time"),
         "velocities",
         "over times_s; with them fewer samples do",
     ),
     Field(
         "times_s",
-        Array(("sample",), _LONG, noun="rising numbers, the first at most 0", rule=rising),
+        Array(("sample",), _TIME_S, noun="rising numbers, the first at most 0", rule=rising),
         "times",
         "of the samples; 0 at epoch_utc",
         required=True,
@@ -208,18 +210,18 @@ _SAMPLES = (
 )
 
 
-def _tables() -> dict[str, Table]:
+def _make_tables() -> dict[str, Table]:
     """Make the tables of all kinds of orbits, by words for the kind.
 
     Each refuses the keys of the other kinds with a message of its own.
     """
     kinds: Mapping[str, tuple[Any, Any, Any]] = {
-        "on a circular orbit": (sky.CircularOrbit, _CIRCULAR, _make_circular),
-        "on a Keplerian orbit": (sky.KeplerOrbit, _KEPLERIAN, _make_keplerian),
-        "by two-line elements": (sky.Tle, _TWO_LINES, lambda parts, place: parts["tle"]),
-        "by an ephemeris": (sky.Ephemeris, _MESSAGE, lambda parts, place: parts["ephemeris"]),
-        "by SPICE kernels": (sky.SpkBody, _KERNELS, _make_of_kernels),
-        "by samples": (sky.Ephemeris, _SAMPLES, _make_samples),
+        "on a circular orbit": (sky.CircularOrbit, _CIRCULAR_FIELDS, _make_circular),
+        "on a Keplerian orbit": (sky.KeplerOrbit, _KEPLERIAN_FIELDS, _make_keplerian),
+        "by two-line elements": (sky.Tle, _TLE_FIELDS, lambda parts, place: parts["tle"]),
+        "by an ephemeris": (sky.Ephemeris, _MESSAGE_FIELDS, lambda parts, place: parts["ephemeris"]),
+        "by SPICE kernels": (sky.SpkBody, _KERNEL_FIELDS, _make_kernel_body),
+        "by samples": (sky.Ephemeris, _SAMPLE_FIELDS, _make_samples),
     }
     every = [entry.key for _, fields, _ in kinds.values() for entry in fields]
     tables = {}
@@ -233,7 +235,7 @@ def _tables() -> dict[str, Table]:
     return tables
 
 
-_TABLES = _tables()
+_TABLES = _make_tables()
 
 
 class Orbit(Either):
@@ -247,7 +249,7 @@ class Orbit(Either):
 
     def read(self, value: Any, place: Place) -> Any:
         before = len(place.reading.faults)
-        table = self._table(value)
+        table = self._choose_table(value)
         others = [key for key in value if key in table.refused] if isinstance(value, dict) else []
         if len(others) > 1:  # told once
             keys = f"{', '.join(others[:-1])} and {others[-1]}"
@@ -256,7 +258,7 @@ class Orbit(Either):
         read = table.read(value, place)
         return read if len(place.reading.faults) == before else WRONG
 
-    def _table(self, value: Any) -> Table:
+    def _choose_table(self, value: Any) -> Table:
         """Return the table that a value is meant for.
 
         It is one whose first key the value has, or else the one that has most of its keys.

@@ -38,7 +38,7 @@ from jaxplan.schema.value_kinds import Epoch, Kind
 
 Read = TypeVar("Read")
 
-_POINTING = "jaxplan.goal.pointing_start:pointing_state"  # of a package that this one may not import
+_POINTING_FUNCTION = "jaxplan.goal.pointing_start:pointing_state"  # of a package that this one may not import
 SETTINGS_TABLES = ("search", "trajectory", "robust")
 
 
@@ -158,7 +158,7 @@ def scenario_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
         check_parts(scenario, root)
         scenario = with_epoch(scenario, view, root)
         scenario = resolve(scenario, view, root)
-        scenario = _in_inertial(scenario, view, root)
+        scenario = _convert_to_inertial(scenario, view, root)
         check_robust(scenario, root)
         scenario = with_start(scenario, root)
         check_paths(scenario, root)
@@ -168,7 +168,7 @@ def scenario_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
     return scenario
 
 
-def _in_inertial(scenario: Scenario, view: Any, root: Place) -> Scenario:
+def _convert_to_inertial(scenario: Scenario, view: Any, root: Place) -> Scenario:
     """Return the scenario with inertial start and goal, which a file may give in the local orbital frame."""
     duration = getattr(scenario.trajectory, "duration", None)
     times = {"start": 0.0, "goal": duration if isinstance(duration, float) else None}
@@ -198,7 +198,7 @@ def with_start(scenario: Scenario, root: Place) -> Scenario:
     asked: Any = scenario.start
     if not isinstance(asked, Pointing) or root.reading.faults:
         return scenario
-    find: Any = resolve_name(_POINTING)
+    find: Any = resolve_name(_POINTING_FUNCTION)
     try:
         start = find(scenario, asked, joints=asked.joints)
     except ValueError as error:
@@ -220,7 +220,7 @@ def take_in(given: object) -> Scenario:
         ScenarioError: if an attribute has a value that no file may hold, has the wrong type or shape, or does
             not go with others; the message lists every fault.
     """
-    scenario, reading = _taken(given)
+    scenario, reading = _read_from_python(given)
     if reading.faults:
         raise ScenarioError(reading.faults)
     return scenario
@@ -228,12 +228,12 @@ def take_in(given: object) -> Scenario:
 
 def refuse_types(given: object) -> None:
     """Raise what `take_in` raises, but only if an attribute has the wrong type or shape."""
-    _, reading = _taken(given)
+    _, reading = _read_from_python(given)
     if reading.refused:
         raise ScenarioError(reading.faults)
 
 
-def _taken(given: object) -> tuple[Any, Reading]:
+def _read_from_python(given: object) -> tuple[Any, Reading]:
     """Read a scenario made in Python.
 
     Returns:
@@ -278,15 +278,15 @@ def count_terminals(scenario: Scenario) -> int | None:
         return None
     directions = getattr(goal, "directions", None)
     if directions is None:
-        count = _length(getattr(goal, "joints", None), 2)
+        count = _array_length(getattr(goal, "joints", None), 2)
     elif isinstance(directions, list | tuple):
         count = len(directions)
     else:
-        count = _length(directions)
-    return count if count == _length(getattr(start, "joints", None), 2) else None
+        count = _array_length(directions)
+    return count if count == _array_length(getattr(start, "joints", None), 2) else None
 
 
-def _length(value: object, of: int = 1) -> int | None:
+def _array_length(value: object, of: int = 1) -> int | None:
     """Return the length of an array divided by `of`.
 
     The result is None if it is no array of numbers, or if a remainder is left.

@@ -15,7 +15,7 @@ from jaxplan.model.tabulation import bound_by
 from jaxplan.schema.checks import ZONES, shown
 from jaxplan.schema.faults import Place
 
-_LEAST = 1e-9  # rad, that must be left
+_MIN_ANGLE_LEFT = 1e-9  # rad, that must be left
 
 
 def check_robust(scenario: Scenario, root: Place) -> None:
@@ -30,7 +30,7 @@ def check_robust(scenario: Scenario, root: Place) -> None:
         return
     craft, error = scenario.spacecraft, root["robust"]["joint_error_deg"]
     for name, (low, high) in zip(craft.joint_names, craft.joint_ranges, strict=True):
-        if not high - low - 2 * robust.joint_error >= _LEAST:
+        if not high - low - 2 * robust.joint_error >= _MIN_ANGLE_LEFT:
             most = shown(float(high - low) / 2, error)
             error.fault(
                 f"must be below {most:.6g}, half of the range of {name}", shown(robust.joint_error, error)
@@ -69,10 +69,10 @@ def _check_zone(zone: Any, robust: Robust, sights: Bound, place: Place) -> None:
         least, most = (lost, np.inf) if narrowed else (-np.inf, float(widest - lost))
         tube, name = robust.words, sights.names[number]
         value, amount = shown(float(zone.half_angle), place), shown(float(lost), place)
-        if not zone.half_angle - least >= _LEAST:
+        if not zone.half_angle - least >= _MIN_ANGLE_LEFT:
             place.fault(f"must be above {amount:.6g}, which {tube} takes off it for {name}", value)
             return
-        if not most - zone.half_angle >= _LEAST:
+        if not most - zone.half_angle >= _MIN_ANGLE_LEFT:
             end = f"must be below {shown(most, place):.6g}" if most > 0 else "cannot be kept"
             place.fault(f"{end}, since {tube} adds {amount:.6g} to it for {name}", value)
             return

@@ -41,14 +41,14 @@ class Followed:
     moving: bool = False
 
 
-_NAME = key("name", "unique, and no body's nor of nadir, zenith, ram, orbit_normal")
+_NAME_KEY = key("name", "unique, and no body's nor of nadir, zenith, ram, orbit_normal")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Satellite:
     """A satellite that is looked at: the axis of a zone, or a target."""
 
-    name: str = field(metadata=_NAME)
+    name: str = field(metadata=_NAME_KEY)
     orbit: sky.Satellite = field(metadata=key("orbit", "of the satellite", kind="orbit"))
 
 
@@ -56,7 +56,7 @@ class Satellite:
 class Ground:
     """A point of the ground that is looked at, geodetic on WGS 84; it turns with the Earth."""
 
-    name: str = field(metadata=_NAME)
+    name: str = field(metadata=_NAME_KEY)
     latitude: float = field(metadata=key("latitude_deg", "geodetic, WGS 84", "[-90, 90]"))
     longitude: float = field(metadata=key("longitude_deg", "to the east", "[-360, 360]"))
     altitude: float = keyed(0.0, "altitude_m", "above the ellipsoid", "[-1000, 100000]")
@@ -67,10 +67,12 @@ class Ground:
     @property
     def thing(self) -> sky.GroundPoint:
         """The point of the ground as an object of `jaxplan.sky`."""
-        return sky.GroundPoint(**{name: part for name, part in vars(self).items() if name in _POINT})
+        return sky.GroundPoint(
+            **{name: part for name, part in vars(self).items() if name in _GROUND_POINT_ATTRIBUTES}
+        )
 
 
-_POINT = ("latitude", "longitude", "altitude", "minimum_elevation")
+_GROUND_POINT_ATTRIBUTES = ("latitude", "longitude", "altitude", "minimum_elevation")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,8 +201,8 @@ def resolve_all(
     Returns:
         The scenario, and for each of the aims its targets.
     """
-    zones = _zones(scenario, root)
-    named = [list(_names(aim)) for aim in aims]
+    zones = _placed_zones(scenario, root)
+    named = [list(_names_in_aim(aim)) for aim in aims]
     looked_up = looked_up_names(scenario, aims, root)
     if view is None:
         for place, axis in looked_up:
@@ -210,12 +212,14 @@ def resolve_all(
     if seen is None:
         return scenario, [aim.targets for aim in aims]
     for kind, rows in zones.items():
-        found = {id(zone): _zone(zone, axis, place, seen) for place, zone, axis in _followed(rows)}
+        found = {
+            id(zone): _resolve_zone(zone, axis, place, seen) for place, zone, axis in _followed_zones(rows)
+        }
         given = getattr(scenario, kind)
         if found:
             changed: dict[str, Any] = {kind: tuple(found.get(id(zone), zone) for zone in given)}
             scenario = replace(scenario, **changed)
-    aimed = [_aimed(aim, seen) if own else aim.targets for aim, own in zip(aims, named, strict=True)]
+    aimed = [_resolve_aim(aim, seen) if own else aim.targets for aim, own in zip(aims, named, strict=True)]
     return scenario, aimed
 
 
@@ -223,18 +227,18 @@ def looked_up_names(scenario: Scenario, aims: Sequence[Aim], root: Place) -> lis
     """Return the names of ``[sky]`` in zones, targets and wishes, each after its place."""
     of_zones = [
         (place[axis.key], axis)
-        for rows in _zones(scenario, root).values()
-        for place, _, axis in _followed(rows)
+        for rows in _placed_zones(scenario, root).values()
+        for place, _, axis in _followed_zones(rows)
     ]
-    return [*of_zones, *(one for aim in aims for one in _names(aim))]
+    return [*of_zones, *(one for aim in aims for one in _names_in_aim(aim))]
 
 
-def _zones(scenario: Scenario, root: Place) -> dict[str, list[tuple[Place, Any]]]:
+def _placed_zones(scenario: Scenario, root: Place) -> dict[str, list[tuple[Place, Any]]]:
     """Return the zones that may be about names, by attribute of the scenario, each after its place."""
     return {kind: placed(getattr(scenario, kind), root[kind]) for kind in ("keep_out", "keep_in")}
 
 
-def _names(aim: Aim) -> Iterator[tuple[Place, Followed]]:
+def _names_in_aim(aim: Aim) -> Iterator[tuple[Place, Followed]]:
     """Yield the targets and wishes of an aim that are names of ``[sky]``, each after its place."""
     if not isinstance(aim.targets, Targets):
         return
@@ -249,7 +253,7 @@ def _names(aim: Aim) -> Iterator[tuple[Place, Followed]]:
             yield here["direction"], wish.direction
 
 
-def _aimed(aim: Aim, seen: Known) -> Targets:
+def _resolve_aim(aim: Aim, seen: Known) -> Targets:
     """Return the targets of an aim with directions instead of names; notes faults."""
     end, place = aim.targets, aim.place
     names: Sequence[str | int] = end.devices or range(len(end.directions))
@@ -269,14 +273,14 @@ def _aimed(aim: Aim, seen: Known) -> Targets:
     return replace(end, directions=directions if moving else np.array(directions), prefer=wishes)
 
 
-def _followed(rows: Iterable[tuple[Place, Any]]) -> Iterator[tuple[Place, Any, Followed]]:
+def _followed_zones(rows: Iterable[tuple[Place, Any]]) -> Iterator[tuple[Place, Any, Followed]]:
     """Yield place, zone and name of each zone whose axis is a name of ``[sky]``."""
     for place, zone in rows:
         if isinstance(zone.direction, Followed):
             yield place, zone, zone.direction
 
 
-def _zone(zone: Any, axis: Followed, place: Place, seen: Known) -> Any:
+def _resolve_zone(zone: Any, axis: Followed, place: Place, seen: Known) -> Any:
     """Return a zone with a direction instead of the name of its axis; for a body also with its half angle."""
     if axis.key == "satellite" and axis.name not in seen.things:
         known = nearest(axis.name, [*seen.things], "satellites and ground points")
@@ -288,7 +292,7 @@ def _zone(zone: Any, axis: Followed, place: Place, seen: Known) -> Any:
     if zone.half_angle is WRONG:
         return zone
     angle = shortest_degrees(zone.half_angle)
-    found = _tried(
+    found = _call_or_fault(
         partial(
             sky.keep_out,
             axis.name,
@@ -338,13 +342,13 @@ def direction_by_name(name: str, place: Place, seen: Known, *, target: bool = Fa
     if target:
         asked |= {"name": name, "atmosphere_km": seen.view.atmosphere, "occulters": seen.occulters}
     thing = seen.things.get(name, name)
-    path = _tried(partial(sky.target if target else sky.path, thing, **asked), place, name)
+    path = _call_or_fault(partial(sky.target if target else sky.path, thing, **asked), place, name)
     if path is not WRONG:
         seen.found[name, target] = path
     return path
 
 
-def _tried(make: Callable[[], Any], place: Place, *value: object) -> Any:
+def _call_or_fault(make: Callable[[], Any], place: Place, *value: object) -> Any:
     """Call a function of `jaxplan.sky`; returns its result, or `WRONG` after noting its error at a place."""
     try:
         return make()
@@ -360,10 +364,10 @@ def known(view: View, lasting: Lasting, place: Place) -> Known | None:
         lasting: for how long names are followed if the view does not say.
         place: place of the view.
     """
-    if is_wrong(view) or any(is_wrong(row) for rows in _rows(view).values() for row in rows):
+    if is_wrong(view) or any(is_wrong(row) for rows in _view_rows(view).values() for row in rows):
         return None  # noted before
     things: dict[str, Any] = {}
-    for place_key, rows in _rows(view).items():
+    for place_key, rows in _view_rows(view).items():
         for i, row in enumerate(rows if place_key != "occulter" else ()):
             if row.name in (*sky.BODIES, *sky.LOCAL, *things):
                 complaint = "must be unique, and no body's nor a direction's"
@@ -371,7 +375,7 @@ def known(view: View, lasting: Lasting, place: Place) -> Known | None:
                 return None
             things[row.name] = row.orbit if isinstance(row, Satellite) else row.thing
     check_unique(placed(view.spheres, place["occulter"]))
-    spheres = [_sphere(row, things, place["occulter"][i]) for i, row in enumerate(view.spheres)]
+    spheres = [_make_sphere(row, things, place["occulter"][i]) for i, row in enumerate(view.spheres)]
     wanted = lasting.seconds if view.for_duration is None else view.for_duration
     if wanted is None:
         complaint = f"missing, must be a number of seconds, since {lasting.key} is not one"
@@ -381,7 +385,7 @@ def known(view: View, lasting: Lasting, place: Place) -> Known | None:
         complaint = f"must be at least {lasting.key} = {lasting.seconds}"
         place["for_duration_s"].fault(complaint, wanted)
         return None
-    there = _tried(
+    there = _call_or_fault(
         partial(sky.positions, view.observer, epoch=view.epoch, times=[0.0, wanted]), place["observer"]
     )
     if there is WRONG or WRONG in spheres:
@@ -389,7 +393,7 @@ def known(view: View, lasting: Lasting, place: Place) -> Known | None:
     return Known(replace(view, for_duration=wanted), things, tuple(spheres))
 
 
-def _rows(view: View) -> dict[str, tuple[Any, ...]]:
+def _view_rows(view: View) -> dict[str, tuple[Any, ...]]:
     """Return the satellites, points of the ground and spheres of a view, by their keys in the file."""
     return {"satellite": view.satellites, "ground": view.ground, "occulter": view.spheres}
 
@@ -399,7 +403,7 @@ def is_wrong(part: Any) -> bool:
     return part is WRONG or any(value is WRONG for value in vars(part).values())
 
 
-def _sphere(row: Sphere, things: Mapping[str, Any], place: Place) -> Any:
+def _make_sphere(row: Sphere, things: Mapping[str, Any], place: Place) -> Any:
     """Make the sphere of a row that may hide targets; returns `WRONG` after noting why there is none."""
     if row.name == "earth":
         return place["name"].fault("the Earth hides targets always, with sky.atmosphere_km", row.name)

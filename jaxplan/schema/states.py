@@ -59,7 +59,9 @@ def make_state(parts: dict[str, Any], place: Place) -> GivenState:
         terminals, drives = (reading.sizes.get(noun) for noun in ("terminal", "drive"))
         for of, key in (("yaws", "yaw_rad"), ("pitches", "pitch_rad")):
             if found[of] is None and terminals:
-                given.append(place[key].fault(_missing(key, reading.names.get("terminal"), terminals)))
+                given.append(
+                    place[key].fault(_missing_message(key, reading.names.get("terminal"), terminals))
+                )
         if found["drives"] is None and drives:
             given.append(WRONG if reading.ranges is None else np.clip(0.0, *reading.ranges[-drives:].T))
         joints = WRONG if any(own is WRONG for own in given) else np.concatenate([np.zeros(0), *given])
@@ -67,7 +69,7 @@ def make_state(parts: dict[str, Any], place: Place) -> GivenState:
     return model(**parts | {"joints": joints} | ({} if turned is None else {"rotation_vector": turned}))
 
 
-def _missing(key: str, names: Sequence[str] | None, count: int) -> str:
+def _missing_message(key: str, names: Sequence[str] | None, count: int) -> str:
     """Return text on missing angles of terminals: what must be given, and which keys may stand for it.
 
     Args:
@@ -76,10 +78,10 @@ def _missing(key: str, names: Sequence[str] | None, count: int) -> str:
         count: number of terminals.
     """
     by_name = f"joints_deg, such as {{ {names[0]} = [0.0, 0.0] }}" if names else "joints_deg"
-    return f"missing (or {key.replace('rad', 'deg')}, or {by_name}), must be {_counted(count)}"
+    return f"missing (or {key.replace('rad', 'deg')}, or {by_name}), must be {_describe_array(count)}"
 
 
-def _counted(count: int) -> str:
+def _describe_array(count: int) -> str:
     """Return what an array with one number for each terminal must be, for messages."""
     return f"an array of {count} number{'s' * (count > 1)}, one a terminal"
 
@@ -155,7 +157,7 @@ def _without_zero_rates(state: GivenState | Targets) -> dict[str, Any]:
     return parts
 
 
-def _angles(axis: str, attribute: str) -> tuple[Field, Field]:
+def _angle_fields(axis: str, attribute: str) -> tuple[Field, Field]:
     """Return the keys, in rad and in deg, of the angles of one sort of joints: "yaw", "pitch" or "drive"."""
     meaning = f"angle of each terminal's {axis} joint"
     if axis == "drive":
@@ -166,27 +168,27 @@ def _angles(axis: str, attribute: str) -> tuple[Field, Field]:
     return radians, replace(degrees, instead_of=attribute)
 
 
-_JOINTS_BY_NAME = Field(
+_JOINTS_BY_NAME_FIELD = Field(
     "joints_deg",
     JointsByName(),
     "joints_by_name",
     "angles by names of devices, in place of the arrays; of others zero, or the nearest in range",
     held="joints",
 )
-_ANGLES = (
-    *_angles("yaw", "yaws"),
-    *_angles("pitch", "pitches"),
-    *_angles("drive", "drives"),
-    _JOINTS_BY_NAME,
+_ANGLE_FIELDS = (
+    *_angle_fields("yaw", "yaws"),
+    *_angle_fields("pitch", "pitches"),
+    *_angle_fields("drive", "drives"),
+    _JOINTS_BY_NAME_FIELD,
 )
-_QUATERNION = Field(
+_QUATERNION_FIELD = Field(
     "quaternion_wxyz",
     QUATERNION,
     "quaternion",
     "the attitude as a quaternion, scalar first",
     instead_of="rotation_vector",
 )
-_FRAME = Field(
+_FRAME_FIELD = Field(
     "frame",
     Choice((INERTIAL, LOCAL)),
     "frame",
@@ -194,11 +196,11 @@ _FRAME = Field(
 )
 STATE = declared(
     GivenState,
-    before={"angular_velocity_rad_s": (_QUATERNION, _FRAME, *_ANGLES)},
+    before={"angular_velocity_rad_s": (_QUATERNION_FIELD, _FRAME_FIELD, *_ANGLE_FIELDS)},
     make=make_state,
     split=split_state,
 )
-STATE_KEYS = ["attitude", *(entry.key for entry in (_QUATERNION, _FRAME, *_ANGLES))]
+STATE_KEYS = ["attitude", *(entry.key for entry in (_QUATERNION_FIELD, _FRAME_FIELD, *_ANGLE_FIELDS))]
 WISH = declared(Wish)
 
 
@@ -261,7 +263,7 @@ POINTING = replace(
     fields=[
         *(entry for entry in TARGETS.fields if entry.attribute in ("directions", "prefer")),
         replace(
-            _JOINTS_BY_NAME,
+            _JOINTS_BY_NAME_FIELD,
             meaning="of devices without a target or a wish; of others zero, or the nearest in range",
         ),
     ],
@@ -289,7 +291,7 @@ GIVEN_GOAL = replace(
 
 
 # A goal that is neither: its keys are read to note their faults.
-_UNDECIDED = replace(
+_UNDECIDED_GOAL = replace(
     STATE,
     fields=[
         replace(entry, required=False)
@@ -317,7 +319,7 @@ class Goal(Either):
         if isinstance(value, dict) and not value.keys() & {"targets", *STATE_KEYS}:
             alone = "; a wish comes after targets: what it is alone is a target" * ("prefer" in value)
             place.fault(f"must be {self.wanted}{alone}")
-            return _UNDECIDED.read(value, place)
+            return _UNDECIDED_GOAL.read(value, place)
         return (TARGETS if isinstance(value, dict) and "targets" in value else GIVEN_GOAL).read(value, place)
 
     def write(self, value: Any) -> dict[str, Any]:

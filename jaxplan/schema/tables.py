@@ -21,8 +21,8 @@ from jaxplan.runtime.arguments import a_or_an
 from jaxplan.schema.faults import WRONG, Place, nearest
 from jaxplan.schema.value_kinds import ANY, Choice, Epoch, Integer, Interval, Kind, Number, Text, YesNo
 
-_SECOND = "stands in the place of {}, only one of them can be given"
-_CHECKED = "_schema_checked"  # attribute that is set on objects whose numbers and texts were found good
+_DUPLICATE_FAULT = "stands in the place of {}, only one of them can be given"
+_CHECKED_MARK = "_schema_checked"  # attribute that is set on objects whose numbers and texts were found good
 
 
 @dataclass(frozen=True)
@@ -92,12 +92,12 @@ class Table(Kind):
     wanted = "a table"
 
     def read(self, value: Any, place: Place) -> Any:
-        read = self._of_python(value, place) if place.reading.python else self._of_file(value, place)
+        read = self._read_object(value, place) if place.reading.python else self._read_table(value, place)
         if self.check is not None and read is not WRONG:
             self.check(read, place)
         return read
 
-    def _of_file(self, value: Any, place: Place) -> Any:
+    def _read_table(self, value: Any, place: Place) -> Any:
         """Read the table from a file; notes unknown and missing keys, and keys given twice."""
         if not isinstance(value, dict):
             return place.refuse(f"must be {self.wanted}", value)
@@ -109,19 +109,19 @@ class Table(Kind):
                 continue
             here = place[entry.key]
             if entry.says in given:
-                here.fault(_SECOND.format(given[entry.says]))
+                here.fault(_DUPLICATE_FAULT.format(given[entry.says]))
             given[entry.says] = entry.key
-            clock = self._of_the_other_clock(entry, value[entry.key], here)
+            clock = self._refuse_other_clock(entry, value[entry.key], here)
             parts[entry.attribute] = clock or entry.kind.read(value[entry.key], here)
         for entry in self.fields:
             if entry.says not in given:
                 if entry.required and not entry.kind.may_miss(place.reading):
-                    parts[entry.attribute] = self._absent(entry, place)
+                    parts[entry.attribute] = self._refuse_missing(entry, place)
                 elif (usual := entry.kind.absent(place.reading)) is not None:
                     parts[entry.attribute] = usual
         return self.model(**parts) if self.make is None else self.make(parts, place)
 
-    def _of_the_other_clock(self, entry: Field, value: object, here: Place) -> Any:
+    def _refuse_other_clock(self, entry: Field, value: object, here: Place) -> Any:
         """Note seconds where UTC is wanted, and UTC where seconds are, with the key that takes what is given.
 
         Returns:
@@ -147,7 +147,7 @@ class Table(Kind):
             elif key not in known:
                 place[key].fault(f"unknown key, {nearest(key, known, 'keys')}")
 
-    def _absent(self, entry: Field, place: Place) -> Any:
+    def _refuse_missing(self, entry: Field, place: Place) -> Any:
         """Note that a key is missing; returns `WRONG`."""
         known = self.attributes if place.reading.python else self.fields
         others = [place[other.key] for other in known if other.says == entry.says and other is not entry]
@@ -155,14 +155,16 @@ class Table(Kind):
         instead = f" (or {', '.join(names)})" if names else ""
         return place[entry.key].fault(f"missing{instead}, must be {entry.kind.wanted}")
 
-    def _of_python(self, value: Any, place: Place) -> Any:
+    def _read_object(self, value: Any, place: Place) -> Any:
         """Read an object made in Python; returns it with the model's own types, or itself if it has them."""
         if not isinstance(value, self.model):
             return place.refuse(f"must be {a_or_an(self.model.__name__)}", value)
         own = value.__dict__
-        checked = _CHECKED in own
+        checked = _CHECKED_MARK in own
         changed: dict[str, Any] = {}
-        for name, key, kind, read, may_miss in self._unsure if checked else self._all:
+        for name, key, kind, read, may_miss in (
+            self._rechecked_attributes if checked else self._python_attributes
+        ):
             content = own[name]
             if content is None and may_miss:
                 content = kind.absent(place.reading)
@@ -170,20 +172,20 @@ class Table(Kind):
                 content = read(content, place[key])
             if content is not own[name]:
                 changed[name] = content
-        if not checked and not changed.keys() & self._sure:
-            own[_CHECKED] = True
+        if not checked and not changed.keys() & self._immutable_names:
+            own[_CHECKED_MARK] = True
         for alike in self._alternatives:
             given = [entry for entry in alike if own[entry.attribute] is not None]
             if not given:
-                self._absent(alike[0], place)
+                self._refuse_missing(alike[0], place)
             for entry in given[1:]:
-                place[entry.key].fault(_SECOND.format(place[given[0].key].path))
+                place[entry.key].fault(_DUPLICATE_FAULT.format(place[given[0].key].path))
         if not changed:
             return value
-        return self.model(**{name: changed.get(name, own[name]) for name, *_ in self._all})
+        return self.model(**{name: changed.get(name, own[name]) for name, *_ in self._python_attributes})
 
     @cached_property
-    def _all(self) -> list[tuple[str, str, Kind, Callable[[Any, Place], Any], bool]]:
+    def _python_attributes(self) -> list[tuple[str, str, Kind, Callable[[Any, Place], Any], bool]]:
         """The attributes by which an object of Python is read.
 
         For each of them its name, key, kind, the kind's `read`, and whether it may be None.
@@ -194,16 +196,16 @@ class Table(Kind):
         ]
 
     @cached_property
-    def _sure(self) -> set[str]:
+    def _immutable_names(self) -> set[str]:
         """Names of attributes whose values are immutable and checked by themselves, so once is enough."""
         return {
             entry.attribute for entry in self.attributes if isinstance(entry.kind, Number | Integer | Text)
         }
 
     @cached_property
-    def _unsure(self) -> list[tuple[str, str, Kind, Callable[[Any, Place], Any], bool]]:
-        """Those attributes of `_all` that are read again each time an object is checked."""
-        return [entry for entry in self._all if entry[0] not in self._sure]
+    def _rechecked_attributes(self) -> list[tuple[str, str, Kind, Callable[[Any, Place], Any], bool]]:
+        """Those attributes of `_python_attributes` that are read again each time an object is checked."""
+        return [entry for entry in self._python_attributes if entry[0] not in self._immutable_names]
 
     @cached_property
     def _alternatives(self) -> list[list[Field]]:
@@ -219,12 +221,12 @@ class Table(Kind):
             if content is None:
                 continue
             text = entry.kind.write(content)
-            if entry.always or repr(text) != self._usual.get(entry.key):
+            if entry.always or repr(text) != self._default_texts.get(entry.key):
                 written[entry.key] = text
         return written
 
     @cached_property
-    def _usual(self) -> dict[str, str]:
+    def _default_texts(self) -> dict[str, str]:
         """The default of each key that has one, as `repr` of what is written.
 
         Such values are left out of files.
@@ -261,7 +263,7 @@ def table(
         more: other attributes of `Table`.
     """
     hints = get_type_hints(model)
-    attributes = [_declared(part, hints[part.name], kinds) for part in fields(model)]
+    attributes = [_make_field(part, hints[part.name], kinds) for part in fields(model)]
     further = dict(before or {})
     filed: list[Field] = []
     for part, entry in zip(fields(model), attributes, strict=True):
@@ -270,12 +272,12 @@ def table(
     return Table(model, (*filed, *further.pop("", ())), tuple(attributes), **more)
 
 
-def _declared(part: Any, hint: Any, kinds: Mapping[Any, Any]) -> Field:
+def _make_field(part: Any, hint: Any, kinds: Mapping[Any, Any]) -> Field:
     """Return the `Field` of a dataclass field with the type `hint`; without a key it has the field's name."""
     told: Key = part.metadata["key"]
     return Field(
         told.name or part.name,
-        _kind(told, hint, kinds),
+        _find_kind(told, hint, kinds),
         part.name,
         told.meaning,
         required=told.required or (part.default is MISSING and part.default_factory is MISSING),
@@ -284,7 +286,7 @@ def _declared(part: Any, hint: Any, kinds: Mapping[Any, Any]) -> Field:
     )
 
 
-def _kind(told: Key, hint: Any, kinds: Mapping[Any, Any]) -> Kind:
+def _find_kind(told: Key, hint: Any, kinds: Mapping[Any, Any]) -> Kind:
     """Return the kind of a field's values, by its `Key.kind` or its type, from `kinds` or the usual ones."""
     types = [each for each in get_args(hint) or (hint,) if each is not NoneType]
     if told.kind or types[0] in kinds:

@@ -23,11 +23,11 @@ from jaxplan.schema.tables import Either, Field, Rows, Table
 
 LARGEST_FILE = 2**20  # bytes
 LARGEST_TIMELINE = 2**26  # bytes; the path of a neighbour takes 0.8 MB for a day
-_DEEPEST = 16  # most nested brackets, or dots in a key; a scenario needs four
+_MAX_DEPTH = 16  # most nested brackets, or dots in a key; a scenario needs four
 _LONGEST_WORD = 1000  # most characters of a bare key or a number
 _WIDEST_LINE = 100  # characters; a longer array is written with an item a line
 
-_TOKENS = re.compile(
+_TOKEN_PATTERN = re.compile(
     r"""(?P<skip> \"{3}(?:[^\\]|\\.)*?(?:\"{3,5}|\\?\Z) | '{3}.*?(?:'{3,5}|\Z) # strings over many lines
       | "(?:[^"\\\n]|\\[^\n])*"? | '[^'\n]*'? | \#[^\n]*)                     # strings on one line, comments
       | (?P<open>[\[{]) | (?P<close>[\]}]) | (?P<dot>\.) | (?P<end>[=,\n])
@@ -35,16 +35,16 @@ _TOKENS = re.compile(
     re.DOTALL | re.VERBOSE,
 )
 
-_COLUMN = 38  # column in which comments begin; a longer line has its comment above
-_WIDTH = 118  # most characters of a line with its comment
+_COMMENT_COLUMN = 38  # column in which comments begin; a longer line has its comment above
+_LINE_WIDTH = 118  # most characters of a line with its comment
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 
-_HEADER = re.compile(r"(#?)\[+([\w.]+)\]+")
+_HEADER_PATTERN = re.compile(r"(#?)\[+([\w.]+)\]+")
 # A line whose value is meant as a date, or a date-time.
-_DATED = re.compile(r"[^=]*=\s*(\d{4})-(\d{1,2})-(\d{1,2})(?:[T ](\d{1,2}):(\d{1,2})(?::(\d{1,2}))?)?")
-_WORD = re.compile(r"[A-Za-z_][\w .-]*")  # text without quotes
-_LOGICAL = {"yes": "true", "on": "true", "true": "true", "no": "false", "off": "false", "false": "false"}
-_LINE = re.compile(r"#?(\w+) = .*")
+_DATE_PATTERN = re.compile(r"[^=]*=\s*(\d{4})-(\d{1,2})-(\d{1,2})(?:[T ](\d{1,2}):(\d{1,2})(?::(\d{1,2}))?)?")
+_WORD_PATTERN = re.compile(r"[A-Za-z_][\w .-]*")  # text without quotes
+_BOOLEANS = {"yes": "true", "on": "true", "true": "true", "no": "false", "off": "false", "false": "false"}
+_ENTRY_PATTERN = re.compile(r"#?(\w+) = .*")
 
 
 def parse(text: str, largest: int = LARGEST_FILE) -> dict[str, Any]:
@@ -74,18 +74,18 @@ def _advice(line: str, index: int) -> str:
 
     They are empty if there is no advice.
     """
-    dated = _DATED.match(line)
+    dated = _DATE_PATTERN.match(line)
     if dated is not None:
-        return _of_date(dated)
-    word = _WORD.match(line[index:])
+        return _date_advice(dated)
+    word = _WORD_PATTERN.match(line[index:])
     if word is None or not line[:index].rstrip().endswith(("=", "[", ",")):
         return ""
     told = word[0].strip()
-    meant = _LOGICAL.get(told.lower())
+    meant = _BOOLEANS.get(told.lower())
     return f"; perhaps {meant} is meant" if meant else f"; text needs quotes, {quote(told)}"
 
 
-def _of_date(dated: re.Match[str]) -> str:
+def _date_advice(dated: re.Match[str]) -> str:
     """Return words on a date or date-time that is no TOML, to end a message.
 
     They name the part that does not exist, such as a month 13, or else the form; a date-time without seconds
@@ -112,7 +112,7 @@ def too_large(largest: int = LARGEST_FILE) -> ScenarioError:
 def _refuse_bombs(text: str) -> None:
     """Raise ScenarioError if brackets or dotted keys are too deep, or a word too long, for `tomllib`."""
     depth = dots = 0
-    for token in _TOKENS.finditer(text):
+    for token in _TOKEN_PATTERN.finditer(text):
         kind = token.lastgroup
         if kind == "open":
             depth += 1
@@ -122,8 +122,8 @@ def _refuse_bombs(text: str) -> None:
             dots += 1
         elif kind == "end":
             dots = 0
-        if depth > _DEEPEST or dots > _DEEPEST:
-            raise ScenarioError([f"{_position(text, token.start())}: nested more than {_DEEPEST} deep"])
+        if depth > _MAX_DEPTH or dots > _MAX_DEPTH:
+            raise ScenarioError([f"{_position(text, token.start())}: nested more than {_MAX_DEPTH} deep"])
         if kind == "word" and token.end() - token.start() > _LONGEST_WORD:
             raise ScenarioError([f"{_position(text, token.start())}: longer than {_LONGEST_WORD} characters"])
 
@@ -147,10 +147,12 @@ def write(document: Mapping[str, Any]) -> str:
     Returns:
         Text that `parse` reads back with the same bits in every number.
     """
-    return "\n\n".join(_blocks(document, "", "", value_text)) + "\n"
+    return "\n\n".join(_write_blocks(document, "", "", value_text)) + "\n"
 
 
-def _blocks(table: Mapping[str, Any], path: str, header: str, spell: Callable[[Any], str]) -> Iterator[str]:
+def _write_blocks(
+    table: Mapping[str, Any], path: str, header: str, spell: Callable[[Any], str]
+) -> Iterator[str]:
     """Yield the lines of a table itself, then a block for each table in it.
 
     A dict that is not at the top is written as an inline table.
@@ -173,10 +175,10 @@ def _blocks(table: Mapping[str, Any], path: str, header: str, spell: Callable[[A
     for key, value in inner:
         name = f"{path}.{spell_key(key)}".lstrip(".")
         if isinstance(value, dict):
-            yield from _blocks(value, name, f"[{name}]", spell)
+            yield from _write_blocks(value, name, f"[{name}]", spell)
         else:
             for row in value:
-                yield from _blocks(row, name, f"[[{name}]]", spell)
+                yield from _write_blocks(row, name, f"[[{name}]]", spell)
 
 
 def value_text(value: Any) -> str:
@@ -186,7 +188,7 @@ def value_text(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, dict):
-        return _inline(value, value_text)
+        return _inline_table(value, value_text)
     if not isinstance(value, list):
         return repr(value)
     items = [value_text(item) for item in value]
@@ -225,7 +227,7 @@ def template(source: str = "template.toml", layout: Table = SCENARIO) -> str:
         source: name of the file with the scene.
         layout: layout of the file.
     """
-    return _commented(files("jaxplan.schema").joinpath(source).read_text(encoding="utf-8"), layout)
+    return _add_comments(files("jaxplan.schema").joinpath(source).read_text(encoding="utf-8"), layout)
 
 
 def commented(document: Mapping[str, Any], layout: Table = SCENARIO) -> str:
@@ -235,28 +237,28 @@ def commented(document: Mapping[str, Any], layout: Table = SCENARIO) -> str:
         document: tables and values with the keys of the layout.
         layout: layout of the file.
     """
-    return _commented("\n\n".join(_blocks(document, "", "", _line_text)), layout)
+    return _add_comments("\n\n".join(_write_blocks(document, "", "", _line_text)), layout)
 
 
 def _line_text(value: Any) -> str:
     """Return a value as TOML on one line, however long."""
     if isinstance(value, dict):
-        return _inline(value, _line_text)
+        return _inline_table(value, _line_text)
     return f"[{', '.join(map(_line_text, value))}]" if isinstance(value, list) else value_text(value)
 
 
-def _inline(table: Mapping[str, Any], spell: Callable[[Any], str]) -> str:
+def _inline_table(table: Mapping[str, Any], spell: Callable[[Any], str]) -> str:
     """Return a dict as an inline table of TOML; `spell` returns the text of a value."""
     return f"{{ {', '.join(f'{spell_key(key)} = {spell(item)}' for key, item in table.items())} }}"
 
 
-def _commented(text: str, layout: Table) -> str:
+def _add_comments(text: str, layout: Table) -> str:
     """Add comments from the layout to a text that has one value on each line."""
     told: set[tuple[str, str]] = set()
-    return "\n\n".join(_block(block, layout, told) for block in text.strip().split("\n\n")) + "\n"
+    return "\n\n".join(_comment_block(block, layout, told) for block in text.strip().split("\n\n")) + "\n"
 
 
-def _block(block: str, layout: Table, told: set[tuple[str, str]]) -> str:
+def _comment_block(block: str, layout: Table, told: set[tuple[str, str]]) -> str:
     """Add comments from the layout to a block of lines between blank ones.
 
     Args:
@@ -265,29 +267,31 @@ def _block(block: str, layout: Table, told: set[tuple[str, str]]) -> str:
         told: pairs of table and key that have had their comment; those of this block are added.
     """
     sections = re.split(r"\n(?=#?\[)", block)
-    return "\n".join(line for section in sections for line in _section(section.split("\n"), layout, told))
+    return "\n".join(
+        line for section in sections for line in _comment_section(section.split("\n"), layout, told)
+    )
 
 
-def _section(lines: list[str], layout: Table, told: set[tuple[str, str]]) -> Iterator[str]:
+def _comment_section(lines: list[str], layout: Table, told: set[tuple[str, str]]) -> Iterator[str]:
     """Yield a table's lines in the order of the layout, adding settings that the source does not have.
 
     Args:
         lines: lines of the source, with or without the header.
         layout: layout of the file.
-        told: see `_block`.
+        told: see `_comment_block`.
 
     Raises:
         KeyError: if the table does not have a key of the source.
     """
-    header = next((found for line in lines if (found := _HEADER.fullmatch(line))), None)
+    header = next((found for line in lines if (found := _HEADER_PATTERN.fullmatch(line))), None)
     path = header[2] if header else ""
-    given = {found[1]: line for line in lines if (found := _LINE.fullmatch(line))}
-    yield from (line for line in lines if line not in given.values() and not _HEADER.fullmatch(line))
+    given = {found[1]: line for line in lines if (found := _ENTRY_PATTERN.fullmatch(line))}
+    yield from (line for line in lines if line not in given.values() and not _HEADER_PATTERN.fullmatch(line))
     if not header and not given:
         return
     table, meaning = table_at(path, layout, given)
     if header:
-        yield header[0] if (path, "") in told else _beside(header[0], meaning)
+        yield header[0] if (path, "") in told else _attach_comment(header[0], meaning)
     inline = [entry for entry in table.fields if entry.key in given]  # tables may be written as values
     whole = {entry.key: entry for entry in table.fields if entry in inline or entry in entries(table)}
     unknown = given.keys() - whole.keys()
@@ -299,7 +303,7 @@ def _section(lines: list[str], layout: Table, told: set[tuple[str, str]]) -> Ite
         if line is None and (path, "") not in told and usual is not None:
             line = f"{'' if entry.always else '#'}{key} = {usual}"
         if line is not None:
-            yield line if (path, key) in told else _beside(line, comment_on(table, entry))
+            yield line if (path, key) in told else _attach_comment(line, comment_on(table, entry))
             told.add((path, key))
     told.add((path, ""))
 
@@ -333,11 +337,13 @@ def comment_on(table: Table, entry: Field) -> str:
     return f"{entry.meaning}; {entry.value}{unit}{interval}{instead}"
 
 
-def _beside(line: str, comment: str) -> str:
+def _attach_comment(line: str, comment: str) -> str:
     """Put a comment to the right of a line, wrapped downwards, or above the line if that is too long."""
-    above = len(line) > _COLUMN - 2
-    width = _WIDTH - 2 if above else _WIDTH - _COLUMN - 2
+    above = len(line) > _COMMENT_COLUMN - 2
+    width = _LINE_WIDTH - 2 if above else _LINE_WIDTH - _COMMENT_COLUMN - 2
     first, *more = (f"# {part.replace(_NO_BREAK, ' ')}" for part in textwrap.wrap(comment, width))
     if above:
         return "\n".join([first, *more, line])
-    return "\n".join([f"{line:{_COLUMN}}{first}", *(f"{'':{_COLUMN}}{rest}" for rest in more)])
+    return "\n".join(
+        [f"{line:{_COMMENT_COLUMN}}{first}", *(f"{'':{_COMMENT_COLUMN}}{rest}" for rest in more)]
+    )

@@ -53,7 +53,7 @@ _SOURCE = "the timeline"
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Parts:
+class _TimelineParts:
     """The parts of a timeline as its file has them.
 
     Names are not yet replaced by directions, and UTC not yet by seconds; what has faults is `WRONG`.
@@ -67,8 +67,8 @@ class _Parts:
     activities: Any
 
 
-_PATH = "path"  # name of a path in files that are written; its number follows
-_NUMBERED = re.compile(rf"{_PATH}-\d+")
+_PATH_STEM = "path"  # name of a path in files that are written; its number follows
+_NUMBERED_PATH = re.compile(rf"{_PATH_STEM}-\d+")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,19 +85,19 @@ def _make_given(parts: dict[str, Any], place: Place) -> Given:
     The target gets this name, too, unless the file gives another.
     """
     name, called = parts.pop("name"), parts.pop("called", "")
-    if not called and name is not WRONG and not _NUMBERED.fullmatch(name):
+    if not called and name is not WRONG and not _NUMBERED_PATH.fullmatch(name):
         called = name
     return Given(name=name, path=path_of({**parts, "called": called}, place))
 
 
-def _make_parts(parts: dict[str, Any], place: Place) -> _Parts:
+def _make_parts(parts: dict[str, Any], place: Place) -> _TimelineParts:
     """Make the parts of a timeline from what was read of its file, by attribute.
 
     Parts that the file does not have get their usual values.
     """
     del parts["schema_version"], parts["kind"]
-    own = {name: parts.pop(name, usual) for name, usual in _USUAL.items()}
-    return _Parts(name=parts["name"], scene=Scenario(goal=WRONG, **parts), **own)
+    own = {name: parts.pop(name, usual) for name, usual in _DEFAULT_PARTS.items()}
+    return _TimelineParts(name=parts["name"], scene=Scenario(goal=WRONG, **parts), **own)
 
 
 GIVEN = Table(
@@ -114,8 +114,8 @@ GIVEN = Table(
         "hidden": given.path.hidden or None,
     },
 )
-_USUAL: dict[str, Any] = {"view": None, "heading": Heading(), "directions": (), "activities": WRONG}
-_OWN = {
+_DEFAULT_PARTS: dict[str, Any] = {"view": None, "heading": Heading(), "directions": (), "activities": WRONG}
+_OWN_FIELDS = {
     "name": (Field("kind", Choice((KIND,)), "kind", "of the file", required=True),),
     "spacecraft": (Field("timeline", HEADING, "heading", "when it ends, and names for other tools"),),
     "keep_out": (
@@ -124,11 +124,11 @@ _OWN = {
 }
 
 
-def _fields() -> list[Field]:
+def _timeline_fields() -> list[Field]:
     """Return the keys of a timeline's file: those of a scenario without the goal, and its own."""
     found: list[Field] = []
     for entry in SCENARIO.fields:
-        found += _OWN.get(entry.key, ())
+        found += _OWN_FIELDS.get(entry.key, ())
         if entry.key != "goal":
             found.append(replace(entry, attribute="view") if entry.key == "sky" else entry)
     return [*found, Field("activity", Rows(ACTIVITY), "activities", "what is to be done", required=True)]
@@ -143,7 +143,7 @@ def _split_timeline(timeline: Timeline) -> dict[str, Any]:
         if not isinstance(direction, DirectionPath) or not direction.moves:
             return direction
         return Followed(
-            names.setdefault(id(direction), Given(name=f"{_PATH}-{len(names) + 1}", path=direction)).name
+            names.setdefault(id(direction), Given(name=f"{_PATH_STEM}-{len(names) + 1}", path=direction)).name
         )
 
     activities = [split_activity(one, craft, name_of) for one in timeline.activities]
@@ -164,7 +164,7 @@ def _split_timeline(timeline: Timeline) -> dict[str, Any]:
 
 TIMELINE = Table(
     Scenario,
-    _fields(),
+    _timeline_fields(),
     make=_make_parts,
     split=_split_timeline,
     refused={"goal": "a timeline has none: what devices point at stands in each [[activity]]"},
@@ -225,14 +225,16 @@ def timeline_from_dict(tables: Mapping[str, Any], *, folder: str | os.PathLike[s
     root.reading.folder, root.reading.root = folder, "the file"
     given = dict(tables)
     timeline: Any = None
-    if check_count([given.get(key) for key in ZONES], root) and _check_number(given.get("activity"), root):
-        timeline = _put_together(TIMELINE.read(given, root), root)
+    if check_count([given.get(key) for key in ZONES], root) and _check_activity_count(
+        given.get("activity"), root
+    ):
+        timeline = _assemble_timeline(TIMELINE.read(given, root), root)
     if root.reading.faults:
         raise ScenarioError(root.reading.faults, _SOURCE)
     return timeline
 
 
-def _check_number(activities: Any, root: Place) -> bool:
+def _check_activity_count(activities: Any, root: Place) -> bool:
     """Note a fault if there are too many activities, or none.
 
     Returns:
@@ -246,7 +248,7 @@ def _check_number(activities: Any, root: Place) -> bool:
     return count <= MOST_ACTIVITIES
 
 
-def _put_together(parts: _Parts, root: Place) -> Any:
+def _assemble_timeline(parts: _TimelineParts, root: Place) -> Any:
     """Make the timeline from what was read of a file, with directions for names and seconds for UTC."""
     scene, heading, ends = parts.scene, parts.heading, root["timeline"]["until_s"]
     check_parts(scene, root)
@@ -257,13 +259,13 @@ def _put_together(parts: _Parts, root: Place) -> Any:
         until = seconds_after(scene.epoch, until, ends)
     rows = placed(parts.activities, root["activity"])
     activities = [timed(one, place, scene.epoch) for place, one in rows]
-    scene, activities, until = _seen(parts, scene, activities, until, root)
+    scene, activities, until = _resolve_names(parts, scene, activities, until, root)
     check_robust(scene, root)
     scene = with_start(scene, root)
     check_zones(scene, root)
     scene = replace(scene, goal=scene.start)
     read = [(place, one, before) for (place, before), one in zip(rows, activities, strict=True)]
-    _check_together(scene, read, until, ends, root)
+    _check_consistency(scene, read, until, ends, root)
     named = {} if heading is WRONG else heading.given
     return Timeline(
         name=parts.name,
@@ -276,15 +278,15 @@ def _put_together(parts: _Parts, root: Place) -> Any:
     )
 
 
-def _seen(
-    parts: _Parts, scene: Scenario, activities: list[Activity], until: Any, root: Place
+def _resolve_names(
+    parts: _TimelineParts, scene: Scenario, activities: list[Activity], until: Any, root: Place
 ) -> tuple[Scenario, list[Activity], Any]:
     """Replace names of the file and of ``[sky]`` in scene and activities by directions.
 
     Returns:
         Scene, activities, and `until`; this is `WRONG` if it is missing or has faults.
     """
-    given = _given(parts, root)
+    given = _named_paths(parts, root)
     aims = [Aim(scene.start, root["start"])]
     kinds = ["point" if one.point is not None else "track" for one in activities]
     places = [place for place, _ in placed(parts.activities, root["activity"])]
@@ -307,7 +309,7 @@ def _seen(
     return scene, [replace(one, **own) for one, own in zip(activities, changed, strict=True)], until
 
 
-def _given(parts: _Parts, root: Place) -> dict[str, Any]:
+def _named_paths(parts: _TimelineParts, root: Place) -> dict[str, Any]:
     """Return the paths that the file gives by name; a path with faults is `WRONG`.
 
     Names that something else has already are noted.
@@ -323,7 +325,7 @@ def _given(parts: _Parts, root: Place) -> dict[str, Any]:
     return {one.name: one.path for _, one in rows if one.name is not WRONG}
 
 
-def _check_together(
+def _check_consistency(
     scene: Scenario, read: list[tuple[Place, Any, Any]], until: Any, ends: Place, root: Place
 ) -> None:
     """Note what does not go together in a timeline: order, windows, and how long directions are known.
@@ -381,12 +383,12 @@ def take_in_timeline(given: object) -> Timeline:
         asked = replace(timeline, scene=own)
     taken: Any = None
     zones = [getattr(scene, name, ()) for name in ZONES.values()]
-    if check_count(zones, root) and _check_number(timeline.activities, root):
+    if check_count(zones, root) and _check_activity_count(timeline.activities, root):
         taken = MADE.read(asked, root)
         if taken.scene is not WRONG:
             _check_scene(taken.scene, root["scene"])
             read = [(place, one, one) for place, one in placed(taken.activities, root["activity"])]
-            _check_together(taken.scene, read, taken.until, root["until_s"], root)
+            _check_consistency(taken.scene, read, taken.until, root["until_s"], root)
     if root.reading.faults:
         raise ScenarioError(root.reading.faults, _SOURCE)
     done: Timeline = taken

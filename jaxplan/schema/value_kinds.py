@@ -200,15 +200,15 @@ class Number(Kind):
 
     @property
     def wanted(self) -> str:
-        return self._wanted(f"a number in {self.range}" if self.range else "a number")
+        return self._describe_wanted(f"a number in {self.range}" if self.range else "a number")
 
-    def _wanted(self, number: str) -> str:
+    def _describe_wanted(self, number: str) -> str:
         """Return what the value must be: a number, in these words, or a word that may stand for it."""
         return either([number, *map(quote, self.words)])
 
     def read(self, value: Any, place: Place) -> Any:
         python = place.reading.python
-        number = value if type(value) is float else _real(value, python)
+        number = value if type(value) is float else _as_float(value, python)
         if number is None:
             if isinstance(value, str) and value in self.words:
                 return self.words[value]
@@ -220,7 +220,7 @@ class Number(Kind):
             where = f" and {self.interval.wanted(place.spelled.factor)}" if self.range else ""
             return place.fault(f"must be finite{where}", number if python else value)
         in_radians = python and self.degrees
-        filed = _degrees(number) if in_radians else number
+        filed = _exact_degrees(number) if in_radians else number
         if filed not in self.interval and not (in_radians and shortest_degrees(number) in self.interval):
             told = number if python else value
             hint = f": {self.hint}" if self.hint else ""
@@ -239,7 +239,7 @@ class Number(Kind):
             return self.wanted
         unit = place.spelled.unit if self.degrees else None
         measured = "" if unit is None else f", in {'radians' if unit in ('', 'rad') else unit}"
-        return self._wanted(f"{noun}{measured}")
+        return self._describe_wanted(f"{noun}{measured}")
 
     def write(self, value: Any) -> float | str:
         for word, meaning in self.words.items():
@@ -253,19 +253,19 @@ class FromZero(Number):
     """A number that lies in its interval or is zero; other keys may then forbid zero."""
 
     def read(self, value: Any, place: Place) -> Any:
-        return 0.0 if _real(value, place.reading.python) == 0 else super().read(value, place)
+        return 0.0 if _as_float(value, place.reading.python) == 0 else super().read(value, place)
 
 
 NUMBER = Number()
 
 
-def _degrees(angle: float) -> float:
+def _exact_degrees(angle: float) -> float:
     """Return degrees that `math.radians` turns into the angle, in rad; the nearest ones if there are none."""
     close = math.degrees(angle)
     return close if math.radians(close) == angle else shortest_degrees(angle)
 
 
-def _real(value: Any, python: bool) -> float | None:
+def _as_float(value: Any, python: bool) -> float | None:
     """Return a value as a float, or None if it is no number.
 
     If `python`, any type that numpy takes for a number is one.
@@ -322,7 +322,7 @@ class Epoch(Kind):
         return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-_CALLED = {"gimbal": "jointed device"}  # in messages
+_NOUNS_IN_MESSAGES = {"gimbal": "jointed device"}  # in messages
 
 
 @dataclass(frozen=True)
@@ -337,14 +337,14 @@ class Name(Kind):
 
     @property
     def wanted(self) -> str:
-        return f"the name of a {_CALLED.get(self.noun, self.noun)}"
+        return f"the name of a {_NOUNS_IN_MESSAGES.get(self.noun, self.noun)}"
 
     def read(self, value: Any, place: Place) -> Any:
         if not isinstance(value, str):
             return place.refuse(f"must be {self.wanted}", value)
         known = place.reading.names.get(self.noun)
         if known is not None and value not in known:
-            called = _CALLED.get(self.noun, self.noun)
+            called = _NOUNS_IN_MESSAGES.get(self.noun, self.noun)
             return place.fault(f"no such {called}, {nearest(value, known, plural(called))}", value)
         return value
 
@@ -391,7 +391,7 @@ class ByName(Kind):
 
     @property
     def wanted(self) -> str:
-        called = _CALLED.get(self.noun, self.noun)
+        called = _NOUNS_IN_MESSAGES.get(self.noun, self.noun)
         return f"a table {f'from names of {called}s to' if self.noun else 'of'} numbers"
 
     def read(self, value: Any, place: Place) -> Any:
@@ -401,7 +401,7 @@ class ByName(Kind):
         known = place.reading.names.get(self.noun)
         unknown = [name for name in value if known is not None and name not in known]
         for name in unknown:
-            called = _CALLED.get(self.noun, self.noun)
+            called = _NOUNS_IN_MESSAGES.get(self.noun, self.noun)
             place[name].fault(f"no such {called}, {nearest(name, known or (), plural(called))}")
         read = {name: self.of.read(number, place[name]) for name, number in value.items()}
         return WRONG if unknown or WRONG in read.values() else read
