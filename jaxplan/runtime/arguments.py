@@ -14,7 +14,7 @@ import numpy as np
 
 Kind = TypeVar("Kind")
 
-_MOST_SHOWN = 9  # numbers of an array that messages show, enough for a matrix
+_MOST_NUMBERS = 9  # numbers of an array that messages show, enough for a matrix
 _LONGEST_TEXT = 60  # characters of a value that messages show
 
 
@@ -26,10 +26,10 @@ def show(value: object) -> str:
         return "a masked value"
     if isinstance(value, np.generic | np.ndarray | jax.Array):
         array = np.asarray(value)
-        text = repr(array.tolist()) if array.size <= _MOST_SHOWN else ""
+        text = repr(array.tolist()) if array.size <= _MOST_NUMBERS else ""
         return text if 0 < len(text) <= _LONGEST_TEXT else f"an array of shape {array.shape}"
     if isinstance(value, list | tuple):
-        text = repr(value) if len(value) <= _MOST_SHOWN else ""
+        text = repr(value) if len(value) <= _MOST_NUMBERS else ""
         return text if 0 < len(text) <= _LONGEST_TEXT else f"a {type(value).__name__} of {len(value)}"
     if isinstance(value, str | int | float | complex | None):
         text = repr(value)

@@ -156,7 +156,7 @@ def reading(table: AttitudeTable, interpolation: str, tolerance: float, rate_tol
     """
     times, steps = table.times - table.times[0], np.diff(table.times)
     turn = _rotation_vectors(table.quaternions[:-1], table.quaternions[1:])
-    joints = _joint_pieces(table, interpolation, steps)
+    joints = _joint_coefficients(table, interpolation, steps)
     if interpolation in (LINEAR, RODRIGUES):
         return _cut_into_parts(table, interpolation, turn, joints, tolerance, rate_tolerance)
     rate = turn / steps[:, None]
@@ -385,7 +385,7 @@ def _cubic_coefficients(
     return np.stack([constant + square / 3, first + 3 * third / 5, 2 * square / 3, 2 * third / 5], axis=1)
 
 
-def _joint_pieces(table: AttitudeTable, interpolation: str, steps: np.ndarray) -> np.ndarray:
+def _joint_coefficients(table: AttitudeTable, interpolation: str, steps: np.ndarray) -> np.ndarray:
     """Return Legendre coefficients (k - 1, p + 1, J) rad of joints between k rows, `steps` s apart."""
     if table.joints is None:
         return np.zeros((len(steps), 1, 0))

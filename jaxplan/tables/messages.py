@@ -148,7 +148,7 @@ def read_stk(path: Path, craft: Spacecraft | None = None) -> AttitudeTable:
         ValueError: if it is no such file, or has data or axes that are not supported; an `OtherDevicesError`
             if sensor files have rows at other times, or frames that the spacecraft's devices cannot have.
     """
-    header, times, quaternions = _stk_rows(path)
+    header, times, quaternions = _read_stk_rows(path)
     axes = header.get("coordinateaxes", "")
     if axes not in _STK_AXES:
         raise ValueError(f"{path}: CoordinateAxes {axes or '(none)'}: must be one of {', '.join(_STK_AXES)}")
@@ -189,7 +189,7 @@ def _stk_joints(path: Path, craft: Spacecraft, times: np.ndarray) -> np.ndarray 
     frames = []
     for name in names:
         file = path.parent / name
-        header, rows, quaternions = _stk_rows(file)
+        header, rows, quaternions = _read_stk_rows(file)
         if "coordinateaxes" in header:
             axes = header["coordinateaxes"]
             raise OtherDevicesError(f"{file}: CoordinateAxes {axes}: must be none, which are the body's")
@@ -200,7 +200,7 @@ def _stk_joints(path: Path, craft: Spacecraft, times: np.ndarray) -> np.ndarray 
     return joints_of(frames, craft, str(path))
 
 
-def _stk_rows(path: Path) -> tuple[dict[str, str], np.ndarray, np.ndarray]:
+def _read_stk_rows(path: Path) -> tuple[dict[str, str], np.ndarray, np.ndarray]:
     """Return the header of an STK attitude file by lower-case keywords, times (k,) s, and quaternions (k, 4).
 
     Quaternions are returned scalar first.

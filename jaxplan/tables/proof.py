@@ -260,7 +260,7 @@ def certify_rows(
         peaks=joined.peaks,
         rate_jump=jump,
         rate_jump_time=jump_time,
-        attitude_jump=_largest_miss(known) if how == RATE else 0.0,
+        attitude_jump=_largest_attitude_jump(known) if how == RATE else 0.0,
         start_off=float(so3.distance(scenario.start.attitude, known.attitudes[0])),
         goal_off=_goal_off(scenario, known, float(times[-1])),
         left_out=(*unproved, *claim.left_out),
@@ -446,7 +446,7 @@ def _largest_rate_jump(motion: Reading, times: np.ndarray) -> tuple[float, float
     return float(jumps[worst]), float(times[1 + worst])
 
 
-def _largest_miss(table: AttitudeTable) -> float:
+def _largest_attitude_jump(table: AttitudeTable) -> float:
     """Return the largest angle, rad, by which the constant rate of one row misses the next row."""
     assert table.angular_velocity is not None
     turns = np.diff(table.times)[:, None] * table.angular_velocity[:-1]
