@@ -44,7 +44,7 @@ NEGLIGIBLE = 1e-11  # error that polynomials may make, of a limit or in rad: a h
 LEBESGUE = 3.0  # largest factor by which interpolation enlarges the samples' errors, up to degree 12
 _MOST_INTERVALS = 4000  # of a trajectory, or twice those before a round: beyond, no more are cut
 _MOST_PARTS = 16  # into which an interval is cut in one round of `gather`
-_ROUNDS = 12  # of cutting, at most
+_MOST_CUTTING_ROUNDS = 12  # of cutting, at most
 _MOST_HALVINGS = 40  # of an interval in `minimise`
 _MOST_ROWS = 400_000  # of an owner in one round of `minimise`: beyond, its bounds stay as they are
 
@@ -108,7 +108,7 @@ class Evidence:
     rounding: Errors
 
 
-def _of_sights(motion: Motion, joints: np.ndarray) -> np.ndarray:
+def _sum_joints_by_sight(motion: Motion, joints: np.ndarray) -> np.ndarray:
     """Sum yaw and pitch values (..., J, n) for each sight: (..., S, n), zero for sights fixed in the body."""
     yaw, pitch = (np.moveaxis(part, 0, -2) for part in motion.mountings.split(np.moveaxis(joints, -2, 0)))
     still = np.zeros((*yaw.shape[:-2], len(motion.fixed), yaw.shape[-1]))
@@ -116,7 +116,7 @@ def _of_sights(motion: Motion, joints: np.ndarray) -> np.ndarray:
     return np.concatenate([both, still, both[..., motion.views.carrier, :]], axis=-2)
 
 
-def _within(motion: Motion, of_sights: np.ndarray) -> np.ndarray:
+def _sum_body_pairs(motion: Motion, of_sights: np.ndarray) -> np.ndarray:
     """Sum the values (..., S, n) of both directions of each pair compared in body axes: (..., k, n)."""
     sight, axis = motion.views.within.T
     return of_sights[..., sight, :] + np.where(axis[:, None] < 0, 0, of_sights[..., axis, :])
@@ -139,8 +139,8 @@ def majorants(motion: Motion, on: Intervals, ways: Sequence[Way] = ()) -> Majora
     turning[0] = 0
     joints = motion.joints.taylor(on.joint_piece, centre, motion.joints.length)[..., 0]
     moving = series.majorant(np.abs(joints) * unit[: len(joints), None], orders)
-    swinging = _of_sights(motion, moving)
-    sweeping = np.concatenate([turning[:, None] + swinging, _within(motion, swinging)], axis=1)
+    swinging = _sum_joints_by_sight(motion, moving)
+    sweeping = np.concatenate([turning[:, None] + swinging, _sum_body_pairs(motion, swinging)], axis=1)
     sweeping[0] = 0
     direction = series.exponential(sweeping)
     if ways:
@@ -174,8 +174,8 @@ def rounding(motion: Motion, on: Intervals, bounds: Majorants, ways: Sequence[Wa
     joints = motion.joints.rounding(on.joint_piece, 3) + ROUNDING * bounds.joints[:3] / unit[:3, None]
     factorial = np.array([1, 1, 2])[:, None]
     of_axes = [np.zeros(len(on.half)), *(way.rounding(on.centre, on.half) for way in ways)]
-    swung = _of_sights(motion, joints[0])
-    outward, inward = eta[0] + swung + np.max(of_axes, axis=0), _within(motion, swung + ROUNDING)
+    swung = _sum_joints_by_sight(motion, joints[0])
+    outward, inward = eta[0] + swung + np.max(of_axes, axis=0), _sum_body_pairs(motion, swung + ROUNDING)
     return Errors(
         direction=np.concatenate([outward, inward]),
         spin=factorial * (spin + ROUNDING * bounds.spin[:3]) / (unit[:3] * on.half),
@@ -202,11 +202,11 @@ def gather(
     """
     on = motion.pieces(ways)
     unsettled = np.ones(len(on.begins) - 1, dtype=bool)
-    for left in reversed(range(_ROUNDS)):
+    for left in reversed(range(_MOST_CUTTING_ROUNDS)):
         bounds = majorants(motion, on, ways)
         left_out = interpolation(on, bounds)
         # An error shrinks with the interval's power DEGREE + 1 at the least, so this rarely cuts too finely.
-        excess = _excess(left_out, wanted, on)
+        excess = _largest_error_ratio(left_out, wanted, on)
         if wanted.attitude is not None:
             turned = 2.0 ** (1 - DEGREE) * bounds.attitude[DEGREE + 1]
             excess = np.maximum(excess, np.nan_to_num(turned / wanted.attitude[on.trajectory], nan=np.inf))
@@ -227,7 +227,7 @@ def gather(
     )
 
 
-def _excess(errors: Errors, wanted: Errors, on: Intervals) -> np.ndarray:
+def _largest_error_ratio(errors: Errors, wanted: Errors, on: Intervals) -> np.ndarray:
     """Return the largest ratio of an error to the wanted one on each interval, (n,), at least one."""
     ratios = (
         errors.direction / wanted.direction[:, on.trajectory],
@@ -387,7 +387,7 @@ def to_rows(samples: np.ndarray) -> np.ndarray:
     return np.einsum("kj,jr->kr", to_bernstein(len(values) - 1), values)
 
 
-def _halved(coefficients: np.ndarray) -> np.ndarray:
+def _halve_intervals(coefficients: np.ndarray) -> np.ndarray:
     """Halve intervals: Bernstein coefficients (K + 1, rows) to (K + 1, 2 rows), left halves first."""
     last, count = len(coefficients) - 1, coefficients.shape[1]
     halves = np.empty((last + 1, 2 * count))
@@ -441,7 +441,7 @@ def minimise(
         row = np.flatnonzero(~settled[task])
         if len(row) == 0:
             return
-        coefficients = _halved(coefficients[:, row])
+        coefficients = _halve_intervals(coefficients[:, row])
         middle = (low + high)[~settled] / 2
         error, kind = np.tile(error[row], 2), np.tile(kind[row], 2)
         low, high = np.append(low[~settled], middle), np.append(middle, high[~settled])

@@ -13,7 +13,7 @@ from jaxplan.model.robust import Robust
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.runtime.display import aligned, as_table, shown
 
-_ANGLES = frozenset(quantity.name for quantity in QUANTITIES if quantity.power == 0)
+_ANGLE_QUANTITIES = frozenset(quantity.name for quantity in QUANTITIES if quantity.power == 0)
 
 
 @shown("joints deg", "angular_velocity deg/s", "joint_rates deg/s", "attitude")
@@ -178,7 +178,7 @@ def margin_and_peaks(
         device, zone, time = worst
         rows.append(("smallest margin", f"{np.rad2deg(margin):.3f} deg, {device} to {zone} at {time:.2f} s"))
     for name, peak in peaks.items():
-        of_what = "the way to an end of its range" if name in _ANGLES else "its limit"
+        of_what = "the way to an end of its range" if name in _ANGLE_QUANTITIES else "its limit"
         rows.append((f"peak {name.replace('_', ' ')}", f"{100 * peak:.1f} % of {of_what}"))
     return rows
 

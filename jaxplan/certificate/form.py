@@ -19,16 +19,16 @@ from jaxplan.model.directions import DirectionPath
 from jaxplan.model.spacecraft import Spacecraft
 from jaxplan.model.wheels import ALLOCATIONS
 
-_ORTHONORMAL = 1e-9  # largest entry of |R^T R - 1| that a rotation matrix may have
-_UNIT = 1e-6  # by how much the length of a direction may miss one; directions are normalised before use
-_SAME_TIME = 1e-12  # of the duration: by how much the last breaks of platform and joints may differ
+_ROTATION_TOLERANCE = 1e-9  # largest entry of |R^T R - 1| that a rotation matrix may have
+_UNIT_TOLERANCE = 1e-6  # by how much the length of a direction may miss one; they are normalised before use
+_END_TIME_TOLERANCE = 1e-12  # of the duration: by how much the last breaks of platform and joints may differ
 
-_CHART = {"attitude": (3, 3), "start": (), "rate": (3,)}  # shapes of what each chart has
+_CHART_SHAPES = {"attitude": (3, 3), "start": (), "rate": (3,)}  # shapes of what each chart has
 
 Data = TypeVar("Data", bound=Any)
 
 
-def _arrays(data: Any) -> dict[str, np.ndarray]:
+def _collect_arrays(data: Any) -> dict[str, np.ndarray]:
     """Return the arrays of a dataclass by field name, in float64, without static fields, None and paths."""
     fields = dataclasses.fields(data)
     names = (f.name for f in fields if not f.metadata.get("static") and f.name != "paths")
@@ -38,7 +38,7 @@ def _arrays(data: Any) -> dict[str, np.ndarray]:
 
 def plain(data: Data) -> Data:
     """Return a copy of a trajectory or of constraints with all arrays as float64 numpy arrays; paths stay."""
-    return dataclasses.replace(data, **_arrays(data))
+    return dataclasses.replace(data, **_collect_arrays(data))
 
 
 def is_static(trajectory: Trajectory) -> bool:
@@ -63,16 +63,20 @@ def faults(claim: Claim, trajectory: Trajectory, cones: Constraints) -> list[str
     craft, ends = claim.spacecraft, claim.ends
     moving = {f"cones.paths[{row}]": path for row, path in enumerate(cones.paths) if path is not None}
     parts = {"trajectory": trajectory, "cones": cones} | moving | ends
-    given = {f"{part}.{name}": array for part, data in parts.items() for name, array in _arrays(data).items()}
+    given = {
+        f"{part}.{name}": array
+        for part, data in parts.items()
+        for name, array in _collect_arrays(data).items()
+    }
     if craft.inertia is not None:
         given["spacecraft.inertia"] = np.asarray(craft.inertia, np.float64)
-    found = list(_shapes(given, claim, cones))
+    found = list(_shape_faults(given, claim, cones))
     if found:
         return found
     still = np.ones(len(cones.axis), bool)
     still[[row for row, path in enumerate(cones.paths) if path is not None]] = False
     given["cones.axis"] = cones.axis[still]
-    unclear = _wrong(given, lambda array: bool(np.isfinite(array).all()))
+    unclear = _failing_names(given, lambda array: bool(np.isfinite(array).all()))
     if unclear:
         return [f"{name} is not finite" for name in unclear]
     attitudes = {name: array for name, array in given.items() if name.endswith("attitude")}
@@ -80,19 +84,26 @@ def faults(claim: Claim, trajectory: Trajectory, cones: Constraints) -> list[str
     directions |= {f"{name}.samples": given[f"{name}.samples"] for name in moving}
     wrong = [
         *(
-            f"{name} is no rotation matrix to {_ORTHONORMAL:g}"
-            for name in _wrong(attitudes, _rotations, 3, 3)
+            f"{name} is no rotation matrix to {_ROTATION_TOLERANCE:g}"
+            for name in _failing_names(attitudes, _are_rotations, 3, 3)
         ),
-        *(f"{name} is no unit vector to {_UNIT:g}" for name in _wrong(directions, _unit, 3)),
-        *_trajectory(trajectory),
-        *_cones(cones, still, len(claim.zone_names), craft),
-        *_spacecraft(craft),
-        *(fault for name, path in moving.items() for fault in _path(name, path, trajectory.breaks[-1])),
+        *(
+            f"{name} is no unit vector to {_UNIT_TOLERANCE:g}"
+            for name in _failing_names(directions, _are_unit_vectors, 3)
+        ),
+        *_trajectory_faults(trajectory),
+        *_cone_faults(cones, still, len(claim.zone_names), craft),
+        *_spacecraft_faults(craft),
+        *(
+            fault
+            for name, path in moving.items()
+            for fault in _path_faults(name, path, trajectory.breaks[-1])
+        ),
     ]
     return wrong or list(tube.faults(claim.robust, craft, cones, list(claim.zone_names)))
 
 
-def _shapes(given: dict[str, np.ndarray], claim: Claim, cones: Constraints) -> Iterator[str]:
+def _shape_faults(given: dict[str, np.ndarray], claim: Claim, cones: Constraints) -> Iterator[str]:
     """Yield a sentence for each array of wrong shape; a curve needs a piece and a coefficient at least.
 
     Args:
@@ -110,7 +121,7 @@ def _shapes(given: dict[str, np.ndarray], claim: Claim, cones: Constraints) -> I
         length = max((1, *given[f"{prefix}coefficients"].shape[1:2]))
         shapes |= {f"{prefix}breaks": (pieces + 1,), f"{prefix}coefficients": (pieces, length, components)}
     pieces = max(given["trajectory.breaks"].size - 1, 1)
-    shapes |= {f"trajectory.chart_{name}": (pieces, *tail) for name, tail in _CHART.items()}
+    shapes |= {f"trajectory.chart_{name}": (pieces, *tail) for name, tail in _CHART_SHAPES.items()}
     shapes |= {
         f"cones.{name}": (rows,) for name in ("frame", "partner", "half_angle", "side", "entry", "group")
     }
@@ -131,36 +142,42 @@ def _shapes(given: dict[str, np.ndarray], claim: Claim, cones: Constraints) -> I
         yield f"sight_names has {len(claim.sight_names)} names for {sights} sights"
 
 
-def _wrong(arrays: dict[str, np.ndarray], good: Callable[[np.ndarray], bool], *tail: int) -> list[str]:
+def _failing_names(
+    arrays: dict[str, np.ndarray], good: Callable[[np.ndarray], bool], *tail: int
+) -> list[str]:
     """Return the names of the arrays (..., *tail) for which `good` is False; all are first tried in one."""
     if good(np.concatenate([array.reshape(-1, *tail) for array in arrays.values()])):
         return []
     return [name for name, array in arrays.items() if not good(array)]
 
 
-def _rotations(matrices: np.ndarray) -> bool:
-    """Whether all matrices (..., 3, 3) are rotations, with R^T R the identity within `_ORTHONORMAL`."""
+def _are_rotations(matrices: np.ndarray) -> bool:
+    """Whether all matrices (..., 3, 3) are rotations, R^T R the identity within `_ROTATION_TOLERANCE`."""
     off = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3))
-    return bool((off <= _ORTHONORMAL).all() and (np.linalg.det(matrices) > 0).all())
+    return bool((off <= _ROTATION_TOLERANCE).all() and (np.linalg.det(matrices) > 0).all())
 
 
-def _unit(vectors: np.ndarray) -> bool:
-    """Whether the lengths of all vectors (..., 3) differ from one by at most `_UNIT`."""
-    return bool((np.abs(np.linalg.norm(vectors, axis=-1) - 1) <= _UNIT).all())
+def _are_unit_vectors(vectors: np.ndarray) -> bool:
+    """Whether the lengths of all vectors (..., 3) differ from one by at most `_UNIT_TOLERANCE`."""
+    return bool((np.abs(np.linalg.norm(vectors, axis=-1) - 1) <= _UNIT_TOLERANCE).all())
 
 
-def _across(first: np.ndarray, second: np.ndarray) -> bool:
-    """Whether two vectors (3,) are unit vectors at right angles to each other, both to within `_UNIT`."""
-    return _unit(first) and _unit(second) and bool(abs(np.dot(first, second)) <= _UNIT)
+def _are_orthonormal(first: np.ndarray, second: np.ndarray) -> bool:
+    """Whether two vectors (3,) are unit vectors at right angles, both to within `_UNIT_TOLERANCE`."""
+    return (
+        _are_unit_vectors(first)
+        and _are_unit_vectors(second)
+        and bool(abs(np.dot(first, second)) <= _UNIT_TOLERANCE)
+    )
 
 
-def _trajectory(trajectory: Trajectory) -> Iterator[str]:
+def _trajectory_faults(trajectory: Trajectory) -> Iterator[str]:
     """Yield the faults of a trajectory's breaks; without duration, it must also be constant."""
     ends = trajectory.breaks[[0, -1]]
     if ends[0] != 0:
         yield f"trajectory.breaks start at {ends[0]:g} s and not at 0"
     # The two may differ by rounding; both curves go on beyond their last break.
-    if not (np.abs(trajectory.joint_breaks[[0, -1]] - ends) <= _SAME_TIME * ends[1]).all():
+    if not (np.abs(trajectory.joint_breaks[[0, -1]] - ends) <= _END_TIME_TOLERANCE * ends[1]).all():
         yield "trajectory.joint_breaks do not start and end with trajectory.breaks"
     if is_static(trajectory):
         moving = (trajectory.chart_rate, trajectory.coefficients[:, 1:], trajectory.joint_coefficients[:, 1:])
@@ -172,7 +189,7 @@ def _trajectory(trajectory: Trajectory) -> Iterator[str]:
             yield f"trajectory.{name} do not rise"
 
 
-def _cones(cones: Constraints, still: np.ndarray, zones: int, craft: Spacecraft) -> Iterator[str]:
+def _cone_faults(cones: Constraints, still: np.ndarray, zones: int, craft: Spacecraft) -> Iterator[str]:
     """Yield the faults of the numbers of constraints, and of what their rows bind.
 
     Args:
@@ -185,10 +202,12 @@ def _cones(cones: Constraints, still: np.ndarray, zones: int, craft: Spacecraft)
     frame, bound = cones.frame, cones.bound != 0
     of_joints, of_sights = frame == JOINTS, frame == SIGHT
     partner, sights = cones.partner[of_sights], bound.shape[1]
-    partners_exist = _whole(partner, sights)
+    partners_exist = _are_indices(partner, sights)
     row = np.arange(len(frame))
     numbered = {
-        name: _whole(first, len(row)) and (first <= row).all() and (first[first.astype(int)] == first).all()
+        name: _are_indices(first, len(row))
+        and (first <= row).all()
+        and (first[first.astype(int)] == first).all()
         for name, first in (("entry", cones.entry), ("group", cones.group))
     }
     holds = {
@@ -198,8 +217,8 @@ def _cones(cones: Constraints, still: np.ndarray, zones: int, craft: Spacecraft)
         "side is neither +1 nor -1": (np.abs(cones.side) == 1).all(),
         f"bound has zones that bind devices beyond the {zones} that have a name": not bound[zones:].any(),
         "axis of a row of joints is not of yaw and pitch alone": not cones.axis[of_joints, 2:].any(),
-        "frame is none of the four that there are": _whole(frame, 4),
-        f"carrier is none of the {gimbals} devices with joints": _whole(cones.carrier, gimbals),
+        "frame is none of the four that there are": _are_indices(frame, 4),
+        f"carrier is none of the {gimbals} devices with joints": _are_indices(cones.carrier, gimbals),
         "paths has an axis that moves and is not inertial": not (~still & (frame != INERTIAL)).any(),
         "bound has a row of joints that binds more than terminals": not bound[of_joints, terminals:].any(),
         f"partner is none of the {sights} sights": partners_exist,
@@ -212,12 +231,12 @@ def _cones(cones: Constraints, still: np.ndarray, zones: int, craft: Spacecraft)
     yield from (f"cones.{fault}" for fault, good in holds.items() if not good)
 
 
-def _whole(numbers: np.ndarray, count: int) -> bool:
+def _are_indices(numbers: np.ndarray, count: int) -> bool:
     """Whether all numbers are integers from 0 to `count` - 1."""
     return bool(((numbers == np.floor(numbers)) & (numbers >= 0) & (numbers < count)).all())
 
 
-def _path(name: str, path: DirectionPath, last: float) -> Iterator[str]:
+def _path_faults(name: str, path: DirectionPath, last: float) -> Iterator[str]:
     """Yield the faults of the times of a moving axis; it must be known from 0 to `last` s."""
     times = np.asarray(path.times, np.float64)
     if not (np.diff(times) > 0).all():
@@ -226,7 +245,7 @@ def _path(name: str, path: DirectionPath, last: float) -> Iterator[str]:
         yield f"{name} is known from {times[0]:g} to {times[-1]:g} s, and the trajectory ends at {last:g} s"
 
 
-def _spacecraft(spacecraft: Spacecraft) -> Iterator[str]:
+def _spacecraft_faults(spacecraft: Spacecraft) -> Iterator[str]:
     """Yield the faults of a spacecraft's limits, mountings, joint ranges, boresights, wheels and inertias."""
     positive = []
     of_axes = "rate_limit", "acceleration_limit", "jerk_limit", "torque_limit", "wheel_momentum_limit"
@@ -239,23 +258,26 @@ def _spacecraft(spacecraft: Spacecraft) -> Iterator[str]:
                 yield f"spacecraft.{name} has the shape {np.shape(limit)} and not {wanted}"
             if name in ("torque_limit", "wheel_momentum_limit") and spacecraft.inertia is None:
                 yield f"spacecraft.{name} cannot be checked without spacecraft.inertia"
-    yield from _wheels(spacecraft)
-    yield from _stages(spacecraft)
+    yield from _wheel_faults(spacecraft)
+    yield from _stage_faults(spacecraft)
     for terminal in spacecraft.terminals:
         mounting = terminal.mounting
         if mounting is None:
             if terminal.mount is None or not np.isfinite(terminal.mount).all():
                 yield f"the mount of {terminal.name} is not finite"
-        elif not _across(mounting.yaw_axis, mounting.boresight):
-            yield f"the mount of {terminal.name} is no pair of unit vectors at right angles, to {_UNIT:g}"
+        elif not _are_orthonormal(mounting.yaw_axis, mounting.boresight):
+            yield (
+                f"the mount of {terminal.name} is no pair of unit vectors at right angles, "
+                f"to {_UNIT_TOLERANCE:g}"
+            )
         for name in ("yaw_limit", "yaw_range", "pitch_limit", "pitch_range"):
             given = getattr(terminal, name)  # finite or not, joint_ranges cuts the pitch's below 90 deg
             if given is not None and not np.isfinite(given).all():
                 yield f"{name} of {terminal.name} is not finite"
     for drive in spacecraft.drives:
-        if not (_unit(drive.axis) and _unit(drive.boresight)):
-            yield f"axis or boresight of {drive.name} is no unit vector to {_UNIT:g}"
-        elif not np.linalg.norm(np.cross(drive.axis, drive.boresight)) > _UNIT:
+        if not (_are_unit_vectors(drive.axis) and _are_unit_vectors(drive.boresight)):
+            yield f"axis or boresight of {drive.name} is no unit vector to {_UNIT_TOLERANCE:g}"
+        elif not np.linalg.norm(np.cross(drive.axis, drive.boresight)) > _UNIT_TOLERANCE:
             yield f"the boresight of {drive.name} lies along its axis"
     for name, (low, high), rate, acceleration in zip(
         spacecraft.joint_names,
@@ -272,11 +294,11 @@ def _spacecraft(spacecraft: Spacecraft) -> Iterator[str]:
         if not all(0 < number < np.inf for number in numbers):
             yield f"{name} = {', '.join(f'{number:g}' for number in numbers)} is not positive and finite"
     for instrument in spacecraft.instruments:
-        if not _unit(instrument.boresight):
-            yield f"the boresight of {instrument.name} is no unit vector to {_UNIT:g}"
+        if not _are_unit_vectors(instrument.boresight):
+            yield f"the boresight of {instrument.name} is no unit vector to {_UNIT_TOLERANCE:g}"
 
 
-def _stages(spacecraft: Spacecraft) -> Iterator[str]:
+def _stage_faults(spacecraft: Spacecraft) -> Iterator[str]:
     """Yield the faults of inertias of stages, the parts that joints turn (see `inertia`)."""
     named = [
         (f"{name} of {device.name}", getattr(device, name))
@@ -301,19 +323,19 @@ def _is_inertia(given: np.ndarray) -> bool:
     if given.shape not in ((3,), (3, 3)) or not np.isfinite(given).all():
         return False
     own = inertia.matrix(given)
-    symmetric = np.abs(own - own.T).max() <= _UNIT * np.abs(own).max()
+    symmetric = np.abs(own - own.T).max() <= _UNIT_TOLERANCE * np.abs(own).max()
     return bool(symmetric and np.linalg.eigvalsh((own + own.T) / 2)[0] > 0)
 
 
-def _wheels(spacecraft: Spacecraft) -> Iterator[str]:
+def _wheel_faults(spacecraft: Spacecraft) -> Iterator[str]:
     """Yield the faults of a spacecraft's reaction wheels: their numbers, axes and allocation."""
     wheels = spacecraft.wheels
     if spacecraft.allocation not in ALLOCATIONS:
         yield f"spacecraft.allocation = {spacecraft.allocation!r} is not known"
     for wheel in wheels:
         numbers = np.array([wheel.torque, wheel.momentum, wheel.stored], np.float64)
-        if not (np.shape(wheel.axis) == (3,) and _unit(np.asarray(wheel.axis, np.float64))):
-            yield f"the axis of {wheel.name} is no unit vector to {_UNIT:g}"
+        if not (np.shape(wheel.axis) == (3,) and _are_unit_vectors(np.asarray(wheel.axis, np.float64))):
+            yield f"the axis of {wheel.name} is no unit vector to {_UNIT_TOLERANCE:g}"
             return
         if not (np.isfinite(numbers).all() and (numbers[:2] > 0).all()):
             yield f"torque or momentum of {wheel.name} is not positive and finite, or what it stores is not"

@@ -36,7 +36,7 @@ from jaxplan.certificate.motion import DEGREE, Intervals, Mountings, Samples
 from jaxplan.certificate.series import ROUNDING
 from jaxplan.model.spacecraft import Spacecraft
 
-_FACTOR = 2.0 ** (1 - DEGREE)  # of interpolation errors, see `bounds`
+_INTERPOLATION_FACTOR = 2.0 ** (1 - DEGREE)  # of interpolation errors, see `bounds`
 T = TypeVar("T")
 Sampled = Sequence[np.ndarray]  # samples, bound of the interpolation error, size of the rounding error
 
@@ -115,32 +115,34 @@ def momentum(evidence: Evidence, craft: Spacecraft) -> Sampled:
     Returns:
         Samples; bound of the interpolation error (n,); size of the rounding error (n,).
     """
-    return _both(evidence, craft)[0]
+    return _momentum_and_change(evidence, craft)[0]
 
 
 def change(evidence: Evidence, craft: Spacecraft) -> Sampled:
     """Return the derivative ``L'`` (3, n, m) N m, body axes, with error bounds as of `momentum`."""
-    return _both(evidence, craft)[1]
+    return _momentum_and_change(evidence, craft)[1]
 
 
-def _both(evidence: Evidence, craft: Spacecraft) -> tuple[Sampled, Sampled]:
+def _momentum_and_change(evidence: Evidence, craft: Spacecraft) -> tuple[Sampled, Sampled]:
     """Return the results of `momentum` and `change`; they are computed once and kept in `evidence`."""
-    return _once(evidence, "_momentum_and_change", craft, lambda: _sampled(evidence, craft))
+    return _compute_once(
+        evidence, "_momentum_and_change", craft, lambda: _compute_momentum_and_change(evidence, craft)
+    )
 
 
-def _sampled(evidence: Evidence, craft: Spacecraft) -> tuple[Sampled, Sampled]:
+def _compute_momentum_and_change(evidence: Evidence, craft: Spacecraft) -> tuple[Sampled, Sampled]:
     """Compute the results of `momentum` and `change`."""
     inertia, size = fixed(craft)
     spin, joints, half = evidence.samples.spin, evidence.samples.joints, evidence.on.half
     values = [np.einsum("ij,jnm->inm", inertia, spin[order]) for order in range(2)]
     left_out = [size * evidence.left_out.spin[order] for order in range(2)]
     rounding = [size * evidence.rounding.spin[order] for order in range(2)]
-    for stage, own in zip(stages(craft), _majorants(evidence.majorants, craft), strict=True):
-        error, series_of = _error(evidence, stage), (own, series.slope(own))
-        for order, carried in enumerate(_carried_and_change(stage, spin, joints)):
+    for stage, own in zip(stages(craft), _stage_majorants(evidence.majorants, craft), strict=True):
+        error, series_of = _stage_rounding(evidence, stage), (own, series.slope(own))
+        for order, carried in enumerate(_stage_momentum_and_change(stage, spin, joints)):
             values[order] = values[order] + carried
             unit = half ** (order + 1)
-            left_out[order] = left_out[order] + _FACTOR * series_of[order][DEGREE + 1] / unit
+            left_out[order] = left_out[order] + _INTERPOLATION_FACTOR * series_of[order][DEGREE + 1] / unit
             rounding[order] = rounding[order] + error[order] / unit
     first, second = zip(values, left_out, rounding, strict=True)
     return first, second
@@ -151,14 +153,14 @@ def at_starts(samples: Samples, first: np.ndarray, craft: Spacecraft) -> np.ndar
     found = np.sum(fixed(craft)[0][:, :, None] * samples.spin[0][:, first, 0], axis=1)
     spin, joints = samples.spin[:, :, first, :1], samples.joints[:, :, first, :1]
     for stage in stages(craft):
-        found = found + _carried(stage, spin, joints)[..., 0]
+        found = found + _stage_momentum(stage, spin, joints)[..., 0]
     return found
 
 
 def majorant(majorants: Majorants, craft: Spacecraft) -> np.ndarray:
     """Return the majorant (orders, n), N m s^2, of the momentum ``L`` times the half widths of intervals."""
     found = fixed(craft)[1] * majorants.spin
-    for own in _majorants(majorants, craft):
+    for own in _stage_majorants(majorants, craft):
         found = found[: len(own)] + own
     return found
 
@@ -173,15 +175,15 @@ def excess(craft: Spacecraft, least: tuple[float, float], on: Intervals, majoran
         majorants: those of the motion on them.
     """
     found, half = np.zeros(len(on.half)), on.half
-    for own in _majorants(majorants, craft):
+    for own in _stage_majorants(majorants, craft):
         crossed = series.product("n,n->n", majorants.spin, own)[DEGREE + 1]
         torque = series.slope(own)[DEGREE + 1] + crossed
         for limit, left_out in zip(least, (own[DEGREE + 1] / half, torque / half**2), strict=True):
-            found = np.maximum(found, _FACTOR * left_out / (NEGLIGIBLE * limit))
+            found = np.maximum(found, _INTERPOLATION_FACTOR * left_out / (NEGLIGIBLE * limit))
     return np.nan_to_num(found, nan=np.inf)
 
 
-def _turned(stage: Stage, joints: np.ndarray) -> np.ndarray:
+def _stage_axes(stage: Stage, joints: np.ndarray) -> np.ndarray:
     """Return a stage's axes (3, axis, n, m) in body axes at joint angles (J, n, m) rad; components first."""
     ahead, left, up = (axis[:, None, None] for axis in stage.axes)
     cosine, sine = np.cos(joints[stage.yaw]), np.sin(joints[stage.yaw])
@@ -192,12 +194,12 @@ def _turned(stage: Stage, joints: np.ndarray) -> np.ndarray:
     return np.stack([cosine * level + sine * up, aside, cosine * up - sine * level], axis=1)
 
 
-def _rate(stage: Stage, at: np.ndarray, joints: np.ndarray, order: int) -> np.ndarray:
+def _stage_rate(stage: Stage, at: np.ndarray, joints: np.ndarray, order: int) -> np.ndarray:
     """Return ``y' u + p' e`` (`order` 1) or ``y'' u + p'' e`` (`order` 2) of a stage, (3, n, m), body axes.
 
     Args:
         stage: the stage.
-        at: its axes as `_turned` returns them.
+        at: its axes as `_stage_axes` returns them.
         joints: (derivatives, J, n, m) joint angles and their derivatives.
         order: order of the derivatives to take.
     """
@@ -206,21 +208,23 @@ def _rate(stage: Stage, at: np.ndarray, joints: np.ndarray, order: int) -> np.nd
 
 
 def _times_inertia(stage: Stage, at: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Multiply vectors (3, n, m) in body axes by a stage's inertia ``I_k``; `at` as `_turned` returns it."""
+    """Multiply vectors (3, n, m) in body axes by a stage's inertia ``I_k``; `at` is from `_stage_axes`."""
     own = np.einsum("ianm,inm->anm", at, vector)
     return np.einsum("ianm,anm->inm", at, np.einsum("ab,bnm->anm", stage.inertia, own))
 
 
-def _carried(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> np.ndarray:
+def _stage_momentum(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """Return the momentum (3, n, m) N m s, body axes, that a stage adds to ``L`` at samples of a motion."""
-    at = _turned(stage, joints[0])
-    return _times_inertia(stage, at, spin[0] + _rate(stage, at, joints, 1))
+    at = _stage_axes(stage, joints[0])
+    return _times_inertia(stage, at, spin[0] + _stage_rate(stage, at, joints, 1))
 
 
-def _carried_and_change(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the result of `_carried` and what the stage adds to the derivative ``L'``, (3, n, m) N m."""
-    at = _turned(stage, joints[0])
-    rate, driven = _rate(stage, at, joints, 1), spin[1] + _rate(stage, at, joints, 2)
+def _stage_momentum_and_change(
+    stage: Stage, spin: np.ndarray, joints: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return `_stage_momentum` and what the stage adds to the derivative ``L'``, (3, n, m) N m."""
+    at = _stage_axes(stage, joints[0])
+    rate, driven = _stage_rate(stage, at, joints, 1), spin[1] + _stage_rate(stage, at, joints, 2)
     if stage.pitch is not None:  # the pitch axis is opposite to the left, which yaws
         across = np.cross(at[:, 1], stage.axes[2][:, None, None], axis=0)
         driven = driven + joints[1, stage.yaw] * joints[1, stage.pitch] * across
@@ -229,7 +233,7 @@ def _carried_and_change(stage: Stage, spin: np.ndarray, joints: np.ndarray) -> t
     return momentum, np.cross(rate, momentum, axis=0) + _times_inertia(stage, at, driven)
 
 
-def _angles(majorants: Majorants, stage: Stage) -> tuple[np.ndarray, np.ndarray]:
+def _angle_majorants(majorants: Majorants, stage: Stage) -> tuple[np.ndarray, np.ndarray]:
     """Return majorants (orders, n) of a stage's yaw and pitch (zero if none), rad, less constant terms."""
     yaw = majorants.joints[:, stage.yaw].copy()
     pitch = np.zeros_like(yaw) if stage.pitch is None else majorants.joints[:, stage.pitch].copy()
@@ -237,12 +241,14 @@ def _angles(majorants: Majorants, stage: Stage) -> tuple[np.ndarray, np.ndarray]
     return yaw, pitch
 
 
-def _majorants(majorants: Majorants, craft: Spacecraft) -> list[np.ndarray]:
-    """Return `_majorant` of every stage; they are computed once and kept in `majorants`."""
-    return _once(majorants, "_of_stages", craft, lambda: [_majorant(majorants, own) for own in stages(craft)])
+def _stage_majorants(majorants: Majorants, craft: Spacecraft) -> list[np.ndarray]:
+    """Return `_stage_majorant` of every stage; they are computed once and kept in `majorants`."""
+    return _compute_once(
+        majorants, "_of_stages", craft, lambda: [_stage_majorant(majorants, own) for own in stages(craft)]
+    )
 
 
-def _once(owner: object, name: str, craft: Spacecraft, make: Callable[[], T]) -> T:
+def _compute_once(owner: object, name: str, craft: Spacecraft, make: Callable[[], T]) -> T:
     """Return the result of `make`, kept in the owner's attribute `name` for later calls with this craft."""
     known: dict[str, tuple[Spacecraft, T]] = vars(owner)
     if name not in known or known[name][0] is not craft:
@@ -250,18 +256,18 @@ def _once(owner: object, name: str, craft: Spacecraft, make: Callable[[], T]) ->
     return known[name][1]
 
 
-def _majorant(majorants: Majorants, stage: Stage) -> np.ndarray:
+def _stage_majorant(majorants: Majorants, stage: Stage) -> np.ndarray:
     """Return the majorant (orders, n), N m s^2, of a stage's momentum times the half widths of intervals."""
-    yaw, pitch = _angles(majorants, stage)
+    yaw, pitch = _angle_majorants(majorants, stage)
     swung = series.product("n,n->n", series.slope(pitch), series.exponential(yaw))
     spinning = majorants.spin[: len(swung)] + series.slope(yaw) + swung
     return stage.size * series.product("n,n->n", series.exponential(2 * (yaw + pitch)), spinning)
 
 
-def _error(evidence: Evidence, stage: Stage) -> np.ndarray:
+def _stage_rounding(evidence: Evidence, stage: Stage) -> np.ndarray:
     """Return sizes (2, n) of rounding errors of a stage's part of h L and of h^2 L', h the half widths."""
     bounds, half = evidence.majorants, evidence.on.half
-    yaw, pitch = (own[:3] for own in _angles(bounds, stage))
+    yaw, pitch = (own[:3] for own in _angle_majorants(bounds, stage))
     unit = half ** np.arange(3)[:, None] / np.array([1, 1, 2])[:, None]
     off_yaw = evidence.rounding.joints[:, stage.yaw] * unit
     off_pitch = 0 * off_yaw if stage.pitch is None else evidence.rounding.joints[:, stage.pitch] * unit

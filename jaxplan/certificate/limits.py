@@ -27,10 +27,10 @@ from jaxplan.model.spacecraft import Spacecraft
 
 # Largest jump at a break and largest distance from a wanted state: rad, rad/s, rad/s^2, rad/s^3.
 TOLERANCE = 1e-8
-_PLATFORM = ("attitude", "angular_velocity", "angular_acceleration", "angular_jerk")
-_JOINTS = ("joints", "joint_rates", "joint_accelerations", "joint_jerks")
-_OF_JOINT = ("", "the rate of ", "the acceleration of ", "the jerk of ")
-_UNITS = ("rad", "rad/s", "rad/s^2", "rad/s^3")
+_PLATFORM_QUANTITIES = ("attitude", "angular_velocity", "angular_acceleration", "angular_jerk")
+_JOINT_QUANTITIES = ("joints", "joint_rates", "joint_accelerations", "joint_jerks")
+_JOINT_PREFIXES = ("", "the rate of ", "the acceleration of ", "the jerk of ")
+_DERIVATIVE_UNITS = ("rad", "rad/s", "rad/s^2", "rad/s^3")
 
 
 def tolerance(margin: np.ndarray) -> np.ndarray:
@@ -87,7 +87,7 @@ def quantities(
     for limit in limits(spacecraft):
         if claimed is not None and limit.quantity.name not in claimed:
             continue
-        values, left_out, rounding = _SAMPLED[limit.quantity.name](evidence, spacecraft)
+        values, left_out, rounding = _SAMPLERS[limit.quantity.name](evidence, spacecraft)
         if limit.quantity.of_wheels:
             bound = wheels.bounds(spacecraft, limit.quantity.name)
         else:
@@ -99,21 +99,22 @@ def quantities(
     return found
 
 
-_Sampled = Sequence[np.ndarray]  # samples, bound of the interpolation error, size of the rounding error
+# Samples, bound of the interpolation error, size of the rounding error.
+_SamplesWithErrors = Sequence[np.ndarray]
 
 
-def _spin(evidence: Evidence, derivative: int) -> _Sampled:
+def _sample_spin(evidence: Evidence, derivative: int) -> _SamplesWithErrors:
     """Angular velocity in body axes (`derivative` 0), or its derivative of that order, with error bounds."""
     return [part.spin[derivative] for part in (evidence.samples, evidence.left_out, evidence.rounding)]
 
 
-def _square(evidence: Evidence, derivative: int) -> _Sampled:
+def _sample_squared_spin(evidence: Evidence, derivative: int) -> _SamplesWithErrors:
     """Squared norm of the angular velocity (`derivative` 0), or of its derivative of that order.
 
     Returns:
         Samples (1, n, m); bound of the interpolation error (n,); size of the rounding error (n,).
     """
-    values, _, rounding = _spin(evidence, derivative)
+    values, _, rounding = _sample_spin(evidence, derivative)
     size = evidence.majorants.spin
     for _ in range(derivative):
         size = series.slope(size)
@@ -122,13 +123,13 @@ def _square(evidence: Evidence, derivative: int) -> _Sampled:
     return np.sum(values * values, axis=0)[None], left_out, 2 * size[0] / unit * rounding
 
 
-def _joints(evidence: Evidence, derivative: int, some: slice = slice(None)) -> _Sampled:
+def _sample_joints(evidence: Evidence, derivative: int, some: slice = slice(None)) -> _SamplesWithErrors:
     """Angles of `some` joints, rad (`derivative` 0), or their derivative of that order, with error bounds."""
     parts = evidence.samples, evidence.left_out, evidence.rounding
     return [part.joints[derivative, some] for part in parts]
 
 
-def _torque(evidence: Evidence, spacecraft: Spacecraft) -> _Sampled:
+def _sample_torque(evidence: Evidence, spacecraft: Spacecraft) -> _SamplesWithErrors:
     """Torque ``L' + w x L`` in body axes, N m, with error bounds."""
     momentum, _, of_momentum = inertia.momentum(evidence, spacecraft)
     change, left_out, rounding = inertia.change(evidence, spacecraft)
@@ -141,21 +142,21 @@ def _torque(evidence: Evidence, spacecraft: Spacecraft) -> _Sampled:
 
 
 # How the certificate samples each quantity; a limit on any other could not be proved.
-_SAMPLED: dict[str, Callable[[Evidence, Spacecraft], _Sampled]] = {
-    "angular_velocity": lambda evidence, _: _spin(evidence, 0),
-    "angular_acceleration": lambda evidence, _: _spin(evidence, 1),
-    "angular_velocity_norm": lambda evidence, _: _square(evidence, 0),
-    "angular_acceleration_norm": lambda evidence, _: _square(evidence, 1),
-    "joint_rates": lambda evidence, _: _joints(evidence, 1),
-    "joint_accelerations": lambda evidence, _: _joints(evidence, 2),
-    "yaw": lambda evidence, craft: _joints(evidence, 0, slice(None, len(craft.terminals))),
-    "pitch": lambda evidence, craft: _joints(
+_SAMPLERS: dict[str, Callable[[Evidence, Spacecraft], _SamplesWithErrors]] = {
+    "angular_velocity": lambda evidence, _: _sample_spin(evidence, 0),
+    "angular_acceleration": lambda evidence, _: _sample_spin(evidence, 1),
+    "angular_velocity_norm": lambda evidence, _: _sample_squared_spin(evidence, 0),
+    "angular_acceleration_norm": lambda evidence, _: _sample_squared_spin(evidence, 1),
+    "joint_rates": lambda evidence, _: _sample_joints(evidence, 1),
+    "joint_accelerations": lambda evidence, _: _sample_joints(evidence, 2),
+    "yaw": lambda evidence, craft: _sample_joints(evidence, 0, slice(None, len(craft.terminals))),
+    "pitch": lambda evidence, craft: _sample_joints(
         evidence, 0, slice(len(craft.terminals), 2 * len(craft.terminals))
     ),
-    "drive": lambda evidence, craft: _joints(evidence, 0, slice(2 * len(craft.terminals), None)),
-    "torque": _torque,
+    "drive": lambda evidence, craft: _sample_joints(evidence, 0, slice(2 * len(craft.terminals), None)),
+    "torque": _sample_torque,
     "wheel_momentum": inertia.momentum,
-    "jerk": lambda evidence, _: _spin(evidence, 2),
+    "jerk": lambda evidence, _: _sample_spin(evidence, 2),
     "wheel_torques": wheels.torques,
     "wheel_momenta": wheels.momenta,
 }
@@ -243,26 +244,31 @@ def faults(
         quantity, owner, limit, one, place = components[number]
         bound, seen, time = minima.bound[number], minima.seen[number], minima.time[number]
         if one.limit.centre is not None:
-            side = np.copysign(limit, _at(one.values[place, intervals], times, time))
+            side = np.copysign(limit, _interpolate_at(one.values[place, intervals], times, time))
             seen_broken = seen < -allowance
             reached = one.limit.centre[place] + side * (1 - np.array([seen, bound, 0]))
-            yield _of_range(f"{_single(quantity.name)} of {owner}", reached, side > 0, time, seen_broken)
+            yield _range_fault(
+                f"{_singular_name(quantity.name)} of {owner}", reached, side > 0, time, seen_broken
+            )
             continue
         of_devices = quantity.of_joints or quantity.of_wheels
-        name = f"{_words(quantity.name)} about {owner}"
+        name = f"{_to_words(quantity.name)} about {owner}"
         if of_devices:
-            name = f"{_single(quantity.name)} of {'the ' * owner.startswith('array across')}{owner}"
+            name = f"{_singular_name(quantity.name)} of {'the ' * owner.startswith('array across')}{owner}"
         if quantity.of_length:
-            name = f"the length of the {_words(quantity.name.removesuffix('_norm'))}"
+            name = f"the length of the {_to_words(quantity.name.removesuffix('_norm'))}"
         if seen < -allowance:
             value = f"{quantity.in_unit(limit * (1 - seen)):.6g} {quantity.unit}"
-            yield f"{name} reaches {value}, {_share(1 - seen)} of its limit, at t = {time:.6g} s"
+            yield f"{name} reaches {value}, {_format_share(1 - seen)} of its limit, at t = {time:.6g} s"
         else:
-            met = f"{_share(1 - seen)} of it was met at t = {time:.6g} s, the bound is {_share(1 - bound)}"
+            met = (
+                f"{_format_share(1 - seen)} of it was met at t = {time:.6g} s, "
+                f"the bound is {_format_share(1 - bound)}"
+            )
             yield f"{name} is not proved to keep its limit: {met}"
 
 
-def _at(values: np.ndarray, times: np.ndarray, time: float) -> float:
+def _interpolate_at(values: np.ndarray, times: np.ndarray, time: float) -> float:
     """Interpolate values (n, m), given at Chebyshev extrema of n intervals, times (n, m) s, at one time."""
     own = max(int(np.searchsorted(times[:, 0], time, side="right")) - 1, 0)
     apart = time - times[own]
@@ -274,7 +280,7 @@ def _at(values: np.ndarray, times: np.ndarray, time: float) -> float:
     return float(weights @ values[own] / weights.sum())
 
 
-def _of_range(name: str, angles: np.ndarray, upper: bool, time: float, met: bool) -> str:
+def _range_fault(name: str, angles: np.ndarray, upper: bool, time: float, met: bool) -> str:
     """Return a sentence on an angle that is not proved to stay within its range.
 
     Args:
@@ -296,19 +302,19 @@ def _of_range(name: str, angles: np.ndarray, upper: bool, time: float, met: bool
     return f"{name} is not proved to stay in its range: {seen}"
 
 
-def _share(value: float) -> str:
+def _format_share(value: float) -> str:
     """Format a value over its limit, with enough digits to show how it differs from one."""
     apart = abs(value - 1)
     places = 2 if not 0 < apart < 1 else 2 + max(0, int(np.ceil(-np.log10(apart))))
     return f"{value:.{min(places, 15)}f}".rstrip("0").rstrip(".") if np.isfinite(value) else f"{value}"
 
 
-def _single(name: str) -> str:
+def _singular_name(name: str) -> str:
     """Turn the name of a quantity of joints or wheels into words for a single one, as in "joint rate"."""
-    return "wheel momentum" if name == "wheel_momenta" else _words(name).removesuffix("s")
+    return "wheel momentum" if name == "wheel_momenta" else _to_words(name).removesuffix("s")
 
 
-def _apart(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _angle_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return the angles (...) rad between attitudes (3, 3, ...), accurate also when small.
 
     The norm of the difference of two rotation matrices is ``sqrt(8) sin(angle / 2)``.
@@ -323,9 +329,9 @@ def jumps(samples: Samples) -> dict[str, np.ndarray]:
     The keys are those of `Certificate.jumps`; the attitude's jump is an angle. The last row is from the last
     interval to the first and has no meaning; with it there are two rows at least (see `motion`).
     """
-    turn = _apart(samples.attitude[..., -1], np.roll(samples.attitude[..., 0], -1, axis=-1))
-    found = {_PLATFORM[0]: turn[:, None]}
-    for names, curves in ((_PLATFORM[1:], samples.spin), (_JOINTS, samples.joints)):
+    turn = _angle_between(samples.attitude[..., -1], np.roll(samples.attitude[..., 0], -1, axis=-1))
+    found = {_PLATFORM_QUANTITIES[0]: turn[:, None]}
+    for names, curves in ((_PLATFORM_QUANTITIES[1:], samples.spin), (_JOINT_QUANTITIES, samples.joints)):
         steps = np.abs(curves[..., -1] - np.roll(curves[..., 0], -1, axis=-1))
         found |= dict(zip(names, np.swapaxes(steps, 1, 2), strict=True))
     return found
@@ -351,16 +357,16 @@ def jump_faults(
         continuous: number of derivatives that must be continuous whatever the trajectory claims.
     """
     for name, steps in found.items():
-        of_platform = name in _PLATFORM
-        order = (_PLATFORM if of_platform else _JOINTS).index(name)
+        of_platform = name in _PLATFORM_QUANTITIES
+        order = (_PLATFORM_QUANTITIES if of_platform else _JOINT_QUANTITIES).index(name)
         needed = max(smoothness, 2 if jerk_limited and of_platform else continuous)
         if order <= needed and not (steps <= TOLERANCE).all():
             worst, component = divmod(int(np.argmax(steps)), steps.shape[1])
-            size = f"{steps[worst, component]:.3g} {_UNITS[order]}"
+            size = f"{steps[worst, component]:.3g} {_DERIVATIVE_UNITS[order]}"
             if of_platform:
-                where = f"{_words(name)} of the platform"
+                where = f"{_to_words(name)} of the platform"
             else:
-                where = f"{_OF_JOINT[order]}{joint_names[component]}"
+                where = f"{_JOINT_PREFIXES[order]}{joint_names[component]}"
             yield f"there is a jump of {size} in {where} at t = {times[worst]:.6g} s"
 
 
@@ -377,7 +383,7 @@ def end_faults(samples: Samples, name: str, end: EndState, instant: tuple[int, i
     velocity = 0.0 if end.angular_velocity is None else end.angular_velocity
     rates = 0.0 if end.joint_rates is None else end.joint_rates
     misses = {
-        "rad in attitude": _apart(samples.attitude[at], np.asarray(end.attitude)),
+        "rad in attitude": _angle_between(samples.attitude[at], np.asarray(end.attitude)),
         "rad/s in angular velocity": np.abs(samples.spin[0][at] - velocity),
         "rad in joints": np.abs(samples.joints[0][at] - end.joints),
         "rad/s in joint rates": np.abs(samples.joints[1][at] - rates),
@@ -387,6 +393,6 @@ def end_faults(samples: Samples, name: str, end: EndState, instant: tuple[int, i
             yield f"the {name} is missed by {np.max(miss):.3g} {part}"
 
 
-def _words(name: str) -> str:
+def _to_words(name: str) -> str:
     """Replace underscores in a name by blanks."""
     return name.replace("_", " ")

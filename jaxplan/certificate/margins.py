@@ -35,9 +35,9 @@ from jaxplan.certificate.motion import DEGREE, Intervals, Motion, Samples, Views
 from jaxplan.certificate.series import ROUNDING
 from jaxplan.model.constraints import BODY, INERTIAL, JOINTS, SIGHT, Constraints
 
-_SHARED = ("views", "ways", "terminals", "layout")  # attributes of `Bindings` that are no arrays
-_ALL = slice(None)
-_MIDDLE = slice(DEGREE // 2, DEGREE // 2 + 1)  # of an interval, among its samples
+_NON_ARRAY_FIELDS = ("views", "ways", "terminals", "layout")  # attributes of `Bindings` that are no arrays
+_FULL_SLICE = slice(None)
+_MIDDLE_SAMPLE = slice(DEGREE // 2, DEGREE // 2 + 1)  # of an interval, among its samples
 
 
 def tolerance(margin: np.ndarray) -> np.ndarray:
@@ -91,7 +91,7 @@ class Bindings:
             terminals: number of terminals.
             lost: (rows, sights) rad, what errors take off the margin of each pair; None for nothing.
         """
-        row, sight, layout = _nested(cones)
+        row, sight, layout = _lay_out_pairs(cones)
         frame, partner = cones.frame[row].astype(int), cones.partner[row].astype(int)
         axis, linear = cones.axis[row], frame == JOINTS
         half_angle = cones.half_angle[row]
@@ -128,7 +128,7 @@ class Bindings:
         """Concatenate the pairs of trajectories with the same views; with moving axes only one is allowed."""
         if len(several) == 1:
             return several[0]
-        arrays = [field.name for field in fields(cls) if field.name not in _SHARED]
+        arrays = [field.name for field in fields(cls) if field.name not in _NON_ARRAY_FIELDS]
         return cls(
             **{name: np.concatenate([getattr(own, name) for own in several]) for name in arrays},
             layout=Layout.joined([own.layout for own in several]),
@@ -148,7 +148,7 @@ class Bindings:
         return bool((self.frame == JOINTS).any())
 
     def margin(self, value: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """Convert values of `_values` to margins in rad; margins rise with the values.
+        """Convert values of `_sample_pairs` to margins in rad; margins rise with the values.
 
         Args:
             value: (..., rows).
@@ -161,8 +161,8 @@ class Bindings:
         margin = side * (2 * np.arcsin(np.sqrt(np.clip(side * value, 0, 4)) / 2) - angle)
         return np.where(self.frame[pair] == JOINTS, value, margin) if self.has_joints else margin
 
-    def _values(
-        self, samples: Samples, on: Intervals, pair: np.ndarray, where: np.ndarray, at: slice = _ALL
+    def _sample_pairs(
+        self, samples: Samples, on: Intervals, pair: np.ndarray, where: np.ndarray, at: slice = _FULL_SLICE
     ) -> np.ndarray:
         """Sample ``side c`` of pairs, or ``f . (yaw, pitch) - d`` of pairs of rows of joints: (rows, m).
 
@@ -175,7 +175,9 @@ class Bindings:
         """
         sight, frame, flip = self.sight[pair], self.frame[pair], self.flip[pair, None, None]
 
-        def apart_from(axes: np.ndarray, seen: np.ndarray, of: np.ndarray | slice = _ALL) -> np.ndarray:
+        def apart_from(
+            axes: np.ndarray, seen: np.ndarray, of: np.ndarray | slice = _FULL_SLICE
+        ) -> np.ndarray:
             """Return vectors (rows, 3, m) from axes to sights; both inertial or both in body axes."""
             difference: np.ndarray = seen[sight[of], :, where[of], at] - axes
             return difference
@@ -192,19 +194,19 @@ class Bindings:
             axes = way.at(way.holding(on.centre[where[rows]]), samples.time[where[rows], at])
             apart[rows] = apart_from(flip[rows] * np.moveaxis(axes, 0, 1), samples.boresights, rows)
         values = self.side[pair, None] * (apart * apart).sum(axis=1)
-        linear = self._linear(pair)
+        linear = self._find_joint_rows(pair)
         if len(linear):
             pair, joints = pair[linear], samples.joints[0][..., at]
             values[linear] = (
-                self._weighed(self.axis[pair], joints, pair, where[linear]) - self.angle[pair, None]
+                self._weigh_joints(self.axis[pair], joints, pair, where[linear]) - self.angle[pair, None]
             )
         return values
 
-    def _linear(self, pair: np.ndarray) -> np.ndarray:
+    def _find_joint_rows(self, pair: np.ndarray) -> np.ndarray:
         """Return the places in `pair` (rows,) of those pairs that are of rows of joints."""
         return np.flatnonzero(self.frame[pair] == JOINTS)
 
-    def _weighed(
+    def _weigh_joints(
         self, weight: np.ndarray, joints: np.ndarray, pair: np.ndarray, where: np.ndarray
     ) -> np.ndarray:
         """Return ``w_1 yaw + w_2 pitch`` (rows, ...) of the terminals of pairs of rows of joints.
@@ -230,24 +232,24 @@ class Bindings:
         clause = np.repeat(np.arange(len(number)), number)
         interval = on.begins[self.layout.owner][clause] + places(number)
         # First bound the direction by a cap around where it is at mid-interval: that settles nearly all.
-        pair, where = self._rows_of(clause, interval)
-        lower, met = self.layout.fold(pair, self.margin(self._caps(evidence, pair, where), pair))
+        pair, where = self._task_rows(clause, interval)
+        lower, met = self.layout.fold(pair, self.margin(self._cap_bounds(evidence, pair, where), pair))
         minima.meet(clause[::-1], met[::-1], on.centre[interval[::-1]])  # of equal values the first
         settled = lower >= minima.wanted(self.layout, tolerance)[clause]
         np.minimum.at(minima.bound, clause[settled], lower[settled])
         if not np.all(settled):
-            rows = self._rows(evidence, clause[~settled], interval[~settled])
+            rows = self._task_polynomials(evidence, clause[~settled], interval[~settled])
             bounds.minimise(rows, self.layout, minima, self.margin, tolerance)
         return minima
 
-    def _rows_of(self, clause: np.ndarray, interval: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _task_rows(self, clause: np.ndarray, interval: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return pairs and intervals (rows,) of all rows of tasks, given clauses and intervals (tasks,)."""
         opening = np.flatnonzero(self.layout.opens_clause)
         size = np.diff(np.append(opening, len(self.row)))[clause]
         return np.repeat(opening[clause], size) + places(size), np.repeat(interval, size)
 
-    def _caps(self, evidence: Evidence, pair: np.ndarray, where: np.ndarray) -> np.ndarray:
-        """Return lower bounds of `_values` on intervals, and the values at mid-interval: (2, rows).
+    def _cap_bounds(self, evidence: Evidence, pair: np.ndarray, where: np.ndarray) -> np.ndarray:
+        """Return lower bounds of `_sample_pairs` on intervals, and the values at mid-interval: (2, rows).
 
         A bound is taken over the cap that the direction may reach from where it is at mid-interval.
 
@@ -257,35 +259,40 @@ class Bindings:
             where: (rows,) int, index of each row's interval.
         """
         side = self.side[pair]
-        middle = self._values(evidence.samples, evidence.on, pair, where, _MIDDLE)[:, 0]
+        middle = self._sample_pairs(evidence.samples, evidence.on, pair, where, _MIDDLE_SAMPLE)[:, 0]
         reach = (evidence.majorants.direction[1] + evidence.rounding.direction)[self.view[pair], where]
         least = side * np.clip(np.sqrt(side * middle) - side * reach, 0, 2) ** 2
-        linear = self._linear(pair)
+        linear = self._find_joint_rows(pair)
         if len(linear):
             pair, where = pair[linear], where[linear]
-            reach = self._weighed(np.abs(self.axis[pair]), evidence.majorants.joints[1], pair, where)
-            least[linear] = middle[linear] - reach - self._noise(evidence, pair, where)
+            reach = self._weigh_joints(np.abs(self.axis[pair]), evidence.majorants.joints[1], pair, where)
+            least[linear] = middle[linear] - reach - self._joint_rounding(evidence, pair, where)
         return np.stack([least, middle])
 
-    def _noise(self, evidence: Evidence, pair: np.ndarray, where: np.ndarray) -> np.ndarray:
-        """Return sizes (rows,) of rounding errors of `_values` for rows of joints; arguments as `_caps`."""
-        angle, weight = self.angle[pair], np.abs(self.axis[pair])
-        return self._weighed(weight, evidence.rounding.joints[0], pair, where) + ROUNDING * np.abs(angle)
+    def _joint_rounding(self, evidence: Evidence, pair: np.ndarray, where: np.ndarray) -> np.ndarray:
+        """Return sizes (rows,) of rounding errors of `_sample_pairs` for rows of joints.
 
-    def _rows(self, evidence: Evidence, clause: np.ndarray, interval: np.ndarray) -> Rows:
-        """Return the polynomials through `_values` for tasks, given clauses and intervals (tasks,)."""
-        pair, where = self._rows_of(clause, interval)
+        Arguments are those of `_cap_bounds`.
+        """
+        angle, weight = self.angle[pair], np.abs(self.axis[pair])
+        return self._weigh_joints(weight, evidence.rounding.joints[0], pair, where) + ROUNDING * np.abs(angle)
+
+    def _task_polynomials(self, evidence: Evidence, clause: np.ndarray, interval: np.ndarray) -> Rows:
+        """Return the polynomials through `_sample_pairs` for tasks, given clauses and intervals (tasks,)."""
+        pair, where = self._task_rows(clause, interval)
         view, on = self.view[pair], evidence.on
-        values = self._values(evidence.samples, on, pair, where)
+        values = self._sample_pairs(evidence.samples, on, pair, where)
         largest = np.abs(values).max(axis=1)
         # With |p| = 1 an error d of p changes c by at most 2 |p - e| d, but one of p . e changes it by 2 d.
         noise = 2 * evidence.rounding.direction[view, where] * np.sqrt(largest)
         left_out = 2 * evidence.left_out.direction[view, where]
-        linear = self._linear(pair)
+        linear = self._find_joint_rows(pair)
         if len(linear):
             own = pair[linear], where[linear]
-            noise[linear] = self._noise(evidence, *own)
-            left_out[linear] = self._weighed(np.abs(self.axis[own[0]]), evidence.left_out.joints[0], *own)
+            noise[linear] = self._joint_rounding(evidence, *own)
+            left_out[linear] = self._weigh_joints(
+                np.abs(self.axis[own[0]]), evidence.left_out.joints[0], *own
+            )
         return Rows(
             coefficients=bounds.to_rows(values),
             error=left_out + LEBESGUE * noise + ROUNDING * bounds.growth(DEGREE) * largest,
@@ -305,7 +312,7 @@ class Bindings:
         pairs = np.flatnonzero(self.layout.clause == clause)
         if len(pairs) > 1:
             on = motion.between(np.array([time, time]), self.layout.owner[clause])
-            values = self._values(motion.sample(on, np.zeros(1)), on, pairs, np.zeros(len(pairs), int))
+            values = self._sample_pairs(motion.sample(on, np.zeros(1)), on, pairs, np.zeros(len(pairs), int))
             margin = self.margin(values[:, 0], pairs)
             pairs = pairs[margin == self.layout.fold(pairs, margin)]
         return int(pairs[0])
@@ -328,7 +335,7 @@ class Bindings:
             own = self.layout.clause == clause
             single = self.layout.opens_entry[own].sum() == 1
             alone = len({claim.zone_names[row] for row in self.row[own]}) == 1  # and no group of zones
-            kind, wrong = self._kind(pair)
+            kind, wrong = self._describe_row(pair)
             if alone and not single and self.frame[pair] != JOINTS:  # a field of view, made of its edges
                 kind, wrong = "zone", "too close to"
             sight, name = claim.sights[self.sight[pair]], claim.zone_names[self.row[pair]]
@@ -342,7 +349,7 @@ class Bindings:
                 proof = f"is not proved: {met}, the bound is {np.rad2deg(bound):.3g} deg"
                 yield f"the margin of {sight} to {place} {proof}"
 
-    def _kind(self, pair: int) -> tuple[str, str]:
+    def _describe_row(self, pair: int) -> tuple[str, str]:
         """Return words for a pair's row and for where a sight breaks it: ("keep-out zone", "inside")."""
         if self.frame[pair] == JOINTS:
             return "mask", "inside"
@@ -350,7 +357,7 @@ class Bindings:
         return ("keep-out zone", "inside") if outside else ("keep-in zone", "outside")
 
 
-def _nested(cones: Constraints) -> tuple[np.ndarray, np.ndarray, Layout]:
+def _lay_out_pairs(cones: Constraints) -> tuple[np.ndarray, np.ndarray, Layout]:
     """Return rows and sights (pairs,) of all bound pairs, clause by clause, and their layout."""
     row, sight = np.nonzero(cones.bound)
     entry, group = cones.entry[row].astype(int), cones.group[row].astype(int)

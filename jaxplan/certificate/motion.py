@@ -116,7 +116,7 @@ class Way:
             half: (n,) s, their half widths.
             orders: number of orders to return.
         """
-        cubic = self._cubic(centre, half)
+        cubic = self._scaled_taylor(centre, half)
         padded = np.concatenate([cubic, np.zeros((3, *cubic.shape[1:]))])
         square = series.product("in,in->n", padded, padded)  # of degree 6
         least = square[0] - np.abs(square[1:]).sum(axis=0)
@@ -127,9 +127,9 @@ class Way:
 
     def rounding(self, centre: np.ndarray, half: np.ndarray) -> np.ndarray:
         """Return sizes (n,) of rounding errors of `at` on intervals, by centres and half widths (n,) s."""
-        return ROUNDING * (1 + np.linalg.norm(self._cubic(centre, half), axis=1).sum(axis=0))
+        return ROUNDING * (1 + np.linalg.norm(self._scaled_taylor(centre, half), axis=1).sum(axis=0))
 
-    def _cubic(self, centre: np.ndarray, half: np.ndarray) -> np.ndarray:
+    def _scaled_taylor(self, centre: np.ndarray, half: np.ndarray) -> np.ndarray:
         """Return Taylor coefficients (4, 3, n) of ``s`` about centres (n,) s, in units of `half` (n,) s."""
         about = self._taylor(self.holding(centre), centre[:, None])[..., 0]
         return about * half ** np.arange(4)[:, None, None]
@@ -287,9 +287,9 @@ class Mountings:
                 ahead = np.array([np.cos(angle), np.sin(angle), 0.0])
                 axes.append(np.array([ahead, [-ahead[1], ahead[0], 0.0], [0.0, 0.0, 1.0]]))
             else:
-                axes.append(_axes(terminal.mounting.yaw_axis, terminal.mounting.boresight)[0])
+                axes.append(_axes_and_tilt(terminal.mounting.yaw_axis, terminal.mounting.boresight)[0])
         for drive in spacecraft.drives:
-            found, tilt = _axes(drive.axis, drive.boresight)
+            found, tilt = _axes_and_tilt(drive.axis, drive.boresight)
             axes.append(found)
             tilts.append(tilt)
         return cls(axes=np.array(axes, np.float64).reshape(-1, 3, 3), tilts=np.array(tilts, np.float64))
@@ -301,7 +301,7 @@ class Mountings:
         return np.concatenate([yaw, angle]), np.concatenate([pitch, np.zeros_like(angle)])
 
 
-def _axes(axis: np.ndarray, boresight: np.ndarray) -> tuple[np.ndarray, float]:
+def _axes_and_tilt(axis: np.ndarray, boresight: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the axes (3, 3) of a device as in `Mountings.axes`, and the tilt of its boresight, rad.
 
     Args:
@@ -414,7 +414,7 @@ class Motion:
         spin = series.body_rate(relative).reshape(3, 3, *time.shape)
         joints = self.joints.taylor(on.joint_piece, time, 4)
         factorial = np.array([1, 1, 2, 6]).reshape(4, 1, 1, 1)
-        in_body = self._in_body(joints[0])
+        in_body = self._sights_in_body(joints[0])
         boresights = np.einsum("ijnm,djnm->dinm", attitude, in_body)
         return Samples(
             time=time,
@@ -425,7 +425,7 @@ class Motion:
             boresights=boresights / np.linalg.norm(boresights, axis=1, keepdims=True),
         )
 
-    def _in_body(self, joints: np.ndarray) -> np.ndarray:
+    def _sights_in_body(self, joints: np.ndarray) -> np.ndarray:
         """Return the sights (S, 3, n, m), unit vectors in body axes, at joint angles (J, n, m) rad."""
         azimuth, elevation = self.mountings.split(joints)
         if len(self.mountings.tilts):

@@ -25,8 +25,8 @@ from jaxplan.runtime.batching import in_groups
 
 MARGIN_ALLOWANCE = 1e-9  # rad by which a margin may fall below zero
 LIMIT_ALLOWANCE = 1e-9  # fraction of a limit by which it may be exceeded
-_TOGETHER = 16  # trajectories that are proved at once, so that their samples stay in the cache
-_PIECES = 64  # most breaks of a trajectory that is proved with others
+_TRAJECTORIES_PER_BATCH = 16  # trajectories that are proved at once, so that their samples stay in the cache
+_MOST_BREAKS_IN_BATCH = 64  # most breaks of a trajectory that is proved with others
 
 
 def certify(claim: Claim) -> Certificate:
@@ -50,7 +50,9 @@ def certify_batch(claims: Sequence[Claim]) -> list[Certificate]:
     with np.errstate(all="ignore"):  # NaN and infinities are detected in the results
         cases = [Case.of(claim) for claim in claims]
         legible = [case for case in cases if isinstance(case, Case)]
-        proved = iter(in_groups(legible, lambda case: case.kind, _certify, most=_TOGETHER))
+        proved = iter(
+            in_groups(legible, lambda case: case.kind, _certify_group, most=_TRAJECTORIES_PER_BATCH)
+        )
     return [case if isinstance(case, Certificate) else next(proved) for case in cases]
 
 
@@ -70,8 +72,8 @@ def prove_margins(claim: Claim) -> tuple[ProvedMargin, ...]:
         together = case.bindings.layout
         apart = replace(together, quantity=np.arange(len(together.quantity)))
         case = replace(case, bindings=replace(case.bindings, layout=apart))
-        motion, bindings, evidence = _gathered([case])
-        if not _legible(evidence):
+        motion, bindings, evidence = _gather_evidence([case])
+        if not _is_finite(evidence):
             return ()
         found = bindings.prove(evidence)
         if case.static:
@@ -118,7 +120,7 @@ class Case:
     @property
     def kind(self) -> Hashable:
         """A key that is equal for cases that may be proved together."""
-        if self.bindings.ways or len(self.curve.breaks) > _PIECES:
+        if self.bindings.ways or len(self.curve.breaks) > _MOST_BREAKS_IN_BATCH:
             return id(self)  # to be proved alone
         craft = self.claim.spacecraft
         given = (quantity.given(craft) for quantity in QUANTITIES)
@@ -140,7 +142,7 @@ class Case:
         )
 
 
-def _gathered(cases: Sequence[Case]) -> tuple[Motion, Bindings, Evidence]:
+def _gather_evidence(cases: Sequence[Case]) -> tuple[Motion, Bindings, Evidence]:
     """Return motion, bindings and evidence of cases of one kind, their trajectories one after the other."""
     craft, several = cases[0].claim.spacecraft, [case.bindings for case in cases]
     bindings = Bindings.joined(several)
@@ -149,18 +151,18 @@ def _gathered(cases: Sequence[Case]) -> tuple[Motion, Bindings, Evidence]:
     return motion, bindings, bounds.gather(motion, negligible(craft, several), ways, further)
 
 
-def _legible(evidence: Evidence) -> bool:
+def _is_finite(evidence: Evidence) -> bool:
     """Whether all samples of the trajectories are finite."""
     samples = evidence.samples
     return all(np.isfinite(part).all() for part in (samples.boresights, samples.spin, samples.joints))
 
 
-def _certify(cases: Sequence[Case]) -> list[Certificate]:
+def _certify_group(cases: Sequence[Case]) -> list[Certificate]:
     """Certify cases of one kind together; return their certificates in order."""
-    motion, bindings, evidence = _gathered(cases)
-    if not _legible(evidence):
+    motion, bindings, evidence = _gather_evidence(cases)
+    if not _is_finite(evidence):
         if len(cases) > 1:
-            return [certificate for case in cases for certificate in _certify([case])]
+            return [certificate for case in cases for certificate in _certify_group([case])]
         beyond = f"a chart turns by more than {series.LARGEST_TURN:g} rad or a number overflows"
         return [Certificate(certified=False, faults=(beyond,), evaluations=evidence.samples.time.size)]
     first = cases[0].claim

@@ -24,7 +24,7 @@ from numpy.polynomial import legendre
 # The series of `quaternion` holds up to this length of a rotation vector, in rad: the first
 # term left out is below 1e-22 and the largest is about 3000.
 LARGEST_TURN = 20.0
-_TERMS = 32  # of that series
+_SERIES_TERMS = 32  # of that series
 
 
 def product(subscripts: str, first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -85,10 +85,10 @@ def majorant(sizes: np.ndarray, orders: int) -> np.ndarray:
 
 
 @lru_cache
-def _chain_series(members: int) -> np.ndarray:
+def _chain_coefficients(members: int) -> np.ndarray:
     """Return coefficients (members, terms) of ``f_m = sum_j (-x^2 / 2)^j / (j! (2 (m + j) - 1)!!)``."""
-    odd = np.cumprod([1.0, *range(1, 2 * (members + _TERMS), 2)])  # (2 i - 1)!!
-    return np.array([[1 / (factorial(j) * odd[m + j]) for j in range(_TERMS)] for m in range(members)])
+    odd = np.cumprod([1.0, *range(1, 2 * (members + _SERIES_TERMS), 2)])  # (2 i - 1)!!
+    return np.array([[1 / (factorial(j) * odd[m + j]) for j in range(_SERIES_TERMS)] for m in range(members)])
 
 
 def _cosine_and_sinc(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -98,10 +98,10 @@ def _cosine_and_sinc(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     order k + 1 of one member follows from the orders up to k of the next.
     """
     length = len(square)
-    powers = np.ones((_TERMS, square.shape[1]))
-    np.cumprod(np.broadcast_to(-square[0] / 2, (_TERMS - 1, square.shape[1])), axis=0, out=powers[1:])
+    powers = np.ones((_SERIES_TERMS, square.shape[1]))
+    np.cumprod(np.broadcast_to(-square[0] / 2, (_SERIES_TERMS - 1, square.shape[1])), axis=0, out=powers[1:])
     chain = np.zeros((length, length + 1, square.shape[1]))  # (order, member, n)
-    chain[0] = np.einsum("mj,jn->mn", _chain_series(length + 1), powers)
+    chain[0] = np.einsum("mj,jn->mn", _chain_coefficients(length + 1), powers)
     rate = slope(square)
     for k in range(1, length):
         chain[k, :-1] = np.einsum("Zn,Zmn->mn", rate[:k], chain[k - 1 :: -1, 1:]) / (-2 * k)
@@ -151,11 +151,11 @@ def body_rate(quaternion_jet: np.ndarray) -> np.ndarray:
 
 # Size of the rounding error of a sum or of a short computation, relative to the size of its terms.
 ROUNDING = 8 * float(np.finfo(np.float64).eps)
-_ENDS = slice(None, -1), slice(1, None)
+_START_END_SLICES = slice(None, -1), slice(1, None)
 
 
 @lru_cache
-def _operators(degree: int) -> np.ndarray:
+def _derivative_matrices(degree: int) -> np.ndarray:
     """Return matrices (k, to, from) from Legendre coefficients to those of the k-th derivative over k!."""
     once = np.zeros((degree + 1, degree + 1))
     once[:degree] = legendre.legder(np.eye(degree + 1))[:degree]
@@ -187,11 +187,11 @@ class Pieces:
     @classmethod
     def of(cls, *curves: tuple[np.ndarray, np.ndarray]) -> Self:
         """Join curves, each given by breaks (pieces + 1,) s and coefficients (pieces, p + 1, c)."""
-        first, last = (np.concatenate([breaks[part] for breaks, _ in curves]) for part in _ENDS)
+        first, last = (np.concatenate([breaks[part] for breaks, _ in curves]) for part in _START_END_SLICES)
         coefficients = np.concatenate([own for _, own in curves])
         pieces, length, components = coefficients.shape
         # One product for each piece, so that results do not depend on the number of pieces.
-        derivatives = _operators(length - 1).reshape(-1, length) @ coefficients
+        derivatives = _derivative_matrices(length - 1).reshape(-1, length) @ coefficients
         derivatives = derivatives.reshape(pieces, length, length, components).swapaxes(1, 2)
         unit = (2 / (last - first))[:, None, None] ** np.arange(length)[:, None]
         return cls(

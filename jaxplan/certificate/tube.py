@@ -17,29 +17,31 @@ from jaxplan.model.constraints import INERTIAL, JOINTS, SIGHT, Constraints
 from jaxplan.model.robust import Robust
 from jaxplan.model.spacecraft import Spacecraft
 
-_BODY = -1  # stands for the body among the devices that carry sights
-_MOST = (np.pi / 2, np.pi / 2, 100.0, 100.0)  # upper bounds of both errors, rad, and both reserves, percent
+_BODY_INDEX = -1  # stands for the body among the devices that carry sights
+_UPPER_BOUNDS = (np.pi / 2, np.pi / 2, 100.0, 100.0)  # of both errors, rad, and both reserves, percent
 _ANGLES = ("yaw", "pitch", "drive")
 _TORQUES, _MOMENTA = ("torque", "wheel_torques"), ("wheel_momentum", "wheel_momenta")
 
 
 def losses(robust: Robust, craft: Spacecraft, cones: Constraints) -> np.ndarray:
     """Return the angles (Z, S) rad by which errors lower the margin of each of S sights to each of Z rows."""
-    carrier, swing = _carriers(robust, craft, cones)
+    carrier, swing = _carriers_and_swings(robust, craft, cones)
     frame = cones.frame[:, None]
-    other = np.where(frame == SIGHT, carrier[cones.partner.astype(int)][:, None], _BODY)
+    other = np.where(frame == SIGHT, carrier[cones.partner.astype(int)][:, None], _BODY_INDEX)
     both = np.where((frame == SIGHT) & (carrier == other), 0, swing[carrier] + swing[other])
     lost = both + np.where(frame == INERTIAL, float(robust.attitude_error), 0)
     of_joints = float(robust.joint_error) * np.abs(cones.axis[:, :2]).sum(axis=1)
     return np.where(frame == JOINTS, of_joints[:, None], lost)
 
 
-def _carriers(robust: Robust, craft: Spacecraft, cones: Constraints) -> tuple[np.ndarray, np.ndarray]:
+def _carriers_and_swings(
+    robust: Robust, craft: Spacecraft, cones: Constraints
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the devices that carry the sights, and the swing of each device.
 
     Returns:
-        (S,) int, indices of devices with joints, or `_BODY` for sights that no joint turns. Swings, rad, of
-        all devices with joints, then zero for the body, where `_BODY` finds it.
+        (S,) int, indices of devices with joints, or `_BODY_INDEX` for sights that no joint turns. Swings,
+        rad, of all devices with joints, then zero for the body, where `_BODY_INDEX` finds it.
     """
     half = float(robust.joint_error) / 2
     cosine, sine = np.cos(half), np.sin(half)
@@ -47,7 +49,7 @@ def _carriers(robust: Robust, craft: Spacecraft, cones: Constraints) -> tuple[np
     both = 2 * np.arctan2(np.linalg.norm(vector), cosine * cosine)
     swing = [both] * len(craft.terminals) + [float(robust.joint_error)] * len(craft.drives) + [0.0]
     gimbals, still = len(swing) - 1, len(craft.instruments) + len(cones.body)
-    carrier = np.concatenate([np.arange(gimbals), np.full(still, _BODY), cones.carrier]).astype(int)
+    carrier = np.concatenate([np.arange(gimbals), np.full(still, _BODY_INDEX), cones.carrier]).astype(int)
     return carrier, np.array(swing)
 
 
@@ -88,7 +90,7 @@ def faults(robust: Robust | None, craft: Spacecraft, cones: Constraints, names: 
     if robust is None:
         return
     own = numbers(robust)
-    if not all(0 <= number < most for number, most in zip(own, _MOST, strict=True)):
+    if not all(0 <= number < most for number, most in zip(own, _UPPER_BOUNDS, strict=True)):
         told = f"errors of {own[0]:g} and {own[1]:g} rad, reserves of {own[2]:g} and {own[3]:g} percent"
         yield f"robust has {told}"
         return

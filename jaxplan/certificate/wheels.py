@@ -28,9 +28,9 @@ from jaxplan.certificate.bounds import Evidence
 from jaxplan.certificate.motion import DEGREE
 from jaxplan.model.spacecraft import Spacecraft
 
-_PARALLEL = 1e-9  # sine of an angle below which axes count as parallel
-_ENVELOPE = "minimax"  # the allocation whose envelope is asked for; the other is the pseudo-inverse
-_LIMITS = {"wheel_torques": "torque", "wheel_momenta": "momentum"}  # attributes of wheels, by quantity
+_PARALLEL_TOLERANCE = 1e-9  # sine of an angle below which axes count as parallel
+_ENVELOPE_ALLOCATION = "minimax"  # whose envelope is asked for; the other is the pseudo-inverse
+_LIMIT_ATTRIBUTES = {"wheel_torques": "torque", "wheel_momenta": "momentum"}  # of wheels, by quantity
 
 
 def numbers(craft: Spacecraft) -> np.ndarray:
@@ -44,11 +44,11 @@ def bounds(craft: Spacecraft, name: str) -> np.ndarray:
 
     A row that is zero has the limit 1, which is always kept.
     """
-    given = np.array([getattr(wheel, _LIMITS[name]) for wheel in craft.wheels], np.float64)
-    if craft.allocation != _ENVELOPE:
+    given = np.array([getattr(wheel, _LIMIT_ATTRIBUTES[name]) for wheel in craft.wheels], np.float64)
+    if craft.allocation != _ENVELOPE_ALLOCATION:
         return given
     rows = rows_of(craft)
-    reach = np.abs(rows @ _axes(craft).T) @ given
+    reach = np.abs(rows @ _wheel_axes(craft).T) @ given
     return np.where(rows.any(axis=1), reach, 1.0)
 
 
@@ -59,27 +59,27 @@ def torques(evidence: Evidence, craft: Spacecraft) -> Sequence[np.ndarray]:
         Samples; bounds of the interpolation errors (r, n); sizes of the rounding errors (r, n).
     """
     change, of_change, rounding = inertia.change(evidence, craft)
-    total, carried = _total(evidence, craft)
+    total, carried = _total_momentum(evidence, craft)
     values = change + np.cross(evidence.samples.spin[0], carried, axis=0)
     half, speed, turned = evidence.on.half, evidence.majorants.spin, evidence.majorants.attitude
     crossed = series.product("n,n->n", speed, turned[: len(speed)])[DEGREE + 1] / half
     left_out = of_change + 2.0 ** (1 - DEGREE) * total * crossed
-    rounding = rounding + total * (evidence.rounding.spin[0] + speed[0] / half * _rounding(evidence))
-    return _along(rows_of(craft), values, left_out, rounding)
+    rounding = rounding + total * (evidence.rounding.spin[0] + speed[0] / half * _attitude_rounding(evidence))
+    return _project_on_rows(rows_of(craft), values, left_out, rounding)
 
 
 def momenta(evidence: Evidence, craft: Spacecraft) -> Sequence[np.ndarray]:
     """Return the momenta (r, n, m) N m s that the rows limit, with error bounds as of `torques`."""
     rows, (own, of_own, rounding) = rows_of(craft), inertia.momentum(evidence, craft)
-    total, carried = _total(evidence, craft)
+    total, carried = _total_momentum(evidence, craft)
     values = carried - own
     turned = evidence.majorants.attitude[DEGREE + 1]
     left_out = of_own + 2.0 ** (1 - DEGREE) * total * turned
-    rounding = rounding + total * _rounding(evidence)
-    found, *errors = _along(rows, values, left_out, rounding)
-    if craft.allocation != _ENVELOPE:
+    rounding = rounding + total * _attitude_rounding(evidence)
+    found, *errors = _project_on_rows(rows, values, left_out, rounding)
+    if craft.allocation != _ENVELOPE_ALLOCATION:
         stored = numbers(craft)[:, 5]
-        found = found + (stored - rows @ (_axes(craft).T @ stored))[:, None, None]
+        found = found + (stored - rows @ (_wheel_axes(craft).T @ stored))[:, None, None]
     return found, *errors
 
 
@@ -87,30 +87,33 @@ def negligible(craft: Spacecraft) -> np.ndarray:
     """Return errors as large as a limit: (4,), of angular velocity, its two derivatives, and the attitude."""
     sizes = np.linalg.norm(rows_of(craft), axis=1)
     sizes[sizes == 0] = np.nan
-    torque, momentum = (float(np.nanmin(bounds(craft, name) / sizes)) for name in _LIMITS)
-    heaviest, stored = inertia.fixed(craft)[1], float(np.linalg.norm(_axes(craft).T @ numbers(craft)[:, 5]))
+    torque, momentum = (float(np.nanmin(bounds(craft, name) / sizes)) for name in _LIMIT_ATTRIBUTES)
+    heaviest, stored = (
+        inertia.fixed(craft)[1],
+        float(np.linalg.norm(_wheel_axes(craft).T @ numbers(craft)[:, 5])),
+    )
     of_turning = momentum / stored if stored > 0 else np.inf
     by_rate = torque / stored if stored > 0 else np.inf
     return np.array([min(momentum / heaviest, by_rate), torque / heaviest, np.inf, of_turning])
 
 
-def _along(rows: np.ndarray, values: np.ndarray, *errors: np.ndarray) -> Sequence[np.ndarray]:
+def _project_on_rows(rows: np.ndarray, values: np.ndarray, *errors: np.ndarray) -> Sequence[np.ndarray]:
     """Return products (r, n, m) of rows with vectors (3, n, m), and errors (r, n) from the vectors' (n,)."""
     sizes = np.linalg.norm(rows, axis=1)[:, None]
     return np.einsum("ri,inm->rnm", rows, values), *(sizes * error for error in errors)
 
 
-def _total(evidence: Evidence, craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
+def _total_momentum(evidence: Evidence, craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
     """Return the lengths (n,) N m s of the total momentum ``H``, and ``R^T H`` (3, n, m) in body axes."""
     samples, on = evidence.samples, evidence.on
     first = on.begins[:-1]
-    stored = _axes(craft).T @ numbers(craft)[:, 5]
+    stored = _wheel_axes(craft).T @ numbers(craft)[:, 5]
     own = inertia.at_starts(samples, first, craft) + stored[:, None]
     total = np.sum(samples.attitude[:, :, first, 0] * own, axis=1)[:, on.trajectory]
     return np.linalg.norm(total, axis=0), np.einsum("jinm,jn->inm", samples.attitude, total)
 
 
-def _rounding(evidence: Evidence) -> np.ndarray:
+def _attitude_rounding(evidence: Evidence) -> np.ndarray:
     """Return sizes (n,) of rounding errors of unit vectors turned by the attitude at the start and back."""
     own, on = evidence.rounding.attitude, evidence.on
     if own is None:
@@ -118,7 +121,7 @@ def _rounding(evidence: Evidence) -> np.ndarray:
     return own + own[on.begins[:-1]][on.trajectory]
 
 
-def _axes(craft: Spacecraft) -> np.ndarray:
+def _wheel_axes(craft: Spacecraft) -> np.ndarray:
     """Return the axes (n, 3) of the wheels, scaled to unit length, in body axes."""
     axes = numbers(craft)[:, :3]
     return axes / np.linalg.norm(axes, axis=1, keepdims=True)
@@ -126,9 +129,9 @@ def _axes(craft: Spacecraft) -> np.ndarray:
 
 def rows_of(craft: Spacecraft) -> np.ndarray:
     """Return the rows (r, 3) of an array of wheels, whose products with torque and momentum are limited."""
-    axes = _axes(craft)
-    if craft.allocation != _ENVELOPE:
+    axes = _wheel_axes(craft)
+    if craft.allocation != _ENVELOPE_ALLOCATION:
         return np.linalg.pinv(axes.T)
     across = np.array([np.cross(one, other) for one, other in combinations(axes, 2)])
     size = np.linalg.norm(across, axis=1, keepdims=True)
-    return np.where(size > _PARALLEL, across / np.where(size > _PARALLEL, size, 1), 0)
+    return np.where(size > _PARALLEL_TOLERANCE, across / np.where(size > _PARALLEL_TOLERANCE, size, 1), 0)

@@ -12,7 +12,7 @@ from jaxplan.exporting.sampled import Sampling
 from jaxplan.exporting.text_lines import plain, table_lines
 from jaxplan.model.epochs import utc_texts
 
-_BODY = "SC_BODY_1"  # name of the body's frame where the user gives none
+_DEFAULT_BODY_FRAME = "SC_BODY_1"  # name of the body's frame where the user gives none
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ def write_aem(sampling: Sampling, path: Path) -> None:
         path: the file. From one writing to the next only the line of CREATION_DATE differs.
     """
     assert sampling.start is not None
-    stretches = _stretches(sampling)
+    stretches = _split_into_stretches(sampling)
     fresh = iter(stretches)
     with path.open("w", encoding="ascii") as file:
         file.write("CCSDS_AEM_VERS = 2.0\n")
@@ -50,7 +50,7 @@ def write_aem(sampling: Sampling, path: Path) -> None:
             if block.opens:
                 if block.first:
                     file.write("DATA_STOP\n")
-                file.writelines(_metadata(sampling, next(fresh)))
+                file.writelines(_metadata_lines(sampling, next(fresh)))
             stamps = utc_texts(sampling.start, block.times)
             rates = np.rad2deg(block.values.angular_velocity)
             numbers = table_lines([np.roll(block.quaternions, -1, axis=1), rates])
@@ -58,7 +58,7 @@ def write_aem(sampling: Sampling, path: Path) -> None:
         file.write("DATA_STOP\n")
 
 
-def _stretches(sampling: Sampling) -> list[_Stretch]:
+def _split_into_stretches(sampling: Sampling) -> list[_Stretch]:
     """Return the message's segments, which meet in a row; segments of the day without rows join the next."""
     last = len(sampling.times) - 1
     found: list[_Stretch] = []
@@ -76,15 +76,15 @@ def _stretches(sampling: Sampling) -> list[_Stretch]:
     return found
 
 
-def _metadata(sampling: Sampling, stretch: _Stretch) -> Iterator[str]:
+def _metadata_lines(sampling: Sampling, stretch: _Stretch) -> Iterator[str]:
     """Yield the lines before the rows of a message's segment, from META_START to DATA_START."""
     assert sampling.start is not None
     names = sampling.names
-    body = names.frame_name or _BODY
+    body = names.frame_name or _DEFAULT_BODY_FRAME
     begin, end = utc_texts(sampling.start, sampling.times[[stretch.first, stretch.last]])
     yield "META_START\n"
     for segment in stretch.segments:
-        moment = "" if segment.end > segment.start else f", at {_moment(sampling, segment.start)}"
+        moment = "" if segment.end > segment.start else f", at {_utc_text(sampling, segment.start)}"
         yield f"COMMENT {plain(segment.kind)}: {plain(segment.name)}{moment}\n"
     pairs = {
         "OBJECT_NAME": names.object_name or plain(sampling.flight.name),
@@ -104,7 +104,7 @@ def _metadata(sampling: Sampling, stretch: _Stretch) -> Iterator[str]:
     yield "DATA_START\n"
 
 
-def _moment(sampling: Sampling, time: float) -> str:
+def _utc_text(sampling: Sampling, time: float) -> str:
     """Return the UTC text of a time, s from the start."""
     assert sampling.start is not None
     return utc_texts(sampling.start, np.array([time]))[0]

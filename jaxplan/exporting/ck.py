@@ -31,7 +31,7 @@ from jaxplan.exporting.text_lines import plain
 from jaxplan.geometry import quaternion
 from jaxplan.model.epochs import ephemeris_time, utc_texts
 
-_MARGIN = 1e-6  # s, by which a kernel extends beyond both ends, as times near 2030 are rounded to 1e-7 s
+_TIME_MARGIN = 1e-6  # s, by which a kernel extends beyond both ends, as times near 2030 are rounded to 1e-7 s
 
 
 def write_spice(sampling: Sampling, folder: Path) -> None:
@@ -55,14 +55,14 @@ def write_spice(sampling: Sampling, folder: Path) -> None:
     if fields is not None:
         (folder / "instruments.ti").write_text(fields, encoding="ascii")
     try:
-        with _pool_holding(kernel + clock):
+        with _loaded_in_pool(kernel + clock):
             _write_c_kernel(sampling, frames, folder / "attitude.bc")
     except SpiceyError as error:
         raise ValueError(f"SPICE cannot write the C-kernel: {error}") from error
 
 
 @contextmanager
-def _pool_holding(kernel: str) -> Iterator[None]:
+def _loaded_in_pool(kernel: str) -> Iterator[None]:
     """Load a text kernel into SPICE's pool of variables within a with block, and restore the pool afterwards.
 
     Loading and unloading a file would lose what the user has put into the pool by hand.
@@ -92,18 +92,18 @@ def _write_c_kernel(sampling: Sampling, frames: Frames, path: Path) -> None:
     import spiceypy as spice
 
     assert sampling.start is not None
-    last, comments = len(sampling.times) - 1, list(_comments(sampling))
+    last, comments = len(sampling.times) - 1, list(_comment_lines(sampling))
     handle = spice.ckopn(str(path), "jaxplan", sum(len(line) + 1 for line in comments))
     try:
         if comments:
             spice.dafac(handle, comments)
         for block in sampling.blocks(sampling.overlapping()):
             ends = block.first == 0, block.first + len(block.times) - 1 == last
-            moments = _stretched(ephemeris_time(sampling.start, block.times), ends)
-            moments[0] -= _MARGIN * ends[0]
-            moments[-1] += _MARGIN * ends[1]
+            moments = _repeat_ends(ephemeris_time(sampling.start, block.times), ends)
+            moments[0] -= _TIME_MARGIN * ends[0]
+            moments[-1] += _TIME_MARGIN * ends[1]
             clock = ticks(moments)
-            for number, base, matrices, rates in _motions(block, frames):
+            for number, base, matrices, rates in _frame_motions(block, frames):
                 inverse = quaternion.continuous(matrices) * [1.0, -1.0, -1.0, -1.0]
                 spice.ckw03(
                     handle,
@@ -115,8 +115,8 @@ def _write_c_kernel(sampling: Sampling, frames: Frames, path: Path) -> None:
                     f"jaxplan {number} on {base}"[:40],
                     len(clock),
                     clock,
-                    _stretched(inverse, ends),
-                    _stretched(rates, ends),
+                    _repeat_ends(inverse, ends),
+                    _repeat_ends(rates, ends),
                     1,
                     clock[:1],
                 )
@@ -124,12 +124,12 @@ def _write_c_kernel(sampling: Sampling, frames: Frames, path: Path) -> None:
         spice.ckcls(handle)
 
 
-def _stretched(rows: np.ndarray, ends: tuple[bool, bool]) -> np.ndarray:
+def _repeat_ends(rows: np.ndarray, ends: tuple[bool, bool]) -> np.ndarray:
     """Return the rows (k, ...) with the first or last one doubled where `ends` (first, last) is True."""
     return np.pad(rows, ((int(ends[0]), int(ends[1])), *[(0, 0)] * (rows.ndim - 1)), mode="edge")
 
 
-def _motions(block: Sampled, frames: Frames) -> Iterator[tuple[int, str, np.ndarray, np.ndarray]]:
+def _frame_motions(block: Sampled, frames: Frames) -> Iterator[tuple[int, str, np.ndarray, np.ndarray]]:
     """Yield each moving frame's number, its base, matrices (k, 3, 3) frame to base, and rates (k, 3) rad/s.
 
     Rates are the frame's angular velocity relative to the base, in components of the base.
@@ -141,7 +141,7 @@ def _motions(block: Sampled, frames: Frames) -> Iterator[tuple[int, str, np.ndar
         yield frame.number, frames.bus.name, matrices, device_rates(block, number)
 
 
-def _comments(sampling: Sampling) -> Iterator[str]:
+def _comment_lines(sampling: Sampling) -> Iterator[str]:
     """Yield lines for the comment area: the scenario's name and a day's segments; none for a plan."""
     segments = sampling.flight.segments
     if not segments or sampling.start is None:

@@ -153,7 +153,7 @@ def flight_of(subject: Plan | Day) -> Flight:
         spacecraft=scene.spacecraft,
         trajectory=trajectory,
         start=scene.epoch,
-        segments=_joined(parts, trajectory.duration),
+        segments=_join_segments(parts, trajectory.duration),
         names=names,
         cones=(*scene.keep_out, *scene.keep_in),
     )
@@ -184,7 +184,7 @@ def ending(subject: Plan | Day) -> str:
     return f"the plan of {scene_of(subject).name} {lack}" + (f"; it ended as {how}" if how else "")
 
 
-def _joined(parts: Sequence[Any], duration: float) -> tuple[Segment, ...]:
+def _join_segments(parts: Sequence[Any], duration: float) -> tuple[Segment, ...]:
     """Turn the parts of a day into segments that meet exactly.
 
     Raises:

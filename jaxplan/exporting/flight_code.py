@@ -23,7 +23,7 @@ from jaxplan.version import __version__
 LONGEST_PREFIX = 18  # characters: C99 distinguishes external names by 31, of which _evaluate takes 9
 # Most operations of a call of evaluator.c, without those of the polynomials and of finding the pieces.
 _MULTIPLICATIONS, _ADDITIONS, _DIVISIONS, _SINES, _ROOTS = 389, 271, 26, 6, 3
-_LINE = 4  # numbers on a line of a table
+_NUMBERS_PER_LINE = 4  # numbers on a line of a table
 
 _JOINT_TABLES = """
 static const double JOINT_BREAKS[JOINT_PIECES + 1] = {
@@ -82,9 +82,9 @@ def write_code(sampling: Sampling, folder: Path) -> None:
     flight = sampling.flight
     own, title = pieces_of(flight.trajectory), sampling.names.object_name or flight.name
     prefix = prefix_of(title)
-    known = _values(flight, own, prefix)
+    known = _template_values(flight, own, prefix)
     known |= {
-        "TITLE": _comment(title),
+        "TITLE": _to_comment(title),
         "EPOCH": "none is known" if sampling.start is None else f"{sampling.start} UTC",
     }
     for ending in ("h", "c"):
@@ -97,7 +97,7 @@ def what_is_needed(flight: Flight) -> str:
     """Return a phrase on the space and time that the code of a motion needs."""
     own = pieces_of(flight.trajectory)
     space = f"{len(own.breaks) - 1} pieces, {_table_bytes(own)} bytes of tables"
-    return f"{space}; a call takes {_operations(own)} at most"
+    return f"{space}; a call takes {_describe_operations(own)} at most"
 
 
 def prefix_of(title: str) -> str:
@@ -106,11 +106,11 @@ def prefix_of(title: str) -> str:
     return (word if word[0].isalpha() else f"m_{word}")[:LONGEST_PREFIX].rstrip("_")
 
 
-def _values(flight: Flight, own: Pieces, prefix: str) -> dict[str, str]:
+def _template_values(flight: Flight, own: Pieces, prefix: str) -> dict[str, str]:
     """Return what replaces each name between ``@`` in the templates, except the title and the epoch."""
     count = own.joint_count
     duration = float(flight.trajectory.duration)
-    names = [_comment(name) for name in flight.spacecraft.joint_names]
+    names = [_to_comment(name) for name in flight.spacecraft.joint_names]
     values = {
         "VERSION": __version__,
         "PREFIX": prefix,
@@ -126,11 +126,11 @@ def _values(flight: Flight, own: Pieces, prefix: str) -> dict[str, str]:
         "CHARTS": f"{len(own.starts)}",
         "BYTES": f"{_table_bytes(own)}",
         "STATE_BYTES": f"{8 * (4 + 9 + 3 + 3 + 3 * count)}",
-        "OPERATIONS": _operations(own),
-        "BREAKS": _numbers(own.breaks),
-        "COEFFICIENTS": _nested(own.coefficients),
-        "CHART": _wrapped(f"{number}U" for number in own.chart.tolist()),
-        "CHART_ROWS": _nested(np.column_stack([own.quaternions, own.starts, own.rates])),
+        "OPERATIONS": _describe_operations(own),
+        "BREAKS": _format_numbers(own.breaks),
+        "COEFFICIENTS": _format_nested(own.coefficients),
+        "CHART": _wrap_words(f"{number}U" for number in own.chart.tolist()),
+        "CHART_ROWS": _format_nested(np.column_stack([own.quaternions, own.starts, own.rates])),
     }
     pieces, powers = len(own.joint_breaks) - 1, own.joint_coefficients.shape[1]
     parts = {
@@ -145,8 +145,8 @@ def _values(flight: Flight, own: Pieces, prefix: str) -> dict[str, str]:
         "UPPER": prefix.upper(),
         "PREFIX": prefix,
         "BREAKS_OF_JOINTS": "BREAKS" if own.shares_breaks else "JOINT_BREAKS",
-        "JOINT_BREAKS": _numbers(own.joint_breaks),
-        "JOINT_COEFFICIENTS": _nested(own.joint_coefficients) if count else "",
+        "JOINT_BREAKS": _format_numbers(own.joint_breaks),
+        "JOINT_COEFFICIENTS": _format_nested(own.joint_coefficients) if count else "",
     }
     filled = {
         name: re.sub(r"@([A-Z_]+)@", lambda found: inner[found[1]], part) if count else ""
@@ -160,7 +160,7 @@ def _table_bytes(own: Pieces) -> int:
     return 8 * own.numbers + 4 * len(own.chart)
 
 
-def _operations(own: Pieces) -> str:
+def _describe_operations(own: Pieces) -> str:
     """Return words for the most operations of a call: those of evaluator.c with its loops at their longest.
 
     The numbers that do not depend on the motion are constants; a test counts them by running the code.
@@ -179,34 +179,34 @@ def _operations(own: Pieces) -> str:
     )
 
 
-def _comment(text: str) -> str:
+def _to_comment(text: str) -> str:
     """Return a text in a form that may stand in a C comment."""
     return plain(text).replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
 
 
-def _numbers(values: np.ndarray) -> str:
+def _format_numbers(values: np.ndarray) -> str:
     """Format doubles with all their digits, as lines of a C table."""
-    return _wrapped(map(repr, np.asarray(values, np.float64).tolist()))
+    return _wrap_words(map(repr, np.asarray(values, np.float64).tolist()))
 
 
-def _wrapped(words: Iterable[str]) -> str:
-    """Format words as lines of `_LINE` words with commas."""
+def _wrap_words(words: Iterable[str]) -> str:
+    """Format words as lines of `_NUMBERS_PER_LINE` words with commas."""
     every = list(words)
-    rows = (every[first : first + _LINE] for first in range(0, len(every), _LINE))
+    rows = (every[first : first + _NUMBERS_PER_LINE] for first in range(0, len(every), _NUMBERS_PER_LINE))
     return "".join(f"    {', '.join(row)},\n" for row in rows)
 
 
-def _nested(table: np.ndarray) -> str:
+def _format_nested(table: np.ndarray) -> str:
     """Format an array of two or more axes as nested C braces; each line has one row of its last axis."""
-    return "".join(_rows(np.asarray(table, np.float64).tolist(), "    "))
+    return "".join(_nested_lines(np.asarray(table, np.float64).tolist(), "    "))
 
 
-def _rows(table: list[Any], indent: str) -> Iterator[str]:
+def _nested_lines(table: list[Any], indent: str) -> Iterator[str]:
     """Yield the lines of nested lists, in braces."""
     for row in table:
         if isinstance(row[0], list):
             yield f"{indent}{{\n"
-            yield from _rows(row, f"{indent}    ")
+            yield from _nested_lines(row, f"{indent}    ")
             yield f"{indent}}},\n"
         else:
             yield f"{indent}{{{', '.join(map(repr, row))}}},\n"

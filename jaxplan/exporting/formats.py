@@ -174,7 +174,7 @@ def export(
     if names is not None:
         expect("names", names, ExportNames)
     forgives = forgiven(forgive_deg, forgive_percent)
-    kind, start = _checked(plan, format, epoch, step_s, tolerance_deg)
+    kind, start = _check_arguments(plan, format, epoch, step_s, tolerance_deg)
     absent = [module for module in kind.needs if find_spec(module) is None]
     if absent:
         extra = f"pip install 'jaxplan[{kind.extra}]'"
@@ -187,7 +187,7 @@ def export(
     flight = flight_of(plan)
     few = step_s == SPARSEST
     near = kind.tolerance_deg if tolerance_deg is None else tolerance_deg
-    steady = flight.boundaries if kind.exact or few else _steady(flight, step_s, near)
+    steady = flight.boundaries if kind.exact or few else _steady_times(flight, step_s, near)
     proof = proof_of(plan)
     if not proof.certified:
         reasons = "; ".join(proof.faults)
@@ -213,7 +213,7 @@ def export(
     return target
 
 
-def _checked(
+def _check_arguments(
     plan: Plan | Day,
     format: str,
     epoch: str | None,
@@ -227,9 +227,9 @@ def _checked(
         ValueError: with all faults.
     """
     kind, start = FORMATS.get(str(format)), None
-    faults = [] if kind else [f"format = {format!r}: {_formats_known(str(format))}"]
+    faults = [] if kind else [f"format = {format!r}: {_format_advice(str(format))}"]
     try:
-        start = _start(plan, epoch, format)
+        start = _resolve_start(plan, epoch, format)
     except ValueError as error:
         faults.append(str(error))
     if plan.trajectory is None or not plan.ok:
@@ -246,14 +246,16 @@ def _checked(
     return kind, start
 
 
-def _steady(flight: Flight, step_s: float | str | None, tolerance_deg: float | None) -> np.ndarray | None:
+def _steady_times(
+    flight: Flight, step_s: float | str | None, tolerance_deg: float | None
+) -> np.ndarray | None:
     """Return instants (k,) s in equal steps, for a given step or a plan's default; None if to be chosen."""
     if step_s is None and (tolerance_deg is not None or flight.segments):
         return None
     return steady_instants(flight.boundaries, STEP_S if step_s is None else float(step_s))
 
 
-def _start(plan: Plan | Day, epoch: str | None, format: str) -> np.datetime64 | None:
+def _resolve_start(plan: Plan | Day, epoch: str | None, format: str) -> np.datetime64 | None:
     """Return UTC of time zero, from the argument or else the scene; None where neither has it.
 
     Raises:
@@ -288,7 +290,7 @@ def needed_by(plan: Plan | Day, format: str) -> str:
     return "" if needed is None else needed(flight_of(plan))
 
 
-def _formats_known(name: str) -> str:
+def _format_advice(name: str) -> str:
     """Return advice on an unknown format: all that there are, and the one that may be meant."""
     known = f"the formats are {', '.join(FORMATS)}"
     close = closest(name, tuple(FORMATS))

@@ -28,14 +28,14 @@ LONGEST_STEP = 60.0
 """s: samples are no further apart, for readers who interpolate otherwise or draw."""
 TOLERANCES_DEG = (1e-6, 1.0)
 """deg: least and greatest tolerance. Pieces of a trajectory may be 1e-8 rad apart where they meet."""
-_SHARE = 0.85  # fraction of the tolerance that measured errors may reach, since larger ones may lie between
-_WINDOW = 16  # intervals of at most LONGEST_STEP that are divided together; more would take more memory
+_TOLERANCE_SHARE = 0.85  # of the tolerance: what measured errors may reach, since larger ones may lie between
+_INTERVALS_PER_WINDOW = 16  # of at most LONGEST_STEP, divided together; more would take more memory
 _MOST_PARTS = 8  # into which an interval is divided at once, so that a slew in it does not refine a track
 # Where in an interval errors are measured, such that no number of whole turns has zero error at all of them.
-_INNER = np.array([0.2289, 0.5, 0.7873])
-_SEEN = 15  # instants within an interval at which errors of a sparse table are measured, evenly spread
-_FINE = 16_384  # places between two boundaries at which a sparse table may have its rows
-_DIGITS = 6  # decimals of a second to which chosen instants are rounded
+_PROBE_SHARES = np.array([0.2289, 0.5, 0.7873])
+_PROBES_PER_INTERVAL = 15  # instants at which errors of a sparse table are measured, evenly spread
+_GRID_PLACES = 16_384  # places between two boundaries at which a sparse table may have its rows
+_TIME_DIGITS = 6  # decimals of a second to which chosen instants are rounded
 
 
 def step_fault(step: object) -> str | None:
@@ -104,20 +104,20 @@ def chosen_instants(flight: Flight, tolerance: float, *, rodrigues: bool = False
         for begin, end in pairwise(boundaries)
     ]
     nodes = np.append(np.concatenate(starts), boundaries[-1])
-    witnesses = _witnesses(flight)
-    limit = _SHARE * tolerance
+    witnesses = _piece_instants(flight)
+    limit = _TOLERANCE_SHARE * tolerance
     found: list[np.ndarray] = []
-    for first in range(0, len(nodes) - 1, _WINDOW):
-        window = nodes[first : first + _WINDOW + 1]
+    for first in range(0, len(nodes) - 1, _INTERVALS_PER_WINDOW):
+        window = nodes[first : first + _INTERVALS_PER_WINDOW + 1]
         inside = witnesses[slice(*np.searchsorted(witnesses, window[[0, -1]]))]
-        found.append(_divided(_Readers(flight, rodrigues), window, inside, limit))
+        found.append(_divide_intervals(_Readers(flight, rodrigues), window, inside, limit))
         if sum(map(len, found)) >= MOST_SAMPLES:
             raise ValueError(
                 f"tolerance_deg = {np.rad2deg(tolerance):g}: must be larger for a motion of "
                 f"{boundaries[-1]:.2f} s, since a file holds at most {MOST_SAMPLES} samples"
             )
     # ends of segments stay as they are
-    tidy = np.round(np.concatenate(found), _DIGITS)
+    tidy = np.round(np.concatenate(found), _TIME_DIGITS)
     after = np.minimum(np.searchsorted(boundaries, tidy), len(boundaries) - 1)
     near = np.minimum(np.abs(tidy - boundaries[after]), np.abs(tidy - boundaries[np.maximum(after - 1, 0)]))
     return np.union1d(tidy[near > APART], boundaries)
@@ -126,19 +126,19 @@ def chosen_instants(flight: Flight, tolerance: float, *, rodrigues: bool = False
 def sparsest_instants(flight: Flight, tolerance: float, *, rodrigues: bool = False) -> np.ndarray:
     """Return times (k,) s as `chosen_instants` does, but each as late as the one before it allows.
 
-    Since errors grow with the length of an interval, fewer would not do, of those on a grid of `_FINE` places
-    between two boundaries. Each time takes a search, so this is for single manoeuvres. Arguments are those of
-    `chosen_instants`.
+    Since errors grow with the length of an interval, fewer would not do, of those on a grid of `_GRID_PLACES`
+    places between two boundaries. Each time takes a search, so this is for single manoeuvres. Arguments are
+    those of `chosen_instants`.
     """
-    boundaries, limit = flight.boundaries, _SHARE * tolerance
+    boundaries, limit = flight.boundaries, _TOLERANCE_SHARE * tolerance
     readers, found = _Readers(flight, rodrigues), [boundaries[:1]]
     for begin, end in pairwise(boundaries):
-        grid = np.linspace(begin, end, _FINE + 1)
+        grid = np.linspace(begin, end, _GRID_PLACES + 1)
         attitudes, joints = readers.poses(grid)
         furthest = max(1, int(LONGEST_STEP / (grid[1] - grid[0])))
 
         def good(left: int, right: int, a: np.ndarray = attitudes, j: np.ndarray = joints) -> bool:
-            own = np.unique(np.linspace(left, right, _SEEN + 2).astype(int)[1:-1])
+            own = np.unique(np.linspace(left, right, _PROBES_PER_INTERVAL + 2).astype(int)[1:-1])
             share = ((own - left) / (right - left))[:, None]
             return bool(
                 np.all(
@@ -147,15 +147,15 @@ def sparsest_instants(flight: Flight, tolerance: float, *, rodrigues: bool = Fal
             )
 
         place, step = 0, 16
-        while place < _FINE:
-            most = min(_FINE - place, furthest)
-            step = _longest(partial(good, place), place, min(step, most), most)
+        while place < _GRID_PLACES:
+            most = min(_GRID_PLACES - place, furthest)
+            step = _longest_step(partial(good, place), place, min(step, most), most)
             place += step
             found.append(grid[[place]])
     return np.concatenate(found)
 
 
-def _longest(good: Callable[[int], bool], place: int, guess: int, most: int) -> int:
+def _longest_step(good: Callable[[int], bool], place: int, guess: int, most: int) -> int:
     """Return the largest step, from 1 to `most`, that is good.
 
     Args:
@@ -175,14 +175,16 @@ def _longest(good: Callable[[int], bool], place: int, guess: int, most: int) -> 
     return low
 
 
-def _witnesses(flight: Flight) -> np.ndarray:
+def _piece_instants(flight: Flight) -> np.ndarray:
     """Return four instants of each piece of the trajectory, s, rising; the first of each is its start."""
     breaks = np.union1d(flight.trajectory.breaks, flight.trajectory.joint_breaks)
-    within = breaks[:-1, None] + np.diff(breaks)[:, None] * np.append(0.0, _INNER)
+    within = breaks[:-1, None] + np.diff(breaks)[:, None] * np.append(0.0, _PROBE_SHARES)
     return np.asarray(within.reshape(-1))
 
 
-def _divided(readers: "_Readers", nodes: np.ndarray, witnesses: np.ndarray, limit: float) -> np.ndarray:
+def _divide_intervals(
+    readers: "_Readers", nodes: np.ndarray, witnesses: np.ndarray, limit: float
+) -> np.ndarray:
     """Divide intervals until errors of interpolation are within a limit; return their starts (k,) s, rising.
 
     Args:
@@ -194,12 +196,12 @@ def _divided(readers: "_Readers", nodes: np.ndarray, witnesses: np.ndarray, limi
     left, right = nodes[:-1], nodes[1:]
     done = []
     while len(left):
-        inner = left[:, None] + (right - left)[:, None] * _INNER
+        inner = left[:, None] + (right - left)[:, None] * _PROBE_SHARES
         owner = np.searchsorted(left, witnesses, side="right") - 1
         owned = (owner >= 0) & (witnesses < right[owner])
         witnesses, owner = witnesses[owned], owner[owned]
         times = np.concatenate([inner.reshape(-1), witnesses])
-        owner = np.concatenate([np.repeat(np.arange(len(left)), len(_INNER)), owner])
+        owner = np.concatenate([np.repeat(np.arange(len(left)), len(_PROBE_SHARES)), owner])
         worst = np.zeros(len(left))
         np.maximum.at(worst, owner, readers.errors(left, right, owner, times))
         wrong = (worst > limit) & (right - left > 10 * APART)  # a jump between pieces cannot be divided
@@ -267,7 +269,7 @@ class _Readers:
         guesses = [(rule(begin, end, share[..., None]), truth) for rule in (turned_between, linear_between)]
         if self.rodrigues:
             guesses.append((rodrigues_between(begin[:, 0], end[:, 0], share), truth[:, 0]))
-        off = [_angles(guess, true).reshape(len(share), -1).max(axis=1) for guess, true in guesses]
+        off = [_angles_between(guess, true).reshape(len(share), -1).max(axis=1) for guess, true in guesses]
         if joints.shape[1]:
             linear = begin_joints + share * (end_joints - begin_joints)
             off.append(np.abs(linear - joints).max(axis=1))
@@ -282,7 +284,7 @@ class _Readers:
         ), values.joints
 
 
-def _angles(guess: np.ndarray, truth: np.ndarray) -> np.ndarray:
+def _angles_between(guess: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Return angles (...) rad between attitudes given by unit quaternions (..., 4) of any sign."""
     apart = np.minimum(np.linalg.norm(guess - truth, axis=-1), np.linalg.norm(guess + truth, axis=-1))
     return np.asarray(4 * np.arcsin(np.clip(apart / 2, 0, 1)))

@@ -80,17 +80,17 @@ def pieces_of(trajectory: Trajectory) -> Pieces:
     made = Pieces(
         breaks=np.asarray(trajectory.breaks),
         chart=np.cumsum(begins) - 1,
-        coefficients=_powers(trajectory.coefficients),
+        coefficients=_legendre_to_powers(trajectory.coefficients),
         quaternions=np.asarray(quaternion.continuous(trajectory.chart_attitude[first])),
         starts=np.asarray(trajectory.chart_start)[first],
         rates=np.asarray(trajectory.chart_rate)[first],
         joint_breaks=np.asarray(trajectory.joint_breaks),
-        joint_coefficients=_powers(trajectory.joint_coefficients),
+        joint_coefficients=_legendre_to_powers(trajectory.joint_coefficients),
     )
     signs = [1.0]
     for before, after in pairwise(range(len(first))):
         left, right = (
-            _attitude(made, piece, made.breaks[first[after]]) for piece in (first[after] - 1, first[after])
+            _attitude_at(made, piece, made.breaks[first[after]]) for piece in (first[after] - 1, first[after])
         )
         signs.append(signs[before] * (1.0 if left @ right >= 0 else -1.0))
     made.quaternions[:] *= np.array(signs)[:, None]
@@ -145,7 +145,7 @@ def described(flight: Flight, name: str, start: np.datetime64 | None = None) -> 
     }
 
 
-def _attitude(pieces: Pieces, piece: int, time: float) -> np.ndarray:
+def _attitude_at(pieces: Pieces, piece: int, time: float) -> np.ndarray:
     """Return the quaternion (4,), scalar first, body to inertial, on a piece by index at a time, s."""
     begin, end = pieces.breaks[piece : piece + 2]
     x = 2 * (time - begin) / (end - begin) - 1 if end > begin else -1.0
@@ -157,7 +157,7 @@ def _attitude(pieces: Pieces, piece: int, time: float) -> np.ndarray:
     return np.array(rotations.product(rotations.product(first, own), half))
 
 
-def _powers(coefficients: np.ndarray) -> np.ndarray:
+def _legendre_to_powers(coefficients: np.ndarray) -> np.ndarray:
     """Convert coefficients (n, p + 1, d) of Legendre polynomials to those of powers of x."""
     order = coefficients.shape[1] - 1
     table = np.zeros((order + 1, order + 1), np.longdouble)  # row k: the powers of the polynomial of degree k

@@ -27,7 +27,7 @@ from jaxplan.sky import Satellite
 from jaxplan.trajectory.curve import Samples, total_momentum
 
 ROWS = 32_768  # most rows of a block: some 20 MB with all of its columns
-_ROUNDING = 1e-9  # largest entry of |R^T R - 1| of an attitude; a trajectory's are within 1e-14
+_ROTATION_TOLERANCE = 1e-9  # largest entry of |R^T R - 1| of an attitude; a trajectory's are within 1e-14
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,7 +105,7 @@ class Sampling:
         with progress_bar("writing", "samples", total=len(self.times)) as bar:
             for begin, end in pairwise(edges):
                 for first in range(begin, end + 1, ROWS):
-                    block = self._block(first, min(first + ROWS, end + 1), first == begin, before)
+                    block = self._make_block(first, min(first + ROWS, end + 1), first == begin, before)
                     before = block.quaternions[-1]
                     yield block
                     bar.update(len(block.times))
@@ -114,14 +114,14 @@ class Sampling:
         """Return cuts for `blocks` such that full blocks share a row with their neighbours."""
         return list(range(ROWS - 1, len(self.times) - 1, ROWS - 1))
 
-    def _block(self, first: int, end: int, opens: bool, before: np.ndarray | None) -> Sampled:
+    def _make_block(self, first: int, end: int, opens: bool, before: np.ndarray | None) -> Sampled:
         """Make and check the block of rows `first` to `end` - 1, after a quaternion `before` or None."""
         times, craft = self.times[first:end], self.spacecraft
         values = self.flight.trajectory.sample(times)
-        _check(values, times)
+        _check_samples(values, times)
         wheels: tuple[np.ndarray, ...] = ()
         if craft.wheels:
-            loads = wheel_loads(values.kinematics(craft, self._total), craft)
+            loads = wheel_loads(values.kinematics(craft, self._total_momentum), craft)
             wheels = tuple(own.T for own in loads)
         return Sampled(
             spacecraft=craft,
@@ -134,7 +134,7 @@ class Sampling:
         )
 
     @cached_property
-    def _total(self) -> AnyArray | None:
+    def _total_momentum(self) -> AnyArray | None:
         """Momentum (3,) N m s of platform and wheels, inertial axes, constant; None without wheels."""
         return total_momentum(self.flight.trajectory, self.spacecraft)
 
@@ -148,7 +148,7 @@ def continued(matrices: np.ndarray, before: np.ndarray | None) -> np.ndarray:
     return found if before is None or found[0] @ before >= 0 else -found
 
 
-def _check(values: Samples, times: np.ndarray) -> None:
+def _check_samples(values: Samples, times: np.ndarray) -> None:
     """Raise a ValueError if values at times (k,) s are not finite, or attitudes are no rotations."""
     for each in fields(values):
         curve = np.asarray(getattr(values, each.name))
@@ -157,7 +157,7 @@ def _check(values: Samples, times: np.ndarray) -> None:
             raise ValueError(f"{each.name} is not finite at {times[np.argmin(finite)]:.6g} s")
     attitude = values.attitude
     off = np.abs(np.swapaxes(attitude, 1, 2) @ attitude - np.eye(3)).max(axis=(1, 2))
-    good = (off <= _ROUNDING) & (np.linalg.det(attitude) > 0)
+    good = (off <= _ROTATION_TOLERANCE) & (np.linalg.det(attitude) > 0)
     if not np.all(good):
         raise ValueError(f"attitude is not a rotation at {times[np.argmin(good)]:.6g} s")
 

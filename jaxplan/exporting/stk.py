@@ -14,7 +14,7 @@ from jaxplan.exporting.text_lines import table_lines
 from jaxplan.tables.devices import sensor_files
 
 _MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
-_AXES = {"EME2000": "J2000", "ICRF": "ICRF", "GCRF": "ICRF"}  # STK's names of the inertial frames
+_AXES_BY_FRAME = {"EME2000": "J2000", "ICRF": "ICRF", "GCRF": "ICRF"}  # STK's names of the inertial frames
 
 
 def write_stk(sampling: Sampling, folder: Path) -> None:
@@ -32,7 +32,7 @@ def write_stk(sampling: Sampling, folder: Path) -> None:
     """
     assert sampling.start is not None
     craft, count = sampling.spacecraft, sampling.spacecraft.gimbals.count
-    inertial = ("CentralBody Earth", f"CoordinateAxes {_AXES[sampling.names.reference_frame]}")
+    inertial = ("CentralBody Earth", f"CoordinateAxes {_AXES_BY_FRAME[sampling.names.reference_frame]}")
     names = sensor_files(craft)
     with ExitStack() as stack:
         files = [
@@ -40,7 +40,7 @@ def write_stk(sampling: Sampling, folder: Path) -> None:
             for name in ("platform.a", *names)
         ]
         for file, axes in zip(files, (inertial, *[()] * count), strict=True):
-            file.writelines(_header(sampling, axes))
+            file.writelines(_header_lines(sampling, axes))
         before: list[np.ndarray | None] = [None] * count
         for block in sampling.blocks():
             _write_rows(files[0], block.times, block.quaternions)
@@ -52,18 +52,18 @@ def write_stk(sampling: Sampling, folder: Path) -> None:
         for file in files:
             file.write("END Attitude\n")
     if sampling.flight.segments:
-        lines = _intervals(sampling.flight.segments, sampling.start)
+        lines = _interval_lines(sampling.flight.segments, sampling.start)
         (folder / "segments.int").write_text("".join(lines), encoding="ascii")
 
 
-def _header(sampling: Sampling, axes: tuple[str, ...]) -> Iterator[str]:
+def _header_lines(sampling: Sampling, axes: tuple[str, ...]) -> Iterator[str]:
     """Yield the lines before the rows of an attitude file; lines `axes` name what it is relative to."""
     assert sampling.start is not None
     lines = (
         "stk.v.11.0",
         "BEGIN Attitude",
         f"NumberOfAttitudePoints {len(sampling.times)}",
-        f"ScenarioEpoch {_epoch(sampling.start)}",
+        f"ScenarioEpoch {_format_epoch(sampling.start)}",
         "InterpolationOrder 1",
         *axes,
         "AttitudeTimeQuaternions",
@@ -76,9 +76,9 @@ def _write_rows(file: TextIO, times: np.ndarray, quaternions: np.ndarray) -> Non
     file.writelines(table_lines([times, np.roll(quaternions, -1, axis=1)]))
 
 
-def _intervals(segments: tuple[Segment, ...], start: np.datetime64) -> Iterator[str]:
+def _interval_lines(segments: tuple[Segment, ...], start: np.datetime64) -> Iterator[str]:
     """Yield the lines of an interval list; segments that take no time are left out."""
-    yield f"stk.v.11.0\nBEGIN IntervalList\nScenarioEpoch {_epoch(start)}\nBEGIN Intervals\n"
+    yield f"stk.v.11.0\nBEGIN IntervalList\nScenarioEpoch {_format_epoch(start)}\nBEGIN Intervals\n"
     for each in segments:
         if each.end > each.start:
             words = (re.sub(r"[^A-Za-z0-9.-]+", "_", text).strip("_") for text in (each.kind, each.name))
@@ -87,7 +87,7 @@ def _intervals(segments: tuple[Segment, ...], start: np.datetime64) -> Iterator[
     yield "END Intervals\nEND IntervalList\n"
 
 
-def _epoch(start: np.datetime64) -> str:
+def _format_epoch(start: np.datetime64) -> str:
     """Format UTC as STK writes it, ``1 Jan 2026 00:00:00.000000``."""
     moment = start.astype("datetime64[us]").item()
     return f"{moment.day} {_MONTHS[moment.month - 1]} {moment:%Y %H:%M:%S.%f}"

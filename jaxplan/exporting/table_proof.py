@@ -23,8 +23,8 @@ SPARSEST = "sparsest"
 """The step of a table with the fewest rows."""
 SPARSEST_DEG = 0.05
 """deg: by which such a table may be off the motion, unless told."""
-_HALVINGS = 12  # tolerances tried for a sparse table, each half of the one before
-_TOGETHER = 2_000  # rows that are proved at once
+_MOST_HALVINGS = 12  # tolerances tried for a sparse table, each half of the one before
+_ROWS_PER_BATCH = 2_000  # rows that are proved at once
 _MOST_ROWS = 200_000  # that are proved; with more, rows are too close for interpolation to matter
 
 
@@ -70,8 +70,8 @@ def broken_by(plan: Plan | Day, sampling: Sampling, how: Readings, forgives: For
         Sentences on the first stretch of rows that breaks something; empty if all hold.
     """
     scene, last = scene_of(plan), len(sampling.times) - 1
-    for first in range(0, last, _TOGETHER):
-        rows, usual = rows_of(sampling, first, min(first + _TOGETHER, last), how.usual), how.usual
+    for first in range(0, last, _ROWS_PER_BATCH):
+        rows, usual = rows_of(sampling, first, min(first + _ROWS_PER_BATCH, last), how.usual), how.usual
         proof = certify_rows(rows, usual, scene, float(rows.times[0]), forgives, other=how.other)
         if proof.faults:
             return proof.faults
@@ -119,7 +119,7 @@ def sparsest(
     flight = sampling.flight
     faults: tuple[str, ...] = ()
     choose = chosen_instants if flight.segments else sparsest_instants
-    for halving in range(_HALVINGS):
+    for halving in range(_MOST_HALVINGS):
         near = tolerance / 2**halving
         times = choose(flight, near, rodrigues=how.usual == RODRIGUES)
         found = replace(sampling, times=times, tolerance=near)

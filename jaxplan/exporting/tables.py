@@ -64,9 +64,13 @@ def write_csv(sampling: Sampling, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         for block in sampling.blocks():
-            arrays = _arrays(block)
+            arrays = _named_arrays(block)
             if not block.first:
-                names = [f"{stem}{axis}{unit}" for stem, unit, array in arrays for axis in _axes(array)]
+                names = [
+                    f"{stem}{axis}{unit}"
+                    for stem, unit, array in arrays
+                    for axis in _component_suffixes(array)
+                ]
                 names += ["segment", "segment_kind"] * bool(segments) + ["utc"] * (sampling.start is not None)
                 writer.writerow(names)
             columns = [
@@ -97,7 +101,7 @@ def write_npz(sampling: Sampling, path: Path) -> None:
     """
     arrays: dict[str, np.ndarray] = {}
     for block in sampling.blocks():
-        for stem, unit, array in _arrays(block):
+        for stem, unit, array in _named_arrays(block):
             whole = arrays.setdefault(f"{stem}{unit}", np.empty((len(sampling.times), *array.shape[1:])))
             whole[block.first : block.first + len(array)] = array
     arrays["epoch_utc"] = np.array("" if sampling.start is None else str(sampling.start))
@@ -122,7 +126,7 @@ def _segment_numbers(sampling: Sampling, times: np.ndarray) -> np.ndarray:
     return np.asarray(found)
 
 
-def _arrays(block: Sampled) -> list[tuple[str, str, np.ndarray]]:
+def _named_arrays(block: Sampled) -> list[tuple[str, str, np.ndarray]]:
     """Return name, unit suffix and values of each quantity: (k,), (k, 3), or (k, 4) for the quaternion."""
     values, craft = block.values, block.spacecraft
     arrays = [
@@ -131,7 +135,7 @@ def _arrays(block: Sampled) -> list[tuple[str, str, np.ndarray]]:
         ("angular_velocity", "_rad_s", values.angular_velocity),
         ("angular_acceleration", "_rad_s2", values.angular_acceleration),
     ]
-    for column in sorted(range(craft.joint_count), key=lambda joint: _owner(craft, joint)):
+    for column in sorted(range(craft.joint_count), key=lambda joint: _device_of_joint(craft, joint)):
         name = column_name(craft.joint_names[column])
         arrays += [
             (name, "_rad", values.joints[:, column]),
@@ -154,12 +158,12 @@ def _expect_distinct(columns: Sequence[str]) -> None:
         )
 
 
-def _axes(array: np.ndarray) -> list[str]:
+def _component_suffixes(array: np.ndarray) -> list[str]:
     """Return what stands in column names between a quantity's name and its unit, such as "_x", "_y", "_z"."""
     return {1: [""], 3: ["_x", "_y", "_z"], 4: ["_w", "_x", "_y", "_z"]}[array[0].size]
 
 
-def _owner(craft: Spacecraft, joint: int) -> int:
+def _device_of_joint(craft: Spacecraft, joint: int) -> int:
     """Return the index of the device that a joint, by its index, belongs to."""
     terminals = len(craft.terminals)
     return joint % terminals if joint < 2 * terminals else joint - terminals

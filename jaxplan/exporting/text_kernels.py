@@ -24,11 +24,11 @@ from jaxplan.tables.devices import FIRST_TURNING
 MOST_DEVICES = 499
 """Most devices with joints, and most instruments, for which there are numbers."""
 _FIRST_INSTRUMENT = 501  # how far the first instrument's number is below that of the bus, the platform
-_BUS_NAME = "JAXPLAN_BUS"  # the platform's frame where the user gives no name
+_DEFAULT_BUS_NAME = "JAXPLAN_BUS"  # the platform's frame where the user gives no name
 _LONGEST_STEM = 15  # characters of the prefix of devices' frame names, before an underscore
 _LONGEST_BODY = 36  # characters of a body's name
-_BEFORE_J2000 = 1577880000  # s, from the clock's zero to J2000
-_TICKS = 1_000_000  # of the clock in a second
+_SECONDS_BEFORE_J2000 = 1577880000  # s, from the clock's zero to J2000
+_TICKS_PER_SECOND = 1_000_000  # of the clock in a second
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +66,7 @@ def frames_of(craft: Spacecraft, names: ExportNames) -> Frames:
         ValueError: if it has more devices than there are numbers.
     """
     bus = Frame(
-        number=1000 * names.naif_id, name=(names.frame_name or _BUS_NAME).upper(), what="the platform"
+        number=1000 * names.naif_id, name=(names.frame_name or _DEFAULT_BUS_NAME).upper(), what="the platform"
     )
     stem = re.sub(r"_(BUS|BODY|SC)$", "", bus.name)[:_LONGEST_STEM] + "_"
     count, fixed = craft.gimbals.count, len(craft.instruments)
@@ -91,7 +91,7 @@ def frames_of(craft: Spacecraft, names: ExportNames) -> Frames:
 
 def ticks(ephemeris: np.ndarray) -> np.ndarray:
     """Return clock ticks (k,), with fractions, at times (k,) s of TDB from J2000."""
-    return np.asarray((ephemeris + _BEFORE_J2000) * _TICKS)
+    return np.asarray((ephemeris + _SECONDS_BEFORE_J2000) * _TICKS_PER_SECOND)
 
 
 def clock_kernel(frames: Frames) -> str:
@@ -106,12 +106,12 @@ SCLK_KERNEL_ID             = ( @2000-01-01/12:00:00 )
 SCLK_DATA_TYPE_{number}         = ( 1 )
 SCLK01_TIME_SYSTEM_{number}     = ( 1 )
 SCLK01_N_FIELDS_{number}        = ( 2 )
-SCLK01_MODULI_{number}          = ( 4294967296 {_TICKS} )
+SCLK01_MODULI_{number}          = ( 4294967296 {_TICKS_PER_SECOND} )
 SCLK01_OFFSETS_{number}         = ( 0 0 )
 SCLK01_OUTPUT_DELIM_{number}    = ( 1 )
 SCLK_PARTITION_START_{number}   = ( 0 )
 SCLK_PARTITION_END_{number}     = ( 4294967295999999 )
-SCLK01_COEFFICIENTS_{number}    = ( 0 -{_BEFORE_J2000} 1 )
+SCLK01_COEFFICIENTS_{number}    = ( 0 -{_SECONDS_BEFORE_J2000} 1 )
 \\begintext
 """
 
@@ -128,11 +128,11 @@ def frame_kernel(frames: Frames, craft: Spacecraft, title: str) -> str:
         quoted = frames.body.replace("'", "''")
         lines += [f"NAIF_BODY_NAME += ( '{quoted}' )", f"NAIF_BODY_CODE += ( {frames.craft} )"]
     for frame in (bus, *frames.turning):
-        lines += _definition(frame, kind=3, center=frames.craft)
+        lines += _frame_definition(frame, kind=3, center=frames.craft)
         lines += [f"CK_{frame.number}_SCLK = {frames.craft}", f"CK_{frame.number}_SPK = {frames.craft}"]
     matrices = instrument_frames(craft.fixed_boresights)
     for frame, matrix in zip(frames.instruments, matrices, strict=True):
-        lines += _definition(frame, kind=4, center=frames.craft)
+        lines += _frame_definition(frame, kind=4, center=frames.craft)
         lines += [
             f"TKFRAME_{frame.number}_RELATIVE = '{bus.name}'",
             f"TKFRAME_{frame.number}_SPEC = 'MATRIX'",
@@ -147,7 +147,7 @@ def instrument_kernel(frames: Frames, craft: Spacecraft, title: str) -> str | No
 
     In SPICE, a device with a field of view is an instrument with the number and the name of its frame.
     """
-    fields = list(_fields(frames, craft))
+    fields = list(_fields_of_view(frames, craft))
     if not fields:
         return None
     lines = ["KPL/IK", "", f"   Fields of view of the spacecraft of: {plain(title)}", "", "\\begindata"]
@@ -169,7 +169,7 @@ def instrument_kernel(frames: Frames, craft: Spacecraft, title: str) -> str | No
     return "\n".join([*lines, "\\begintext", ""])
 
 
-def _fields(frames: Frames, craft: Spacecraft) -> Iterator[tuple[Frame, np.ndarray, np.ndarray]]:
+def _fields_of_view(frames: Frames, craft: Spacecraft) -> Iterator[tuple[Frame, np.ndarray, np.ndarray]]:
     """Yield each device's frame, its field's up direction (3,) in that frame, and its full angles (2,) rad.
 
     The first angle is across up, the second along it. Devices without a field of view are left out.
@@ -184,7 +184,7 @@ def _fields(frames: Frames, craft: Spacecraft) -> Iterator[tuple[Frame, np.ndarr
             yield frame, instrument.up @ matrix, instrument.field_of_view
 
 
-def _definition(frame: Frame, *, kind: int, center: int) -> list[str]:
+def _frame_definition(frame: Frame, *, kind: int, center: int) -> list[str]:
     """Return the lines that define a frame of SPICE's class `kind`: 3 by a C-kernel, 4 by a fixed matrix."""
     variable = f"FRAME_{frame.number}"
     return [

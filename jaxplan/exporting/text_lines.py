@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-_NUMBER = "% .15e"  # 16 digits, as many as CCSDS allows and a double has
+_NUMBER_FORMAT = "% .15e"  # 16 digits, as many as CCSDS allows and a double has
 
 
 def table_lines(columns: Sequence[np.ndarray], separator: str = " ") -> Iterator[str]:
@@ -15,7 +15,7 @@ def table_lines(columns: Sequence[np.ndarray], separator: str = " ") -> Iterator
         separator: text between two numbers.
     """
     table = np.column_stack(columns)
-    form = separator.join([_NUMBER] * table.shape[1]) + "\n"
+    form = separator.join([_NUMBER_FORMAT] * table.shape[1]) + "\n"
     for first in range(0, len(table), 4096):  # a list of all would take several times the array's space
         for row in table[first : first + 4096].tolist():
             yield form % tuple(row)

@@ -14,8 +14,8 @@ import numpy as np
 
 Kind = TypeVar("Kind")
 
-_MOST_SHOWN = 9  # numbers of an array that messages show, enough for a matrix
-_LONGEST = 60  # characters of a value that messages show
+_MOST_NUMBERS = 9  # numbers of an array that messages show, enough for a matrix
+_LONGEST_TEXT = 60  # characters of a value that messages show
 
 
 def show(value: object) -> str:
@@ -26,14 +26,14 @@ def show(value: object) -> str:
         return "a masked value"
     if isinstance(value, np.generic | np.ndarray | jax.Array):
         array = np.asarray(value)
-        text = repr(array.tolist()) if array.size <= _MOST_SHOWN else ""
-        return text if 0 < len(text) <= _LONGEST else f"an array of shape {array.shape}"
+        text = repr(array.tolist()) if array.size <= _MOST_NUMBERS else ""
+        return text if 0 < len(text) <= _LONGEST_TEXT else f"an array of shape {array.shape}"
     if isinstance(value, list | tuple):
-        text = repr(value) if len(value) <= _MOST_SHOWN else ""
-        return text if 0 < len(text) <= _LONGEST else f"a {type(value).__name__} of {len(value)}"
+        text = repr(value) if len(value) <= _MOST_NUMBERS else ""
+        return text if 0 < len(text) <= _LONGEST_TEXT else f"a {type(value).__name__} of {len(value)}"
     if isinstance(value, str | int | float | complex | None):
         text = repr(value)
-        return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+        return text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]}..."
     name = getattr(value, "name", None)
     return a_or_an(type(value).__name__) + (f" ({name!r})" if isinstance(name, str) else "")
 

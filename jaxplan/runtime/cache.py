@@ -19,16 +19,16 @@ from pathlib import Path
 
 from jaxplan.version import __version__
 
-_LEAST_TIME = "jax_persistent_cache_min_compile_time_secs"
+_COMPILE_TIME_SETTING = "jax_persistent_cache_min_compile_time_secs"
 
 # By default, JAX keeps only what took a second to compile, and most kernels here take less.
 _KEEP_ALL = {
-    _LEAST_TIME: 0.0,
+    _COMPILE_TIME_SETTING: 0.0,
     "jax_persistent_cache_min_entry_size_bytes": -1,
 }
-_SETTINGS = ("jax_compilation_cache_dir", *_KEEP_ALL)
+_SETTING_NAMES = ("jax_compilation_cache_dir", *_KEEP_ALL)
 
-_decided = False
+_is_folder_decided = False
 
 
 def compilation_cache(folder: str | os.PathLike[str] | None) -> None:
@@ -60,32 +60,32 @@ def compilation_cache(folder: str | os.PathLike[str] | None) -> None:
     if place is not None:
         try:
             place.mkdir(mode=0o700, parents=True, exist_ok=True)
-            why_not = _fault(place)
+            why_not = _folder_fault(place)
         except FileExistsError:
             why_not = "it is a file: name a folder"
         if why_not:
             raise ValueError(f"folder = {os.fspath(place)!r}: {why_not}")
-    _use({"jax_compilation_cache_dir": None if place is None else str(place), **_KEEP_ALL})
+    _apply_settings({"jax_compilation_cache_dir": None if place is None else str(place), **_KEEP_ALL})
 
 
 def keep_by_default() -> None:
     """Keep compiled code in the user's cache folder, unless that has been decided otherwise already."""
     import jax
 
-    global _decided
-    if _decided or jax.config.jax_compilation_cache_dir is not None:  # type: ignore[attr-defined]
+    global _is_folder_decided
+    if _is_folder_decided or jax.config.jax_compilation_cache_dir is not None:  # type: ignore[attr-defined]
         return
-    _decided = True
+    _is_folder_decided = True
     try:
         place = _users_folder()
         if not place.is_absolute():  # as where HOME is relative: each working folder would get its own
             return
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if _fault(place):
+        if _folder_fault(place):
             return
     except (OSError, RuntimeError):  # the latter where there is no home folder
         return  # keeping code only saves time
-    _use({"jax_compilation_cache_dir": str(place), **_KEEP_ALL})
+    _apply_settings({"jax_compilation_cache_dir": str(place), **_KEEP_ALL})
 
 
 def trusted_folder() -> Path | None:
@@ -97,15 +97,15 @@ def trusted_folder() -> Path | None:
         return None
     place = Path(named)
     try:
-        return place if place.is_dir() and not _fault_once(named) else None
+        return place if place.is_dir() and not _folder_fault_once(named) else None
     except OSError:
         return None
 
 
 @cache
-def _fault_once(named: str) -> str:
-    """Return `_fault` of the folder with this name, checked once in a process."""
-    return _fault(Path(named))
+def _folder_fault_once(named: str) -> str:
+    """Return `_folder_fault` of the folder with this name, checked once in a process."""
+    return _folder_fault(Path(named))
 
 
 def settings() -> dict[str, object]:
@@ -113,21 +113,21 @@ def settings() -> dict[str, object]:
     import jax
 
     keep_by_default()
-    with _turn:
-        found = {name: getattr(jax.config, name) for name in _SETTINGS}
-    if _blocks and found[_LEAST_TIME] == math.inf:
-        found[_LEAST_TIME] = _usual
+    with _settings_lock:
+        found = {name: getattr(jax.config, name) for name in _SETTING_NAMES}
+    if _running_blocks and found[_COMPILE_TIME_SETTING] == math.inf:
+        found[_COMPILE_TIME_SETTING] = _usual_min_time
     return found
 
 
 def adopt(given: dict[str, object]) -> None:
     """Keep compiled code as another process does, given the `settings` from there."""
-    _use(given)
+    _apply_settings(given)
 
 
-_blocks = 0  # with blocks of `written_once` that are running, in all threads
-_usual = 0.0  # s, the setting `_LEAST_TIME` before the first of them
-_turn = threading.Lock()
+_running_blocks = 0  # with blocks of `written_once` that are running, in all threads
+_usual_min_time = 0.0  # s, the setting `_COMPILE_TIME_SETTING` before the first of them
+_settings_lock = threading.Lock()
 
 
 @contextmanager
@@ -138,28 +138,29 @@ def written_once() -> Iterator[None]:
     """
     import jax
 
-    global _blocks, _usual
-    with _turn:
-        if not _blocks:
-            _usual = getattr(jax.config, _LEAST_TIME)
-            jax.config.update(_LEAST_TIME, math.inf)
-        _blocks += 1
+    global _running_blocks, _usual_min_time
+    with _settings_lock:
+        if not _running_blocks:
+            _usual_min_time = getattr(jax.config, _COMPILE_TIME_SETTING)
+            jax.config.update(_COMPILE_TIME_SETTING, math.inf)
+        _running_blocks += 1
     try:
         yield
     finally:
-        with _turn:
-            _blocks -= 1
-            if not _blocks and getattr(jax.config, _LEAST_TIME) == math.inf:  # nobody has set it meanwhile
-                jax.config.update(_LEAST_TIME, _usual)
+        with _settings_lock:
+            _running_blocks -= 1
+            # Whoever has set it meanwhile keeps that.
+            if not _running_blocks and getattr(jax.config, _COMPILE_TIME_SETTING) == math.inf:
+                jax.config.update(_COMPILE_TIME_SETTING, _usual_min_time)
 
 
-def _use(given: dict[str, object]) -> None:
+def _apply_settings(given: dict[str, object]) -> None:
     """Apply settings of JAX, given by name, and note that the folder has been decided on."""
     import jax
     from jax.experimental.compilation_cache import compilation_cache as cache
 
-    global _decided
-    _decided = True
+    global _is_folder_decided
+    _is_folder_decided = True
     moved = given["jax_compilation_cache_dir"] != jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
     for name, value in given.items():
         jax.config.update(name, value)
@@ -173,10 +174,10 @@ def _users_folder() -> Path:
     """Return the subfolder of the user's cache folder for this version of jaxplan and kind of processor."""
     chosen = os.environ.get("XDG_CACHE_HOME", "")
     root = Path(chosen) if os.path.isabs(chosen) else Path.home() / ".cache"  # as its specification asks
-    return root / "jaxplan" / f"compiled-{__version__}-{_processor()}"
+    return root / "jaxplan" / f"compiled-{__version__}-{_processor_hash()}"
 
 
-def _processor() -> str:
+def _processor_hash() -> str:
     """Return a short hash of this processor's instruction sets; that of "" where they cannot be read."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as lines:
@@ -199,11 +200,11 @@ def _others_may_swap(found: os.stat_result) -> bool:
         return True
     if stat.S_ISLNK(found.st_mode) or found.st_mode & stat.S_ISVTX:
         return False
-    group = found.st_mode & stat.S_IWGRP and not _is_the_users_alone(found.st_gid)
+    group = found.st_mode & stat.S_IWGRP and not _is_private_group(found.st_gid)
     return bool(group or found.st_mode & stat.S_IWOTH)
 
 
-def _is_the_users_alone(group: int) -> bool:
+def _is_private_group(group: int) -> bool:
     """Whether a group, by its number, has the user's name and no other members."""
     import grp
     import pwd
@@ -215,7 +216,7 @@ def _is_the_users_alone(group: int) -> bool:
     return found.gr_name == user.pw_name and set(found.gr_mem) <= {user.pw_name}
 
 
-def _fault(place: Path) -> str:
+def _folder_fault(place: Path) -> str:
     """Return why compiled code cannot be kept in a folder, in words for a message; "" if it can."""
     found = place.stat()
     if found.st_uid != os.geteuid() or found.st_mode & 0o022:

@@ -27,12 +27,12 @@ Rows = Iterable[tuple[str, str]]
 Cells = Sequence[Sequence[str]]
 
 UNKNOWN = "?"
-_LINE = 200  # characters of a line
-_HEADING = 80  # characters of the heading of a line or table
-_ITEM = 60  # characters of a label or value on a line
-_VALUE = 500  # characters of a value in a table
-_TABLE = 5300  # characters of a table's rows, tags included
-_LISTED = 12  # numbers of an array that are shown one by one
+_LONGEST_LINE = 200  # characters of a line
+_LONGEST_HEADING = 80  # characters of the heading of a line or table
+_LONGEST_ITEM = 60  # characters of a label or value on a line
+_LONGEST_VALUE = 500  # characters of a value in a table
+_LONGEST_TABLE = 5300  # characters of a table's rows, tags included
+_MOST_LISTED = 12  # numbers of an array that are shown one by one
 
 
 def shown(*quantities: str, heading: str | None = None) -> Callable[[type[T]], type[T]]:
@@ -58,21 +58,21 @@ def shown(*quantities: str, heading: str | None = None) -> Callable[[type[T]], t
 
     def dressed(cls: type[T]) -> type[T]:
         def line(self: T) -> str:
-            return _line(_heading(self, heading), _quantities(self, quantities))
+            return _format_line(_heading(self, heading), _read_quantities(self, quantities))
 
         def table(self: T) -> str:
-            return as_table(_heading(self, heading), _rows(_quantities(self, quantities)))
+            return as_table(_heading(self, heading), _table_rows(_read_quantities(self, quantities)))
 
         told = {name: getattr(cls, name, None) for name in ("__str__", "_repr_html_")}
         own = {name: tell for name, tell in told.items() if tell not in (None, object.__str__)}
         for name, tell in ({"__repr__": line, "_repr_html_": table} | own).items():
-            setattr(cls, name, _calm(tell, table if name == "_repr_html_" else line))
+            setattr(cls, name, _with_fallback(tell, table if name == "_repr_html_" else line))
         return cls
 
     return dressed
 
 
-def _calm(tell: Callable[[T], str], otherwise: Callable[[T], str]) -> Callable[[T], str]:
+def _with_fallback(tell: Callable[[T], str], otherwise: Callable[[T], str]) -> Callable[[T], str]:
     """Return a function that shows an object by `tell`, or by `otherwise` if that raises; it never warns."""
 
     def told(self: T) -> str:
@@ -123,17 +123,18 @@ def as_table(caption: str, rows: Rows, cells: Cells = ()) -> str:
     left = "style='text-align:left'"
     across = f" colspan='{len(cells[0]) - 1}'" if cells else ""
     lines = [
-        f"<tr><th {left}>{_escaped(label, _HEADING)}</th><td{across} {left}>{_escaped(value)}</td></tr>"
+        f"<tr><th {left}>{_escape_html(label, _LONGEST_HEADING)}</th>"
+        f"<td{across} {left}>{_escape_html(value)}</td></tr>"
         for label, value in rows
     ]
     for number, row in enumerate(cells):
         tag = "td" if number else "th"
-        values = "".join(f"<{tag}>{_escaped(cell)}</{tag}>" for cell in row[1:])
-        lines.append(f"<tr><th {left}>{_escaped(row[0])}</th>{values}</tr>")
-    kept = _fitting(lines, _TABLE)
+        values = "".join(f"<{tag}>{_escape_html(cell)}</{tag}>" for cell in row[1:])
+        lines.append(f"<tr><th {left}>{_escape_html(row[0])}</th>{values}</tr>")
+    kept = _take_fitting(lines, _LONGEST_TABLE)
     if len(kept) < len(lines):
         kept.append(f"<tr><th></th><td{across} {left}>and {len(lines) - len(kept)} more rows</td></tr>")
-    return f"<table><caption>{_escaped(caption, _HEADING)}</caption>{''.join(kept)}</table>"
+    return f"<table><caption>{_escape_html(caption, _LONGEST_HEADING)}</caption>{''.join(kept)}</table>"
 
 
 class _Quantity(NamedTuple):
@@ -150,14 +151,14 @@ def _heading(thing: Any, form: str | None) -> str:
     kind = type(thing).__name__
     try:
         if form is not None:
-            return _plain(form.format(thing))
+            return _to_one_line(form.format(thing))
         name = getattr(thing, "name", None)
-        return _plain(f"{kind} {name}") if isinstance(name, str) else kind
+        return _to_one_line(f"{kind} {name}") if isinstance(name, str) else kind
     except Exception:
         return kind
 
 
-def _quantities(thing: Any, wanted: Sequence[str]) -> list[_Quantity]:
+def _read_quantities(thing: Any, wanted: Sequence[str]) -> list[_Quantity]:
     """Return the quantities of an object, without those that are None or empty; `wanted` as for `shown`."""
     own = {field.name: field for field in fields(thing)} if is_dataclass(thing) else {}
     found = []
@@ -172,7 +173,7 @@ def _quantities(thing: Any, wanted: Sequence[str]) -> list[_Quantity]:
                 value = None if value is None else getattr(value, name)
             if value is None or (isinstance(value, Mapping | Sequence) and len(value) == 0):
                 continue
-            text, measured = _text(value, unit)
+            text, measured = _value_text(value, unit)
             plain = path in own and isinstance(value, bool | int | float | str)
             usual = plain and bool(value == own[path].default)
             found.append(_Quantity(label, text, unit if measured else "", usual))
@@ -181,27 +182,30 @@ def _quantities(thing: Any, wanted: Sequence[str]) -> list[_Quantity]:
     return found
 
 
-def _line(heading: str, quantities: Sequence[_Quantity]) -> str:
-    """Return a line ``<heading: label value unit; ...>`` without defaults, of at most `_LINE` characters."""
+def _format_line(heading: str, quantities: Sequence[_Quantity]) -> str:
+    """Return a line ``<heading: label value unit; ...>`` without defaults, at most `_LONGEST_LINE` long."""
     told = [quantity for quantity in quantities if not quantity.usual]
-    items = [f"{_cut(one.label, _ITEM)} {_cut(one.text, _ITEM)} {one.unit}".rstrip() for one in told]
+    items = [
+        f"{_truncate(one.label, _LONGEST_ITEM)} {_truncate(one.text, _LONGEST_ITEM)} {one.unit}".rstrip()
+        for one in told
+    ]
     if quantities and not told:
         items = ["all by default"]
-    start = _cut(heading, _HEADING)
-    kept = _fitting([f"; {item}" for item in items], _LINE - len(start) - len("<; ...>"))
+    start = _truncate(heading, _LONGEST_HEADING)
+    kept = _take_fitting([f"; {item}" for item in items], _LONGEST_LINE - len(start) - len("<; ...>"))
     if len(kept) < len(items):
         kept.append("; ...")
     return f"<{start}{':' * bool(kept)}{''.join(kept).removeprefix(';')}>"
 
 
-def _rows(quantities: Sequence[_Quantity]) -> Rows:
+def _table_rows(quantities: Sequence[_Quantity]) -> Rows:
     """Yield label and value of each row of a table; defaults come last and are marked as such."""
     for one in sorted(quantities, key=lambda one: one.usual):
         label = f"{one.label} ({one.unit})" if one.unit else one.label
         yield label, f"{one.text} (default)" if one.usual else one.text
 
 
-def _text(value: Any, unit: str) -> tuple[str, bool]:
+def _value_text(value: Any, unit: str) -> tuple[str, bool]:
     """Return a value as text, and whether that is of numbers, so that the unit is to be shown."""
     if isinstance(value, Tracer):
         return f"traced {value.dtype}{list(value.shape)}", False
@@ -213,16 +217,16 @@ def _text(value: Any, unit: str) -> tuple[str, bool]:
         text = str(value)
         return text.rstrip("0").rstrip(".") if "." in text else text, False
     if isinstance(value, str | PurePath):
-        return _plain(str(value)), False
+        return _to_one_line(str(value)), False
     if isinstance(value, Real):
-        return _number(value, unit), True
+        return _format_number(value, unit), True
     if isinstance(value, np.ndarray | jax.Array):
         return _array_text(np.asarray(value), unit)
     if hasattr(value, "shape") and hasattr(value, "dtype"):  # what stands for an array, as in jax.eval_shape
         return f"{value.dtype}{list(value.shape)}", False
     if isinstance(value, Mapping):
-        parts = [f"{key} {_text(part, '')[0]}" for key, part in islice(value.items(), _LISTED)]
-        return _plain(", ".join(parts + ["..."] * (len(value) > _LISTED))), False
+        parts = [f"{key} {_value_text(part, '')[0]}" for key, part in islice(value.items(), _MOST_LISTED)]
+        return _to_one_line(", ".join(parts + ["..."] * (len(value) > _MOST_LISTED))), False
     if isinstance(value, Sequence):
         return _sequence_text(value, unit)
     if hasattr(type(value), "_repr_html_"):
@@ -230,7 +234,7 @@ def _text(value: Any, unit: str) -> tuple[str, bool]:
     return type(value).__name__, False
 
 
-def _number(value: Any, unit: str, digits: int = 6) -> str:
+def _format_number(value: Any, unit: str, digits: int = 6) -> str:
     """Format a number with some digits, integers with all; radians as degrees if the unit contains "deg"."""
     if isinstance(value, Integral) and "deg" not in unit:
         return f"{int(value)}"
@@ -244,46 +248,48 @@ def _array_text(array: np.ndarray, unit: str) -> tuple[str, bool]:
     Few numbers are listed, with semicolons between the rows of a matrix; else shape and range are given.
     """
     if array.ndim == 0 and array.dtype.kind in "biuf":
-        return _text(array.item(), unit)
+        return _value_text(array.item(), unit)
     size = " x ".join(map(str, array.shape))
     if array.dtype.kind == "b":
         return f"{size}, {int(np.sum(array))} true", False
     if array.dtype.kind not in "iuf":
         return f"{array.dtype} {size}", False
-    if array.size <= _LISTED and (array.ndim == 1 or (array.ndim == 2 and array.size)):
-        rows = [" ".join(_number(value, unit, 4) for value in row) for row in np.atleast_2d(array).tolist()]
+    if array.size <= _MOST_LISTED and (array.ndim == 1 or (array.ndim == 2 and array.size)):
+        rows = [
+            " ".join(_format_number(value, unit, 4) for value in row) for row in np.atleast_2d(array).tolist()
+        ]
         return f"[{'; '.join(rows)}]", True
     finite = array[np.isfinite(array)]
     if finite.size < array.size:
         return f"{size}, {array.size - finite.size} not finite", False
     if not array.size:
         return size, False
-    low, high = (_number(end, unit, 4) for end in (np.min(array).item(), np.max(array).item()))
+    low, high = (_format_number(end, unit, 4) for end in (np.min(array).item(), np.max(array).item()))
     return f"{size}, {low} to {high}", True
 
 
 def _sequence_text(values: Sequence[Any], unit: str) -> tuple[str, bool]:
     """Return a sequence as text, and whether that is of numbers; few items are listed, many counted."""
-    few, many = list(values[: _LISTED + 1]), len(values) > _LISTED
+    few, many = list(values[: _MOST_LISTED + 1]), len(values) > _MOST_LISTED
     if not many and all(type(value) in (int, float) for value in few):
-        return f"[{' '.join(_number(value, unit) for value in few)}]", True
+        return f"[{' '.join(_format_number(value, unit) for value in few)}]", True
     words = [value if isinstance(value, str) else getattr(value, "name", None) for value in few]
     if all(isinstance(word, str) for word in words):
         more = ", ..." if len(values) > len(words) else ""
         count = "" if all(isinstance(value, str) for value in few) and not more else f"{len(values)}: "
-        return _plain(f"{count}{', '.join(map(str, words))}{more}"), False
+        return _to_one_line(f"{count}{', '.join(map(str, words))}{more}"), False
     if many:
         return f"{len(values)}", False
     kinds = Counter(type(value).__name__ for value in few)
     return ", ".join(f"{count} {kind}" for kind, count in kinds.items()), False
 
 
-def _plain(text: str) -> str:
+def _to_one_line(text: str) -> str:
     """Return a text on one line, with question marks for characters that cannot be printed."""
     return "".join(c if c.isprintable() else UNKNOWN for c in " ".join(text[:2000].split()))
 
 
-def _cut(text: str, most: int) -> str:
+def _truncate(text: str, most: int) -> str:
     """Cut a text to at most `most` characters; "..." replaces its end."""
     if len(text) <= most:
         return text
@@ -291,12 +297,12 @@ def _cut(text: str, most: int) -> str:
     return f"{text[: most - len(end)]}{end}"
 
 
-def _escaped(text: str, most: int = _VALUE) -> str:
+def _escape_html(text: str, most: int = _LONGEST_VALUE) -> str:
     """Return a text on one line, of at most `most` characters, then escaped for HTML."""
-    return escape(_cut(_plain(text), most))
+    return escape(_truncate(_to_one_line(text), most))
 
 
-def _fitting(parts: Sequence[str], most: int) -> list[str]:
+def _take_fitting(parts: Sequence[str], most: int) -> list[str]:
     """Return the first parts, as many as have at most `most` characters together."""
     kept: list[str] = []
     for part in parts:

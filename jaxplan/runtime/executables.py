@@ -32,21 +32,21 @@ import numpy as np
 
 from jaxplan.runtime.cache import trusted_folder, written_once
 
-_PACKAGE = Path(__file__).resolve().parent.parent
-_PATIENCE = 30.0  # s, to wait for another process that compiles the same kernel but may have stopped
-_LOOK = 0.02  # s, between two looks whether that process is done
-_PARTS = 3  # number of the newest folders of other sources or versions that are not deleted
+_PACKAGE_FOLDER = Path(__file__).resolve().parent.parent
+_LOCK_TIMEOUT = 30.0  # s, to wait for another process that compiles the same kernel but may have stopped
+_LOCK_POLL_TIME = 0.02  # s, between two looks whether that process is done
+_KEPT_FOLDERS = 3  # number of the newest folders of other sources or versions that are not deleted
 
-_FORM = 2  # version of the files' content, so that none of another version is read
-_CALL = "custom_call"  # occurs in the text of programs that call functions of a library
-_PROGRAMS = "programs"  # folder of further names of executables, by what JAX has lowered
+_FORMAT_VERSION = 2  # version of the files' content, so that none of another version is read
+_LIBRARY_CALL = "custom_call"  # occurs in the text of programs that call functions of a library
+_PROGRAMS_FOLDER = "programs"  # folder of further names of executables, by what JAX has lowered
 
-_refused = 0
+_refused_count = 0
 
 
 def refused() -> int:
     """Return how many kept executables could not be loaded in this process, as happens on some processors."""
-    return _refused
+    return _refused_count
 
 
 def load(name: str | None, kinds: str | None) -> Callable[..., Any] | None:
@@ -56,17 +56,17 @@ def load(name: str | None, kinds: str | None) -> Callable[..., Any] | None:
         name: name of the kernel, from `name_of`; None for one that is not kept.
         kinds: kinds of its arguments, from `text_of`; None for those of a kernel that is not kept.
     """
-    global _refused
-    place = _place(name, kinds)
+    global _refused_count
+    place = _executable_path(name, kinds)
     if place is None or not place.is_file():
         return None
-    found = _read(place)
+    found = _read_executable(place)
     if found is None:
-        _refused += 1
+        _refused_count += 1
     return found
 
 
-def _read(place: Path) -> Callable[..., Any] | None:
+def _read_executable(place: Path) -> Callable[..., Any] | None:
     """Read the executable in a file; if it is damaged or of another processor, delete it and return None."""
     from jax.experimental.serialize_executable import deserialize_and_load
 
@@ -76,7 +76,7 @@ def _read(place: Path) -> Callable[..., Any] | None:
             _prepare_lapack()
         found: Callable[..., Any] = deserialize_and_load(*content)
     except Exception:
-        _forget(place)
+        _delete_file(place)
         return None
     return found
 
@@ -92,21 +92,21 @@ def _prepare_lapack() -> None:
         jax.jit(jax.lax.linalg.cholesky).lower(np.eye(1))
 
 
-class _Hits(threading.local):
+class _CacheHits(threading.local):
     """How often JAX has found something in its own cache, in this thread."""
 
     count = 0
 
 
-_hits = _Hits()
+_cache_hits = _CacheHits()
 
 
-def _listen(event: str, **_: str | int) -> None:
+def _count_cache_hit(event: str, **_: str | int) -> None:
     """Count an event of JAX if it is a hit in JAX's own cache."""
-    _hits.count += event == "/jax/compilation_cache/cache_hits"
+    _cache_hits.count += event == "/jax/compilation_cache/cache_hits"
 
 
-jax.monitoring.register_event_listener(_listen)
+jax.monitoring.register_event_listener(_count_cache_hit)
 
 
 def compile_and_keep(lowered: Any, name: str | None, kinds: str | None) -> Any:
@@ -121,24 +121,24 @@ def compile_and_keep(lowered: Any, name: str | None, kinds: str | None) -> Any:
         name: as of `load`.
         kinds: as of `load`.
     """
-    place = _place(name, kinds)
+    place = _executable_path(name, kinds)
     if place is None:
         return lowered.compile()
     code = lowered.as_text()
-    text = f"{_FORM}\n{_versions()}\n{kinds}\n{lowered.out_tree}\n{code}"
-    program = place.parent.parent / _PROGRAMS / _short(text)
+    text = f"{_FORMAT_VERSION}\n{_versions()}\n{kinds}\n{lowered.out_tree}\n{code}"
+    program = place.parent.parent / _PROGRAMS_FOLDER / _hash_name(text)
     if program.is_file():
-        found = _read(program)
+        found = _read_executable(program)
         if found is not None:
             with suppress(OSError):
-                _make_room(place.parent)
+                _prepare_folder(place.parent)
                 os.link(program, place)
             return found
-    hits = _hits.count
+    hits = _cache_hits.count
     with written_once():
         compiled = lowered.compile()
-    if _hits.count == hits:
-        _save(place, compiled, calls_library=_CALL in code)
+    if _cache_hits.count == hits:
+        _save_executable(place, compiled, calls_library=_LIBRARY_CALL in code)
         with suppress(OSError):  # without hard links it is found for these sources alone
             program.parent.mkdir(mode=0o700, exist_ok=True)
             os.link(place, program)
@@ -149,36 +149,36 @@ def compile_and_keep(lowered: Any, name: str | None, kinds: str | None) -> Any:
 def one_at_a_time(name: str | None, kinds: str | None) -> Iterator[None]:
     """Hold a lock within a with block, so that no two processes compile a kernel at once.
 
-    A process that has waited should look again for what the other has kept. After `_PATIENCE` seconds it goes
-    on without the lock. Arguments are those of `load`.
+    A process that has waited should look again for what the other has kept. After `_LOCK_TIMEOUT` seconds it
+    goes on without the lock. Arguments are those of `load`.
     """
-    place = _place(name, kinds)
+    place = _executable_path(name, kinds)
     with ExitStack() as stack:
         if place is not None:
             with suppress(ImportError, OSError):  # where files cannot be locked, both compile
                 import fcntl
 
-                _make_room(place.parent)
+                _prepare_folder(place.parent)
                 lock = stack.enter_context(open(f"{place}.lock", "w"))
-                until = time.monotonic() + _PATIENCE
+                until = time.monotonic() + _LOCK_TIMEOUT
                 while time.monotonic() < until:
                     try:
                         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     except BlockingIOError:
-                        time.sleep(_LOOK)
+                        time.sleep(_LOCK_POLL_TIME)
                         continue
-                    stack.callback(_forget, lock.name)
+                    stack.callback(_delete_file, lock.name)
                     break
         yield
 
 
-def _forget(file: str | Path) -> None:
+def _delete_file(file: str | Path) -> None:
     """Delete a file; do nothing if that fails."""
     with suppress(OSError):
         os.unlink(file)
 
 
-def _save(place: Path, compiled: Any, *, calls_library: bool) -> None:
+def _save_executable(place: Path, compiled: Any, *, calls_library: bool) -> None:
     """Write an executable to the file `place`, completely or not at all; nothing is raised if that fails.
 
     Args:
@@ -191,7 +191,7 @@ def _save(place: Path, compiled: Any, *, calls_library: bool) -> None:
 
     with suppress(Exception):  # keeping executables only saves time
         content = pickle.dumps((serialize(compiled), calls_library))
-        _make_room(place.parent)
+        _prepare_folder(place.parent)
         with tempfile.NamedTemporaryFile(dir=place.parent, delete=False) as new:  # for this user alone
             new.write(content)
         os.replace(new.name, place)
@@ -229,15 +229,15 @@ def text_of(kinds: object) -> str | None:
     return None if None in parts else f"({', '.join(filter(None, parts))})"
 
 
-def _place(name: str | None, kinds: str | None) -> Path | None:
+def _executable_path(name: str | None, kinds: str | None) -> Path | None:
     """Return the file of an executable, which may not exist yet; None where nothing is kept."""
     folder = trusted_folder()
     if name is None or kinds is None or folder is None or jax.default_backend() != "cpu":
         return None
-    return folder / f"kernels-{_origin()}" / _short(f"{name}\n{kinds}")
+    return folder / f"kernels-{_sources_hash()}" / _hash_name(f"{name}\n{kinds}")
 
 
-def _short(text: str) -> str:
+def _hash_name(text: str) -> str:
     """Return a hash of a text as a file's name."""
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
@@ -252,26 +252,26 @@ def _versions() -> str:
 
 
 @cache
-def _origin() -> str:
+def _sources_hash() -> str:
     """Return a short hash of versions, flags and all sources of this package, for the name of a subfolder."""
     found = hashlib.sha256(_versions().encode())
-    for file in sorted(_PACKAGE.rglob("*.py")):
-        found.update(file.relative_to(_PACKAGE).as_posix().encode() + file.read_bytes())
+    for file in sorted(_PACKAGE_FOLDER.rglob("*.py")):
+        found.update(file.relative_to(_PACKAGE_FOLDER).as_posix().encode() + file.read_bytes())
     return found.hexdigest()[:12]
 
 
-def _make_room(part: Path) -> None:
+def _prepare_folder(part: Path) -> None:
     """Create the subfolder for executables of the present sources, and delete old ones of other sources.
 
-    The `_PARTS` newest of these are left. Programs that only the deleted ones had are deleted, too.
+    The `_KEPT_FOLDERS` newest of these are left. Programs that only the deleted ones had are deleted, too.
     """
     if part.is_dir():
         return
     part.mkdir(mode=0o700, exist_ok=True)
     others = sorted(part.parent.glob("kernels-*"), key=lambda folder: folder.stat().st_mtime)
-    for old in others[: -1 - _PARTS]:
+    for old in others[: -1 - _KEPT_FOLDERS]:
         shutil.rmtree(old, ignore_errors=True)
-    for program in (part.parent / _PROGRAMS).glob("*"):
+    for program in (part.parent / _PROGRAMS_FOLDER).glob("*"):
         with suppress(OSError):
             if program.stat().st_nlink == 1:
                 program.unlink()

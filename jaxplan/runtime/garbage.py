@@ -10,49 +10,49 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_NEW_OBJECTS = 100_000  # new objects before Python looks for garbage in `seldom_collected`; else 700
+_COLLECTION_THRESHOLD = 100_000  # new objects before Python looks for garbage in `seldom_collected`; else 700
 
-_blocks = 0  # with blocks of `uncollected` that are running, in all threads
-_collects = False  # whether Python looked for garbage before the first of them
+_uncollected_blocks = 0  # with blocks of `uncollected` that are running, in all threads
+_was_collecting = False  # whether Python looked for garbage before the first of them
 _count_lock = threading.Lock()
 
 
 @contextmanager
 def uncollected() -> Iterator[None]:
     """Stop Python's search for cyclic garbage while this with block, or one in another thread, runs."""
-    global _blocks, _collects
+    global _uncollected_blocks, _was_collecting
     with _count_lock:
-        if not _blocks:
-            _collects = gc.isenabled()
+        if not _uncollected_blocks:
+            _was_collecting = gc.isenabled()
             gc.disable()
-        _blocks += 1
+        _uncollected_blocks += 1
     try:
         yield
     finally:
         with _count_lock:
-            _blocks -= 1
-            if not _blocks and _collects:
+            _uncollected_blocks -= 1
+            if not _uncollected_blocks and _was_collecting:
                 gc.enable()
 
 
-_seldom = 0  # with blocks of `seldom_collected` that are running, in all threads
-_before = gc.get_threshold()  # Python's thresholds before the first of them
+_seldom_blocks = 0  # with blocks of `seldom_collected` that are running, in all threads
+_usual_thresholds = gc.get_threshold()  # Python's thresholds before the first of them
 
 
 @contextmanager
 def seldom_collected() -> Iterator[None]:
     """Make Python's search for cyclic garbage a hundred times rarer while this with block runs."""
-    global _seldom, _before
+    global _seldom_blocks, _usual_thresholds
     with _count_lock:
-        if not _seldom:
-            _before = gc.get_threshold()
-            if _before[0]:  # else it never looks
-                gc.set_threshold(max(_NEW_OBJECTS, _before[0]), *_before[1:])
-        _seldom += 1
+        if not _seldom_blocks:
+            _usual_thresholds = gc.get_threshold()
+            if _usual_thresholds[0]:  # else it never looks
+                gc.set_threshold(max(_COLLECTION_THRESHOLD, _usual_thresholds[0]), *_usual_thresholds[1:])
+        _seldom_blocks += 1
     try:
         yield
     finally:
         with _count_lock:
-            _seldom -= 1
-            if not _seldom:
-                gc.set_threshold(*_before)
+            _seldom_blocks -= 1
+            if not _seldom_blocks:
+                gc.set_threshold(*_usual_thresholds)

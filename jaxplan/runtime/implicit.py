@@ -50,11 +50,11 @@ def implicit_root(equations: Equations, inputs: Any, guess: Array) -> Array:
     Returns:
         (n,) ``z`` after the last step; whether it is a root is not checked.
     """
-    return _root(equations, inputs, guess)[0]
+    return _root_and_factors(equations, inputs, guess)[0]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _root(equations: Equations, inputs: Any, guess: Array) -> tuple[Array, Any]:
+def _root_and_factors(equations: Equations, inputs: Any, guess: Array) -> tuple[Array, Any]:
     """Return the root (n,), and the factors of the step before the last; arguments as `implicit_root`."""
 
     def ahead(at: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -73,20 +73,25 @@ def _root(equations: Equations, inputs: Any, guess: Array) -> tuple[Array, Any]:
     return z, factors
 
 
-@_root.defjvp
-def _slope(equations: Equations, primals: tuple[Any, Array], tangents: tuple[Any, Any]) -> tuple[Any, Any]:
-    """Return values and tangents of `_root`, by the implicit function theorem; those of factors are zero."""
-    z, factors = _root(equations, *primals)
+@_root_and_factors.defjvp
+def _root_tangents(
+    equations: Equations, primals: tuple[Any, Array], tangents: tuple[Any, Any]
+) -> tuple[Any, Any]:
+    """Return values and tangents of `_root_and_factors`, by the implicit function theorem.
+
+    The tangents of factors are zero.
+    """
+    z, factors = _root_and_factors(equations, *primals)
     inputs = primals[0]
     if equations.again:
         own = equations.factor(inputs, z)
     else:  # factors are constants, and so is what follows from them
         inputs, own = _first_derivatives_only(inputs), factors
     _, left = jax.jvp(lambda inputs: equations.residual(inputs, z), (inputs,), (tangents[0],))
-    return (z, factors), (-equations.solve(own, left), jax.tree.map(_no_tangent, factors))
+    return (z, factors), (-equations.solve(own, left), jax.tree.map(_zero_tangent, factors))
 
 
-def _no_tangent(value: Array) -> Any:
+def _zero_tangent(value: Array) -> Any:
     """Return the zero tangent of an array, in the type that JAX requires."""
     if jnp.issubdtype(value.dtype, jnp.floating):
         return jnp.zeros_like(value)
@@ -94,13 +99,13 @@ def _no_tangent(value: Array) -> Any:
 
 
 @jax.custom_jvp
-def _once(value: Any) -> Any:
+def _not_differentiable(value: Any) -> Any:
     """Return the value unchanged; differentiating it raises an error."""
     return value
 
 
-@_once.defjvp
-def _refuse(*_: Any) -> NoReturn:
+@_not_differentiable.defjvp
+def _raise_on_derivative(*_: Any) -> NoReturn:
     raise NotImplementedError(
         "plans have first derivatives only, since what binds is held: take differences of those"
     )
@@ -109,5 +114,8 @@ def _refuse(*_: Any) -> NoReturn:
 def _first_derivatives_only(tree: Any) -> Any:
     """Return a tree of equal numbers whose derivatives raise an error, for use within a rule for tangents."""
     return jax.tree.map(
-        lambda leaf: _once(leaf) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else leaf, tree
+        lambda leaf: (
+            _not_differentiable(leaf) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else leaf
+        ),
+        tree,
     )

@@ -39,65 +39,65 @@ from jaxplan.runtime import executables
 from jaxplan.runtime.garbage import uncollected
 from jaxplan.runtime.precompile import still_wanted
 
-_EVENTS = (
+_COMPILE_EVENTS = (
     "/jax/core/compile/jaxpr_trace_duration",
     "/jax/core/compile/jaxpr_to_mlir_module_duration",
     "/jax/core/compile/backend_compile_duration",
 )
 
 
-class _Stopped(threading.local):
+class _StoppedTime(threading.local):
     """How long, in s, the clock of this thread (`working_time`) has stood still."""
 
     seconds = 0.0
 
 
-_stopped = _Stopped()
+_stopped_time = _StoppedTime()
 
 
-def _listen(event: str, duration_secs: float, **_: str | int) -> None:
+def _add_compile_time(event: str, duration_secs: float, **_: str | int) -> None:
     """Add the time of a compilation that has ended to that for which the clock has stood still."""
-    if event in _EVENTS:  # JAX reports them in the thread that compiles
-        _stopped.seconds += duration_secs
+    if event in _COMPILE_EVENTS:  # JAX reports them in the thread that compiles
+        _stopped_time.seconds += duration_secs
 
 
-jax.monitoring.register_event_duration_secs_listener(_listen)
+jax.monitoring.register_event_duration_secs_listener(_add_compile_time)
 
 
 def working_time() -> float:
     """Return seconds since some instant, without those in which this thread compiled or waited for it."""
-    return time.monotonic() - _stopped.seconds
+    return time.monotonic() - _stopped_time.seconds
 
 
-_COMPILED = "/jax/core/compile/backend_compile_duration"  # an event for each kernel compiled
-_EVERY = 40  # new kernels between two looks at the memory maps, whose reading takes milliseconds
-_SHARE = 0.5  # fraction of the allowed memory maps above which kernels are forgotten
-_LIMIT, _MAPS = "/proc/sys/vm/max_map_count", "/proc/self/maps"
+_COMPILED_EVENT = "/jax/core/compile/backend_compile_duration"  # an event for each kernel compiled
+_KERNELS_PER_CHECK = 40  # new kernels between two looks at the memory maps, whose reading takes milliseconds
+_MOST_MAPS_SHARE = 0.5  # fraction of the allowed memory maps above which kernels are forgotten
+_MAPS_LIMIT_FILE, _MAPS_FILE = "/proc/sys/vm/max_map_count", "/proc/self/maps"
 
-_new = 0
+_new_kernels = 0
 
 
-def _count(event: str, duration_secs: float, **_: str | int) -> None:
+def _count_new_kernel(event: str, duration_secs: float, **_: str | int) -> None:
     """Count the kernels compiled since `clear_if_full` last looked."""
-    global _new
-    _new += event == _COMPILED
+    global _new_kernels
+    _new_kernels += event == _COMPILED_EVENT
 
 
-jax.monitoring.register_event_duration_secs_listener(_count)
+jax.monitoring.register_event_duration_secs_listener(_count_new_kernel)
 
 
 def clear_if_full() -> bool:
     """Forget all compiled kernels if they take too many memory maps; return whether they did.
 
-    It looks only after `_EVERY` new kernels, so that it may be called often.
+    It looks only after `_KERNELS_PER_CHECK` new kernels, so that it may be called often.
     """
-    global _new
-    if _new < _EVERY:
+    global _new_kernels
+    if _new_kernels < _KERNELS_PER_CHECK:
         return False
-    _new = 0
+    _new_kernels = 0
     try:
-        with open(_LIMIT, "rb") as limit, open(_MAPS, "rb") as maps:
-            full = maps.read().count(b"\n") > _SHARE * int(limit.read())
+        with open(_MAPS_LIMIT_FILE, "rb") as limit, open(_MAPS_FILE, "rb") as maps:
+            full = maps.read().count(b"\n") > _MOST_MAPS_SHARE * int(limit.read())
     except OSError:  # no Linux, no such limit
         return False
     if full:
@@ -110,7 +110,10 @@ def clear_if_full() -> bool:
 Answer = TypeVar("Answer")
 
 # The second option saves a twelfth of the time with the newer way of loops, as XLA does not check itself.
-_SOON: dict[str, bool | int] = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_emitter_verification_level": 0}
+_QUICK_OPTIONS: dict[str, bool | int] = {
+    "xla_cpu_use_fusion_emitters": False,
+    "xla_cpu_emitter_verification_level": 0,
+}
 
 
 _known_kernels: list[dict[Hashable, Callable[..., Any]]] = []  # executables of each function, by kinds
@@ -141,8 +144,8 @@ def quick_jit(
     Returns:
         The same function, jitted.
     """
-    traced, static = jax.jit(function, **options), _static(function, **options)
-    flags = _SOON if level is None else _SOON | {"xla_backend_optimization_level": level}
+    traced, static = jax.jit(function, **options), _static_arguments(function, **options)
+    flags = _QUICK_OPTIONS if level is None else _QUICK_OPTIONS | {"xla_backend_optimization_level": level}
     known: dict[Hashable, Callable[..., Answer]] = {}
     _known_kernels.append(known)
     turn = threading.RLock()
@@ -154,16 +157,16 @@ def quick_jit(
         args_left = tuple(value for place, value in enumerate(args) if place not in static)
         given = {name: value for name, value in kwargs.items() if name not in static}
         leaves, tree = jax.tree.flatten((args_left, given))
-        foreign = not _PLAIN.issuperset(map(type, leaves))
-        if (foreign and is_traced(leaves)) or _unusual():
+        foreign = not _UNTRACED_TYPES.issuperset(map(type, leaves))
+        if (foreign and is_traced(leaves)) or _is_config_unusual():
             return traced(*args, **kwargs)
-        kinds = (tree, jax.config.jax_enable_x64, *fixed, *map(_kind, leaves))  # type: ignore[attr-defined]
+        kinds = (tree, jax.config.jax_enable_x64, *fixed, *map(_argument_kind, leaves))  # type: ignore[attr-defined]
         compiled = known.get(kinds)
         if compiled is None:
-            with _clock_stopped(turn):
+            with _lock_with_clock_stopped(turn):
                 compiled = known.get(kinds)
                 if compiled is None:
-                    compiled = known[kinds] = _compiled(function, options, flags, kinds, args, kwargs)
+                    compiled = known[kinds] = _load_or_compile(function, options, flags, kinds, args, kwargs)
         return compiled(*args_left, **given)
 
     return kernel
@@ -174,7 +177,7 @@ def is_traced(tree: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
-def _static(function: Callable[..., Any], **options: Any) -> set[int | str]:
+def _static_arguments(function: Callable[..., Any], **options: Any) -> set[int | str]:
     """Return the static arguments of a function by `options` of `jax.jit`, each by position and name."""
     told = {key: (value,) if isinstance(value, int | str) else value for key, value in options.items()}
     names = list(inspect.signature(function).parameters)
@@ -182,10 +185,10 @@ def _static(function: Callable[..., Any], **options: Any) -> set[int | str]:
     return {*places, *(names[place] for place in places)}
 
 
-_PLAIN = frozenset({np.ndarray, float, int, bool, np.float64, np.int64})  # types that are never tracers
+_UNTRACED_TYPES = frozenset({np.ndarray, float, int, bool, np.float64, np.int64})  # never tracers
 
 
-def _kind(leaf: Any) -> Hashable:
+def _argument_kind(leaf: Any) -> Hashable:
     """Return the kind of an argument: shape and dtype, or type. Equal kinds share an executable."""
     if type(leaf) is np.ndarray:
         return leaf.shape, leaf.dtype
@@ -194,35 +197,35 @@ def _kind(leaf: Any) -> Hashable:
     return (leaf.shape, leaf.dtype) if isinstance(leaf, np.ndarray) else cast(Hashable, type(leaf))
 
 
-def _unusual() -> bool:
+def _is_config_unusual() -> bool:
     """Whether JAX is set to something else than compiling for, and running on, the only device there is."""
     config: Any = jax.config
-    chosen = config.jax_default_device is not None or _may_choose_devices()
+    chosen = config.jax_default_device is not None or _has_several_devices()
     return bool(config.jax_disable_jit or config.jax_debug_nans or chosen)
 
 
 @cache
-def _may_choose_devices() -> bool:
+def _has_several_devices() -> bool:
     """Whether there is more than one device."""
     return jax.device_count() > 1  # an executable is for one of them, and arguments may lie on another
 
 
 @contextmanager
-def _clock_stopped(turn: threading.RLock) -> Iterator[None]:
+def _lock_with_clock_stopped(turn: threading.RLock) -> Iterator[None]:
     """Hold the lock `turn` in a with block; this thread's clock stands still, as it does during the wait."""
-    stopped, began = _stopped.seconds, time.monotonic()
+    stopped, began = _stopped_time.seconds, time.monotonic()
     with turn:
         try:
             yield
         finally:
-            _stopped.seconds = stopped + time.monotonic() - began
+            _stopped_time.seconds = stopped + time.monotonic() - began
 
 
 class NoLongerWantedError(Exception):
     """Ends a thread that compiles ahead (`jaxplan.runtime.precompile`) once nobody waits for its work."""
 
 
-def _compiled(
+def _load_or_compile(
     function: Callable[..., Answer],
     options: dict[str, Any],
     flags: dict[str, bool | int],
@@ -243,7 +246,7 @@ def _compiled(
     Raises:
         NoLongerWantedError: in a thread that compiles ahead, once that is over.
     """
-    global _new
+    global _new_kernels
     # The same function may be jitted in two ways.
     name, text = executables.name_of(function), executables.text_of((kinds, *sorted(flags.items())))
     kept = executables.load(name, text)
@@ -257,7 +260,7 @@ def _compiled(
                 if not still_wanted():
                     raise NoLongerWantedError
                 return cast(Callable[..., Answer], executables.compile_and_keep(lowered, name, text))
-    _new += 1
+    _new_kernels += 1
     return kept
 
 
@@ -283,11 +286,11 @@ def known_options(**options: bool | int) -> dict[str, bool | int]:
 
     Options come and go with XLA's releases, and compiling with one that is not known fails.
     """
-    return {name: value for name, value in options.items() if _is_known(name, value)}
+    return {name: value for name, value in options.items() if _is_option_known(name, value)}
 
 
 @cache
-def _is_known(name: str, value: bool | int) -> bool:
+def _is_option_known(name: str, value: bool | int) -> bool:
     """Whether kernels run on the CPU and XLA knows this option with this value."""
     if jax.default_backend() != "cpu":
         return False

@@ -21,7 +21,7 @@ Arrays = Sequence[Any]
 Map = Callable[[Any, Arrays], Sequence[Array]]
 
 
-class _Known:
+class _LeaflessTree:
     """A tree of plain numbers that poses as the structure of a tree without leaves.
 
     If its numbers were arguments of a primitive, they would pass through each of JAX's transformations.
@@ -81,7 +81,7 @@ def linear_map(name: str, forward: Map, backward: Map) -> Callable[[Any, Arrays,
     mlir.register_lowering(primitive, mlir.lower_fun(apply, multiple_results=True))
 
     def mapped(fixed: Any, vector: Arrays, like: Any) -> list[Array]:
-        leaves, tree = jax.tree.flatten(fixed) if is_traced(fixed) else ([], _Known(fixed))
+        leaves, tree = jax.tree.flatten(fixed) if is_traced(fixed) else ([], _LeaflessTree(fixed))
         shapes = tuple(jax.core.ShapedArray(jnp.shape(one), jnp.result_type(one)) for one in like)
         found: list[Array] = primitive.bind(*leaves, *vector, tree=tree, shapes=shapes)
         return found

@@ -17,18 +17,18 @@ from contextlib import contextmanager
 Task = Callable[[], object]
 
 
-class _Own(threading.local):
+class _ThreadState(threading.local):
     """The event by which this thread is told to end, if it works ahead; None in all other threads."""
 
     over: threading.Event | None = None
 
 
-_own = _Own()
+_thread_state = _ThreadState()
 
 
 def still_wanted() -> bool:
     """Whether this thread's work may still be needed: True until `ahead` has ended, and in other threads."""
-    return _own.over is None or not _own.over.is_set()
+    return _thread_state.over is None or not _thread_state.over.is_set()
 
 
 def cores() -> int:
@@ -43,40 +43,40 @@ class Ahead:
     """Tasks that run in threads of their own, as many at once as there are cores; see `ahead`."""
 
     def __init__(self) -> None:
-        self._left: deque[Task] = deque()
-        self._lock, self._over, self._running = threading.Lock(), threading.Event(), 0
+        self._tasks_left: deque[Task] = deque()
+        self._lock, self._ended, self._running_threads = threading.Lock(), threading.Event(), 0
 
     def add(self, tasks: Sequence[Task]) -> None:
         """Run further tasks after those there are; they are dropped on a single core, or after the end."""
         with self._lock:
-            if cores() == 1 or self._over.is_set():
+            if cores() == 1 or self._ended.is_set():
                 return
-            self._left.extend(tasks)
-            new = min(len(self._left), cores() - self._running)
-            self._running += new
+            self._tasks_left.extend(tasks)
+            new = min(len(self._tasks_left), cores() - self._running_threads)
+            self._running_threads += new
         for _ in range(new):
-            threading.Thread(target=self._work).start()
+            threading.Thread(target=self._run_tasks).start()
 
     def end(self) -> None:
         """Drop the tasks that have not begun, and make those that run end early."""
-        self._over.set()
+        self._ended.set()
 
-    def _work(self) -> None:
+    def _run_tasks(self) -> None:
         """Run one task after the other, until none is left, one fails, or `end` has been called."""
-        _own.over = self._over
+        _thread_state.over = self._ended
         try:
-            while (task := self._next()) is not None:
+            while (task := self._take_task()) is not None:
                 task()
         except Exception:
             with self._lock:
-                self._running -= 1
+                self._running_threads -= 1
 
-    def _next(self) -> Task | None:
+    def _take_task(self) -> Task | None:
         """Return the next task for this thread; None, and count one thread less, where there is none."""
         with self._lock:
-            if self._left and not self._over.is_set():
-                return self._left.popleft()
-            self._running -= 1
+            if self._tasks_left and not self._ended.is_set():
+                return self._tasks_left.popleft()
+            self._running_threads -= 1
             return None
 
 

@@ -14,32 +14,32 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
 
-_SIZE = {"ncols": 80, "nrows": 24}  # characters and lines, for a terminal that reports no size
-_TICK = 1.0  # s, until a bar is shown, and between its refreshes
-_SELDOM = 30.0  # s, least time between two plain lines
+_FALLBACK_SIZE = {"ncols": 80, "nrows": 24}  # characters and lines, for a terminal that reports no size
+_REFRESH_TIME = 1.0  # s, until a bar is shown, and between its refreshes
+_TIME_BETWEEN_LINES = 30.0  # s, least time between two plain lines
 # JAX reports only ends; the end of lowering is the beginning of compiling.
-_BEGINS = "/jax/core/compile/jaxpr_to_mlir_module_duration"
-_ENDS = "/jax/core/compile/backend_compile_duration"
+_COMPILE_BEGINS = "/jax/core/compile/jaxpr_to_mlir_module_duration"
+_COMPILE_ENDS = "/jax/core/compile/backend_compile_duration"
 
-_open: set["Bar"] = set()
-_listening = False
-_lines: "_Lines | None" = None  # prints plain lines in place of bars; None for none
+_open_bars: set["Bar"] = set()
+_is_listening = False
+_line_printer: "_LinePrinter | None" = None  # prints plain lines in place of bars; None for none
 
 
-class _Lines:
-    """Plain lines on stderr, at most one in `_SELDOM` s, and never the same twice in a row."""
+class _LinePrinter:
+    """Plain lines on stderr, at most one in `_TIME_BETWEEN_LINES` s, and never the same twice in a row."""
 
     def __init__(self) -> None:
-        self._began = self._last = time.monotonic()
-        self._told = ""
+        self._start_time = self._last_time = time.monotonic()
+        self._last_text = ""
 
     def tell(self, text: str) -> None:
         """Print a text and the time since the beginning, if a line is due and the text is a new one."""
         now = time.monotonic()
-        if now - self._last < _SELDOM or text == self._told:
+        if now - self._last_time < _TIME_BETWEEN_LINES or text == self._last_text:
             return
-        self._last, self._told = now, text
-        minutes, seconds = divmod(round(now - self._began), 60)
+        self._last_time, self._last_text = now, text
+        minutes, seconds = divmod(round(now - self._start_time), 60)
         with suppress(OSError, ValueError):  # as when the reader of stderr has gone
             print(f"{text} [{minutes:02d}:{seconds:02d}]", file=sys.stderr, flush=True)
 
@@ -47,12 +47,12 @@ class _Lines:
 @contextmanager
 def seldom_lines() -> Iterator[None]:
     """Print plain lines now and then for bars, in a with block, where stderr is no terminal or notebook."""
-    global _lines
-    before, _lines = _lines, _Lines()
+    global _line_printer
+    before, _line_printer = _line_printer, _LinePrinter()
     try:
         yield
     finally:
-        _lines = before
+        _line_printer = before
 
 
 class Bar:
@@ -63,7 +63,7 @@ class Bar:
     ) -> None:
         self._what, self._step, self._tqdm = what, "", tqdm
         self._unit, self._total, self._count, self._note = unit, total, initial, ""
-        self._compiling = self._compiled = False
+        self._compiling = self._has_compiled = False
         self._closed = threading.Event()
 
     @property
@@ -79,7 +79,7 @@ class Bar:
     def step(self, name: str) -> None:
         """Show on the bar the name of the step that is being done; "" removes the last one."""
         self._step = name
-        self._describe()
+        self._set_description()
 
     def note(self, text: str) -> None:
         """Show a text after the bar, with its next refresh."""
@@ -93,35 +93,35 @@ class Bar:
     def compiles(self, begins: bool) -> None:
         """Note that JAX begins to compile (True), or has ended (False)."""
         self._compiling = begins
-        self._compiled = True
+        self._has_compiled = True
 
     def tick_until_closed(self) -> None:
         """Refresh the bar every second until `close`; to be run in a thread of its own."""
-        while not self._closed.wait(_TICK):
-            self._describe()
-            self._compiled = self._compiling
+        while not self._closed.wait(_REFRESH_TIME):
+            self._set_description()
+            self._has_compiled = self._compiling
             self._tqdm.refresh()
             self._tqdm.delay = 0  # it shows, so it must be wiped out in the end
 
-    def tell_until_closed(self, lines: _Lines) -> None:
+    def tell_until_closed(self, lines: _LinePrinter) -> None:
         """Print what the bar would show, as plain lines, until `close`; to be run in a thread of its own."""
-        while not self._closed.wait(_TICK):
+        while not self._closed.wait(_REFRESH_TIME):
             of = "" if self._total is None else f" of {self._total}"
             counted = [f"{self._count}{of} {self._unit}"] if self._unit else []
-            lines.tell(", ".join([self._words(), *counted, *[self._note] * bool(self._note)]))
-            self._compiled = self._compiling
+            lines.tell(", ".join([self._description(), *counted, *[self._note] * bool(self._note)]))
+            self._has_compiled = self._compiling
 
     def close(self) -> None:
         """Stop refreshing the bar."""
         self._closed.set()
 
-    def _describe(self) -> None:
+    def _set_description(self) -> None:
         """Set the words before the bar."""
-        self._tqdm.set_description_str(self._words(), refresh=False)
+        self._tqdm.set_description_str(self._description(), refresh=False)
 
-    def _words(self) -> str:
+    def _description(self) -> str:
         """Return the words before the bar: what is done, the step, and whether something compiles."""
-        parts = [self._step] * bool(self._step) + ["compiling"] * (self._compiling or self._compiled)
+        parts = [self._step] * bool(self._step) + ["compiling"] * (self._compiling or self._has_compiled)
         return ": ".join([self._what, ", ".join(parts)] if parts else [self._what])
 
 
@@ -143,31 +143,31 @@ def progress_bar(
 
     more: dict[str, Any] = {} if unit else {"bar_format": "{desc} [{elapsed}]"}
     if _tells_no_size():
-        more |= _SIZE  # else there would be no room for a bar
+        more |= _FALLBACK_SIZE  # else there would be no room for a bar
     with tqdm(
         desc=what,
         unit=f" {unit}",
         total=total,
         initial=initial,
-        delay=_TICK,
+        delay=_REFRESH_TIME,
         leave=False,
         disable=not shown or None,  # None: where stderr is no terminal
         **more,
     ) as shape:
         bar = Bar(what, shape, unit, total, initial)
-        lines = _lines if shown else None
+        lines = _line_printer if shown else None
         if shape.disable and lines is None:
             yield bar
             return
         _listen_to_jax()
-        _open.add(bar)
+        _open_bars.add(bar)
         told = partial(bar.tell_until_closed, lines) if shape.disable and lines else bar.tick_until_closed
         ticking = threading.Thread(target=told, daemon=True)
         ticking.start()
         try:
             yield bar
         finally:
-            _open.discard(bar)
+            _open_bars.discard(bar)
             bar.close()
             ticking.join()
 
@@ -181,17 +181,17 @@ def _tells_no_size() -> bool:
 
 
 def _listen_to_jax() -> None:
-    """Have JAX call `_hear` for its events; only the first call has an effect."""
-    global _listening
-    if not _listening:
+    """Have JAX call `_tell_bars` for its events; only the first call has an effect."""
+    global _is_listening
+    if not _is_listening:
         import jax
 
-        _listening = True
-        jax.monitoring.register_event_duration_secs_listener(_hear)
+        _is_listening = True
+        jax.monitoring.register_event_duration_secs_listener(_tell_bars)
 
 
-def _hear(event: str, duration_secs: float, **_: str | int) -> None:
+def _tell_bars(event: str, duration_secs: float, **_: str | int) -> None:
     """Tell all open bars if an event of JAX is the beginning or end of a compilation."""
-    if event in (_BEGINS, _ENDS):
-        for bar in tuple(_open):
-            bar.compiles(event == _BEGINS)
+    if event in (_COMPILE_BEGINS, _COMPILE_ENDS):
+        for bar in tuple(_open_bars):
+            bar.compiles(event == _COMPILE_BEGINS)

@@ -29,39 +29,39 @@ import numpy as np
 
 from jaxplan.runtime import cache
 
-_NAMES = [
+_OPENBLAS_FUNCTIONS = [
     (f"{prefix}openblas_get_num_threads{suffix}", f"{prefix}openblas_set_num_threads{suffix}")
     for prefix in ("scipy_", "")
     for suffix in ("64_", "")
 ]
-_lock = threading.Lock()
-_inside = 0
-_before: list[int] = []
+_blocks_lock = threading.Lock()
+_running_blocks = 0
+_usual_thread_counts: list[int] = []
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
     """Limit OpenBLAS to one thread in the whole process while this with block, or one elsewhere, runs."""
-    global _inside, _before
-    libraries = _libraries()
-    with _lock:
-        if _inside == 0:
-            _before = [get() for get, _ in libraries]
+    global _running_blocks, _usual_thread_counts
+    libraries = _openblas_libraries()
+    with _blocks_lock:
+        if _running_blocks == 0:
+            _usual_thread_counts = [get() for get, _ in libraries]
             for _, set_number in libraries:
                 set_number(1)
-        _inside += 1
+        _running_blocks += 1
     try:
         yield
     finally:
-        with _lock:
-            _inside -= 1
-            if _inside == 0:
-                for (_, set_number), number in zip(libraries, _before, strict=True):
+        with _blocks_lock:
+            _running_blocks -= 1
+            if _running_blocks == 0:
+                for (_, set_number), number in zip(libraries, _usual_thread_counts, strict=True):
                     set_number(number)
 
 
 @lru_cache(maxsize=1)
-def _libraries() -> tuple[tuple[Callable[[], int], Callable[[int], object]], ...]:
+def _openblas_libraries() -> tuple[tuple[Callable[[], int], Callable[[int], object]], ...]:
     """Return functions that get and set the number of threads of each OpenBLAS here, numpy's and scipy's."""
     import numpy  # noqa: F401
     import scipy.linalg  # noqa: F401
@@ -74,7 +74,7 @@ def _libraries() -> tuple[tuple[Callable[[], int], Callable[[int], object]], ...
     found = []
     for path in paths:
         library = ctypes.CDLL(path)
-        for get, set_number in _NAMES:
+        for get, set_number in _OPENBLAS_FUNCTIONS:
             if hasattr(library, get) and hasattr(library, set_number):
                 found.append((getattr(library, get), getattr(library, set_number)))
                 break
@@ -87,8 +87,8 @@ Workers = Executor | int
 Part = TypeVar("Part")
 Answer = TypeVar("Answer")
 
-_WORKER = "jaxplan-worker"
-_UNGUARDED = 113  # exit code of a worker in which the user's script repeats the call that started it
+_WORKER_NAME = "jaxplan-worker"
+_UNGUARDED_EXIT_CODE = 113  # of a worker in which the user's script repeats the call that started it
 
 
 class _Worker(SpawnProcess):
@@ -96,22 +96,22 @@ class _Worker(SpawnProcess):
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self.name = f"{_WORKER}{self.name[len(type(self).__name__) :]}"
+        self.name = f"{_WORKER_NAME}{self.name[len(type(self).__name__) :]}"
 
     def start(self) -> None:
         """Start the process, with the user's script if that is a file."""
-        with _only_a_script_that_is_there():
+        with _hide_missing_script():
             super().start()
 
 
-class _Workers(SpawnContext):
+class _WorkerContext(SpawnContext):
     """A multiprocessing context whose processes are `_Worker`."""
 
     Process = _Worker
 
 
 @contextmanager
-def _only_a_script_that_is_there() -> Iterator[None]:
+def _hide_missing_script() -> Iterator[None]:
     """Hide, in a with block, the name of a script that came by stdin, which no other process could open."""
     main = sys.modules["__main__"]
     name = getattr(main, "__file__", None)
@@ -133,15 +133,15 @@ class WorkerPool:
     """
 
     def __init__(self, workers: Workers) -> None:
-        self._pool: ProcessPoolExecutor | None = None  # our own
+        self._own_pool: ProcessPoolExecutor | None = None  # our own
         self._executor: Executor
         if isinstance(workers, int | np.integer):
-            self._start(int(workers))
+            self._start_pool(int(workers))
         else:
             self._executor, self.workers = workers, os.cpu_count() or 1
             if isinstance(workers, ProcessPoolExecutor) and not workers._processes:
                 with suppress(BrokenExecutor):  # as it does to whoever hands it work
-                    _bring_up_one(workers)
+                    _start_first_process(workers)
 
     def submit(self, work: Callable[[Part], Answer], part: Part) -> "Future[Answer]":
         """Have a worker call ``work(part)``; return the future with its result.
@@ -154,32 +154,32 @@ class WorkerPool:
     def restart(self) -> None:
         """Kill our processes and start as many new ones, after one has died."""
         self.shutdown(at_once=True)
-        self._start(self.workers)
+        self._start_pool(self.workers)
 
     def shutdown(self, *, at_once: bool) -> None:
         """End our processes, killed at once or after their present work; a given executor is left alone."""
-        if self._pool is None:
+        if self._own_pool is None:
             return
         if at_once:
             # All of them, since one that is killed may keep a lock that others wait for. From Python 3.14 on
             # the pool itself has a method for this.
-            for process in list((self._pool._processes or {}).values()):
+            for process in list((self._own_pool._processes or {}).values()):
                 process.kill()
-        self._pool.shutdown(cancel_futures=True)
-        self._pool = None
+        self._own_pool.shutdown(cancel_futures=True)
+        self._own_pool = None
 
-    def _start(self, workers: int) -> None:
+    def _start_pool(self, workers: int) -> None:
         """Make a pool of so many processes, and start the first; raise a WorkersDiedError if it dies."""
         self.workers = workers
-        pool = ProcessPoolExecutor(workers, _Workers(), _begin, (cache.settings(),))
-        self._executor = self._pool = pool
+        pool = ProcessPoolExecutor(workers, _WorkerContext(), _set_up_worker, (cache.settings(),))
+        self._executor = self._own_pool = pool
         try:
-            _bring_up_one(pool)
+            _start_first_process(pool)
         except BrokenExecutor:
-            raise WorkersDiedError(_DIED) from None
+            raise WorkersDiedError(_DIED_MESSAGE) from None
 
 
-def _bring_up_one(pool: ProcessPoolExecutor) -> None:
+def _start_first_process(pool: ProcessPoolExecutor) -> None:
     """Start one process of a pool, and wait until it works; the others start when there is work for them.
 
     Raises:
@@ -192,7 +192,7 @@ def _bring_up_one(pool: ProcessPoolExecutor) -> None:
         begun.result()
     except BrokenExecutor:
         pool.shutdown()  # after this, exit codes are known
-        if any(process.exitcode == _UNGUARDED for process in processes):
+        if any(process.exitcode == _UNGUARDED_EXIT_CODE for process in processes):
             raise WorkersDiedError(_guard_advice()) from None
         raise
 
@@ -201,7 +201,7 @@ class WorkersDiedError(RuntimeError):
     """Workers died as they began; public functions raise it anew, without internal lines in the traceback."""
 
 
-_DIED = (
+_DIED_MESSAGE = (
     "a worker process died as it began, and what it printed says why; each reads the script first, so what "
     'only this process shall do belongs below `if __name__ == "__main__":`'
 )
@@ -231,23 +231,23 @@ def who_works(workers: Workers | None, executor: Workers | None) -> Workers | No
         raise TypeError("workers and executor are two names of the same argument: give workers alone")
     given = executor if workers is None else workers
     if given is not None:
-        _expect_guard()
-        _check("executor" if workers is None else "workers", given)
+        _exit_if_unguarded()
+        _check_workers("executor" if workers is None else "workers", given)
     return given
 
 
-def _expect_guard() -> None:
+def _exit_if_unguarded() -> None:
     """End this process if it is a spawned one that still runs the user's script; see `who_works`."""
     process = current_process()
     if getattr(process, "_inheriting", False):  # it is still running the user's script
-        if not process.name.startswith(_WORKER):
+        if not process.name.startswith(_WORKER_NAME):
             print(_guard_advice(), file=sys.stderr, flush=True)  # who began it may not know what to say
         finish: Any = util
         finish._run_finalizers(0)  # of a pool of the script's, else warnings of semaphores come last
-        os._exit(_UNGUARDED)  # at once: no clean-up of the script's own in its name
+        os._exit(_UNGUARDED_EXIT_CODE)  # at once: no clean-up of the script's own in its name
 
 
-def _check(name: str, given: object) -> None:
+def _check_workers(name: str, given: object) -> None:
     """Raise a TypeError or ValueError, as of `who_works`, if an object is no usable executor or number."""
     if isinstance(given, int | np.integer) and not isinstance(given, bool):
         if given < 1:
@@ -265,7 +265,7 @@ def _check(name: str, given: object) -> None:
         )
 
 
-def _begin(compiled_code: dict[str, object]) -> None:
+def _set_up_worker(compiled_code: dict[str, object]) -> None:
     """Set up a worker process, which keeps compiled code by the given `cache.settings`."""
     import jax
     from tqdm import tqdm

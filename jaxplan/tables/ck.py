@@ -21,9 +21,9 @@ from jaxplan.tables.devices import FIRST_TURNING, OtherDevicesError, joint_rates
 from jaxplan.tables.table import RATE, SLERP, AttitudeTable
 
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
-_INERTIAL = 1  # SPICE's number of the frame J2000, to which the platform's attitude is relative
-_SAME = 1e-4  # s, within which rows of neighbouring segments count as one; kernels are padded by less
-_KINDS = {2: RATE, 3: SLERP}
+_INERTIAL_FRAME = 1  # SPICE's number of the frame J2000, to which the platform's attitude is relative
+_TIME_TOLERANCE = 1e-4  # s, within which rows of neighbouring segments are one; kernels are padded by less
+_INTERPOLATION_BY_TYPE = {2: RATE, 3: SLERP}
 
 
 def read_ck(path: Path, craft: Spacecraft | None = None) -> AttitudeTable:
@@ -50,17 +50,17 @@ def read_ck(path: Path, craft: Spacecraft | None = None) -> AttitudeTable:
     if not clocks:
         raise ValueError(f"{path}: needs a clock kernel (.tsc) in the same folder")
     try:
-        with _loaded(spice, clocks):
-            kind, rows, devices = _rows(spice, path, 0 if craft is None else craft.gimbals.count)
+        with _loaded_kernels(spice, clocks):
+            kind, rows, devices = _read_rows(spice, path, 0 if craft is None else craft.gimbals.count)
     except SpiceyError as error:
         raise ValueError(f"{path}: no C-kernel that SPICE reads ({error})") from error
-    moments, quaternions, rates = _taken_apart(rows)
-    new = np.append(True, np.abs(np.diff(moments)) > _SAME)
-    start = _utc(moments[0])
+    moments, quaternions, rates = _split_rows(rows)
+    new = np.append(True, np.abs(np.diff(moments)) > _TIME_TOLERANCE)
+    start = _to_utc(moments[0])
     attitudes = np.asarray(quaternion.to_matrix(quaternions))
     joints = joint_rates = None
     if craft is not None and devices:
-        joints, joint_rates = _joints(path, craft, moments, devices)
+        joints, joint_rates = _compute_joints(path, craft, moments, devices)
         joints, joint_rates = joints[new], joint_rates[new]
     return AttitudeTable(
         times=(moments - float(ephemeris_time(start)))[new],
@@ -71,17 +71,17 @@ def read_ck(path: Path, craft: Spacecraft | None = None) -> AttitudeTable:
         joint_names=() if craft is None or joints is None else craft.joint_names,
         spacecraft=None if joints is None else craft,
         epoch=start,
-        interpolation=_KINDS[kind],
+        interpolation=_INTERPOLATION_BY_TYPE[kind],
         name=str(path),
     )
 
 
-def _taken_apart(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _split_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Split rows (k, 8) into times (k,), body-to-inertial quaternions (k, 4), angular velocities (k, 3)."""
     return rows[:, 0], rows[:, 1:5] * [1.0, -1.0, -1.0, -1.0], rows[:, 5:8]
 
 
-def _joints(
+def _compute_joints(
     path: Path, craft: Spacecraft, moments: np.ndarray, devices: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute joints (k, J) rad and their rates (k, J) rad/s from the rows of devices.
@@ -98,8 +98,8 @@ def _joints(
     """
     frames, spins = [], []
     for name, rows in zip(craft.device_names, devices, strict=False):
-        times, quaternions, rates = _taken_apart(rows)
-        if times.shape != moments.shape or not np.all(np.abs(times - moments) <= _SAME):
+        times, quaternions, rates = _split_rows(rows)
+        if times.shape != moments.shape or not np.all(np.abs(times - moments) <= _TIME_TOLERANCE):
             raise OtherDevicesError(f"{path}: {name} has rows at other times than the platform")
         frames.append(np.asarray(quaternion.to_matrix(quaternions)))
         spins.append(rates)
@@ -108,7 +108,7 @@ def _joints(
 
 
 @contextmanager
-def _loaded(spice: Any, files: list[Path]) -> Iterator[None]:
+def _loaded_kernels(spice: Any, files: list[Path]) -> Iterator[None]:
     """Load kernels into SPICE for the duration of a with block."""
     try:
         for file in files:
@@ -119,7 +119,7 @@ def _loaded(spice: Any, files: list[Path]) -> Iterator[None]:
             spice.unload(str(file))
 
 
-def _rows(spice: Any, path: Path, count: int) -> tuple[int, np.ndarray, list[np.ndarray]]:
+def _read_rows(spice: Any, path: Path, count: int) -> tuple[int, np.ndarray, list[np.ndarray]]:
     """Read the rows of the first object relative to J2000, and those of the devices on it.
 
     Args:
@@ -136,11 +136,11 @@ def _rows(spice: Any, path: Path, count: int) -> tuple[int, np.ndarray, list[np.
     """
     handle = spice.dafopr(str(path))
     try:
-        segments = list(_segments(spice, handle))
-        bus = next((number for number, base, *_ in segments if base == _INERTIAL), None)
+        segments = list(_read_segments(spice, handle))
+        bus = next((number for number, base, *_ in segments if base == _INERTIAL_FRAME), None)
         if bus is None:
             raise ValueError(f"{path}: has no attitude relative to J2000")
-        kind, rows = _of_object(spice, path, handle, segments, bus, _INERTIAL)
+        kind, rows = _read_object(spice, path, handle, segments, bus, _INERTIAL_FRAME)
         numbers = [bus - FIRST_TURNING - device for device in range(count)]
         known = {number for number, base, *_ in segments if base == bus}
         there = [number for number in numbers if number in known]
@@ -151,7 +151,7 @@ def _rows(spice: Any, path: Path, count: int) -> tuple[int, np.ndarray, list[np.
             )
         devices = []
         for number in there:
-            own, found = _of_object(spice, path, handle, segments, number, bus)
+            own, found = _read_object(spice, path, handle, segments, number, bus)
             if own != kind:
                 raise OtherDevicesError(f"{path}: {number} is of type {own}, and {bus} of type {kind}")
             devices.append(found)
@@ -160,7 +160,7 @@ def _rows(spice: Any, path: Path, count: int) -> tuple[int, np.ndarray, list[np.
         spice.dafcls(handle)
 
 
-def _segments(spice: Any, handle: int) -> Iterator[tuple[int, int, int, bool, np.ndarray]]:
+def _read_segments(spice: Any, handle: int) -> Iterator[tuple[int, int, int, bool, np.ndarray]]:
     """Yield number, base and type of each segment, whether it has rates, and its descriptor."""
     spice.dafbfs(handle)
     while spice.daffna():
@@ -170,7 +170,7 @@ def _segments(spice: Any, handle: int) -> Iterator[tuple[int, int, int, bool, np
         yield number, base, kind, bool(has_rates), summary
 
 
-def _of_object(
+def _read_object(
     spice: Any, path: Path, handle: int, segments: list[Any], wanted: int, upon: int
 ) -> tuple[int, np.ndarray]:
     """Return the type and the rows (k, 8) of all segments of an object.
@@ -179,7 +179,7 @@ def _of_object(
         spice: the module.
         path: path of the kernel, for messages.
         handle: SPICE's handle of the open kernel.
-        segments: what `_segments` yields.
+        segments: what `_read_segments` yields.
         wanted: number of the object.
         upon: number of its base.
 
@@ -188,18 +188,18 @@ def _of_object(
     """
     own = [each[2:] for each in segments if each[0] == wanted and each[1] == upon]
     kinds = {kind for kind, _, _ in own}
-    if len(kinds) != 1 or not kinds <= set(_KINDS) or not all(rated for _, rated, _ in own):
+    if len(kinds) != 1 or not kinds <= set(_INTERPOLATION_BY_TYPE) or not all(rated for _, rated, _ in own):
         told = ", ".join(map(str, sorted(kinds)))
         raise ValueError(
             f"{path}: segments of type {told}: must be of one type, 2 or 3, with angular velocities"
         )
-    clock = wanted // 1000 if upon == _INERTIAL else upon // 1000  # devices share the platform's clock
+    clock = wanted // 1000 if upon == _INERTIAL_FRAME else upon // 1000  # devices share the platform's clock
     (kind,) = kinds
-    rows = [row for _, _, summary in own for row in _records(spice, handle, summary, kind, clock)]
+    rows = [row for _, _, summary in own for row in _read_segment_rows(spice, handle, summary, kind, clock)]
     return kind, np.array(rows)
 
 
-def _records(spice: Any, handle: int, summary: Any, kind: int, clock: int) -> Iterator[np.ndarray]:
+def _read_segment_rows(spice: Any, handle: int, summary: Any, kind: int, clock: int) -> Iterator[np.ndarray]:
     """Yield the rows (8,) of a segment; in type 2 the end of the last interval makes a further row."""
     count, get = (spice.cknr03, spice.ckgr03) if kind == 3 else (spice.cknr02, spice.ckgr02)
     for number in range(1, count(handle, summary) + 1):
@@ -209,10 +209,12 @@ def _records(spice: Any, handle: int, summary: Any, kind: int, clock: int) -> It
         if kind == 2 and number == count(handle, summary):  # the end of the last interval is a row, too
             stop = spice.sct2e(clock, float(record[1]))
             lasts = stop - spice.sct2e(clock, float(record[0]))
-            yield np.append(stop, _after(values[:4] * [1.0, -1.0, -1.0, -1.0], values[4:], lasts))
+            yield np.append(
+                stop, _propagate_rotation(values[:4] * [1.0, -1.0, -1.0, -1.0], values[4:], lasts)
+            )
 
 
-def _after(first: Any, rate: np.ndarray, seconds: float) -> np.ndarray:
+def _propagate_rotation(first: Any, rate: np.ndarray, seconds: float) -> np.ndarray:
     """Return SPICE's quaternion and the rates (7,) after some seconds at constant rate in base components.
 
     Args:
@@ -224,7 +226,7 @@ def _after(first: Any, rate: np.ndarray, seconds: float) -> np.ndarray:
     return np.concatenate([ours * [1.0, -1.0, -1.0, -1.0], rate])
 
 
-def _utc(moment: float) -> np.datetime64:
+def _to_utc(moment: float) -> np.datetime64:
     """Convert an ephemeris time, s of TDB since J2000, to UTC, to the microsecond."""
     guess = _J2000 + np.timedelta64(round(moment * 1e6), "us")
     for _ in range(3):

@@ -22,7 +22,7 @@ from jaxplan.model.spacecraft import Spacecraft
 
 FIRST_TURNING = 1
 """How far the number of a kernel's first device with joints is below that of the platform."""
-_MOUNTED = 1e-5  # rad, by which a frame may be off all that its device can have; files are more exact
+_FRAME_TOLERANCE = 1e-5  # rad, by which a frame may be off all that its device can have; files are more exact
 
 
 class OtherDevicesError(ValueError):
@@ -56,7 +56,9 @@ def joints_of(frames: Sequence[np.ndarray], craft: Spacecraft, source: str) -> n
         own = np.swapaxes(gimbals.frames[number], 0, 1) @ given
         azimuth = np.arctan2(-own[:, 0, 1], own[:, 1, 1])
         elevation = np.arctan2(own[:, 2, 2], -own[:, 2, 0])
-        _check(own, azimuth, elevation if tilt is None else np.full(len(own), tilt), craft, number, source)
+        _expect_frames(
+            own, azimuth, elevation if tilt is None else np.full(len(own), tilt), craft, number, source
+        )
         azimuths.append(azimuth)
         elevations.append(elevation)
     joints = np.stack([*azimuths[:count], *elevations[:count], *azimuths[count:]], axis=1)
@@ -66,7 +68,7 @@ def joints_of(frames: Sequence[np.ndarray], craft: Spacecraft, source: str) -> n
     return np.asarray(joints + TURN * np.round((wanted - middle) / TURN))
 
 
-def _check(
+def _expect_frames(
     own: np.ndarray, azimuth: np.ndarray, elevation: np.ndarray, craft: Spacecraft, number: int, source: str
 ) -> None:
     """Raise an OtherDevicesError unless a device has given frames at given angles.
@@ -84,8 +86,8 @@ def _check(
         for axis in frame(np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation))
     )
     off = np.abs(own - np.stack([-up, left, outward], axis=-1)).max(axis=(1, 2))
-    if not np.all(off <= _MOUNTED):
-        row = int(np.argmax(~(off <= _MOUNTED)))
+    if not np.all(off <= _FRAME_TOLERANCE):
+        row = int(np.argmax(~(off <= _FRAME_TOLERANCE)))
         raise OtherDevicesError(
             f"{source}: row {row}: the frame of {craft.device_names[number]} is {np.rad2deg(off[row]):.3g} "
             "deg off all that it can have in this spacecraft: it is mounted otherwise, or has other axes"

@@ -15,9 +15,9 @@ from jaxplan.tables.ck import read_ck
 from jaxplan.tables.messages import read_aem, read_stk
 from jaxplan.tables.table import RODRIGUES, AttitudeTable
 
-_AXES = ("_w", "_x", "_y", "_z")
-_ARCHIVE = b"PK\x03\x04"  # how files of npz begin
-_BASILISK = 11  # columns: time, quaternion, angular velocity and acceleration
+_COMPONENT_SUFFIXES = ("_w", "_x", "_y", "_z")
+_NPZ_MAGIC = b"PK\x03\x04"  # how files of npz begin
+_BASILISK_COLUMNS = 11  # columns: time, quaternion, angular velocity and acceleration
 
 
 def load_attitude(path: str | os.PathLike[str], spacecraft: Spacecraft | None = None) -> AttitudeTable:
@@ -52,13 +52,13 @@ def load_attitude(path: str | os.PathLike[str], spacecraft: Spacecraft | None = 
     given = file_path("path", path)
     if spacecraft is not None:
         expect("spacecraft", spacecraft, Spacecraft, "scenario.spacecraft is one")
-    target = _within(given) if given.is_dir() else given
+    target = _find_attitude_file(given) if given.is_dir() else given
     suffix = target.suffix.lower()
-    read = _BY_SUFFIX.get(suffix)
+    read = _READERS_BY_SUFFIX.get(suffix)
     if read is None:
         with target.open("rb") as file:
             first = file.readline(4096)
-        read = _by_first_line(first)
+        read = _reader_by_first_line(first)
         if read is None:
             raise ValueError(
                 f"{target}: no attitude file: must be a CCSDS AEM, a C-kernel (.bc), an attitude file of STK "
@@ -70,7 +70,7 @@ def load_attitude(path: str | os.PathLike[str], spacecraft: Spacecraft | None = 
     return table if spacecraft is None else table.of(spacecraft)
 
 
-def _within(folder: Path) -> Path:
+def _find_attitude_file(folder: Path) -> Path:
     """Return the only attitude file (.bc or .a) in a folder; raise ValueError if there is none or several."""
     found = sorted([*folder.glob("*.bc"), *folder.glob("*.a")])
     if len(found) != 1:
@@ -78,9 +78,9 @@ def _within(folder: Path) -> Path:
     return found[0]
 
 
-def _by_first_line(line: bytes) -> Callable[[Path], AttitudeTable] | None:
+def _reader_by_first_line(line: bytes) -> Callable[[Path], AttitudeTable] | None:
     """Return the function that reads files with this first line; None if the format is not recognised."""
-    if line.startswith(_ARCHIVE):
+    if line.startswith(_NPZ_MAGIC):
         return _read_npz
     text = line.decode("utf-8", "replace").strip().lstrip("\ufeff")
     if text.startswith("CCSDS_AEM_VERS"):
@@ -93,7 +93,7 @@ def _by_first_line(line: bytes) -> Callable[[Path], AttitudeTable] | None:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
         return None
-    return _read_basilisk if len(numbers) == _BASILISK else None
+    return _read_basilisk if len(numbers) == _BASILISK_COLUMNS else None
 
 
 def _read_csv(path: Path) -> AttitudeTable:
@@ -121,10 +121,10 @@ def _read_csv(path: Path) -> AttitudeTable:
         epoch = first - np.timedelta64(round(float(columns["time_s"][0]) * 1e9), "ns")
     for stem, count in (("quaternion", 4), ("angular_velocity", 3)):
         unit = "" if count == 4 else "_rad_s"
-        names = [f"{stem}{axis}{unit}" for axis in _AXES[4 - count :]]
+        names = [f"{stem}{axis}{unit}" for axis in _COMPONENT_SUFFIXES[4 - count :]]
         if all(name in columns for name in names):
             columns[f"{stem}{unit}"] = np.stack([columns[name] for name in names], axis=1)
-    return _of_columns(path, columns, epoch)
+    return _table_from_columns(path, columns, epoch)
 
 
 def _read_npz(path: Path) -> AttitudeTable:
@@ -135,10 +135,12 @@ def _read_npz(path: Path) -> AttitudeTable:
     except (ValueError, EOFError, OSError) as error:
         raise ValueError(f"{path}: no archive of arrays ({error})") from error
     stamp = str(columns.pop("epoch_utc", ""))
-    return _of_columns(path, columns, parse_epoch(stamp[:26]) if stamp else None)
+    return _table_from_columns(path, columns, parse_epoch(stamp[:26]) if stamp else None)
 
 
-def _of_columns(path: Path, columns: Mapping[str, np.ndarray], epoch: np.datetime64 | None) -> AttitudeTable:
+def _table_from_columns(
+    path: Path, columns: Mapping[str, np.ndarray], epoch: np.datetime64 | None
+) -> AttitudeTable:
     """Make a table of columns, which have the names that `export` gives them.
 
     Raises:
@@ -174,8 +176,8 @@ def _read_basilisk(path: Path) -> AttitudeTable:
         rows = np.loadtxt(path, delimiter=",", ndmin=2)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    if rows.shape[1] != _BASILISK:
-        raise ValueError(f"{path}: has {rows.shape[1]} columns, waypoints have {_BASILISK}")
+    if rows.shape[1] != _BASILISK_COLUMNS:
+        raise ValueError(f"{path}: has {rows.shape[1]} columns, waypoints have {_BASILISK_COLUMNS}")
     attitudes = np.asarray(quaternion.to_matrix(rows[:, 1:5]))
     return AttitudeTable(
         times=rows[:, 0],
@@ -186,7 +188,7 @@ def _read_basilisk(path: Path) -> AttitudeTable:
     )
 
 
-_BY_SUFFIX: dict[str, Callable[[Path], AttitudeTable]] = {
+_READERS_BY_SUFFIX: dict[str, Callable[[Path], AttitudeTable]] = {
     ".aem": read_aem,
     ".a": read_stk,
     ".bc": read_ck,

@@ -39,10 +39,11 @@ from jaxplan import so3
 from jaxplan.geometry import quaternion
 from jaxplan.tables.table import HERMITE, LINEAR, RATE, RODRIGUES, SLERP, AttitudeTable
 
-_CURVED = 24 * 9 / (16 * np.sqrt(3))  # 24 times the largest of x / (1 + x^2)^2, which is at x = 1 / sqrt(3)
-_SHORT = 0.1  # rad: the turn of a part, for which the terms of Magnus' expansion left out are below 1 %
-_MORE = 1.05  # factor on bounds that covers those terms and h w / 6
-_STILL = 1e-9  # rad: turns below which the axis of rotation is not used
+# 24 times the largest of x / (1 + x^2)^2, which is at x = 1 / sqrt(3).
+_RODRIGUES_ACCELERATION = 24 * 9 / (16 * np.sqrt(3))
+_LARGEST_PART_TURN = 0.1  # rad, for which the terms of Magnus' expansion left out are below 1 %
+_SAFETY_FACTOR = 1.05  # factor on bounds that covers those terms and h w / 6
+_SMALLEST_TURN = 1e-9  # rad: turns below which the axis of rotation is not used
 MOST_PARTS = 2_000_000
 """Most pieces that a table is cut into."""
 
@@ -127,12 +128,14 @@ def sampled(
     own = np.clip(np.searchsorted(table.times, times, side="right") - 1, 0, len(table.times) - 2)
     step = np.diff(table.times)[own]
     share = (times - table.times[own]) / step
-    attitude = _attitude(table, interpolation, own, share)
+    attitude = _interpolate_attitudes(table, interpolation, own, share)
     if table.joints is None:
         return attitude, None
     if interpolation == HERMITE and table.joint_rates is not None:
         rates = table.joint_rates
-        cubic = _cubic(table.joints[own], rates[own], table.joints[own + 1], rates[own + 1], step)
+        cubic = _cubic_coefficients(
+            table.joints[own], rates[own], table.joints[own + 1], rates[own + 1], step
+        )
         x = (2 * share - 1)[:, None]
         powers = np.stack([np.ones_like(x), x, (3 * x * x - 1) / 2, (5 * x**3 - 3 * x) / 2], axis=1)
         return attitude, np.asarray((cubic * powers).sum(axis=1))
@@ -152,23 +155,23 @@ def reading(table: AttitudeTable, interpolation: str, tolerance: float, rate_tol
         ValueError: if that would take `MOST_PARTS` pieces or more.
     """
     times, steps = table.times - table.times[0], np.diff(table.times)
-    turn = _turns(table.quaternions[:-1], table.quaternions[1:])
-    joints = _joint_pieces(table, interpolation, steps)
+    turn = _rotation_vectors(table.quaternions[:-1], table.quaternions[1:])
+    joints = _joint_coefficients(table, interpolation, steps)
     if interpolation in (LINEAR, RODRIGUES):
-        return _cut(table, interpolation, turn, joints, tolerance, rate_tolerance)
+        return _cut_into_parts(table, interpolation, turn, joints, tolerance, rate_tolerance)
     rate = turn / steps[:, None]
     if interpolation == SLERP:
         begins = ends = rate
-        coefficients = _linear(rate * steps[:, None])
+        coefficients = _line_coefficients(rate * steps[:, None])
     elif interpolation == RATE:
         assert table.angular_velocity is not None
         rate = begins = ends = table.angular_velocity[:-1]
-        coefficients = _linear(rate * steps[:, None])
+        coefficients = _line_coefficients(rate * steps[:, None])
     else:
         assert table.angular_velocity is not None
         begins, ends = table.angular_velocity[:-1], table.angular_velocity[1:]
         rate = np.zeros_like(turn)
-        coefficients = _cubic(rate, begins, turn, _slopes(turn, ends), steps)
+        coefficients = _cubic_coefficients(rate, begins, turn, _rotation_vector_rates(turn, ends), steps)
     return Reading(
         breaks=times,
         chart_attitude=table.attitudes[:-1],
@@ -181,7 +184,7 @@ def reading(table: AttitudeTable, interpolation: str, tolerance: float, rate_tol
     )
 
 
-def _cut(
+def _cut_into_parts(
     table: AttitudeTable,
     interpolation: str,
     turn: np.ndarray,
@@ -207,21 +210,21 @@ def _cut(
     if interpolation == LINEAR:
         c = np.tan(angle / 4)
         speed, bend = 4 * c / steps, 16 * c**3 / steps**2  # fastest in the middle
-        axis = turn / np.where(angle < _STILL, 1.0, angle)[:, None]
+        axis = turn / np.where(angle < _SMALLEST_TURN, 1.0, angle)[:, None]
         begins = ends = axis * (4 * c / (steps * (1 + c * c)))[:, None]
     else:
         first, slope = _rodrigues_lines(table.quaternions[:-1], table.quaternions[1:])
         slope = slope / steps[:, None]
         size = np.linalg.norm(slope, axis=1)
-        speed, bend = 4 * size, _CURVED * size**2
-        begins = _spin_of(first, slope)
-        ends = _spin_of(first + slope * steps[:, None], slope)
+        speed, bend = 4 * size, _RODRIGUES_ACCELERATION * size**2
+        begins = _rodrigues_angular_velocity(first, slope)
+        ends = _rodrigues_angular_velocity(first + slope * steps[:, None], slope)
     wanted = np.max(
         [
             np.ones_like(steps),
-            steps * np.sqrt(_MORE * bend / (4 * tolerance)),
-            steps * _MORE * bend / (2 * rate_tolerance),
-            steps * speed / _SHORT,
+            steps * np.sqrt(_SAFETY_FACTOR * bend / (4 * tolerance)),
+            steps * _SAFETY_FACTOR * bend / (2 * rate_tolerance),
+            steps * speed / _LARGEST_PART_TURN,
         ],
         axis=0,
     )
@@ -235,25 +238,27 @@ def _cut(
     share = place / parts[owner]
     starts = table.times[:-1][owner] - table.times[0] + share * steps[owner]
     breaks = np.append(starts, table.duration)
-    at = np.concatenate([_attitude(table, interpolation, owner, share), table.quaternions[-1:]])
+    at = np.concatenate([_interpolate_attitudes(table, interpolation, owner, share), table.quaternions[-1:]])
     width = np.diff(breaks)
-    small = _turns(at[:-1], at[1:])
+    small = _rotation_vectors(at[:-1], at[1:])
     longest = steps / parts
     return Reading(
         breaks=breaks,
         chart_attitude=np.asarray(quaternion.to_matrix(at[:-1])),
         chart_rate=small / width[:, None],
-        coefficients=_linear(small),
+        coefficients=_line_coefficients(small),
         joint_breaks=table.times - table.times[0],
         joint_coefficients=joints,
-        off=float(np.max(_MORE * bend * longest**2 / 4)),
-        rate_off=float(np.max(_MORE * bend * longest / 2)),
+        off=float(np.max(_SAFETY_FACTOR * bend * longest**2 / 4)),
+        rate_off=float(np.max(_SAFETY_FACTOR * bend * longest / 2)),
         begins=begins,
         ends=ends,
     )
 
 
-def _attitude(table: AttitudeTable, interpolation: str, own: np.ndarray, share: np.ndarray) -> np.ndarray:
+def _interpolate_attitudes(
+    table: AttitudeTable, interpolation: str, own: np.ndarray, share: np.ndarray
+) -> np.ndarray:
     """Interpolate attitudes as a reader does: quaternions (n, 4), body to inertial, scalar first.
 
     Args:
@@ -263,21 +268,21 @@ def _attitude(table: AttitudeTable, interpolation: str, own: np.ndarray, share: 
         share: (n,) places in these intervals, from 0 to 1.
     """
     begin, end, part = table.quaternions[own], table.quaternions[own + 1], share[:, None]
-    if interpolation in _BETWEEN:
-        return _BETWEEN[interpolation](begin, end, part)
+    if interpolation in _INTERPOLATORS:
+        return _INTERPOLATORS[interpolation](begin, end, part)
     assert table.angular_velocity is not None
     step = np.diff(table.times)[own]
     velocity = table.angular_velocity[own]
     vector = part * step[:, None] * velocity
     if interpolation == HERMITE:
-        turn = _turns(begin, end)
-        slopes = _slopes(turn, table.angular_velocity[own + 1])
+        turn = _rotation_vectors(begin, end)
+        slopes = _rotation_vector_rates(turn, table.angular_velocity[own + 1])
         a, b = step[:, None] * velocity, step[:, None] * slopes
         vector = part * (a + part * (3 * turn - 2 * a - b + part * (a + b - 2 * turn)))
     return np.asarray(quaternion.product(begin, quaternion.exp(vector)))
 
 
-def _turns(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+def _rotation_vectors(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Return rotation vectors (n, 3) rad, body axes, from quaternions (n, 4) to others, the shorter way."""
     return np.asarray(quaternion.log(quaternion.product(quaternion.conjugate(begin), end)))
 
@@ -288,10 +293,10 @@ def turned_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.
     `share` (..., 1) is the place between them, from 0 to 1.
     """
     half = 2 * np.arcsin(np.clip(np.linalg.norm(end - begin, axis=-1, keepdims=True) / 2, 0, 1))
-    still = half < _STILL
+    still = half < _SMALLEST_TURN
     sine = np.where(still, 1.0, np.sin(half))
     turned = (np.sin((1 - share) * half) * begin + np.sin(share * half) * end) / sine
-    return _unit(np.where(still, begin + share * (end - begin), turned))
+    return _normalise(np.where(still, begin + share * (end - begin), turned))
 
 
 def linear_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.ndarray:
@@ -299,7 +304,7 @@ def linear_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.
 
     `share` (..., 1) is the place between them, from 0 to 1.
     """
-    return _unit(begin + share * (end - begin))
+    return _normalise(begin + share * (end - begin))
 
 
 def rodrigues_between(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.ndarray:
@@ -326,12 +331,12 @@ def _rodrigues_lines(begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np
     return first, second - first
 
 
-def _unit(quaternions: np.ndarray) -> np.ndarray:
+def _normalise(quaternions: np.ndarray) -> np.ndarray:
     """Scale quaternions (..., 4) to unit length."""
     return np.asarray(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True))
 
 
-def _spin_of(sigma: np.ndarray, slope: np.ndarray) -> np.ndarray:
+def _rodrigues_angular_velocity(sigma: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """Return angular velocities (n, 3) rad/s, body axes, from modified Rodrigues parameters and their slopes.
 
     Args:
@@ -344,7 +349,7 @@ def _spin_of(sigma: np.ndarray, slope: np.ndarray) -> np.ndarray:
     return np.asarray(4 * numerator / (1 + square) ** 2)
 
 
-def _slopes(turn: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+def _rotation_vector_rates(turn: np.ndarray, velocity: np.ndarray) -> np.ndarray:
     """Return time derivatives (n, 3) rad/s of rotation vectors at angular velocities in body axes.
 
     Args:
@@ -354,12 +359,12 @@ def _slopes(turn: np.ndarray, velocity: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.solve(so3.right_jacobian(turn), velocity[..., None])[..., 0])
 
 
-def _linear(turn: np.ndarray) -> np.ndarray:
+def _line_coefficients(turn: np.ndarray) -> np.ndarray:
     """Return Legendre coefficients (n, 2, 3) of lines that rise from zero to `turn` (n, 3) on each piece."""
     return np.stack([turn / 2, turn / 2], axis=1)
 
 
-def _cubic(
+def _cubic_coefficients(
     begin: np.ndarray, slope: np.ndarray, end: np.ndarray, end_slope: np.ndarray, steps: np.ndarray
 ) -> np.ndarray:
     """Return Legendre coefficients (n, 4, c) of cubics with given values and time derivatives at both ends.
@@ -380,14 +385,14 @@ def _cubic(
     return np.stack([constant + square / 3, first + 3 * third / 5, 2 * square / 3, 2 * third / 5], axis=1)
 
 
-def _joint_pieces(table: AttitudeTable, interpolation: str, steps: np.ndarray) -> np.ndarray:
+def _joint_coefficients(table: AttitudeTable, interpolation: str, steps: np.ndarray) -> np.ndarray:
     """Return Legendre coefficients (k - 1, p + 1, J) rad of joints between k rows, `steps` s apart."""
     if table.joints is None:
         return np.zeros((len(steps), 1, 0))
     begin, end = table.joints[:-1], table.joints[1:]
     if interpolation == HERMITE and table.joint_rates is not None:
-        return _cubic(begin, table.joint_rates[:-1], end, table.joint_rates[1:], steps)
+        return _cubic_coefficients(begin, table.joint_rates[:-1], end, table.joint_rates[1:], steps)
     return np.stack([(begin + end) / 2, (end - begin) / 2], axis=1)
 
 
-_BETWEEN = {SLERP: turned_between, LINEAR: linear_between, RODRIGUES: rodrigues_between}
+_INTERPOLATORS = {SLERP: turned_between, LINEAR: linear_between, RODRIGUES: rodrigues_between}

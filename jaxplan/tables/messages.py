@@ -18,8 +18,8 @@ from jaxplan.tables.table import HERMITE, AttitudeTable
 
 INERTIAL = ("EME2000", "J2000", "ICRF", "GCRF", "ICRF1", "ICRF2", "ICRF3")
 """Frames that are taken for the inertial one; they are apart by 1e-7 rad."""
-_TYPES = ("QUATERNION", "QUATERNION/ANGVEL")
-_MEET = 1e-6  # s, within which a segment of a message must begin where the one before ends
+_ATTITUDE_TYPES = ("QUATERNION", "QUATERNION/ANGVEL")
+_TIME_TOLERANCE = 1e-6  # s, within which a segment of a message must begin where the one before ends
 _STK_DATA = ("AttitudeTimeQuaternions", "AttitudeTimeQuatScalarFirst", "AttitudeTimeQuatAngVels")
 _STK_AXES = ("J2000", "ICRF", "Inertial")
 
@@ -40,10 +40,10 @@ def read_aem(path: Path) -> AttitudeTable:
     if not message.segments:
         raise ValueError(f"{path}: has no segment")
     day = _midnight(path, message.segments[0])
-    parts = [_segment(path, number, segment, day) for number, segment in enumerate(message.segments, 1)]
+    parts = [_read_segment(path, number, segment, day) for number, segment in enumerate(message.segments, 1)]
     for number, (before, after) in enumerate(pairwise(parts), 1):
         apart = float(after[0][0] - before[0][-1])
-        if not abs(apart) <= _MEET:
+        if not abs(apart) <= _TIME_TOLERANCE:
             raise ValueError(
                 f"{path}: segment {number + 1} begins {apart:.6g} s after segment {number} ends, and no "
                 "attitude is known between: must be where it ends"
@@ -76,13 +76,13 @@ def _midnight(path: Path, segment: Any) -> np.datetime64:
     return midnight
 
 
-def _after(day: np.datetime64, dates: Sequence[str]) -> np.ndarray:
+def _seconds_after(day: np.datetime64, dates: Sequence[str]) -> np.ndarray:
     """Convert UTC dates to seconds (k,) after a UTC midnight `day`, counting leap seconds."""
     midnights, seconds = atomic(dates, "UTC")
     return np.asarray((midnights - day) / np.timedelta64(1, "s") + seconds - leaps(day))
 
 
-def _segment(
+def _read_segment(
     path: Path, number: int, segment: Any, day: np.datetime64
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Read a segment of a message.
@@ -103,8 +103,8 @@ def _segment(
     told = segment.metadata
     kind, first, second = (str(getattr(told, key)) for key in ("attitude_type", "ref_frame_a", "ref_frame_b"))
     where = f"{path}: segment {number}"
-    if kind not in _TYPES:
-        raise ValueError(f"{where}: ATTITUDE_TYPE = {kind}: must be one of {', '.join(_TYPES)}")
+    if kind not in _ATTITUDE_TYPES:
+        raise ValueError(f"{where}: ATTITUDE_TYPE = {kind}: must be one of {', '.join(_ATTITUDE_TYPES)}")
     method, degree = (getattr(told, f"interpolation_{key}", None) for key in ("method", "degree"))
     if method is not None and (str(method).upper() != "LINEAR" or degree not in (None, 1)):
         raise ValueError(
@@ -120,14 +120,14 @@ def _segment(
             f"one of {', '.join(INERTIAL)}"
         )
     try:
-        times = _after(day, segment.data.attitude_states_epochs)
+        times = _seconds_after(day, segment.data.attitude_states_epochs)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from error
     states = np.asarray(segment.data.attitude_states_numpy, float)
     quaternions = np.roll(states[:, :4], 1, axis=1)
     if inertial[1]:  # given from the body to the inertial frame
         quaternions = quaternions * [1.0, -1.0, -1.0, -1.0]
-    if kind == _TYPES[0]:
+    if kind == _ATTITUDE_TYPES[0]:
         return times, quaternions, None
     rates = np.deg2rad(states[:, 4:7])
     frame = str(told.angvel_frame)
@@ -148,7 +148,7 @@ def read_stk(path: Path, craft: Spacecraft | None = None) -> AttitudeTable:
         ValueError: if it is no such file, or has data or axes that are not supported; an `OtherDevicesError`
             if sensor files have rows at other times, or frames that the spacecraft's devices cannot have.
     """
-    header, times, quaternions = _stk_rows(path)
+    header, times, quaternions = _read_stk_rows(path)
     axes = header.get("coordinateaxes", "")
     if axes not in _STK_AXES:
         raise ValueError(f"{path}: CoordinateAxes {axes or '(none)'}: must be one of {', '.join(_STK_AXES)}")
@@ -189,18 +189,18 @@ def _stk_joints(path: Path, craft: Spacecraft, times: np.ndarray) -> np.ndarray 
     frames = []
     for name in names:
         file = path.parent / name
-        header, rows, quaternions = _stk_rows(file)
+        header, rows, quaternions = _read_stk_rows(file)
         if "coordinateaxes" in header:
             axes = header["coordinateaxes"]
             raise OtherDevicesError(f"{file}: CoordinateAxes {axes}: must be none, which are the body's")
-        if rows.shape != times.shape or not np.all(np.abs(rows - times) <= _MEET):
+        if rows.shape != times.shape or not np.all(np.abs(rows - times) <= _TIME_TOLERANCE):
             raise OtherDevicesError(f"{file}: has rows at other times than {path.name}")
         length = np.linalg.norm(quaternions, axis=1, keepdims=True)
         frames.append(np.asarray(quaternion.to_matrix(quaternions / length)))
     return joints_of(frames, craft, str(path))
 
 
-def _stk_rows(path: Path) -> tuple[dict[str, str], np.ndarray, np.ndarray]:
+def _read_stk_rows(path: Path) -> tuple[dict[str, str], np.ndarray, np.ndarray]:
     """Return the header of an STK attitude file by lower-case keywords, times (k,) s, and quaternions (k, 4).
 
     Quaternions are returned scalar first.

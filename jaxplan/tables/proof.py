@@ -36,11 +36,11 @@ from jaxplan.tables.tolerances import FORGIVE_DEG, FORGIVE_PERCENT, NOTHING, For
 
 TOLERANCE = np.deg2rad(1e-4)
 """rad: by which the pieces that are proved may be off a reader's motion; it is taken off margins."""
-_RATE_SHARE = 1e-4  # fraction of the least limit of a rate by which their angular velocity may be off
-_CLOCK = 1e-3  # s, by which a table may begin before the scene, as times are rounded
-_AT_GOAL = np.deg2rad(0.01)  # rad: a last row farther off the goal is reported to miss it
-_TOGETHER = 500  # intervals of a table that are proved at once
-_ANGLES, _RATES, _ACCELERATIONS = 0, 1, 2  # number of time derivatives: `Quantity.power`
+_RELATIVE_RATE_TOLERANCE = 1e-4  # of the least limit of a rate, by which their angular velocity may be off
+_CLOCK_TOLERANCE = 1e-3  # s, by which a table may begin before the scene, as times are rounded
+_GOAL_TOLERANCE = np.deg2rad(0.01)  # rad: a last row farther off the goal is reported to miss it
+_INTERVALS_PER_BATCH = 500  # intervals of a table that are proved at once
+_ANGLE_ORDER, _RATE_ORDER, _ACCELERATION_ORDER = 0, 1, 2  # number of time derivatives: `Quantity.power`
 
 
 @shown("certified", "faults", "min_margin deg", "worst_device", "worst_zone", "worst_time s", "interpolation")
@@ -99,7 +99,7 @@ class TableCertificate:
 
         The proof is of zones, ranges and limits: a table that misses the goal may be certified.
         """
-        return self.goal_off is not None and not self.goal_off <= _AT_GOAL
+        return self.goal_off is not None and not self.goal_off <= _GOAL_TOLERANCE
 
     def summary(self) -> dict[str, Any]:
         """Return what is proved as a dict for JSON, in deg, s and percent, units being part of the keys."""
@@ -211,8 +211,8 @@ def certify_table(
     lacking = needs(table, how)
     if lacking is not None:
         raise ValueError(lacking)
-    begin = _begin(table, scene)
-    table = _known_part(table, scene, begin)
+    begin = _first_row_time(table, scene)
+    table = _clip_to_known_zones(table, scene, begin)
     found = certify_rows(table, how, scene, begin, forgives, other=other)
     goal_off = found.goal_off if scene is scenario else None
     return replace(found, goal_off=goal_off, left_out=(*found.left_out, *foreign))
@@ -239,11 +239,11 @@ def certify_rows(
     """
     known, scene, unproved = as_known(table, scenario)
     times = known.times - known.times[0] + begin
-    joined, claim, motion = _proved(known, how, scene, times, _ACCELERATIONS)
+    joined, claim, motion = _prove_reading(known, how, scene, times, _ACCELERATION_ORDER)
     if other is not None:
-        also, _, _ = _proved(known, other, scene, times, _ANGLES)
+        also, _, _ = _prove_reading(known, other, scene, times, _ANGLE_ORDER)
         joined = with_margins(joined, also, other)
-    jump, jump_time = _largest_jump(motion, times)
+    jump, jump_time = _largest_rate_jump(motion, times)
     covered = bool(joined.faults) and forgives.covers(joined, claim.continuous)
     return TableCertificate(
         certified=joined.certified or covered,
@@ -260,7 +260,7 @@ def certify_rows(
         peaks=joined.peaks,
         rate_jump=jump,
         rate_jump_time=jump_time,
-        attitude_jump=_largest_miss(known) if how == RATE else 0.0,
+        attitude_jump=_largest_attitude_jump(known) if how == RATE else 0.0,
         start_off=float(so3.distance(scenario.start.attitude, known.attitudes[0])),
         goal_off=_goal_off(scenario, known, float(times[-1])),
         left_out=(*unproved, *claim.left_out),
@@ -268,15 +268,15 @@ def certify_rows(
     )
 
 
-def _proved(
+def _prove_reading(
     known: AttitudeTable, how: str, scene: Scenario, times: np.ndarray, most: int
-) -> tuple[Certificate, "_Claimed", Reading]:
+) -> tuple[Certificate, "_TableClaim", Reading]:
     """Prove what a table with rows at `times` keeps, without limits of more than `most` time derivatives."""
-    motion = reading(known, how, TOLERANCE, _RATE_SHARE * _least_rate(scene.spacecraft))
-    claim = _Claimed.of(scene, known, how, motion, most)
+    motion = reading(known, how, TOLERANCE, _RELATIVE_RATE_TOLERANCE * _least_rate_limit(scene.spacecraft))
+    claim = _TableClaim.of(scene, known, how, motion, most)
     parts = [
-        (number, motion.part(number, min(number + _TOGETHER, len(known.times) - 1)))
-        for number in range(0, len(known.times) - 1, _TOGETHER)
+        (number, motion.part(number, min(number + _INTERVALS_PER_BATCH, len(known.times) - 1)))
+        for number in range(0, len(known.times) - 1, _INTERVALS_PER_BATCH)
     ]
     proofs = []
     with progress_bar("proving", "rows", total=len(known.times) - 1) as bar:
@@ -287,7 +287,7 @@ def _proved(
     return replace(stated, peaks=claim.stated_peaks(stated.peaks)), claim, motion
 
 
-def _begin(table: AttitudeTable, scenario: Scenario) -> float:
+def _first_row_time(table: AttitudeTable, scenario: Scenario) -> float:
     """Return the time of the table's first row in the scene's time, s; zero where either has no epoch.
 
     Raises:
@@ -296,7 +296,7 @@ def _begin(table: AttitudeTable, scenario: Scenario) -> float:
     if table.epoch is None or scenario.epoch is None:
         return 0.0
     begin = seconds_between(scenario.epoch, table.epoch) + float(table.times[0])
-    if -_CLOCK <= begin < 0:
+    if -_CLOCK_TOLERANCE <= begin < 0:
         return 0.0
     if begin < 0:
         raise ValueError(
@@ -305,7 +305,7 @@ def _begin(table: AttitudeTable, scenario: Scenario) -> float:
     return begin
 
 
-def _known_part(table: AttitudeTable, scenario: Scenario, begin: float) -> AttitudeTable:
+def _clip_to_known_zones(table: AttitudeTable, scenario: Scenario, begin: float) -> AttitudeTable:
     """Return the table with its end moved, by rounding at most, to where all zones are known.
 
     Raises:
@@ -315,7 +315,7 @@ def _known_part(table: AttitudeTable, scenario: Scenario, begin: float) -> Attit
     for zone in scenario.zones:
         path = zone.path if zone.moves else None
         known = min(zone.lasts, np.inf if path is None else float(path.times[-1]))
-        if not begin + span <= known + _CLOCK:
+        if not begin + span <= known + _CLOCK_TOLERANCE:
             raise ValueError(
                 f"{table.name}: ends {begin + span:.10g} s after the scene's start, and zone {zone.name} "
                 f"{'moves and ' * zone.moves}is known until {known:.10g} s: {FOR_LONGER}"
@@ -342,14 +342,14 @@ def _goal_off(scenario: Scenario, table: AttitudeTable, time: float) -> float | 
     return float(np.max(2 * np.arcsin(np.clip(apart[known] / 2, 0, 1))))
 
 
-def _least_rate(craft: Spacecraft) -> float:
+def _least_rate_limit(craft: Spacecraft) -> float:
     """Return the least limit of the platform's angular velocity, of an axis or of its length, rad/s."""
     least = float(np.min(craft.rate_limit))
     return least if craft.rate_norm_limit is None else min(least, float(craft.rate_norm_limit))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Claimed:
+class _TableClaim:
     """What is claimed of a reader's motion.
 
     Attributes:
@@ -371,7 +371,7 @@ class _Claimed:
     left_out: tuple[str, ...]
 
     @classmethod
-    def of(cls, scene: Scenario, table: AttitudeTable, how: str, motion: Reading, most: int) -> "_Claimed":
+    def of(cls, scene: Scenario, table: AttitudeTable, how: str, motion: Reading, most: int) -> "_TableClaim":
         """Return the claim for a reader's motion, without limits of more than `most` time derivatives."""
         craft, off = scene.spacecraft, motion.rate_off
         smooth = how == HERMITE and (not table.joint_names or table.joint_rates is not None)
@@ -379,7 +379,7 @@ class _Claimed:
         claimed = {
             quantity.name
             for quantity in every
-            if quantity.power <= min(most, _ACCELERATIONS if smooth else _RATES)
+            if quantity.power <= min(most, _ACCELERATION_ORDER if smooth else _RATE_ORDER)
             and (smooth or not quantity.by_inertia)
             and not quantity.of_wheels
         }
@@ -437,7 +437,7 @@ class _Claimed:
         return found
 
 
-def _largest_jump(motion: Reading, times: np.ndarray) -> tuple[float, float]:
+def _largest_rate_jump(motion: Reading, times: np.ndarray) -> tuple[float, float]:
     """Return the largest jump of angular velocity between intervals, rad/s, and its time, s."""
     jumps = np.linalg.norm(motion.begins[1:] - motion.ends[:-1], axis=1)
     if not len(jumps):
@@ -446,7 +446,7 @@ def _largest_jump(motion: Reading, times: np.ndarray) -> tuple[float, float]:
     return float(jumps[worst]), float(times[1 + worst])
 
 
-def _largest_miss(table: AttitudeTable) -> float:
+def _largest_attitude_jump(table: AttitudeTable) -> float:
     """Return the largest angle, rad, by which the constant rate of one row misses the next row."""
     assert table.angular_velocity is not None
     turns = np.diff(table.times)[:, None] * table.angular_velocity[:-1]

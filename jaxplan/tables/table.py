@@ -20,8 +20,8 @@ RATE, HERMITE = "constant_rate", "hermite"
 INTERPOLATIONS = (SLERP, LINEAR, RODRIGUES, RATE, HERMITE)
 """What readers make of two neighbouring rows, see `jaxplan.tables.interpolation`."""
 
-_UNIT = 1e-4  # by how much the length of a quaternion may differ from one, since files round
-_WIDEST = np.deg2rad(179.0)  # rad: turn between two rows, above which readers may turn either way round
+_LENGTH_TOLERANCE = 1e-4  # by how much the length of a quaternion may differ from one, since files round
+_LARGEST_TURN = np.deg2rad(179.0)  # rad: turn between two rows, above which readers may turn either way round
 
 
 def column_name(name: str) -> str:
@@ -67,7 +67,7 @@ class AttitudeTable:
             given = getattr(self, name)
             if given is not None:
                 object.__setattr__(self, name, np.asarray(given, np.float64))
-        faults = list(_faults(self))
+        faults = list(_table_faults(self))
         if faults:
             told = "\n  ".join([f"{len(faults)} faults:", *faults]) if len(faults) > 1 else faults[0]
             raise ValueError(f"{self.name}: {told}")
@@ -76,13 +76,13 @@ class AttitudeTable:
         signs = np.concatenate([np.ones(1), np.cumprod(flips)])
         object.__setattr__(self, "quaternions", self.quaternions / length * signs[:, None])
         turns = self.turns
-        if not np.all(turns <= _WIDEST):
+        if not np.all(turns <= _LARGEST_TURN):
             row = int(np.argmax(turns))
             begin, end = self.times[row : row + 2]
             raise ValueError(
                 f"{self.name}: rows {row} and {row + 1}, of {begin:g} and {end:g} s, are "
                 f"{np.rad2deg(turns[row]):.1f} deg apart, and readers may take either way round: must be "
-                f"at most {np.rad2deg(_WIDEST):g} deg"
+                f"at most {np.rad2deg(_LARGEST_TURN):g} deg"
             )
 
     @property
@@ -158,7 +158,7 @@ class AttitudeTable:
         )
 
 
-def _faults(table: AttitudeTable) -> Iterator[str]:
+def _table_faults(table: AttitudeTable) -> Iterator[str]:
     """Yield a sentence for each fault of a table's shapes, names, numbers, times or quaternions."""
     if table.interpolation not in INTERPOLATIONS:
         yield f"interpolation = {table.interpolation!r}: must be one of {', '.join(INTERPOLATIONS)}"
@@ -188,7 +188,7 @@ def _faults(table: AttitudeTable) -> Iterator[str]:
         yield f"times: must rise, and row {row + 1} is at {later:g} s after {before:g} s"
     if table.quaternions.shape == (rows, 4):
         length = np.linalg.norm(table.quaternions, axis=1)
-        if not np.all(np.abs(length - 1) <= _UNIT):
+        if not np.all(np.abs(length - 1) <= _LENGTH_TOLERANCE):
             row = int(np.argmax(np.where(np.isfinite(length), np.abs(length - 1), np.inf)))
             at = f"row {row}, at {table.times[row]:g} s"
             yield f"quaternions: {at}, has the length {length[row]:.6g}: must be 1"

@@ -32,7 +32,7 @@ def as_known(table: AttitudeTable, scene: Scenario) -> tuple[AttitudeTable, Scen
     craft = scene.spacecraft
     moving = craft.device_names[: craft.gimbals.count]
     rest = replace(craft, terminals=(), drives=())
-    left, dropped = _zones_of(scene, rest)
+    left, dropped = _restrict_zones(scene, rest)
     found = [f"{', '.join(moving)}: the table has no joints, so what they point at is not known"]
     if dropped:
         found.append(f"zones of these devices alone: {', '.join(dropped)}")
@@ -40,7 +40,7 @@ def as_known(table: AttitudeTable, scene: Scenario) -> tuple[AttitudeTable, Scen
     return bare, replace(left, spacecraft=rest, start=no_joints, goal=no_joints), found
 
 
-def _zones_of(scene: Scenario, rest: Spacecraft) -> tuple[Scenario, list[str]]:
+def _restrict_zones(scene: Scenario, rest: Spacecraft) -> tuple[Scenario, list[str]]:
     """Return a scene whose zones bind only what the spacecraft `rest` has, and names of zones dropped.
 
     A whole group of zones is dropped where one of its zones binds a device that `rest` does not have.

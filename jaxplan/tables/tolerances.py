@@ -20,7 +20,7 @@ FORGIVE_DEG = 1e-3
 FORGIVE_PERCENT = 0.5
 """Percent of a limit by which its peaks may exceed it, unless told."""
 MOST_DEG, MOST_PERCENT = 1.0, 10.0
-_CONTINUOUS = (("attitude", "joints"), ("angular_velocity", "joint_rates"))  # by order of the derivative
+_JUMPS_BY_ORDER = (("attitude", "joints"), ("angular_velocity", "joint_rates"))  # by order of the derivative
 
 
 class Forgiven(NamedTuple):
@@ -51,7 +51,7 @@ class Forgiven(NamedTuple):
         margin = proof.min_margin
         short = margin is not None and not margin >= -np.deg2rad(self.deg)
         over = not all(peak <= 1 + self.percent / 100 for peak in proof.peaks.values())
-        steps = [proof.jumps.get(name, 0.0) for names in _CONTINUOUS[: continuous + 1] for name in names]
+        steps = [proof.jumps.get(name, 0.0) for names in _JUMPS_BY_ORDER[: continuous + 1] for name in names]
         jumps = not all(step <= TOLERANCE for step in steps)
         illegible = not proof.peaks  # whatever could be evaluated has some
         return not (short or over or jumps or illegible)

@@ -120,7 +120,7 @@ def test_the_claims_are_of_many_kinds(claims, alone):
 
 @pytest.mark.parametrize("together", [2, 5, 64])
 def test_reports_made_together_are_those_made_alone(claims, alone, together, monkeypatch):
-    monkeypatch.setattr(proof, "_TOGETHER", together)
+    monkeypatch.setattr(proof, "_TRAJECTORIES_PER_BATCH", together)
     for order in (np.arange(len(claims)), np.random.default_rng(together).permutation(len(claims))):
         reports = certify_batch([claims[number] for number in order])
         for number, report in zip(order, reports, strict=True):

@@ -519,7 +519,7 @@ def test_a_command_leaves_the_callers_collector_alone(capsys):
 
 
 def test_kernels_that_xla_refuses_are_told_of_on_stderr(capsys, monkeypatch):
-    monkeypatch.setattr("jaxplan.runtime.executables._refused", 2)
+    monkeypatch.setattr("jaxplan.runtime.executables._refused_count", 2)
     code, out, err = run(capsys, "validate", "case-1")
     assert code == 0
     assert "refused 2 of the kernels" in err

@@ -30,7 +30,7 @@ def nothing_new(compilations, *about):
     compilations.clear()
     # Other tests of this worker may have filled its memory maps; the next plan would forget all kernels.
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(jit, "_SHARE", 1.0)
+        patch.setattr(jit, "_MOST_MAPS_SHARE", 1.0)
         yield
     assert (kernel_count() - before, compilations) == (0, []), about
 

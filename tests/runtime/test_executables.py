@@ -115,10 +115,12 @@ def test_parts_of_older_sources_are_cleared_away(tmp_path, monkeypatch):
     monkeypatch.setattr(executables, "trusted_folder", lambda: tmp_path)
     lowered = jax.jit(jnp.sin).lower(1.0)
     for number in range(6):
-        monkeypatch.setattr(executables, "_origin", lambda number=number: f"source-{number}")
-        executables._save(executables._place("jaxplan.sine", "float"), lowered.compile(), calls_library=False)
+        monkeypatch.setattr(executables, "_sources_hash", lambda number=number: f"source-{number}")
+        executables._save_executable(
+            executables._executable_path("jaxplan.sine", "float"), lowered.compile(), calls_library=False
+        )
     left = sorted(path.name for path in tmp_path.iterdir())
-    assert left == [f"kernels-source-{number}" for number in range(5 - executables._PARTS, 6)]
+    assert left == [f"kernels-source-{number}" for number in range(5 - executables._KEPT_FOLDERS, 6)]
 
 
 KEEP = """
@@ -131,7 +133,7 @@ jax.monitoring.register_event_duration_secs_listener(
     lambda event, seconds, **more: compiled.append(event) if "backend_compile" in event else None
 )
 cache.keep_by_default()
-executables._origin = lambda: SOURCES
+executables._sources_hash = lambda: SOURCES
 known = executables.load("jaxplan.sine", "float") is not None
 compiled.clear()
 sine = executables.compile_and_keep(jax.jit(jnp.sin).lower(1.0), "jaxplan.sine", "float")
@@ -149,7 +151,7 @@ def test_what_other_sources_kept_of_the_same_program_is_kept_for_these_and_goes_
     for part in parts:
         for file in part.iterdir():
             file.unlink()
-    executables._make_room(parts[0].parent / "kernels-newer")
+    executables._prepare_folder(parts[0].parent / "kernels-newer")
     assert not list(parts[0].parent.glob("programs/*"))
 
 

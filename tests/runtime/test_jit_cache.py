@@ -18,7 +18,7 @@ linux = pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="other s
 @pytest.fixture
 def crowded(monkeypatch):
     """As if the maps of this process were too many already."""
-    monkeypatch.setattr(jit, "_SHARE", 0.0)
+    monkeypatch.setattr(jit, "_MOST_MAPS_SHARE", 0.0)
 
 
 def compile_some(count, first):
@@ -31,17 +31,17 @@ def compile_some(count, first):
 
 @linux
 def test_kernels_are_forgotten_where_their_maps_are_too_many(crowded):
-    kernel = compile_some(jit._EVERY, 1.0)
-    assert kernel._cache_size() == jit._EVERY
+    kernel = compile_some(jit._KERNELS_PER_CHECK, 1.0)
+    assert kernel._cache_size() == jit._KERNELS_PER_CHECK
     assert clear_if_full()
     assert kernel._cache_size() == 0
     assert float(kernel(np.zeros(1))[0]) == 2.0
 
 
 def test_nothing_is_forgotten_while_there_is_room():
-    kernel = compile_some(jit._EVERY, 2.0)
+    kernel = compile_some(jit._KERNELS_PER_CHECK, 2.0)
     assert not clear_if_full()
-    assert kernel._cache_size() == jit._EVERY
+    assert kernel._cache_size() == jit._KERNELS_PER_CHECK
 
 
 @linux
@@ -58,11 +58,11 @@ def test_plans_are_the_same_whatever_was_forgotten_between(crowded, tmp_path):
     paths = tmp_path / "before.json", tmp_path / "after.json"
     for path in paths:
         jp.plan(scenario).save(path)
-        compile_some(jit._EVERY, 4.0)
+        compile_some(jit._KERNELS_PER_CHECK, 4.0)
     assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
 def test_systems_without_the_limit_forget_nothing(crowded, monkeypatch, tmp_path):
-    monkeypatch.setattr(jit, "_LIMIT", str(tmp_path / "none"))
-    compile_some(jit._EVERY, 5.0)
+    monkeypatch.setattr(jit, "_MAPS_LIMIT_FILE", str(tmp_path / "none"))
+    compile_some(jit._KERNELS_PER_CHECK, 5.0)
     assert not clear_if_full()

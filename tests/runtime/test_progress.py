@@ -46,7 +46,7 @@ class Terminal(io.StringIO):
 
 @pytest.fixture
 def terminal(monkeypatch):
-    monkeypatch.setattr(progress, "_TICK", 0.05)
+    monkeypatch.setattr(progress, "_REFRESH_TIME", 0.05)
     return Terminal()
 
 
@@ -71,7 +71,7 @@ def test_what_jax_compiles_is_noticed(terminal):
 
 
 def test_a_terminal_that_tells_no_size_shows_the_bar(monkeypatch):
-    monkeypatch.setattr(progress, "_TICK", 0.02)
+    monkeypatch.setattr(progress, "_REFRESH_TIME", 0.02)
     reader, writer = os.openpty()  # of 0 x 0
     assert 0 in os.get_terminal_size(writer)
     seen = b""
@@ -118,7 +118,7 @@ def test_nothing_is_shown_of_what_is_quick_or_not_to_be_seen(terminal, monkeypat
     with redirect_stderr(terminal), progress_bar("planning", shown=False) as bar:
         bar.step("search")
         bar.update()
-    monkeypatch.setattr(progress, "_TICK", 60.0)
+    monkeypatch.setattr(progress, "_REFRESH_TIME", 60.0)
     with redirect_stderr(terminal), progress_bar("planning") as bar:
         bar.step("search")
         bar.update()
@@ -130,7 +130,7 @@ def test_a_bar_ends_with_what_raises_in_it(terminal):
     with pytest.raises(KeyboardInterrupt), redirect_stderr(terminal), progress_bar("planning"):
         raise KeyboardInterrupt
     assert threading.active_count() == before
-    assert not progress._open
+    assert not progress._open_bars
 
 
 def test_a_plan_says_at_which_step_it_is(monkeypatch):
@@ -143,8 +143,8 @@ def test_a_plan_says_at_which_step_it_is(monkeypatch):
 
 def told_by(monkeypatch, seldom: float, steps: list[str], *, shown: bool = True) -> list[str]:
     """The plain lines, without times, of a bar whose steps last until they are told and some ticks more."""
-    monkeypatch.setattr(progress, "_TICK", 0.01)
-    monkeypatch.setattr(progress, "_SELDOM", seldom)
+    monkeypatch.setattr(progress, "_REFRESH_TIME", 0.01)
+    monkeypatch.setattr(progress, "_TIME_BETWEEN_LINES", seldom)
     monkeypatch.setattr(progress.Bar, "compiles", lambda self, begins: None)  # what others do meanwhile
     pipe = io.StringIO()
     with (
@@ -180,8 +180,8 @@ def test_a_pipe_is_told_seldom_and_only_where_it_is_asked_for(monkeypatch):
 
 
 def test_bars_after_each_other_share_the_time_between_lines(monkeypatch):
-    monkeypatch.setattr(progress, "_TICK", 0.01)
-    monkeypatch.setattr(progress, "_SELDOM", 0.3)
+    monkeypatch.setattr(progress, "_REFRESH_TIME", 0.01)
+    monkeypatch.setattr(progress, "_TIME_BETWEEN_LINES", 0.3)
     pipe, began = io.StringIO(), time.monotonic()
     with redirect_stderr(pipe), seldom_lines():
         for number in range(20):

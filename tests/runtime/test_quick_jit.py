@@ -40,7 +40,7 @@ def test_static_arguments_are_static():
 
 
 def test_options_that_an_xla_does_not_have_are_left_out_and_others_kept(monkeypatch):
-    monkeypatch.setattr(quick, "_SOON", {"xla_no_such_option": False})
+    monkeypatch.setattr(quick, "_QUICK_OPTIONS", {"xla_no_such_option": False})
     assert quick_jit(lambda x: x + 1)(1.0) == 2
     assert quick_jit(lambda x: x + 1, level=1)(1.0) == 2
     some = {"xla_no_such_option": False, "xla_backend_optimization_level": 1}

@@ -4,22 +4,22 @@ import pytest
 
 import jaxplan as jp
 from jaxplan import derivatives
-from jaxplan.runtime.workers import _libraries, one_thread
+from jaxplan.runtime.workers import _openblas_libraries, one_thread
 
 
 def numbers() -> list[int]:
-    return [get() for get, _ in _libraries()]
+    return [get() for get, _ in _openblas_libraries()]
 
 
 @pytest.fixture
 def two_threads():
-    if not _libraries():
+    if not _openblas_libraries():
         pytest.skip("numpy and scipy are built without OpenBLAS here")
     before = numbers()
-    for _, set_number in _libraries():
+    for _, set_number in _openblas_libraries():
         set_number(2)
     yield
-    for (_, set_number), number in zip(_libraries(), before, strict=True):
+    for (_, set_number), number in zip(_openblas_libraries(), before, strict=True):
         set_number(number)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxplan as jp
-from jaxplan.runtime.workers import _libraries
+from jaxplan.runtime.workers import _openblas_libraries
 from jaxplan.schema import with_settings
 from jaxplan.study import rows
 from jaxplan.study.rows import COLUMNS, TIMES
@@ -188,11 +188,11 @@ def test_a_scene_that_raises_is_a_row_and_the_others_are_planned(study, monkeypa
 
 
 def test_the_threads_of_the_linear_algebra_do_not_change_the_table(study):
-    before = [get() for get, _ in _libraries()]
-    for _, set_number in _libraries():
+    before = [get() for get, _ in _openblas_libraries()]
+    for _, set_number in _openblas_libraries():
         set_number(2)
     many = jp.run_study(SEEDS, "keep_in", progress=False)
-    for (_, set_number), number in zip(_libraries(), before, strict=True):
+    for (_, set_number), number in zip(_openblas_libraries(), before, strict=True):
         set_number(number)
     assert text(many) == text(study)
 

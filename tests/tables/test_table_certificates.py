@@ -273,7 +273,7 @@ def test_how_far_the_last_row_is_off_its_targets_is_told_as_far_as_it_is_known(p
 def test_long_tables_are_proved_in_parts_as_in_one(plan, monkeypatch):
     scene, table = scene_around(plan, 8.0), table_of(plan, 0.1)
     whole = jp.certify_table(table, SLERP, scene)
-    monkeypatch.setattr("jaxplan.tables.proof._TOGETHER", 37)
+    monkeypatch.setattr("jaxplan.tables.proof._INTERVALS_PER_BATCH", 37)
     parts = jp.certify_table(table, SLERP, scene)
     assert parts.min_margin == pytest.approx(whole.min_margin, abs=np.deg2rad(0.01))
     assert parts.worst_time == pytest.approx(whole.worst_time, abs=0.5)
@@ -283,7 +283,7 @@ def test_long_tables_are_proved_in_parts_as_in_one(plan, monkeypatch):
 @pytest.mark.parametrize("together", [7, 500])
 def test_jumps_of_attitude_are_told_of_all_rows_wherever_parts_join(plan, monkeypatch, together):
     scene, table = scene_around(plan, 8.0), table_of(plan, 1.5)
-    monkeypatch.setattr("jaxplan.tables.proof._TOGETHER", together)
+    monkeypatch.setattr("jaxplan.tables.proof._INTERVALS_PER_BATCH", together)
     rows = rotations(table.quaternions)
     reached = rows[:-1] * Rotation.from_rotvec(1.5 * table.angular_velocity[:-1])
     missed = (reached.inv() * rows[1:]).magnitude()
