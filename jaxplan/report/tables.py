@@ -32,7 +32,7 @@ from jaxplan.report.markup import NONE, Markup, degrees, facts, join, number, sh
 
 _STEP_NAMES = {"decompose": "goal", "search": "path", "compile": "compiling", "total": "in all"}
 _DIRECTION_TITLES = ("Azimuth|deg", "Elevation|deg")
-_DIRECTION_SUBTITLES = ("azimuth|deg", "elevation|deg")
+_ANGLE_TITLES = ("azimuth|deg", "elevation|deg")
 
 
 _INERTIA_UNIT = "kg m\N{SUPERSCRIPT TWO}"
@@ -52,12 +52,7 @@ def spacecraft_tables(craft: Spacecraft) -> Markup:
             ]
             for one in craft.wheels
         ]
-        titles = [
-            "Wheel",
-            *(f"Axis {angle}" for angle in _DIRECTION_SUBTITLES),
-            "Torque|N m",
-            "Momentum|N m s",
-        ]
+        titles = ["Wheel", *(f"Axis {angle}" for angle in _ANGLE_TITLES), "Torque|N m", "Momentum|N m s"]
         allocated = "by the pseudo-inverse" if craft.allocation == PSEUDO_INVERSE else "by their envelope"
         caption = f"Reaction wheels, axes in body axes; allocation {allocated}"
         parts.append(table([*titles, "Stored at the start|N m s"], rows, caption))
@@ -68,7 +63,7 @@ def spacecraft_tables(craft: Spacecraft) -> Markup:
         ]
         titles = [
             "Terminal",
-            *(f"{what} {angle}" for what in ("Boresight", "Yaw axis") for angle in _DIRECTION_SUBTITLES),
+            *(f"{what} {angle}" for what in ("Boresight", "Yaw axis") for angle in _ANGLE_TITLES),
         ]
         parts.append(table(titles, rows, "Terminals, how they are mounted; body axes, at zero angles"))
     if craft.drives:
@@ -76,10 +71,7 @@ def spacecraft_tables(craft: Spacecraft) -> Markup:
             [one.name, *_format_direction(one.boresight), *_format_direction(one.axis)]
             for one in craft.drives
         ]
-        titles = [
-            "Drive",
-            *(f"{what} {angle}" for what in ("Boresight", "Axis") for angle in _DIRECTION_SUBTITLES),
-        ]
+        titles = ["Drive", *(f"{what} {angle}" for what in ("Boresight", "Axis") for angle in _ANGLE_TITLES)]
         parts.append(table(titles, rows, "Drives, how they are mounted; body axes, at zero angle"))
     if craft.joint_count:
         limits_of = zip(
@@ -205,7 +197,7 @@ def _axis_cells(zone: Zone) -> tuple[str, str, str, str]:
     return "inertial axis", *_format_direction(zone.axis_at()), half_angle
 
 
-def _format_bound(zone: Zone) -> str:
+def _bound_names(zone: Zone) -> str:
     """Text that lists the devices and vectors that a zone binds."""
     if isinstance(zone, JointBound | Mask):
         return zone.device
@@ -218,7 +210,7 @@ def zones_table(scenario: Scenario) -> Markup:
     if not scenario.zones:
         return facts([("Zones", "none: devices may look anywhere")], "Zones")
     titles = ["Zone", "Kind", "About", *_DIRECTION_TITLES, "Half angle|deg", "Binds"]
-    rows = [[zone.name, kind_of(zone), *_axis_cells(zone), _format_bound(zone)] for zone in scenario.zones]
+    rows = [[zone.name, kind_of(zone), *_axis_cells(zone), _bound_names(zone)] for zone in scenario.zones]
     return table(titles, rows, "Zones; axes that move as they are at first")
 
 
