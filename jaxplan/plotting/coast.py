@@ -17,7 +17,7 @@ import numpy as np
 
 FILE, FINE = (Path(__file__).with_name(f"{name}.json") for name in ("coast", "coast_fine"))
 _UNITS = {FILE: 0.1, FINE: 0.01}  # deg: unit of the whole numbers in each file
-_EDGE, _TURN = 180.0, 360.0  # deg of longitude: right edge of a map, and a full turn
+_MAP_EDGE, _FULL_TURN = 180.0, 360.0  # deg of longitude: right edge of a map, and a full turn
 
 
 @cache
@@ -30,15 +30,15 @@ def coasts(file: Path = FILE) -> tuple[np.ndarray, ...]:
     found = list[np.ndarray]()
     for ring in rings:
         line = _UNITS[file] * np.cumsum(np.reshape(ring, (-1, 2)), axis=0)
-        copies = (line + np.array([turn, 0.0]) for turn in (-_TURN, 0.0, _TURN))
-        found += [own for own in copies if np.min(own[:, 0]) < _EDGE and np.max(own[:, 0]) > -_EDGE]
+        copies = (line + np.array([turn, 0.0]) for turn in (-_FULL_TURN, 0.0, _FULL_TURN))
+        found += [own for own in copies if np.min(own[:, 0]) < _MAP_EDGE and np.max(own[:, 0]) > -_MAP_EDGE]
     return tuple(found)
 
 
 @cache
 def land(file: Path = FILE) -> tuple[np.ndarray, ...]:
     """Return closed outlines of land as `coasts` does; Antarctica is closed along latitude -90 deg."""
-    return tuple(line if _closed(line) else _to_the_pole(line) for line in coasts(file))
+    return tuple(line if _is_closed(line) else _close_over_pole(line) for line in coasts(file))
 
 
 def within(lines: Iterable[np.ndarray], low: np.ndarray, high: np.ndarray) -> list[np.ndarray]:
@@ -48,12 +48,12 @@ def within(lines: Iterable[np.ndarray], low: np.ndarray, high: np.ndarray) -> li
     ]
 
 
-def _closed(line: np.ndarray) -> bool:
+def _is_closed(line: np.ndarray) -> bool:
     """Return whether a coast line (k, 2) is closed, as all but that of Antarctica are."""
     return bool(np.allclose(line[0], line[-1]))
 
 
-def _to_the_pole(line: np.ndarray) -> np.ndarray:
+def _close_over_pole(line: np.ndarray) -> np.ndarray:
     """Close a line (k, 2) deg that goes once around the Earth by way of the south pole."""
     corners = np.array([[line[-1, 0], -90.0], [line[0, 0], -90.0], line[0]])
     return np.concatenate([line, corners])

@@ -32,22 +32,22 @@ from jaxplan.plotting.style import (
 )
 from jaxplan.runtime.arguments import expect_any
 
-_TOLD, _TALL = 0.4, 0.15  # fractions of the histogram's width and height that a text in it takes
+_TEXT_WIDTH, _TEXT_HEIGHT = 0.4, 0.15  # fractions of the histogram's width and height that a text in it takes
 _SIZE = (WIDTH, 4.5)  # inches
 _EARTH: Look = {"facecolor": "#EAF1F6", "edgecolor": "0.6", "linewidth": 0.8}
-_SUN = "#E69F00"
-_LINE: Look = {"color": "black", "linewidth": 1.4}  # of the histogram of `minimum`
+_SUN_COLOUR = "#E69F00"
+_MINIMUM_LINE: Look = {"color": "black", "linewidth": 1.4}  # of the histogram of `minimum`
 # Marks of satellites with a link that is out, and of those without a plan: on the globe and in the legend.
-_OUT: Look = {"facecolors": "none", "edgecolors": "black", "linewidths": 1.0, "zorder": 4}
-_RING: Look = {"marker": "o", "markersize": 6, "color": "black", "fillstyle": "none"}
-_LOST: Look = {"color": KEEP_OUT, "marker": "x", "linewidths": 1.2, "zorder": 5}
-_CROSS: Look = {"marker": "x", "markersize": 5, "color": KEEP_OUT}
-_COLOURS = "viridis"  # of manoeuvre times, on the globe and in the histogram
-_MOST = 0.99  # fraction of the satellites, by rising time, whose times the colours span
-_FAR = 1.5  # multiple of the longest of these times; if a time is beyond, the axis is cut and that is written
-_FEW_PLANES = 12  # largest number of planes whose orbits are drawn as lines
+_OUTAGE_MARK: Look = {"facecolors": "none", "edgecolors": "black", "linewidths": 1.0, "zorder": 4}
+_OUTAGE_ENTRY: Look = {"marker": "o", "markersize": 6, "color": "black", "fillstyle": "none"}
+_UNPLANNED_MARK: Look = {"color": KEEP_OUT, "marker": "x", "linewidths": 1.2, "zorder": 5}
+_UNPLANNED_ENTRY: Look = {"marker": "x", "markersize": 5, "color": KEEP_OUT}
+_COLOUR_MAP = "viridis"  # of manoeuvre times, on the globe and in the histogram
+_COLOUR_QUANTILE = 0.99  # fraction of the satellites, by rising time, whose times the colours span
+_AXIS_CUT_RATIO = 1.5  # multiple of the longest of these times: beyond it the axis is cut, which is written
+_MAX_DRAWN_PLANES = 12  # largest number of planes whose orbits are drawn as lines
 _BINS = 28  # of the histogram
-_BESIDE = np.deg2rad((-65.0, 20.0))  # rad: azimuth from the Sun's and elevation of the eye
+_EYE_OFFSET = np.deg2rad((-65.0, 20.0))  # rad: azimuth from the Sun's and elevation of the eye
 
 
 def constellation(
@@ -87,22 +87,24 @@ def constellation(
         raise ValueError("there are no satellites to draw yet")
     globe, histogram = panels(ax, 2, _SIZE, columns=2, widths=(1.45, 1.0), shared=False)
     known = result.duration[np.isfinite(result.duration)]
-    norm = Normalize(np.min(known), np.quantile(known, _MOST)) if len(known) else Normalize(0.0, 1.0)
-    marks = _draw_globe(globe, result, norm, _view(result, view))
+    norm = (
+        Normalize(np.min(known), np.quantile(known, _COLOUR_QUANTILE)) if len(known) else Normalize(0.0, 1.0)
+    )
+    marks = _draw_globe(globe, result, norm, _choose_view(result, view))
     curves = _draw_histogram(histogram, result, minimum, norm)
     if legend:
         legend_below(histogram, [*curves, *marks])
     return [globe, histogram]
 
 
-def _view(result: Constellation, angles: tuple[float, float] | None) -> GlobeView:
+def _choose_view(result: Constellation, angles: tuple[float, float] | None) -> GlobeView:
     """Return the view from azimuth and elevation of the eye, deg; for None with the Sun to the side."""
     if angles is not None:
         expect_view(angles)
         return GlobeView.from_angles(*np.deg2rad(angles))
     sun = result.switch.sun_direction
     azimuth = 0.0 if sun is None else float(np.arctan2(sun[1], sun[0]))
-    return GlobeView.from_angles(azimuth + _BESIDE[0], _BESIDE[1])
+    return GlobeView.from_angles(azimuth + _EYE_OFFSET[0], _EYE_OFFSET[1])
 
 
 def _draw_globe(axes: Axes, result: Constellation, norm: Normalize, view: GlobeView) -> Entries:
@@ -114,21 +116,21 @@ def _draw_globe(axes: Axes, result: Constellation, norm: Normalize, view: GlobeV
     radius = shell.radius / (shell.radius - shell.altitude)
     places = shell.positions(result.switch.time)[result.planned] / (shell.radius - shell.altitude)
     _draw_earth(axes, view, radius)
-    if shell.planes <= _FEW_PLANES:
+    if shell.planes <= _MAX_DRAWN_PLANES:
         _draw_planes(axes, result, view)
     flat, depth = view.project(places), view.depth(places)
     seen = (depth >= 0) | (np.hypot(*flat.T) > 1)
     size = float(np.clip(9000 / shell.total, 8, 60))  # square points
     done = np.isfinite(result.duration) & result.certified
-    colours: Look = {"cmap": _COLOURS, "norm": norm}
+    colours: Look = {"cmap": _COLOUR_MAP, "norm": norm}
     for front, alpha in ((False, 0.35), (True, 1.0)):
         here = seen & done & ((depth >= 0) == front)
         look: Look = {"c": result.duration[here], "alpha": alpha, "linewidths": 0, "zorder": 2 + front}
         axes.scatter(flat[here, 0], flat[here, 1], s=size, **look, **colours)
     entries: Entries = []
     for which, share, looks, mark, text in (
-        (result.sun_outage, 2.2, _OUT, _RING, "a link leads\nthrough the Sun's cone"),
-        (~done, 1.0, _LOST, _CROSS, "no certified plan"),
+        (result.sun_outage, 2.2, _OUTAGE_MARK, _OUTAGE_ENTRY, "a link leads\nthrough the Sun's cone"),
+        (~done, 1.0, _UNPLANNED_MARK, _UNPLANNED_ENTRY, "no certified plan"),
     ):
         here = seen & which
         if np.any(here):
@@ -182,11 +184,11 @@ def _draw_sun(axes: Axes, sun: np.ndarray | None, view: GlobeView, radius: float
     if length < 0.1:
         return
     start, end, place = (scale * radius * toward / length for scale in (1.03, 1.15, 1.18))
-    arrow = {"arrowstyle": "-|>", "color": _SUN, "linewidth": 1.6}
+    arrow = {"arrowstyle": "-|>", "color": _SUN_COLOUR, "linewidth": 1.6}
     axes.annotate("", tuple(end), tuple(start), arrowprops=arrow)
     text = "Sun" if view.depth(sun) >= 0 else "Sun (behind)"
     side = "left" if toward[0] > 0 else "right"
-    axes.text(float(place[0]), float(place[1]), text, fontsize=SMALL, color=_SUN, va="center", ha=side)
+    axes.text(float(place[0]), float(place[1]), text, fontsize=SMALL, color=_SUN_COLOUR, va="center", ha=side)
 
 
 def _draw_histogram(
@@ -198,21 +200,21 @@ def _draw_histogram(
     shortest = np.zeros(0) if minimum is None else minimum.duration[np.isfinite(minimum.duration)]
     entries: Entries = []
     if len(times):
-        most = np.quantile(times, _MOST)
-        end = np.max(times) if np.max(times) <= _FAR * most else 1.15 * most
+        most = np.quantile(times, _COLOUR_QUANTILE)
+        end = np.max(times) if np.max(times) <= _AXIS_CUT_RATIO * most else 1.15 * most
         edges = np.linspace(min(np.min(times), np.min(shortest, initial=np.inf)), end, _BINS + 1)
-        colours = colormaps[_COLOURS](norm((edges[1:] + edges[:-1]) / 2))
+        colours = colormaps[_COLOUR_MAP](norm((edges[1:] + edges[:-1]) / 2))
         look: Look = {"align": "edge", "color": colours, "edgecolor": "white", "linewidth": 0.4}
-        axes.bar(edges[:-1], _shares(times, edges), width=np.diff(edges), **look)
-        entries.append((Patch(color=colormaps[_COLOURS](0.45)), _described(result, times)))
-        shares = [_shares(times, edges)]
+        axes.bar(edges[:-1], _bin_percentages(times, edges), width=np.diff(edges), **look)
+        entries.append((Patch(color=colormaps[_COLOUR_MAP](0.45)), _describe_times(result, times)))
+        shares = [_bin_percentages(times, edges)]
         if minimum is not None and len(shortest):
-            shares.append(_shares(shortest, edges))
-            axes.stairs(shares[-1], edges, **_LINE)
-            entries.append((Line2D([], [], **_LINE), _described(minimum, shortest)))
+            shares.append(_bin_percentages(shortest, edges))
+            axes.stairs(shares[-1], edges, **_MINIMUM_LINE)
+            entries.append((Line2D([], [], **_MINIMUM_LINE), _describe_times(minimum, shortest)))
         longer = int(np.sum(times > end))
         if longer:
-            _tell_longer(axes, f"{longer} longer,\nup to {np.max(times):.0f} s", shares)
+            _write_longer_times(axes, f"{longer} longer,\nup to {np.max(times):.0f} s", shares)
     axes.set_xlabel("manoeuvre time (s)", fontsize=TEXT)
     axes.set_ylabel("satellites (%)", fontsize=TEXT)
     count, total = int(np.sum(result.certified)), len(result.certified)
@@ -220,25 +222,25 @@ def _draw_histogram(
     return entries
 
 
-def _tell_longer(axes: Axes, text: str, shares: Sequence[np.ndarray]) -> None:
+def _write_longer_times(axes: Axes, text: str, shares: Sequence[np.ndarray]) -> None:
     """Write a text at the right end of a histogram, above the bars there.
 
     `shares` are the heights (b,) of the bars of each histogram, percent; the axis is raised if needed.
     """
-    below = [own[-round(_TOLD * len(own)) :] for own in shares]
+    below = [own[-round(_TEXT_WIDTH * len(own)) :] for own in shares]
     low, high = axes.get_ylim()
     foot = max(float(np.max(own)) for own in below) + 0.03 * high
-    axes.set_ylim(low, max(high, foot / (1 - _TALL)))
+    axes.set_ylim(low, max(high, foot / (1 - _TEXT_HEIGHT)))
     look: Look = {"ha": "right", "va": "bottom", "fontsize": SMALL, "color": GREY}
     axes.text(0.99, foot, text, transform=axes.get_yaxis_transform(), **look)
 
 
-def _shares(times: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def _bin_percentages(times: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Return the percentage (b,) of all times (k,) that falls in each bin between edges (b + 1,)."""
     return 100 * np.histogram(times, edges)[0] / len(times)
 
 
-def _described(result: Constellation, times: np.ndarray) -> str:
+def _describe_times(result: Constellation, times: np.ndarray) -> str:
     """Return the legend text of a histogram of times (k,), s: setting of the duration, count and median."""
     word = result.study.settings.get("trajectory.duration_s", "stretched")
     return f"{word}: {len(times)} satellites,\nmedian {np.median(times):.1f} s"

@@ -20,9 +20,9 @@ from jaxplan.plotting.target_spans import followings
 from jaxplan.runtime.display import shown
 from jaxplan.timeline.record import TimelinePlan
 
-_INSTANTS = 3072  # approximate number of instants of a day, if it has fewer segments than a quarter of this
-_FEWEST = 4  # least number of instants of a segment
-_OF_SLEWS, _MOST_OF_SLEW = 3072, 24  # instants shared out evenly among slews; most that one slew gets of them
+_INSTANTS_PER_DAY = 3072  # approximately, if a day has fewer segments than a quarter of this
+_MIN_PER_SEGMENT = 4  # instants of a segment at least
+_SLEW_INSTANTS, _MAX_PER_SLEW = 3072, 24  # instants shared out evenly among slews; most of one slew
 
 
 @shown("status", "message", heading="Plan of {0.scenario.name}")
@@ -75,12 +75,14 @@ def as_plan(plan: Plan | TimelinePlan) -> Plan:
         goal=goal,
         trajectory=trajectory,
         certificate=plan.certificate,
-        instants=np.zeros(1) if trajectory is None else _within(instants(plan.segments), trajectory.duration),
+        instants=np.zeros(1)
+        if trajectory is None
+        else _clip_times_to_end(instants(plan.segments), trajectory.duration),
         followed=tuple((one.device, one.start, one.end) for one in followings(plan)),
     )
 
 
-def _within(times: np.ndarray, end: float) -> np.ndarray:
+def _clip_times_to_end(times: np.ndarray, end: float) -> np.ndarray:
     """Clip times to [0, end], s, since rounding may take them beyond, and return them sorted, each once."""
     return np.unique(np.clip(times, 0.0, end))
 
@@ -89,10 +91,10 @@ def instants(segments: Sequence[Segment]) -> np.ndarray:
     """Choose the times (k,) s at which a day is drawn: both ends of each segment, and some between."""
     spans = np.array([segment.end - segment.start for segment in segments])
     whole = max(float(np.sum(spans)), np.finfo(float).tiny)
-    each = _INSTANTS / 2 / len(spans) + _INSTANTS / 2 * spans / whole
+    each = _INSTANTS_PER_DAY / 2 / len(spans) + _INSTANTS_PER_DAY / 2 * spans / whole
     slews = np.array([segment.kind == "slew" for segment in segments])
-    of_slew = min(_OF_SLEWS // max(int(np.sum(slews)), 1), _MOST_OF_SLEW)
-    counts = np.maximum(np.where(slews, max(of_slew, _FEWEST), _FEWEST), each.astype(int))
+    of_slew = min(_SLEW_INSTANTS // max(int(np.sum(slews)), 1), _MAX_PER_SLEW)
+    counts = np.maximum(np.where(slews, max(of_slew, _MIN_PER_SEGMENT), _MIN_PER_SEGMENT), each.astype(int))
     inner = [
         np.linspace(segment.start, segment.end, count, endpoint=False)
         for segment, count in zip(segments, counts, strict=True)

@@ -15,38 +15,40 @@ from jaxplan.geometry.vectors import pointing
 from jaxplan.model.gimbals import TURN
 from jaxplan.model.spacecraft import Spacecraft
 
-_TO_A_SIDE = 0.2  # length of the mean of all directions that a device reaches, below which it tells no side
-_APART = 0.6  # half edges between the feet of two devices at least, where there is room
-_ASIDE = 0.65  # half edges from a foot to the places beside it that are tried
+_MIN_MEAN_LENGTH = 0.2  # of all directions that a device reaches; a shorter mean tells no side
+_MIN_FOOT_DISTANCE = 0.6  # half edges between the feet of two devices at least, where there is room
+_SIDE_STEP = 0.65  # half edges from a foot to the places beside it that are tried
 
 
 def feet(craft: Spacecraft) -> np.ndarray:
     """Choose the points (D, 3) on the surface of the cube at which the D devices are drawn, in body axes."""
     taken: list[np.ndarray] = []
-    for wanted in _sides(craft):
-        places = [_places(side) for side in wanted]
+    for wanted in _rank_sides(craft):
+        places = [_foot_places(side) for side in wanted]
         every = [*(own[0] for own in places), *(place for own in places for place in own[1:])]
-        free = [place for place in every if all(np.linalg.norm(place - one) > _APART for one in taken)]
+        free = [
+            place for place in every if all(np.linalg.norm(place - one) > _MIN_FOOT_DISTANCE for one in taken)
+        ]
         taken.append((free or every)[0])
     return np.array(taken).reshape(-1, 3)
 
 
-def _sides(craft: Spacecraft) -> list[list[np.ndarray]]:
+def _rank_sides(craft: Spacecraft) -> list[list[np.ndarray]]:
     """Return for each device the sides on which it may stand, best first: directions (3,) in body axes."""
     frames, ranges = craft.gimbals.frames, craft.joint_ranges
     n, found = len(craft.terminals), list[list[np.ndarray]]()
     for number in range(n):
-        middle = frames[number] @ _middle(ranges[number], ranges[n + number])
-        found.append([middle if np.linalg.norm(middle) > _TO_A_SIDE else frames[number, :, 0]])
+        middle = frames[number] @ _mean_boresight(ranges[number], ranges[n + number])
+        found.append([middle if np.linalg.norm(middle) > _MIN_MEAN_LENGTH else frames[number, :, 0]])
     for place, drive in enumerate(craft.drives):
         tilt = craft.gimbals.tilts[place]
-        middle = frames[n + place] @ _middle(ranges[2 * n + place], np.array([tilt, tilt]))
+        middle = frames[n + place] @ _mean_boresight(ranges[2 * n + place], np.array([tilt, tilt]))
         axis = np.asarray(drive.axis, float)
-        found.append([middle] if np.linalg.norm(middle) > _TO_A_SIDE else [axis, -axis])
+        found.append([middle] if np.linalg.norm(middle) > _MIN_MEAN_LENGTH else [axis, -axis])
     return found + [[boresight] for boresight in craft.fixed_boresights]
 
 
-def _middle(yaws: np.ndarray, pitches: np.ndarray) -> np.ndarray:
+def _mean_boresight(yaws: np.ndarray, pitches: np.ndarray) -> np.ndarray:
     """Average the boresights over ranges (2,) of yaw and pitch, rad.
 
     Returns the mean (3,) in mount axes, whose length is less than one. Of a range of yaw of a turn or more
@@ -58,13 +60,13 @@ def _middle(yaws: np.ndarray, pitches: np.ndarray) -> np.ndarray:
     return mean
 
 
-def _places(side: np.ndarray) -> list[np.ndarray]:
+def _foot_places(side: np.ndarray) -> list[np.ndarray]:
     """Return points (3,) of the surface where a device may stand: in the direction `side`, then beside it."""
     foot = side / np.max(np.abs(side))
     across = [axis for axis in np.eye(3) if abs(axis @ foot) < 1]
     beside = []
     for shares in product((0, 1, -1), repeat=len(across)):
-        moved = foot + _ASIDE * sum(
+        moved = foot + _SIDE_STEP * sum(
             (share * axis for share, axis in zip(shares, across, strict=True)), 0 * foot
         )
         beside.append(np.clip(moved, -1, 1))

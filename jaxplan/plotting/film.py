@@ -47,13 +47,13 @@ from jaxplan.timeline.record import TimelinePlan
 
 SIZE = (6.8, 5.6)  # inches
 
-_PLAY = 8.0  # s: playing time of a film, however long the manoeuvre
-_PLAYER = 120  # most pictures in the player that a notebook shows
-_COLOURS = 64  # colours of a picture in a player: a quarter of the bytes, and no difference to be seen
-_LARGEST = 200.0  # MB: limit given to matplotlib for all pictures of a player, before colours are reduced
-_STILLS, _VIDEOS = (".gif", ".png", ".webp"), (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi")
-_BODY = np.array([0.15, 0.15, 0.19])  # half edges of the platform, in radii of the sphere
-_PALEST, _DARKEST = 0.93, 0.62  # grey levels of the platform's faces: facing the eye, and edgewise
+_PLAYING_TIME = 8.0  # s: playing time of a film, however long the manoeuvre
+_MAX_PLAYER_FRAMES = 120  # most pictures in the player that a notebook shows
+_COLOUR_COUNT = 64  # colours of a picture in a player: a quarter of the bytes, and no difference to be seen
+_EMBED_LIMIT = 200.0  # MB: limit given to matplotlib for all pictures of a player, before colours are reduced
+_IMAGE_ENDINGS, _VIDEO_ENDINGS = (".gif", ".png", ".webp"), (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi")
+_HALF_EDGES = np.array([0.15, 0.15, 0.19])  # half edges of the platform, in radii of the sphere
+_LIGHTEST_GREY, _DARKEST_GREY = 0.93, 0.62  # of the platform's faces: facing the eye, and edgewise
 
 
 def animate(
@@ -120,7 +120,9 @@ class Film(FuncAnimation):
 
     def __init__(self, figure: Figure, picture: "_Picture", instants: np.ndarray) -> None:
         self.figure, self.picture, self.instants = figure, picture, instants
-        super().__init__(figure, picture, frames=instants, interval=1000 * _PLAY / len(instants), blit=True)
+        super().__init__(
+            figure, picture, frames=instants, interval=1000 * _PLAYING_TIME / len(instants), blit=True
+        )
         figure.film = self  # type: ignore[attr-defined]  # else it stops where nobody else keeps it
 
     @property
@@ -154,8 +156,8 @@ class Film(FuncAnimation):
             OSError: if the file cannot be written there, such as where the name is that of a folder.
         """
         target = Path(filename)
-        writer = _writer(target) if writer is None else writer
-        _check_place(target)
+        writer = _choose_writer(target) if writer is None else writer
+        _check_writable(target)
         bar_shown = "progress_callback" not in settings
         with (
             progress_bar("film", "pictures", total=len(self.instants), shown=bar_shown) as bar,
@@ -166,27 +168,27 @@ class Film(FuncAnimation):
 
     def to_jshtml(self, *arguments: Any, **settings: Any) -> str:
         """Return an HTML player with all pictures in it; arguments are those of matplotlib's method."""
-        with mpl.rc_context({"animation.embed_limit": _LARGEST}):
+        with mpl.rc_context({"animation.embed_limit": _EMBED_LIMIT}):
             return re.sub(
-                r'(data:image/png;base64,)([^"]+)', _smaller, super().to_jshtml(*arguments, **settings)
+                r'(data:image/png;base64,)([^"]+)', _reduce_colours, super().to_jshtml(*arguments, **settings)
             )
 
     def _repr_html_(self) -> str:
         """Return the player for a notebook; of a long film it shows only every n-th picture."""
-        step = -(-len(self.instants) // _PLAYER)
+        step = -(-len(self.instants) // _MAX_PLAYER_FRAMES)
         if step == 1:
             return self.to_jshtml()
         return Film(self.figure, self.picture, self.instants[::step]).to_jshtml()
 
 
-def _writer(target: Path) -> str:
+def _choose_writer(target: Path) -> str:
     """Choose matplotlib's writer by the ending of a file's name; raises as `Film.save` does."""
     suffix = target.suffix.lower()
-    if suffix in _STILLS:
+    if suffix in _IMAGE_ENDINGS:
         return "pillow"
-    if suffix not in _VIDEOS:
+    if suffix not in _VIDEO_ENDINGS:
         ending = f"ends in {suffix!r}" if suffix else "has no ending"
-        known = ", ".join((*_STILLS, *_VIDEOS))
+        known = ", ".join((*_IMAGE_ENDINGS, *_VIDEO_ENDINGS))
         raise ValueError(f"{target} {ending}: the name of a film must end in one of {known}")
     if not FFMpegWriter.isAvailable():
         raise RuntimeError(
@@ -196,7 +198,7 @@ def _writer(target: Path) -> str:
     return "ffmpeg"
 
 
-def _check_place(target: Path) -> None:
+def _check_writable(target: Path) -> None:
     """Raise an OSError if a file cannot be written, before drawing takes minutes."""
     if target.is_dir():
         raise IsADirectoryError(f"{target} is a folder: a film needs the name of a file")
@@ -207,7 +209,7 @@ def _check_place(target: Path) -> None:
         raise PermissionError(f"{target} cannot be written: there is no permission to write to {folder}")
 
 
-def _smaller(found: re.Match[str]) -> str:
+def _reduce_colours(found: re.Match[str]) -> str:
     """Reduce the colours of a PNG picture so that it takes fewer bytes.
 
     Args:
@@ -218,7 +220,7 @@ def _smaller(found: re.Match[str]) -> str:
     """
     picture = Image.open(io.BytesIO(base64.b64decode(found[2].replace("\\\n", ""))))
     file = io.BytesIO()
-    picture.convert("RGB").quantize(_COLOURS).save(file, "png")
+    picture.convert("RGB").quantize(_COLOUR_COUNT).save(file, "png")
     return found[1] + base64.b64encode(file.getvalue()).decode()
 
 
@@ -238,7 +240,7 @@ class _Picture:
         self.moving: list[Artist] = []  # artists of moving zones
         craft = plan.scenario.spacecraft
         self.margins = [margin.values for margin in margins_over_time(plan.scenario, moves)]
-        self.feet = feet(craft) * _BODY
+        self.feet = feet(craft) * _HALF_EDGES
         self.faces = PolyCollection([], edgecolor="0.35", linewidth=0.8, zorder=2.7)
         axes.add_collection(self.faces, autolim=False)
         looks = [device_style(device) for device in range(len(self.feet))]
@@ -266,7 +268,7 @@ class _Picture:
             self.beams[device].set(alpha=1.0 if near[device] else 0.5, zorder=2.8 if front[device] else 2.6)
             self.spots[device].set_data(*ends[1:].T)
             self.spots[device].set_alpha(1.0 if near[device] else 0.45)
-        self.clock.set_text(self._words(number))
+        self.clock.set_text(self._describe_instant(number))
         self._move_zones(float(self.motion.times[number]))
         return [*self.moving, self.faces, *chain(*self.trails), *self.beams, *self.spots, self.clock]
 
@@ -282,18 +284,18 @@ class _Picture:
         """Draw the faces of the platform that the eye sees at an attitude (3, 3), body to inertial."""
         corners, shades = [], []
         for axis, side in product(range(3), (-1, 1)):
-            middle, first, second = np.roll(np.eye(3), -axis, axis=0) * _BODY
+            middle, first, second = np.roll(np.eye(3), -axis, axis=0) * _HALF_EDGES
             facing = float(self.view.depth(side * np.eye(3)[axis] @ attitude.T))
             if facing > 0:
                 square = [
                     side * middle + i * first + j * second for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1))
                 ]
                 corners.append(self.view.project(np.array(square) @ attitude.T))
-                shades.append(to_rgb(str(_DARKEST + (_PALEST - _DARKEST) * facing)))
+                shades.append(to_rgb(str(_DARKEST_GREY + (_LIGHTEST_GREY - _DARKEST_GREY) * facing)))
         self.faces.set_verts(corners)
         self.faces.set_facecolor(shades)
 
-    def _words(self, number: int) -> str:
+    def _describe_instant(self, number: int) -> str:
         """Return the time and the smallest margin of any device at the motion's time of an index, as text."""
         times = self.motion.times
         words = f"{times[number]:.1f} of {times[-1]:.1f} s"

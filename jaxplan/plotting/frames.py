@@ -20,9 +20,9 @@ from jaxplan.plotting.projections import GlobeView
 from jaxplan.runtime.arguments import expect_any
 from jaxplan.sky.orbits import EARTH_RADIUS
 
-_UPRIGHT = np.array([1.0, -1.0, -1.0])  # signs that turn the frame's axes to x ahead, y left, z to the zenith
+_ZENITH_UP_SIGNS = np.array([1.0, -1.0, -1.0])  # to turn the frame's axes to x ahead, y left, z to the zenith
 
-_FASTEST = 1.2e-3  # rad/s: rate at which the frame of a spacecraft in low orbit turns
+_LOW_ORBIT_RATE = 1.2e-3  # rad/s: rate at which the frame of a spacecraft in low orbit turns
 
 
 class Inertial:
@@ -87,7 +87,7 @@ class Orbital(Inertial):
     @property
     def rate(self) -> float:
         """Estimated rate, rad/s, at which a direction that is fixed in space turns in this frame."""
-        return _FASTEST
+        return _LOW_ORBIT_RATE
 
     def end(self, plan: Plan) -> float:
         """Return when a plan's motion ends, s; 0 without a trajectory."""
@@ -125,22 +125,22 @@ class Orbital(Inertial):
 
     def view(self, azimuth: float, elevation: float) -> GlobeView:
         """Return the globe, zenith up, seen from an azimuth and elevation of the eye in the frame, rad."""
-        return _over(GlobeView.from_angles(-azimuth, -elevation))
+        return _to_orbital_view(GlobeView.from_angles(-azimuth, -elevation))
 
     def facing(self, directions: np.ndarray) -> GlobeView:
         """Return the globe, zenith up, turned so that most directions (k, 3) in the frame are in front."""
-        return _over(GlobeView.facing(directions * _UPRIGHT))
+        return _to_orbital_view(GlobeView.facing(directions * _ZENITH_UP_SIGNS))
 
 
 INERTIAL = Inertial()
 
 
-def _over(view: GlobeView) -> GlobeView:
+def _to_orbital_view(view: GlobeView) -> GlobeView:
     """Convert a view in axes with z to the zenith to a view for directions in the orbital frame."""
     left, above = np.rad2deg(azimuth_elevation(view.axes[2]))
     where = "below" if above < 0 else "above"
     told = f"seen from azimuth {0 - left:.0f}, {abs(above):.0f} deg {where} the horizontal"
-    return GlobeView(view.axes * _UPRIGHT, f"{told} (orbital frame, zenith up)")
+    return GlobeView(view.axes * _ZENITH_UP_SIGNS, f"{told} (orbital frame, zenith up)")
 
 
 def frame_of(plan: Plan, frame: object, observer: object) -> Inertial:

@@ -53,22 +53,22 @@ from jaxplan.sky.ground import geodetic, surface_point
 from jaxplan.timeline.record import TimelinePlan
 
 GROUND_SIZE = (WIDTH, 4.4)  # inches
-_WAY: Look = {"color": "black", "linewidth": 1.0, "zorder": 2.5}
-_START: Look = {"marker": "*", "markersize": 11, "linestyle": "none", "color": "black"}
-_END: Look = {"marker": "s", "markersize": 8, "linestyle": "none", "fillstyle": "none", "color": "black"}
-_SITE: Look = {"marker": "^", "markersize": 7, "linestyle": "none", "color": "#1B7837", "zorder": 4.5}
+_TRACK_LINE: Look = {"color": "black", "linewidth": 1.0, "zorder": 2.5}
+_START_MARK: Look = {"marker": "*", "markersize": 11, "linestyle": "none", "color": "black"}
+_END_MARK: Look = {"marker": "s", "markersize": 8, "linestyle": "none", "fillstyle": "none", "color": "black"}
+_SITE_MARK: Look = {"marker": "^", "markersize": 7, "linestyle": "none", "color": "#1B7837", "zorder": 4.5}
 _LAND: Look = {"facecolor": "#EFE6D3", "edgecolor": "none", "zorder": 0.3}
 _COAST: Look = {"color": "0.55", "linewidth": 0.6, "zorder": 0.5}
 _NIGHT: Look = {"facecolor": "black", "alpha": 0.13}
-_REGION = np.array([120.0, 80.0])  # deg: largest extents in longitude and latitude of a map of a region
-_NEAR = 80.0  # deg: width of the map in longitude, below which the finer coasts are drawn
-_LEAST, _PAD = 8.0, 0.12  # of a region: its least extent, deg, and fraction of it that is added to each side
-_SAMPLES = 65  # lines of sight by which a place on the ground is found
-_OFF = 1.0  # km: distance by which these may miss it
-_ALTITUDES = (-10.0, 100.0)  # km: range of heights above the ellipsoid in which it may lie
-_PARALLAX = 1e-6  # least eigenvalue of the mean projection across them, below which they are nearly parallel
-_GRID = 0.5  # deg: step of the grid on which the night is computed
-_LETTER, _GAP = 0.075, 0.09  # inches: width of a letter, at most, and between a mark's middle and its name
+_MAX_REGION = np.array([120.0, 80.0])  # deg: largest extents in longitude and latitude of a map of a region
+_FINE_COAST_WIDTH = 80.0  # deg: width of the map in longitude, below which the finer coasts are drawn
+_MIN_EXTENT, _PADDING = 8.0, 0.12  # of a region: deg, and fraction of its extent added to each side
+_SIGHT_LINES = 65  # lines of sight by which a place on the ground is found
+_MAX_MISS = 1.0  # km: distance by which these may miss it
+_GROUND_HEIGHTS = (-10.0, 100.0)  # km: range of heights above the ellipsoid in which it may lie
+_MIN_PARALLAX = 1e-6  # least eigenvalue of the mean projection across them; below, they are nearly parallel
+_NIGHT_STEP = 0.5  # deg: step of the grid on which the night is computed
+_LETTER_WIDTH, _NAME_GAP = 0.075, 0.09  # inches: of a letter, at most; between a mark's middle and its name
 
 
 class _Site(NamedTuple):
@@ -117,18 +117,18 @@ def ground_track(
     tidy(axes)
     axes.spines[["top", "right"]].set_visible(True)
     to_earth = gcrs_to_earth(orbit.epoch, moves.times)
-    there = _places(orbit, moves.times, to_earth)
-    below = _on_map(there)
+    there = _earth_fixed_positions(orbit, moves.times, to_earth)
+    below = _to_geodetic(there)
     looks = np.einsum("kij,kdj->kdi", to_earth, moves.boresights)
-    meets = _on_map(surface_point(there[:, None], looks))
-    entries: Entries = [(Line2D([], [], **_WAY), "below the spacecraft")]
-    axes.plot(*cut(over_poles(below)).T, **_WAY)
+    meets = _to_geodetic(surface_point(there[:, None], looks))
+    entries: Entries = [(Line2D([], [], **_TRACK_LINE), "below the spacecraft")]
+    axes.plot(*cut(over_poles(below)).T, **_TRACK_LINE)
     missing, n, spans, left_out = [], len(craft.terminals), followed(plan), crowded(plan)
     for device, name in enumerate(craft.device_names):
         if n <= device < n + len(craft.drives):
             continue
         track, look = meets[:, device], {**(BETWEEN if spans else TRACK), **device_style(device)}
-        share = _share(moves.times, np.isfinite(track[:, 0]))
+        share = _time_share(moves.times, np.isfinite(track[:, 0]))
         if share == 0:
             missing.append(name)
             continue
@@ -137,29 +137,29 @@ def ground_track(
         for _, start, end in (span for span in spans if span[0] == device):
             bold = track[(moves.times >= start) & (moves.times <= end)]
             axes.plot(*cut(over_poles(bold)).T, color=look["color"], **FOLLOWED)
-        told = "" if share == 1 else f",\nmeets the Earth\n{_percent(share)} of the time"
+        told = "" if share == 1 else f",\nmeets the Earth\n{_format_percent(share)} of the time"
         entries.append((Line2D([], [], **look), f"{name}{told}"))
     entries += followed_entry(plan)
     if missing:
         entries.append(
             (Line2D([], [], linestyle="none"), "\n".join(["past the Earth all the time:", *missing]))
         )
-    for mark, place, word in ((_START, below[0], "start"), (_END, below[-1], "end")):
+    for mark, place, word in ((_START_MARK, below[0], "start"), (_END_MARK, below[-1], "end")):
         axes.plot(*place[:, None], zorder=4, **mark)
         entries.append((Line2D([], [], **mark), word))
-    sites = list(_sites(day or plan, plan, orbit))
+    sites = list(_find_sites(day or plan, plan, orbit))
     for site in sites:
-        axes.plot(*site.place[:, None], **_SITE)
+        axes.plot(*site.place[:, None], **_SITE_MARK)
     if sites:
-        entries.append((Line2D([], [], **_SITE), "target on the ground"))
+        entries.append((Line2D([], [], **_SITE_MARK), "target on the ground"))
     drawn = [below, *np.moveaxis(meets, 1, 0), *(site.place[None] for site in sites)]
-    _limit(axes, np.concatenate([points[np.isfinite(points[:, 0])] for points in drawn]))
+    _set_map_limits(axes, np.concatenate([points[np.isfinite(points[:, 0])] for points in drawn]))
     _draw_land(axes)
-    _name(axes, sites, np.concatenate(drawn))
+    _name_sites(axes, sites, np.concatenate(drawn))
     middle = float(moves.times[-1]) / 2
     if _draw_night(axes, orbit, middle):
-        entries.append((Patch(**_NIGHT), f"night at {_clock(orbit.epoch, middle)}"))
-    span = f"{_stamp(orbit.epoch, 0.0)} to {_clock(orbit.epoch, float(moves.times[-1]))} UTC"
+        entries.append((Patch(**_NIGHT), f"night at {_format_clock(orbit.epoch, middle)}"))
+    span = f"{_format_utc(orbit.epoch, 0.0)} to {_format_clock(orbit.epoch, float(moves.times[-1]))} UTC"
     plain(axes.set_title(f"{plan.scenario.name}: ground track\n{span}", fontsize=TEXT + 1, loc="left"))
     axes.set_xlabel("longitude, to the east (deg)", fontsize=TEXT)
     axes.set_ylabel("geodetic latitude (deg)", fontsize=TEXT)
@@ -168,7 +168,7 @@ def ground_track(
     return axes
 
 
-def _places(orbit: Orbital, times: np.ndarray, to_earth: np.ndarray) -> np.ndarray:
+def _earth_fixed_positions(orbit: Orbital, times: np.ndarray, to_earth: np.ndarray) -> np.ndarray:
     """Return the spacecraft's positions (k, 3), km, in axes fixed to the Earth.
 
     Args:
@@ -180,13 +180,13 @@ def _places(orbit: Orbital, times: np.ndarray, to_earth: np.ndarray) -> np.ndarr
     return np.asarray(np.einsum("kij,kj->ki", to_earth, there))
 
 
-def _on_map(places: np.ndarray) -> np.ndarray:
+def _to_geodetic(places: np.ndarray) -> np.ndarray:
     """Return longitude and geodetic latitude (..., 2) deg of places (..., 3) km; NaN where they are NaN."""
     latitude, longitude, _ = geodetic(places)
     return np.rad2deg(np.stack([longitude, latitude], axis=-1))
 
 
-def _share(times: np.ndarray, there: np.ndarray) -> float:
+def _time_share(times: np.ndarray, there: np.ndarray) -> float:
     """Return the fraction of time in which something is there, given whether it is at times (k,) s."""
     if len(times) == 1 or np.all(there) or not np.any(there):
         return float(np.mean(there))
@@ -194,13 +194,13 @@ def _share(times: np.ndarray, there: np.ndarray) -> float:
     return float(np.sum(both * np.diff(times)) / (times[-1] - times[0]))
 
 
-def _percent(share: float) -> str:
+def _format_percent(share: float) -> str:
     """Return a fraction between 0 and 1 as text in percent that is never rounded to 0 or 100 %."""
     percent = 100 * share
     return "less than 1 %" if percent < 1 else "over 99 %" if percent > 99 else f"{percent:.0f} %"
 
 
-def _sites(asked: Plan | TimelinePlan, plan: Plan, orbit: Orbital) -> Iterator[_Site]:
+def _find_sites(asked: Plan | TimelinePlan, plan: Plan, orbit: Orbital) -> Iterator[_Site]:
     """Yield the targets of a plan or a timeline that are places on the ground, each once.
 
     Args:
@@ -210,8 +210,8 @@ def _sites(asked: Plan | TimelinePlan, plan: Plan, orbit: Orbital) -> Iterator[_
     """
     assert plan.trajectory is not None
     seen: set[str] = set()
-    for name, path in _targets(asked):
-        place = _ground(path, orbit, plan.trajectory.duration) if path.moves else None
+    for name, path in _find_targets(asked):
+        place = _find_ground_place(path, orbit, plan.trajectory.duration) if path.moves else None
         if place is None:
             continue
         key = name or show(np.round(place, 2).tolist())
@@ -220,7 +220,7 @@ def _sites(asked: Plan | TimelinePlan, plan: Plan, orbit: Orbital) -> Iterator[_
             yield _Site(name, place)
 
 
-def _targets(asked: Plan | TimelinePlan) -> Iterator[tuple[str, DirectionPath]]:
+def _find_targets(asked: Plan | TimelinePlan) -> Iterator[tuple[str, DirectionPath]]:
     """Yield all targets of a plan or a timeline with their names, which may be empty, each path once."""
     if isinstance(asked, TimelinePlan):
         every = [one.targets for one in asked.timeline.activities if one.targets is not None]
@@ -231,7 +231,7 @@ def _targets(asked: Plan | TimelinePlan) -> Iterator[tuple[str, DirectionPath]]:
     yield from ((path.target, path) for path in paths.values())
 
 
-def _ground(path: DirectionPath, orbit: Orbital, duration: float) -> np.ndarray | None:
+def _find_ground_place(path: DirectionPath, orbit: Orbital, duration: float) -> np.ndarray | None:
     """Find the place on the ground, (2,) longitude and latitude in deg, at which all lines of sight meet.
 
     It is the point nearest to all lines by least squares. From a place that hardly moves over the ground, as
@@ -244,16 +244,16 @@ def _ground(path: DirectionPath, orbit: Orbital, duration: float) -> np.ndarray 
         duration: s, of the plan.
 
     Returns:
-        The place; None if the lines miss it by more than `_OFF`, or its height is not that of the ground.
+        The place; None if lines miss it by more than `_MAX_MISS`, or its height is not that of the ground.
     """
     first, last = max(0.0, float(path.times[0])), min(duration, float(path.times[-1]))
-    times = np.linspace(first, max(first, last), _SAMPLES)
+    times = np.linspace(first, max(first, last), _SIGHT_LINES)
     to_earth = gcrs_to_earth(orbit.epoch, times)
-    there = _places(orbit, times, to_earth)
+    there = _earth_fixed_positions(orbit, times, to_earth)
     along = np.einsum("kij,kj->ki", to_earth, np.asarray(path.at(times)))
     across = np.eye(3) - along[:, :, None] * along[:, None, :]
     total = np.sum(across, axis=0)
-    if np.linalg.eigvalsh(total)[0] < _PARALLAX * len(times):
+    if np.linalg.eigvalsh(total)[0] < _MIN_PARALLAX * len(times):
         place = surface_point(there[0], along[0])
     else:
         place = np.linalg.solve(total, np.einsum("kij,kj->i", across, there))
@@ -261,17 +261,17 @@ def _ground(path: DirectionPath, orbit: Orbital, duration: float) -> np.ndarray 
         return None
     misses = np.linalg.norm(np.einsum("kij,kj->ki", across, place - there), axis=-1)
     height = float(geodetic(place)[2])
-    near = np.max(misses) <= _OFF and _ALTITUDES[0] <= height <= _ALTITUDES[1]
-    return _on_map(place) if near else None
+    near = np.max(misses) <= _MAX_MISS and _GROUND_HEIGHTS[0] <= height <= _GROUND_HEIGHTS[1]
+    return _to_geodetic(place) if near else None
 
 
-def _limit(axes: Axes, points: np.ndarray) -> None:
+def _set_map_limits(axes: Axes, points: np.ndarray) -> None:
     """Set the limits of the axes to the whole Earth, or to a region that holds all points (k, 2) deg."""
     low, high = np.min(points, axis=0), np.max(points, axis=0)
-    if np.any(high - low > _REGION):
+    if np.any(high - low > _MAX_REGION):
         axes.set(xlim=(-180, 180), ylim=(-90, 90), xticks=range(-180, 181, 60), yticks=range(-90, 91, 30))
         return
-    middle, half = (low + high) / 2, np.maximum(high - low, _LEAST) * (0.5 + _PAD)
+    middle, half = (low + high) / 2, np.maximum(high - low, _MIN_EXTENT) * (0.5 + _PADDING)
     narrow = np.cos(np.deg2rad(middle[1]))  # a degree of longitude, in degrees of latitude
     half[0] = max(half[0], half[1] * 1.3 / narrow)
     half[1] = max(half[1], half[0] * narrow / 2.2)
@@ -284,12 +284,12 @@ def _limit(axes: Axes, points: np.ndarray) -> None:
 def _draw_land(axes: Axes) -> None:
     """Draw land and coasts within the limits of the axes, with the finer outlines if the region is small."""
     low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
-    file = FINE if high[0] - low[0] < _NEAR else FILE
+    file = FINE if high[0] - low[0] < _FINE_COAST_WIDTH else FILE
     axes.add_collection(PolyCollection(within(land(file), low, high), **_LAND), autolim=False)
     axes.add_collection(LineCollection(within(coasts(file), low, high), **_COAST), autolim=False)
 
 
-def _name(axes: Axes, sites: Sequence[_Site], drawn: np.ndarray) -> None:
+def _name_sites(axes: Axes, sites: Sequence[_Site], drawn: np.ndarray) -> None:
     """Write the names of sites beside their marks, where they cover as little as possible.
 
     A name ends or begins right at its mark; a line leads to a name that stands diagonally off its mark.
@@ -304,8 +304,8 @@ def _name(axes: Axes, sites: Sequence[_Site], drawn: np.ndarray) -> None:
     scale = np.array([(right - left) / width, (high - low) / height])
     labels = Labels(drawn[np.isfinite(drawn[:, 0])], [(site.place, 0.12 * scale) for site in sites])
     for site in sites:
-        size = np.array([_LETTER * len(site.name), 0.15]) * scale
-        away = size / 2 + _GAP * scale
+        size = np.array([_LETTER_WIDTH * len(site.name), 0.15]) * scale
+        away = size / 2 + _NAME_GAP * scale
         around = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)]
         inside = np.array([right - left, high - low]) / 2 - size / 2
         middle = np.array([right + left, high + low]) / 2
@@ -318,17 +318,17 @@ def _name(axes: Axes, sites: Sequence[_Site], drawn: np.ndarray) -> None:
         near = spot - side * (size / 2 * (1, 0))  # end of the box: the text may be shorter than it
         if np.all(side != 0):
             ends = np.stack([site.place, near - side * (0, 1) * size / 4])
-            axes.plot(*ends.T, color=_SITE["color"], linewidth=0.7, zorder=4.4)
+            axes.plot(*ends.T, color=_SITE_MARK["color"], linewidth=0.7, zorder=4.4)
         own: Look = {**HALO, "ha": {1: "left", 0: "center", -1: "right"}[int(side[0])]}
         across, up = near.tolist()
-        plain(axes.text(across, up, site.name, fontsize=SMALL, color=_SITE["color"], zorder=4.6, **own))
+        plain(axes.text(across, up, site.name, fontsize=SMALL, color=_SITE_MARK["color"], zorder=4.6, **own))
 
 
 def _draw_night(axes: Axes, orbit: Orbital, time: float) -> bool:
     """Fill where the Sun's centre is below the horizon at a time, s; returns whether that is anywhere."""
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    east = np.arange(np.floor(left), np.ceil(right) + _GRID, _GRID)
-    north = np.clip(np.arange(np.floor(low), np.ceil(high) + _GRID, _GRID), -90, 90)
+    east = np.arange(np.floor(left), np.ceil(right) + _NIGHT_STEP, _NIGHT_STEP)
+    north = np.clip(np.arange(np.floor(low), np.ceil(high) + _NIGHT_STEP, _NIGHT_STEP), -90, 90)
     up = np.asarray(pointing(*np.deg2rad(np.meshgrid(east, north))))
     sun = sky.directions("sun", epoch=orbit.epoch, observer="earth", times=time)
     height = up @ (gcrs_to_earth(orbit.epoch, np.asarray(time)) @ sun)
@@ -345,13 +345,13 @@ def has_tracks(plan: Plan | TimelinePlan, observer: sky.Satellite | None) -> boo
     return known and find_spec("erfa") is not None
 
 
-def _stamp(epoch: np.datetime64, time: float) -> str:
+def _format_utc(epoch: np.datetime64, time: float) -> str:
     """Return the date and time in UTC, to a second, at a time in s after an epoch."""
     instant = epoch.astype("datetime64[ms]") + np.timedelta64(round(1e3 * time), "ms")
     return str(np.datetime_as_string(instant, unit="s")).replace("T", " ")
 
 
-def _clock(epoch: np.datetime64, time: float) -> str:
-    """Return the time of day in UTC as `_stamp` does, with the date where it differs from the epoch's."""
-    stamp, first = _stamp(epoch, time), _stamp(epoch, 0.0)
+def _format_clock(epoch: np.datetime64, time: float) -> str:
+    """Return the time of day in UTC as `_format_utc` does, with the date if it differs from the epoch's."""
+    stamp, first = _format_utc(epoch, time), _format_utc(epoch, 0.0)
     return stamp[11:] if stamp[:10] == first[:10] else stamp

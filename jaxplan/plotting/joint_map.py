@@ -39,19 +39,19 @@ from jaxplan.plotting.style import (
 )
 from jaxplan.plotting.tube import band_entry, draw_squares
 
-_PANEL = (WIDTH, 2.6)  # inches: width and height of a terminal's panel
+_PANEL_SIZE = (WIDTH, 2.6)  # inches: width and height of a terminal's panel
 _MASK: Look = {"facecolor": "#B2182B22", "edgecolor": KEEP_OUT, "linewidth": 1.1, "zorder": 1.6}
 _RANGE: Look = {"fill": False, "edgecolor": GREY, "linewidth": 1.0, "zorder": 1.5}
-_START: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgecolor": "white"}
-_END: Look = {
+_START_MARK: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgecolor": "white"}
+_END_MARK: Look = {
     "marker": "s",
     "markersize": 10,
     "linestyle": "none",
     "fillstyle": "none",
     "markeredgewidth": 1.8,
 }
-_NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
-_EDGE = np.linspace(0, 1, 33)[:-1, None]  # positions of an outline's points along an edge of the field
+_NODE_MARK: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
+_EDGE_FRACTIONS = np.linspace(0, 1, 33)[:-1, None]  # of an outline's points along an edge of the field
 
 
 def joint_map(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
@@ -76,15 +76,15 @@ def joint_map(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axe
         raise ValueError(
             f"the spacecraft of {plan.scenario.name!r} has no terminals, whose joints would be drawn"
         )
-    found = panels(ax, count, (_PANEL[0], 0.8 + _PANEL[1] * count), shared=False)
+    found = panels(ax, count, (_PANEL_SIZE[0], 0.8 + _PANEL_SIZE[1] * count), shared=False)
     for number, axes in enumerate(found):
-        _draw(axes, plan, number)
+        _draw_map(axes, plan, number)
     if legend:
         legend_beside(found[0], _entries(plan))
     return found
 
 
-def _draw(axes: Axes, plan: Plan, number: int) -> None:
+def _draw_map(axes: Axes, plan: Plan, number: int) -> None:
     """Draw the map of terminal `number`."""
     craft, colour = plan.scenario.spacecraft, device_style(number)["color"]
     own = [number, number + len(craft.terminals)]
@@ -103,10 +103,10 @@ def _draw(axes: Axes, plan: Plan, number: int) -> None:
         if plan.scenario.robust is not None:
             draw_squares(axes, track, float(np.rad2deg(plan.scenario.robust.joint_error)), colour)
     if plan.path is not None:
-        axes.plot(*np.rad2deg(plan.path.joints[:, own]).T, color=colour, zorder=3.2, **_NODE)
-    for look, state in ((_START, plan.scenario.start), (_END, plan.goal)):
+        axes.plot(*np.rad2deg(plan.path.joints[:, own]).T, color=colour, zorder=3.2, **_NODE_MARK)
+    for look, state in ((_START_MARK, plan.scenario.start), (_END_MARK, plan.goal)):
         if state is not None:
-            edge = {} if look is _START else {"markeredgecolor": colour}
+            edge = {} if look is _START_MARK else {"markeredgecolor": colour}
             axes.plot(*np.rad2deg(np.asarray(state.joints)[own]), color=colour, zorder=4, **look | edge)
     axes.set_xlabel("yaw (deg)", fontsize=TEXT)
     axes.set_ylabel("pitch (deg)", fontsize=TEXT)
@@ -128,10 +128,10 @@ def _draw_mask(axes: Axes, mask: Mask, low: np.ndarray, high: np.ndarray) -> Non
 def _entries(plan: Plan) -> Entries:
     """Return legend entries for what the maps of a plan show."""
     drawn: Entries = [(Line2D([], [], color=GREY, linewidth=1.8), "trajectory")] if plan.trajectory else []
-    drawn += [(Line2D([], [], color=GREY, **_NODE), "node of the path")] if plan.path is not None else []
-    drawn.append((Line2D([], [], color=GREY, **_START), "start"))
+    drawn += [(Line2D([], [], color=GREY, **_NODE_MARK), "node of the path")] if plan.path is not None else []
+    drawn.append((Line2D([], [], color=GREY, **_START_MARK), "start"))
     word = "end" if isinstance(plan, DayPlan) else "goal"
-    drawn += [(Line2D([], [], color=GREY, **_END), word)] if plan.goal is not None else []
+    drawn += [(Line2D([], [], color=GREY, **_END_MARK), word)] if plan.goal is not None else []
     error = 0.0 if plan.scenario.robust is None else float(plan.scenario.robust.joint_error)
     drawn += band_entry(error) if plan.trajectory and error > 0 else []
     return [*drawn, (Patch(**_MASK), "mask"), (Patch(**_RANGE), "range")]
@@ -160,7 +160,9 @@ def field_outlines(
             forward = device.boresight
         corners = field_corners(forward, up, device.field_of_view)
         ends = zip(corners, np.roll(corners, -1, axis=0), strict=True)
-        line = np.concatenate([(1 - _EDGE) * here + _EDGE * there for here, there in ends])
+        line = np.concatenate(
+            [(1 - _EDGE_FRACTIONS) * here + _EDGE_FRACTIONS * there for here, there in ends]
+        )
         line = np.stack(unit(np.concatenate([line, line[:1]]).T), axis=-1)
         if not isinstance(device, Instrument):
             moved = replace(sights, carrier=np.full(len(line), number), carried=line)

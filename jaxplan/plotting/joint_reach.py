@@ -7,8 +7,8 @@ from jaxplan.model.devices import Terminal
 from jaxplan.model.gimbals import TURN
 from jaxplan.model.outlines import half_planes, turns
 
-_CELL = np.deg2rad(5.0)  # rad: approximate width of the cells that surfaces are made of
-_STEP = np.deg2rad(2.0)  # rad: largest distance between points of lines on them
+_CELL_WIDTH = np.deg2rad(5.0)  # rad: approximate width of the cells that surfaces are made of
+_LINE_STEP = np.deg2rad(2.0)  # rad: largest distance between points of lines on them
 
 
 def turn_by(azimuth: float, elevation: float) -> np.ndarray:
@@ -35,13 +35,13 @@ def once_around(span: np.ndarray) -> np.ndarray:
 
 
 def cells_of(span: np.ndarray) -> np.ndarray:
-    """Divide a range (2,), rad, into equal cells about `_CELL` wide; returns their edges (k,)."""
-    return np.linspace(span[0], span[1], 1 + max(1, round(float(span[1] - span[0]) / _CELL)))
+    """Divide a range (2,), rad, into equal cells about `_CELL_WIDTH` wide; returns their edges (k,)."""
+    return np.linspace(span[0], span[1], 1 + max(1, round(float(span[1] - span[0]) / _CELL_WIDTH)))
 
 
 def points_of(span: np.ndarray) -> np.ndarray:
-    """Return equidistant angles (k,) over a range (2,), rad, at most `_STEP` apart, with both ends."""
-    return np.linspace(span[0], span[1], 2 + int(float(span[1] - span[0]) / _STEP))
+    """Return equidistant angles (k,) over a range (2,), rad, at most `_LINE_STEP` apart, with both ends."""
+    return np.linspace(span[0], span[1], 2 + int(float(span[1] - span[0]) / _LINE_STEP))
 
 
 def middles_of(edges: np.ndarray) -> np.ndarray:

@@ -13,8 +13,8 @@ from matplotlib.patheffects import withTickedStroke
 
 from jaxplan.plotting.style import GREY, HALO, SMALL, Entries, Look, plain
 
-_MOST_OWNERS = 3  # most names of curves beside a limit; of more curves two names and a count
-_STILL = 1e-3  # fraction of a limit below which curves count as standing still
+_MAX_OWNERS = 3  # most names of curves beside a limit; of more curves two names and a count
+_STILL_RATIO = 1e-3  # fraction of a limit below which curves count as standing still
 
 
 def barrier(side: int) -> Look:
@@ -61,18 +61,18 @@ def limit_lines(
     for side, values in zip((1, -1), ends.T[::-1], strict=True):
         for value in np.unique(np.round(values[np.isfinite(values)], 9)):
             own = np.flatnonzero(np.isclose(values, value, rtol=0, atol=1e-8)).tolist()
-            if far * highest < abs(value) and highest >= _STILL * abs(value):
+            if far * highest < abs(value) and highest >= _STILL_RATIO * abs(value):
                 told[abs(float(value))] = own
                 continue
             colour = styles[own[0]]["color"] if several and len(own) == 1 else GREY
             if several and len(own) > 1 and owners and abs(value) not in named:
                 named.add(abs(value))
-                _name_limit(axes, float(value), side, f"{name} of {_listed(owners, own)}")
+                _name_limit(axes, float(value), side, f"{name} of {_join_names(owners, own)}")
             axes.axhline(value, color=colour, zorder=1.5, **(barrier(side) if look is None else look))
             drawn = True
     if told:
         whose = {
-            value: f" {_listed(owners, own)}" if several and owners else "" for value, own in told.items()
+            value: f" {_join_names(owners, own)}" if several and owners else "" for value, own in told.items()
         }
         words = f"{name}{'s' * (len(told) > 1)} {', '.join(f'±{v:.3g}{whose[v]}' for v in sorted(told))}"
         place: Look = {"xy": (1, 1), "xycoords": "axes fraction", "xytext": (0, 2), "ha": "right"}
@@ -91,9 +91,9 @@ def _name_limit(axes: Axes, value: float, side: int, words: str) -> None:
     plain(axes.annotate(words.replace("\n", " "), (1, value), **place, **height, **where))
 
 
-def _listed(names: Sequence[str], own: Sequence[int]) -> str:
+def _join_names(names: Sequence[str], own: Sequence[int]) -> str:
     """Join the names of curves `own`, by number, to a short text; of many it ends in "and 5 more"."""
-    few = [names[number] for number in own[: _MOST_OWNERS - (len(own) > _MOST_OWNERS)]]
+    few = [names[number] for number in own[: _MAX_OWNERS - (len(own) > _MAX_OWNERS)]]
     more = len(own) - len(few)
     return " and ".join([", ".join(few), f"{more} more"]) if more else " and ".join(few)
 

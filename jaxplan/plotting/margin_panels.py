@@ -50,21 +50,23 @@ from jaxplan.plotting.style import (
 )
 from jaxplan.trajectory.zone_margins import ZoneMargins
 
-_WIDTHS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0])  # deg: possible widths of the linear part of the scale
-_DEGREES = [digit * 10.0**power for power in (-2, -1, 0, 1, 2) for digit in range(1, 10)]
+_LINEAR_WIDTHS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0])  # deg: of the linear part of the scale
+_ROUND_DEGREES = [digit * 10.0**power for power in (-2, -1, 0, 1, 2) for digit in range(1, 10)]
 _TICKS = [
     0.0,
-    *(sign * value for value in _DEGREES if value <= 180 for sign in (-1, 1)),
+    *(sign * value for value in _ROUND_DEGREES if value <= 180 for sign in (-1, 1)),
 ]  # nearest to zero first
-_MINOR = 0.2  # least distance of ticks without a label, in widths of a label
+_MIN_MINOR_SPACING = 0.2  # least distance of ticks without a label, in widths of a label
 SIZE = (WIDTH, 4.2)  # inches
-_PROVED: Look = {"marker": "^", "color": "black", "markersize": 7, "linestyle": "none"}
+_PROVED_MARK: Look = {"marker": "^", "color": "black", "markersize": 7, "linestyle": "none"}
 # Offsets of a name's centre from the lowest point of its curve, in halves of the name's size, the best first.
-_BESIDE = [(0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)]
-_OFFSETS = np.array([*_BESIDE, (0, 2.5), (1, 2.5), (-1, 2.5), (2, 0), (-2, 0), (2, 2.5), (-2, 2.5)])
-_LEVEL = 1.0  # points: parts of a curve that are higher than its lowest point by less count as lowest, too
-_BROKEN: Look = {"facecolor": to_rgba(KEEP_OUT, 0.12), "edgecolor": "none", "zorder": 0.6}
-_CROWD = 60  # number of curves beyond which they are drawn fainter
+_ADJACENT_OFFSETS = [(0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)]
+_NAME_OFFSETS = np.array(
+    [*_ADJACENT_OFFSETS, (0, 2.5), (1, 2.5), (-1, 2.5), (2, 0), (-2, 0), (2, 2.5), (-2, 2.5)]
+)
+_LEVEL_TOLERANCE = 1.0  # points: parts of a curve less than that above its lowest point count as lowest, too
+_VIOLATED_AREA: Look = {"facecolor": to_rgba(KEEP_OUT, 0.12), "edgecolor": "none", "zorder": 0.6}
+_CROWDED_COUNT = 60  # number of curves beyond which they are drawn fainter
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,12 +94,12 @@ def open_near_zero(axes: Axes, which: Literal["x", "y"], lowest: float) -> None:
         lowest: deg, smallest margin of the panel; the scale is linear up to about there, at least up to 1
             deg.
     """
-    width = float(np.max(_WIDTHS[lowest >= _WIDTHS], initial=_WIDTHS[0]))
+    width = float(np.max(_LINEAR_WIDTHS[lowest >= _LINEAR_WIDTHS], initial=_LINEAR_WIDTHS[0]))
     axis: Axis = getattr(axes, f"{which}axis")
     getattr(axes, f"set_{which}scale")("asinh", linear_width=width)
     axis.set_major_locator(_DegreeLocator((0, 1, 5, 2, 3), 1.0))
     plain_numbers(axis)
-    axis.set_minor_locator(_DegreeLocator(range(10), _MINOR))
+    axis.set_minor_locator(_DegreeLocator(range(10), _MIN_MINOR_SPACING))
     axis.set_tick_params(which="minor", length=2, color=GREY)
 
 
@@ -179,16 +181,16 @@ def draw(axes: Axes, plan: Plan, moves: Motion) -> tuple[Entries, Entries]:
         note(axes, "no zones")
         axes.set_yticks([])
         return [], []
-    alpha = 0.6 if len(found) <= _CROWD else 0.3
+    alpha = 0.6 if len(found) <= _CROWDED_COUNT else 0.3
     of_devices: dict[int, list[Margin]] = {}
     for margin in found:
         style = device_style(margin.device)
         curve(axes, moves.times, np.rad2deg(margin.values), **style, linewidth=0.7, alpha=alpha)
         of_devices.setdefault(margin.device, []).append(margin)
-    smallest = {device: _smallest(own) for device, own in sorted(of_devices.items())}
+    smallest = {device: _combine_margins(own) for device, own in sorted(of_devices.items())}
     for device, line in smallest.items():
         curve(axes, moves.times, line.values, **device_style(device), linewidth=2)
-    proved = _proved(plan)
+    proved = _proved_bounds(plan)
     marks = [(time, bound) for time, bound, _ in proved]
     span(axes, [*(bound for _, bound in marks), *(np.rad2deg(margin.values) for margin in found)])
     _name_zones(axes, moves.times, smallest, marks)
@@ -199,12 +201,12 @@ def draw(axes: Axes, plan: Plan, moves: Motion) -> tuple[Entries, Entries]:
         (Line2D([], [], color=KEEP_OUT, **barrier(-1)), "limit: below it\na zone is broken"),
     ]
     for time, bound, text in proved:
-        axes.plot([time], [bound], **_PROVED, zorder=5, clip_on=False)
-        kinds.append((Line2D([], [], **_PROVED), text))
+        axes.plot([time], [bound], **_PROVED_MARK, zorder=5, clip_on=False)
+        kinds.append((Line2D([], [], **_PROVED_MARK), text))
     return [names[device] for device in smallest], kinds
 
 
-class _Stretch(NamedTuple):
+class _ActiveStretch(NamedTuple):
     """A stretch: its zone, and the indices of its first and last instants and of the smallest margin."""
 
     zone: str
@@ -213,14 +215,14 @@ class _Stretch(NamedTuple):
     lowest: int
 
 
-class _Smallest(NamedTuple):
+class _SmallestMargin(NamedTuple):
     """A device's smallest margin at each time, (k,) deg, and its stretches, by time."""
 
     values: np.ndarray
-    stretches: list[_Stretch]
+    stretches: list[_ActiveStretch]
 
 
-def _smallest(own: Sequence[Margin]) -> _Smallest:
+def _combine_margins(own: Sequence[Margin]) -> _SmallestMargin:
     """Combine the margins of one device to its smallest margin; NaN where it has none."""
     table = np.rad2deg([margin.values for margin in own])
     values = np.fmin.reduce(table)
@@ -228,10 +230,12 @@ def _smallest(own: Sequence[Margin]) -> _Smallest:
     known = np.flatnonzero(~np.isnan(values))
     parts = np.split(known, np.flatnonzero((np.diff(known) > 1) | (np.diff(binding[known]) != 0)) + 1)
     stretches = [
-        _Stretch(own[binding[part[0]]].zone, int(part[0]), int(part[-1]), int(part[np.argmin(values[part])]))
+        _ActiveStretch(
+            own[binding[part[0]]].zone, int(part[0]), int(part[-1]), int(part[np.argmin(values[part])])
+        )
         for part in parts
     ]
-    return _Smallest(values, stretches)
+    return _SmallestMargin(values, stretches)
 
 
 def span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
@@ -247,12 +251,12 @@ def span(axes: Axes, drawn: Sequence[float | np.ndarray]) -> None:
     low, high = scale.transform(np.array([min(0.0, lowest), max(0.0, highest)]))
     pad = 0.06 * max(high - low, 1.0)
     axes.set_ylim(*scale.inverted().transform(np.array([low - pad, high + pad])))
-    axes.axhspan(-360, 0, **_BROKEN)
+    axes.axhspan(-360, 0, **_VIOLATED_AREA)
     axes.axhline(0, color=KEEP_OUT, zorder=1.5, **barrier(-1))
 
 
 def _name_zones(
-    axes: Axes, times: np.ndarray, smallest: dict[int, _Smallest], marks: list[tuple[float, float]]
+    axes: Axes, times: np.ndarray, smallest: dict[int, _SmallestMargin], marks: list[tuple[float, float]]
 ) -> None:
     """Write the names of active zones along the curves of smallest margins, as far as there is room.
 
@@ -278,8 +282,8 @@ def _name_zones(
     curves = {device: on_page(times, line.values) for device, line in smallest.items()}
     zero = on_page(times, np.zeros_like(times))
     labels = Labels(np.concatenate([zero, *curves.values()]))
-    labels.taken.extend((on_page(*mark), np.full(2, _PROVED["markersize"] + 2.0)) for mark in marks)
-    for device, stretch, first in _by_depth(smallest):
+    labels.taken.extend((on_page(*mark), np.full(2, _PROVED_MARK["markersize"] + 2.0)) for mark in marks)
+    for device, stretch, first in _rank_stretches(smallest):
         points, value = curves[device], smallest[device].values[stretch.lowest]
         extent = SMALL * np.array([0.62 * len(stretch.zone) + 0.5, 1.2])
         start, end = points[[stretch.first, stretch.last], 0]
@@ -288,9 +292,9 @@ def _name_zones(
         corner = points[_middle_of_lowest(points[:, 1], stretch)]
         beside = extent / 2 + 2
         if any(np.all(np.abs(spot - corner) < 1) for spot, _ in labels.taken[: len(marks)]):
-            beside = beside + (_PROVED["markersize"] + 2.0) / 2  # clear of the mark that stands there
+            beside = beside + (_PROVED_MARK["markersize"] + 2.0) / 2  # clear of the mark that stands there
         least = np.array([0.0, zero[0, 1] if value >= 0 else 0.0]) + extent / 2
-        offered = [(corner + offset * beside, bool(np.any(np.abs(offset) > 1))) for offset in _OFFSETS]
+        offered = [(corner + offset * beside, bool(np.any(np.abs(offset) > 1))) for offset in _NAME_OFFSETS]
         offered = [one for one in offered if np.all(one[0] >= least) and np.all(one[0] <= size - extent / 2)]
         near = [spot for spot, far in offered if start - 1 <= spot[0] <= end + 1 and not far]
         spot, led = labels.place(near, extent), False
@@ -306,15 +310,17 @@ def _name_zones(
             spot, led = next((one for one in found if one is not None), None), True
         if spot is not None:
             lowest = np.array([times[_middle_of_lowest(points[:, 1], stretch)], value])
-            _name(axes, stretch.zone, device_style(device)["color"], lowest, spot - corner, led=led)
+            _write_zone_name(
+                axes, stretch.zone, device_style(device)["color"], lowest, spot - corner, led=led
+            )
 
 
-def _by_depth(smallest: dict[int, _Smallest]) -> list[tuple[int, _Stretch, bool]]:
+def _rank_stretches(smallest: dict[int, _SmallestMargin]) -> list[tuple[int, _ActiveStretch, bool]]:
     """List all stretches by smallest margin as (device, stretch, whether it is the device's lowest).
 
     Those that are the lowest of their device come before all others.
     """
-    found: list[tuple[bool, float, int, _Stretch]] = []
+    found: list[tuple[bool, float, int, _ActiveStretch]] = []
     for device, line in smallest.items():
         depths = [float(line.values[own.lowest]) for own in line.stretches]
         for place, number in enumerate(np.argsort(depths, kind="stable").tolist()):
@@ -322,19 +328,21 @@ def _by_depth(smallest: dict[int, _Smallest]) -> list[tuple[int, _Stretch, bool]
     return [(device, own, not later) for later, _, device, own in sorted(found, key=lambda one: one[:3])]
 
 
-def _middle_of_lowest(heights: np.ndarray, stretch: _Stretch) -> int:
+def _middle_of_lowest(heights: np.ndarray, stretch: _ActiveStretch) -> int:
     """Return the index of the instant in the middle of the level part around a stretch's lowest point.
 
     Noise would otherwise choose a place on the level part. `heights` (k,) are those of the curve in points.
     """
     own = heights[stretch.first : stretch.last + 1]
-    higher = np.flatnonzero(own > heights[stretch.lowest] + _LEVEL) + stretch.first
+    higher = np.flatnonzero(own > heights[stretch.lowest] + _LEVEL_TOLERANCE) + stretch.first
     before = int(np.max(higher[higher < stretch.lowest], initial=stretch.first - 1))
     after = int(np.min(higher[higher > stretch.lowest], initial=stretch.last + 1))
     return (before + after) // 2
 
 
-def _name(axes: Axes, zone: str, colour: str, point: np.ndarray, offset: np.ndarray, *, led: bool) -> None:
+def _write_zone_name(
+    axes: Axes, zone: str, colour: str, point: np.ndarray, offset: np.ndarray, *, led: bool
+) -> None:
     """Write a zone's name at an offset (2,), points, from a point (time in s, margin in deg).
 
     With `led` a line leads from the name to the point.
@@ -345,7 +353,7 @@ def _name(axes: Axes, zone: str, colour: str, point: np.ndarray, offset: np.ndar
     plain(axes.annotate(zone, (float(point[0]), float(point[1])), color=colour, fontsize=SMALL, **look))
 
 
-def _proved(plan: Plan) -> list[tuple[float, float, str]]:
+def _proved_bounds(plan: Plan) -> list[tuple[float, float, str]]:
     """Return the certificate's bound of all margins as (time in s, margin in deg, legend text).
 
     The list has one element, or none without a finite bound.

@@ -39,10 +39,10 @@ from jaxplan.runtime.arguments import expect_any, several
 from jaxplan.search import PLANNERS
 from jaxplan.study.table4 import Row
 
-_CLEAR: Look = {"marker": "o", "markersize": 5.5, "linestyle": "none"}
-_FOUND: Look = {"marker": "D", "markersize": 5, "linestyle": "none", "markerfacecolor": "white"}
-_INTERVAL: Look = {"linewidth": 1.4, "solid_capstyle": "butt"}
-_MEAN: Look = {
+_CLEAR_MARK: Look = {"marker": "o", "markersize": 5.5, "linestyle": "none"}
+_FOUND_MARK: Look = {"marker": "D", "markersize": 5, "linestyle": "none", "markerfacecolor": "white"}
+_INTERVAL_LINE: Look = {"linewidth": 1.4, "solid_capstyle": "butt"}
+_MEAN_MARK: Look = {
     "marker": "|",
     "markersize": 15,
     "markeredgewidth": 1.8,
@@ -50,24 +50,24 @@ _MEAN: Look = {
     "color": "black",
     "zorder": 4,
 }
-_SPREAD: Look = {"linewidth": 1.4, "marker": "|", "markersize": 6, "color": GREY}
+_SPREAD_LINE: Look = {"linewidth": 1.4, "marker": "|", "markersize": 6, "color": GREY}
 _DOT: Look = {"marker": "o", "linestyle": "none", "markeredgewidth": 0.8}
-_LARGE, _SMALL_DOT, _FEW = 4.2, 1.6, 10  # points: size of a dot for up to `_FEW` scenes, and the least size
-_APART = 0.17  # lines: half the distance between the marks for paths found and for paths clear
-_BAND = 0.62  # lines: height over which dots are spread
-_ROW, _HEAD, _FOOT = 0.25, 0.45, 1.5  # inches: heights of a planner, of a kind's title, and below all panels
-_LEGEND = 4  # columns of the legend
+_LARGE_DOT, _SMALL_DOT, _FEW_SCENES = 4.2, 1.6, 10  # points: for up to `_FEW_SCENES` scenes, and at least
+_MARK_OFFSET = 0.17  # lines: half the distance between the marks for paths found and for paths clear
+_DOT_BAND = 0.62  # lines: height over which dots are spread
+_ROW_HEIGHT, _TITLE_HEIGHT, _FOOT_HEIGHT = 0.25, 0.45, 1.5  # inches: of a planner, a kind's title, below all
+_LEGEND_COLUMNS = 4  # columns of the legend
 _COLUMNS = {  # attributes of a row that have a panel, with the label of its axis
     "seconds": "search time (s)",
     "steps": "path length\n(steps)",
     "nodes": "path length\n(interior nodes)",
 }
-_LEAST_SPAN = 4.0  # steps or nodes that an axis shows at least
+_MIN_SPAN = 4.0  # steps or nodes that an axis shows at least
 _MARKERS = ("o", "s", "D", "^", "v", "P", "X")  # of the methods whose durations are compared
-_HEIGHT, _METHOD = 1.0, 0.26  # inches: height around the panel of durations, and of a method of a scene
-_GAP = 0.6  # lines of methods: free height between scenes
-_AREA: Look = {"color": "0.93", "linewidth": 0}
-_BOUND: Look = {"color": "black", "linewidth": 1.6}
+_FRAME_HEIGHT, _METHOD_HEIGHT = 1.0, 0.26  # inches: around the panel of durations; a method of a scene
+_SCENE_GAP = 0.6  # lines of methods: free height between scenes
+_IMPOSSIBLE_AREA: Look = {"color": "0.93", "linewidth": 0}
+_BOUND_LINE: Look = {"color": "black", "linewidth": 1.6}
 
 
 def table4(rows: Iterable[Row], ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
@@ -95,33 +95,33 @@ def table4(rows: Iterable[Row], ax: Canvas = None, *, legend: bool = True) -> li
         >>> from jaxplan.study.table4 import compare, printed_rows
         >>> jp.plot.table4([*compare(["keep_out"], count=5), *printed_rows(["keep_out"])])
     """
-    kinds = _by_kind(rows)
+    kinds = _group_by_kind(rows)
     if not kinds:
         raise ValueError("there are no rows to draw")
     across = 1 + len(_COLUMNS)
-    heights = [_HEAD + _ROW * len(of_kind) for of_kind in kinds]
-    every = panels(ax, across * len(kinds), _size(kinds), columns=across, heights=heights)
+    heights = [_TITLE_HEIGHT + _ROW_HEIGHT * len(of_kind) for of_kind in kinds]
+    every = panels(ax, across * len(kinds), _figure_size(kinds), columns=across, heights=heights)
     for number, of_kind in enumerate(kinds):
         first, *others = every[across * number : across * (number + 1)]
         planners = [row.planner for row in of_kind]
         for label, row in zip(name_lines(first, planners), of_kind, strict=True):
             label.set_color(GREY if _is_printed(row) else "black")
-        _success(first, of_kind)
+        _draw_success(first, of_kind)
         for axes, column in zip(others, _COLUMNS, strict=True):
             name_lines(axes, planners, shown=False)
-            _spreads(axes, of_kind, column)
+            _draw_spreads(axes, of_kind, column)
         plain(first.set_title(_title(of_kind), fontsize=TEXT + 1, loc="left"))
     for place in range(across):
-        _align(every[place::across])
+        _align_limits(every[place::across])
     if legend:
-        legend_at_foot(every[0], _entries([row for of_kind in kinds for row in of_kind]), _LEGEND)
+        legend_at_foot(every[0], _entries([row for of_kind in kinds for row in of_kind]), _LEGEND_COLUMNS)
     return every
 
 
 def comparison_figure(rows: Iterable[Row]) -> Figure:
     """Draw `table4` of `rows` in a new figure that does not belong to pyplot."""
     every = list(rows)
-    figure = Figure(figsize=_size(_by_kind(every)), layout="constrained")
+    figure = Figure(figsize=_figure_size(_group_by_kind(every)), layout="constrained")
     table4(every, ax=figure)
     return figure
 
@@ -137,7 +137,7 @@ def _is_printed(row: Row) -> bool:
     return row.solved is None
 
 
-def _by_kind(rows: Iterable[Row]) -> list[list[Row]]:
+def _group_by_kind(rows: Iterable[Row]) -> list[list[Row]]:
     """Check rows and group them by their kind of scenes; printed rows come last in each group."""
     kinds: dict[str, list[Row]] = {}
     for number, row in enumerate(several("rows", rows, "rows, as jaxplan.study.table4.compare returns")):
@@ -146,44 +146,44 @@ def _by_kind(rows: Iterable[Row]) -> list[list[Row]]:
     return [sorted(of_kind, key=_is_printed) for of_kind in kinds.values()]
 
 
-def _size(kinds: Sequence[Sequence[Row]]) -> tuple[float, float]:
+def _figure_size(kinds: Sequence[Sequence[Row]]) -> tuple[float, float]:
     """Return width and height of the figure, inches."""
-    return WIDTH, _FOOT + sum(_HEAD + _ROW * len(of_kind) for of_kind in kinds)
+    return WIDTH, _FOOT_HEIGHT + sum(_TITLE_HEIGHT + _ROW_HEIGHT * len(of_kind) for of_kind in kinds)
 
 
 def _title(rows: Sequence[Row]) -> str:
     """Return the title of a kind's panels: its name and the number of scenes, printed ones apart."""
     own, printed = ([row.scenes for row in rows if _is_printed(row) == of] for of in (False, True))
-    told = [f"{_range(own)} scene{'s' * (set(own) != {1})}"] if own else []
-    told += [f"{_range(printed)} as printed"] if printed else []
+    told = [f"{_format_range(own)} scene{'s' * (set(own) != {1})}"] if own else []
+    told += [f"{_format_range(printed)} as printed"] if printed else []
     return f"{rows[0].kind}: {', '.join(told)}"
 
 
-def _range(counts: Sequence[int]) -> str:
+def _format_range(counts: Sequence[int]) -> str:
     """Return the least and the largest count as text, "5 to 20", or the only one, "20"."""
     low, high = min(counts), max(counts)
     return f"{low}" if low == high else f"{low} to {high}"
 
 
-def _success(axes: Axes, rows: Sequence[Row]) -> None:
+def _draw_success(axes: Axes, rows: Sequence[Row]) -> None:
     """Draw the percentages of scenes in which a path was found and is clear, with Wilson intervals."""
     for line, row in enumerate(rows):
         if row.scenes == 0:
-            _remark(axes, line, "no scenes")
+            _write_remark(axes, line, "no scenes")
             continue
-        pairs = [(row.found, _FOUND, 0.0)]
+        pairs = [(row.found, _FOUND_MARK, 0.0)]
         if row.clear is not None:
-            pairs = [(row.found, _FOUND, -_APART), (row.clear, _CLEAR, _APART)]
+            pairs = [(row.found, _FOUND_MARK, -_MARK_OFFSET), (row.clear, _CLEAR_MARK, _MARK_OFFSET)]
         for count, look, offset in pairs:
             bounds, colour = 100 * np.array(row.interval(count)), planner_colour(row.planner)
-            axes.plot(bounds, [line + offset] * 2, color=colour, **_INTERVAL)
+            axes.plot(bounds, [line + offset] * 2, color=colour, **_INTERVAL_LINE)
             rate = 100 * count / row.scenes
             axes.plot([rate], [line + offset], color=colour, clip_on=False, zorder=3, **look)
     axes.set(xlim=(-2, 102), xticks=range(0, 101, 25))
     axes.set_xlabel("success rate (%)", fontsize=TEXT)
 
 
-def _spreads(axes: Axes, rows: Sequence[Row], column: str) -> None:
+def _draw_spreads(axes: Axes, rows: Sequence[Row], column: str) -> None:
     """Draw one column of `_COLUMNS` for each row: times of all searches, or lengths of the clear paths.
 
     In the panel of times the dot of a search that led to no clear path is hollow.
@@ -194,9 +194,9 @@ def _spreads(axes: Axes, rows: Sequence[Row], column: str) -> None:
     for line, row in enumerate(rows):
         values = getattr(row, column)
         if values is None:
-            _remark(axes, line, "not printed")
+            _write_remark(axes, line, "not printed")
         else:
-            _values(axes, line, row, values, row.solved if times else None)
+            _draw_values(axes, line, row, values, row.solved if times else None)
     if times:
         axes.xaxis.set_major_locator(LogLocator(numticks=4))
         plain_numbers(axes.xaxis)
@@ -205,7 +205,9 @@ def _spreads(axes: Axes, rows: Sequence[Row], column: str) -> None:
     axes.set_xlabel(_COLUMNS[column], fontsize=TEXT)
 
 
-def _values(axes: Axes, line: int, row: Row, values: np.ndarray, solved: np.ndarray | None = None) -> None:
+def _draw_values(
+    axes: Axes, line: int, row: Row, values: np.ndarray, solved: np.ndarray | None = None
+) -> None:
     """Draw a row's values on the line at height `line`: a dot for each scene, and the mean.
 
     Args:
@@ -218,23 +220,26 @@ def _values(axes: Axes, line: int, row: Row, values: np.ndarray, solved: np.ndar
     """
     if _is_printed(row):
         least, largest, mean = values
-        axes.plot([least, largest], [line, line], **_SPREAD)
-        axes.plot([mean], [line], **_MEAN)
+        axes.plot([least, largest], [line, line], **_SPREAD_LINE)
+        axes.plot([mean], [line], **_MEAN_MARK)
         return
     if not len(values):
-        _remark(axes, line, "no clear path" if row.scenes else "no scenes")
+        _write_remark(axes, line, "no clear path" if row.scenes else "no scenes")
         return
     filled = np.ones(len(values), dtype=bool) if solved is None else solved
-    heights = line + _BAND * ((0.5 + np.arange(len(values)) * 0.618034) % 1 - 0.5)
-    dot = {**_DOT, "markersize": float(np.clip(_LARGE * (_FEW / row.scenes) ** 0.4, _SMALL_DOT, _LARGE))}
+    heights = line + _DOT_BAND * ((0.5 + np.arange(len(values)) * 0.618034) % 1 - 0.5)
+    dot = {
+        **_DOT,
+        "markersize": float(np.clip(_LARGE_DOT * (_FEW_SCENES / row.scenes) ** 0.4, _SMALL_DOT, _LARGE_DOT)),
+    }
     colour = planner_colour(row.planner)
     for chosen, face in ((filled, colour), (~filled, "white")):
         if np.any(chosen):
             axes.plot(values[chosen], heights[chosen], color=colour, markerfacecolor=face, **dot)
-    axes.plot([np.mean(values)], [line], **_MEAN)
+    axes.plot([np.mean(values)], [line], **_MEAN_MARK)
 
 
-def _remark(axes: Axes, line: int, text: str) -> None:
+def _write_remark(axes: Axes, line: int, text: str) -> None:
     """Write on the line at height `line` why nothing is drawn there."""
     place = axes.get_yaxis_transform()
     axes.text(0.02, line, text, transform=place, ha="left", va="center", color=GREY, fontsize=SMALL)
@@ -245,40 +250,40 @@ def _entries(rows: Sequence[Row]) -> Entries:
     drawn = any(row.scenes for row in rows)
     own = [row for row in rows if row.scenes and row.solved is not None]
     possible: list[tuple[bool, Look, str]] = [
-        (drawn, _FOUND, "path found"),
-        (bool(own), _CLEAR, "path clear\nalong whole edges"),
-        (drawn, _INTERVAL, "95 % interval\n(Wilson)"),
-        (bool(own), {**_DOT, "markersize": _LARGE}, "a scene"),
+        (drawn, _FOUND_MARK, "path found"),
+        (bool(own), _CLEAR_MARK, "path clear\nalong whole edges"),
+        (drawn, _INTERVAL_LINE, "95 % interval\n(Wilson)"),
+        (bool(own), {**_DOT, "markersize": _LARGE_DOT}, "a scene"),
         (
             any(not np.all(row.solved) for row in own),
-            {**_DOT, "markersize": _LARGE, "markerfacecolor": "white"},
+            {**_DOT, "markersize": _LARGE_DOT, "markerfacecolor": "white"},
             "a scene without\nclear path",
         ),
-        (drawn, {**_MEAN, "markersize": 9}, "mean"),
-        (any(map(_is_printed, rows)), _SPREAD, "as printed:\nleast to largest"),
+        (drawn, {**_MEAN_MARK, "markersize": 9}, "mean"),
+        (any(map(_is_printed, rows)), _SPREAD_LINE, "as printed:\nleast to largest"),
     ]
     return [(Line2D([], [], **{"color": GREY, **look}), text) for there, look, text in possible if there]
 
 
-def _align(column: Sequence[Axes]) -> None:
+def _align_limits(column: Sequence[Axes]) -> None:
     """Give a column of panels the same limits; of those that share the axis only the lowest has its label."""
     decades = column[0].get_xscale() == "log"
     drawn = [axes for axes in column if axes.lines]
     spans = np.array([axes.dataLim.intervalx if decades else axes.get_xlim() for axes in drawn])
     for axes in column:
         if drawn:
-            axes.set_xlim(_rounded(np.min(spans), np.max(spans), decades=decades))
+            axes.set_xlim(_round_limits(np.min(spans), np.max(spans), decades=decades))
         else:
             axes.set_xticks([])
         if axes is not column[-1] and axes.get_shared_x_axes().joined(axes, column[-1]):
             axes.set_xlabel("")
 
 
-def _rounded(low: float, high: float, *, decades: bool) -> tuple[float, float]:
-    """Return axis limits that contain `low` and `high`: whole decades, or at least `_LEAST_SPAN` apart."""
+def _round_limits(low: float, high: float, *, decades: bool) -> tuple[float, float]:
+    """Return axis limits that contain `low` and `high`: whole decades, or at least `_MIN_SPAN` apart."""
     if decades:
         return 0.9 * 10 ** np.floor(np.log10(low)), 1.1 * 10 ** np.ceil(np.log10(high))
-    missing = max(_LEAST_SPAN - (high - low), 0.0)
+    missing = max(_MIN_SPAN - (high - low), 0.0)
     return low - missing / 2, high + missing / 2
 
 
@@ -313,8 +318,8 @@ def durations(
     expect_mapping("bounds", bounds)
     if not (seconds and bounds):
         raise ValueError("there are no durations to draw")
-    pitch = len(seconds) + _GAP
-    (axes,) = panels(ax, 1, (9.0, _HEIGHT + _METHOD * pitch * len(bounds)))
+    pitch = len(seconds) + _SCENE_GAP
+    (axes,) = panels(ax, 1, (9.0, _FRAME_HEIGHT + _METHOD_HEIGHT * pitch * len(bounds)))
     tidy(axes)
     axes.grid(False, axis="y")
     marks: list[Look] = [
@@ -324,8 +329,8 @@ def durations(
     for number, (scene, bound) in enumerate(bounds.items()):
         top = number * pitch
         low, high = top - 0.5, top + len(seconds) - 0.5
-        axes.fill_between([0, bound], low, high, **_AREA, zorder=0.5)
-        axes.plot([bound, bound], [low, high], **_BOUND)
+        axes.fill_between([0, bound], low, high, **_IMPOSSIBLE_AREA, zorder=0.5)
+        axes.plot([bound, bound], [low, high], **_BOUND_LINE)
         for line, (of_method, look) in enumerate(zip(seconds.values(), marks, strict=True)):
             if scene in of_method:
                 _draw_duration(axes, top + line, float(of_method[scene]), bound, look)
@@ -333,7 +338,7 @@ def durations(
     for label in axes.get_yticklabels():
         plain(label)
     axes.tick_params(axis="y", length=0)
-    axes.set_ylim(len(bounds) * pitch - _GAP - 0.2, -0.8)
+    axes.set_ylim(len(bounds) * pitch - _SCENE_GAP - 0.2, -0.8)
     reached = [
         float(of_method[scene]) for of_method in seconds.values() for scene in bounds if scene in of_method
     ]
@@ -341,8 +346,8 @@ def durations(
     axes.set_xlabel("duration (s)", fontsize=TEXT)
     if legend:
         entries: Entries = [(Line2D([], [], **look), name) for name, look in zip(seconds, marks, strict=True)]
-        bound_line = (Line2D([], [], **_BOUND), "strict bound\nfor the goal,\nwithout zones")
-        legend_beside(axes, [*entries, bound_line, (Patch(**_AREA), "impossible")])
+        bound_line = (Line2D([], [], **_BOUND_LINE), "strict bound\nfor the goal,\nwithout zones")
+        legend_beside(axes, [*entries, bound_line, (Patch(**_IMPOSSIBLE_AREA), "impossible")])
     return axes
 
 

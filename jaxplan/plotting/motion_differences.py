@@ -41,12 +41,12 @@ from jaxplan.tables import AttitudeTable, sampled
 from jaxplan.tables.table import column_name
 from jaxplan.trajectory import Trajectory
 
-_INSTANTS = 880  # times of the even grid, to which rows of tables and breaks are added
-_MOST_ROWS = 20_000  # rows of a table up to which all are drawn from both sides; else the even grid alone
-_SIDE = 1e-3  # half the step of difference quotients for rates, in intervals of the table
-_STILL = 1e-6  # rad: turns below which an axis is no axis
-_FAR = 1.5  # multiple of the largest magnitude beyond which a limit is written and not drawn
-_RATE = 2  # index of the row of panels that shows rates
+_GRID_INSTANTS = 880  # times of the even grid, to which rows of tables and breaks are added
+_MAX_ROWS = 20_000  # rows of a table up to which all are drawn from both sides; else the even grid alone
+_HALF_STEP = 1e-3  # half the step of difference quotients for rates, in intervals of the table
+_MIN_TURN = 1e-6  # rad: turns below which an axis is no axis
+_FAR_LIMIT_RATIO = 1.5  # multiple of the largest magnitude beyond which a limit is written and not drawn
+_RATE_ROW = 2  # index of the row of panels that shows rates
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,19 +103,19 @@ class _Motion:
         if self.trajectory is not None:
             values = self.trajectory.sample(times)
             return values.angular_velocity, values.joint_rates
-        before, after = self._sides(times)
+        before, after = self._bracket_times(times)
         (begin, joints), (end, joints_after) = self.state(before), self.state(after)
         step = (after - before)[:, None]
-        turn = quaternion.log(_shorter(quaternion.product(quaternion.conjugate(begin), end)))
+        turn = quaternion.log(_shorten_turns(quaternion.product(quaternion.conjugate(begin), end)))
         moved = None if joints is None or joints_after is None else (joints_after - joints) / step
         return np.asarray(turn) / step, moved
 
-    def _sides(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _bracket_times(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return instants (k,), s, before and after times (k,), s, within the same interval of the table."""
         assert self.table is not None
         rows = self.table.times + self.shift
         own = np.clip(np.searchsorted(rows, times, side="right") - 1, 0, len(rows) - 2)
-        side = _SIDE * (rows[own + 1] - rows[own])
+        side = _HALF_STEP * (rows[own + 1] - rows[own])
         middle = np.clip(times, rows[own] + side, rows[own + 1] - side)
         return middle - side, middle + side
 
@@ -124,18 +124,20 @@ class _Motion:
 
         They are an even grid over its span, with both sides of the corners of both motions.
         """
-        even = np.linspace(self.first, self.last, _INSTANTS if self.last > self.first else 1)
+        even = np.linspace(self.first, self.last, _GRID_INSTANTS if self.last > self.first else 1)
         corners = np.concatenate([self.corners, other.corners])
         corners = corners[(corners > self.first) & (corners < self.last)]
         return np.unique(np.concatenate([even, corners, np.nextafter(corners, -np.inf)]))
 
 
-def _shorter(turned: np.ndarray) -> np.ndarray:
+def _shorten_turns(turned: np.ndarray) -> np.ndarray:
     """Flip signs of quaternions (k, 4) so that their scalar is >= 0: turns of at most half a turn."""
     return np.where(turned[:, :1] < 0, -turned, turned)
 
 
-def _motions(given: Mapping[str, Trajectory | Plan | AttitudeTable], craft: Spacecraft) -> dict[str, _Motion]:
+def _to_motions(
+    given: Mapping[str, Trajectory | Plan | AttitudeTable], craft: Spacecraft
+) -> dict[str, _Motion]:
     """Convert trajectories, plans and tables to motions by name, in a common time.
 
     Time zero is the start of trajectories and plans, and for tables with an epoch the first epoch of a plan.
@@ -149,15 +151,15 @@ def _motions(given: Mapping[str, Trajectory | Plan | AttitudeTable], craft: Spac
     """
     epochs = [each.scenario.epoch for each in given.values() if isinstance(each, Plan)]
     zero = next((epoch for epoch in epochs if epoch is not None), None)
-    return {name: _motion_of(each, craft, zero) for name, each in given.items()}
+    return {name: _to_motion(each, craft, zero) for name, each in given.items()}
 
 
-def _motion_of(
+def _to_motion(
     given: Trajectory | Plan | AttitudeTable, craft: Spacecraft, zero: np.datetime64 | None
 ) -> _Motion:
-    """Convert one of them, see `_motions`; `zero` is the UTC of time zero, None where it is not known."""
+    """Convert one of them, see `_to_motions`; `zero` is the UTC of time zero, None where it is not known."""
     if isinstance(given, AttitudeTable):
-        return _of_table(given, craft, zero)
+        return _table_to_motion(given, craft, zero)
     trajectory = given.trajectory if isinstance(given, Plan) else given
     assert trajectory is not None
     what = "trajectory"
@@ -172,8 +174,8 @@ def _motion_of(
     )
 
 
-def _of_table(table: AttitudeTable, craft: Spacecraft, zero: np.datetime64 | None) -> _Motion:
-    """Convert a table, see `_motions`."""
+def _table_to_motion(table: AttitudeTable, craft: Spacecraft, zero: np.datetime64 | None) -> _Motion:
+    """Convert a table, see `_to_motions`."""
     shift = -float(table.times[0])
     if zero is not None and table.epoch is not None:
         shift = seconds_between(zero, table.epoch)
@@ -185,7 +187,7 @@ def _of_table(table: AttitudeTable, craft: Spacecraft, zero: np.datetime64 | Non
         what=f"table, {len(rows)} rows, {table.interpolation.replace('_', ' ')}",
         first=float(rows[0]),
         last=float(rows[-1]),
-        corners=rows if len(rows) <= _MOST_ROWS else np.zeros(0),
+        corners=rows if len(rows) <= _MAX_ROWS else np.zeros(0),
         table=table,
         shift=shift,
         columns=np.array([names.index(name) for name in wanted], int) if known else None,
@@ -221,7 +223,7 @@ class _Curves:
         begin = first.state(np.array([first.first]))[0]
         there = (times >= first.first) & (times <= first.last)
         of_first, joints_of_first = first.state(np.clip(times, first.first, first.last))
-        off = np.array(_difference(of_first, attitude))
+        off = np.array(_rotations_between(of_first, attitude))
         off[~there] = np.nan
         unknown = np.full((len(times), joint_count), np.nan)
         apart = unknown
@@ -229,7 +231,7 @@ class _Curves:
             apart = np.where(there[:, None], joints - joints_of_first, np.nan)
         return cls(
             times=times,
-            turned=_continuous(_difference(begin, attitude)),
+            turned=_unwrap_rotations(_rotations_between(begin, attitude)),
             off=off,
             spin=spin,
             joints=np.stack(
@@ -242,21 +244,25 @@ class _Curves:
         )
 
 
-def _difference(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def _rotations_between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Return rotation vectors (k, 3), rad, in body axes, from attitudes `one` to attitudes `other`, (k, 4).
 
     They take the shorter way, of half a turn at most.
     """
-    return np.asarray(quaternion.log(_shorter(quaternion.product(quaternion.conjugate(one), other))))
+    return np.asarray(quaternion.log(_shorten_turns(quaternion.product(quaternion.conjugate(one), other))))
 
 
-def _continuous(turned: np.ndarray) -> np.ndarray:
+def _unwrap_rotations(turned: np.ndarray) -> np.ndarray:
     """Return rotation vectors (k, 3), rad, of the same rotations, without jumps after half a turn."""
     found = turned.copy()
     for row in range(1, len(found)):
         before = found[row - 1]
         angle = float(np.linalg.norm(found[row]))
-        along = found[row] / angle if angle > _STILL else before / max(float(np.linalg.norm(before)), _STILL)
+        along = (
+            found[row] / angle
+            if angle > _MIN_TURN
+            else before / max(float(np.linalg.norm(before)), _MIN_TURN)
+        )
         turns = np.round((float(before @ along) - angle) / (2 * np.pi))
         found[row] += 2 * np.pi * turns * along
     return found
@@ -270,7 +276,7 @@ def against(
     legend: bool = True,
 ) -> list[Axes]:
     """Draw motions with tables among them; arguments and result are those of `trajectory_columns.compare`."""
-    motions = _motions(given, craft)
+    motions = _to_motions(given, craft)
     named = next(iter(motions))
     first = motions[named]
     count = craft.joint_count
@@ -280,7 +286,7 @@ def against(
     values = {name: np.stack([own.turned, own.off, own.spin]) for name, own in curves.items()}  # (3, k, 3)
     if count and any(motion.has_joints for motion in motions.values()):
         limits = timed_limits(craft)[1][0].bound
-        joint = _most_off(list(curves.values()), limits)
+        joint = _most_different_joint(list(curves.values()), limits)
         titles.append(craft.joint_names[joint])
         values = {name: np.dstack([own, curves[name].joints[..., joint]]) for name, own in values.items()}
         spin = np.append(spin, limits[joint])
@@ -293,11 +299,14 @@ def against(
             own = np.rad2deg(values[name][row, :, column])
             if np.any(np.isfinite(own)):
                 curve(axes, curves[name].times, own, **look)
-        if row == _RATE:
+        if row == _RATE_ROW:
             columns = slice(0, 3) if column < 3 else slice(3, 4)
-            highest = max(np.max(_largest(own[row, :, columns])) for own in values.values())
+            highest = max(np.max(_largest_magnitudes(own[row, :, columns])) for own in values.values())
             ends = both_sides(np.rad2deg(spin[column, None]))
-            limited = limit_lines(axes, ends, [{"color": GREY}], np.rad2deg(highest), far=_FAR) or limited
+            limited = (
+                limit_lines(axes, ends, [{"color": GREY}], np.rad2deg(highest), far=_FAR_LIMIT_RATIO)
+                or limited
+            )
     labels = ("turned from the start\n(deg)", f"off {named}\n(deg)", "rate\n(deg/s)")
     for label, axes in zip(labels, every[::across], strict=True):
         plain(axes.set_ylabel(label, fontsize=TEXT))
@@ -316,17 +325,17 @@ def against(
     return every
 
 
-def _most_off(curves: list[_Curves], limits: np.ndarray) -> int:
+def _most_different_joint(curves: list[_Curves], limits: np.ndarray) -> int:
     """Return the index of the joint that differs most from the first motion.
 
     If none differs it is the joint that is fastest in relation to its limit, of `limits` (J,) in rad/s.
     """
-    off = np.max([_largest(own.joints[1]) for own in curves], axis=0)
+    off = np.max([_largest_magnitudes(own.joints[1]) for own in curves], axis=0)
     if not np.max(off, initial=0.0) > 0:
-        off = np.max([_largest(own.joints[2]) for own in curves], axis=0) / limits
+        off = np.max([_largest_magnitudes(own.joints[2]) for own in curves], axis=0) / limits
     return int(np.argmax(off))
 
 
-def _largest(values: np.ndarray) -> np.ndarray:
+def _largest_magnitudes(values: np.ndarray) -> np.ndarray:
     """Return the largest magnitudes (J,) of values (k, J), ignoring NaN; zero where all are NaN."""
     return np.asarray(np.max(np.nan_to_num(np.abs(values)), axis=0))

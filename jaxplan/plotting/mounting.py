@@ -58,19 +58,19 @@ from jaxplan.plotting.style import (
 from jaxplan.runtime.arguments import expect, expect_numbers
 
 SIZE = (WIDTH, 5.7)  # inches
-_BODY, _DOME, _AXIS, _LOOK, _FIELD = 0.55, 0.38, 0.52, 0.62, 0.54
+_HALF_EDGE, _REACH_RADIUS, _AXIS_LENGTH, _BORESIGHT, _FIELD_LENGTH = 0.55, 0.38, 0.52, 0.62, 0.54
 """Lengths in the picture: half edge of the platform; from the foot of a device the radius of what it reaches,
 its axis, its boresight, and its field of view."""
-_FRAME = 1.3  # length of the body axes, from the middle of the platform
-_VIEW = (24.0, -52.0)  # deg, elevation and azimuth of the eye
-_REACH, _MASKED, _SIDE = 0.20, 0.45, 0.10  # opacities: of what is reached, of masks, of the platform's faces
-_NARROW = 0.01  # width of the empty axes that the legend stands beside, in widths of the picture
-_LINES, _KINDS = 34, 12  # lines of text in a column of the legend; those kept for entries that are no devices
-_FILLED = 0.84  # fraction of the axes' width or height that the picture fills
-_LETTER = np.array([0.75, 1.8])  # width of a letter and height of a line, in units of the font size
-_HEAD = 0.07  # length of an arrow's head, in the picture's units
-_RING: Look = {"color": wheel_picture.COLOUR, "markerfacecolor": to_rgba(*wheel_picture.FILL)}
-_FACES = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # corners of a square, in order around it
+_FRAME_LENGTH = 1.3  # length of the body axes, from the middle of the platform
+_EYE_ANGLES = (24.0, -52.0)  # deg, elevation and azimuth of the eye
+_REACH_ALPHA, _MASK_ALPHA, _FACE_ALPHA = 0.20, 0.45, 0.10  # opacities: also of the platform's faces
+_LEGEND_AXES_WIDTH = 0.01  # width of the empty axes that the legend stands beside, in widths of the picture
+_MAX_LINES, _OTHER_LINES = 34, 12  # in a column of the legend; of these, for entries that are no devices
+_FILLED_SHARE = 0.84  # fraction of the axes' width or height that the picture fills
+_LETTER_SIZE = np.array([0.75, 1.8])  # width of a letter and height of a line, in units of the font size
+_HEAD_LENGTH = 0.07  # length of an arrow's head, in the picture's units
+_WHEEL_ENTRY: Look = {"color": wheel_picture.COLOUR, "markerfacecolor": to_rgba(*wheel_picture.FILL)}
+_SQUARE_CORNERS = ((1, 1), (1, -1), (-1, -1), (-1, 1))  # corners of a square, in order around it
 
 
 def spacecraft(
@@ -101,13 +101,13 @@ def spacecraft(
     if joints is not None:
         expect_numbers("joints", joints, craft.joint_count)
         angles = np.asarray(joints, float)
-    axes, beside = _solid(ax)
+    axes, beside = _make_3d_axes(ax)
     picture = _Picture(craft, axes, angles, turned=joints is not None)
     picture.draw()
     if legend:
         entries = picture.entries()
         lines = sum(1 + text.count("\n") for _, text in entries)
-        legend_beside(beside, entries, columns=-(-lines // _LINES))
+        legend_beside(beside, entries, columns=-(-lines // _MAX_LINES))
     return axes
 
 
@@ -118,7 +118,7 @@ def spacecraft_figure(craft: Spacecraft, joints: ArrayLike) -> Figure:
     return figure
 
 
-def _solid(where: Canvas) -> tuple[Axes3D, Axes]:
+def _make_3d_axes(where: Canvas) -> tuple[Axes3D, Axes]:
     """Make or check the 3-D axes to draw on; returns them, and the axes that the legend stands beside.
 
     In a figure the latter are narrow axes of their own, since a layout does not know how wide 3-D axes are.
@@ -126,7 +126,7 @@ def _solid(where: Canvas) -> tuple[Axes3D, Axes]:
     if where is None:
         where = new_figure(SIZE)
     if isinstance(where, Figure | SubFigure):
-        columns = where.add_gridspec(1, 2, width_ratios=(1, _NARROW))
+        columns = where.add_gridspec(1, 2, width_ratios=(1, _LEGEND_AXES_WIDTH))
         axes, beside = (
             where.add_subplot(columns[0], projection="3d", computed_zorder=False),
             where.add_subplot(columns[1]),
@@ -135,7 +135,7 @@ def _solid(where: Canvas) -> tuple[Axes3D, Axes]:
     else:
         axes = expect("ax", where, Axes3D, "give axes with projection='3d', or a figure to put them in")
         beside = axes
-    axes.view_init(*_VIEW)
+    axes.view_init(*_EYE_ANGLES)
     axes.set_proj_type("ortho")
     axes.set_axis_off()
     return axes, beside
@@ -169,24 +169,24 @@ class _Picture:
         self._draw_body()
         self._draw_wheels()
         for number, (device, foot) in enumerate(
-            zip(self.craft.devices, _BODY * feet(self.craft), strict=True)
+            zip(self.craft.devices, _HALF_EDGE * feet(self.craft), strict=True)
         ):
             self._draw_device(number, device, foot)
         looks: Look = {"edgecolors": "none", "antialiaseds": False, "rasterized": True, "zorder": 1}
         self.axes.add_collection3d(Poly3DCollection(self.surfaces, facecolors=self.colours, **looks))
-        self._fill_axes()
+        self._fit_axes()
         self._write_names()
 
     def _draw_body(self) -> None:
         """Draw the platform as a cube, and the body axes as arrows with their names."""
         for axis, side in np.ndindex(3, 2):
-            middle, first, second = np.roll(np.eye(3), -axis, axis=0) * _BODY
-            square = np.array([(2 * side - 1) * middle + i * first + j * second for i, j in _FACES])
-            self._fill(square[None], "0.5", _SIDE)
-            self._line(square[[0, 1, 2, 3, 0]], {"color": "0.55", "linewidth": 0.8})
+            middle, first, second = np.roll(np.eye(3), -axis, axis=0) * _HALF_EDGE
+            square = np.array([(2 * side - 1) * middle + i * first + j * second for i, j in _SQUARE_CORNERS])
+            self._fill(square[None], "0.5", _FACE_ALPHA)
+            self._add_line(square[[0, 1, 2, 3, 0]], {"color": "0.55", "linewidth": 0.8})
         for axis, look, name in zip(np.eye(3), AXIS_STYLES, "xyz", strict=True):
-            self._arrow(np.array([_BODY * axis, _FRAME * axis]), {**look, "linewidth": 1.4})
-            self._name(1.06 * _FRAME * axis, name, look["color"], TEXT + 2)
+            self._add_arrow(np.array([_HALF_EDGE * axis, _FRAME_LENGTH * axis]), {**look, "linewidth": 1.4})
+            self._write_text(1.06 * _FRAME_LENGTH * axis, name, look["color"], TEXT + 2)
 
     def _draw_wheels(self) -> None:
         """Draw each reaction wheel as a ring across its axis, with an arrow along the axis."""
@@ -195,8 +195,8 @@ class _Picture:
             ring = wheel_picture.ring(wheel, hub)
             hubs = np.broadcast_to(hub, ring[2::2].shape)
             self._fill(np.stack([hubs, ring[:-2:2], ring[1:-1:2], ring[2::2]], axis=1), *wheel_picture.FILL)
-            self._line(ring, look)
-            self._arrow(_from(hub, wheel_picture.SPIN * np.asarray(wheel.axis)), look)
+            self._add_line(ring, look)
+            self._add_arrow(_segment(hub, wheel_picture.SPIN * np.asarray(wheel.axis)), look)
 
     def _draw_device(self, number: int, device: Terminal | Drive | Instrument, foot: np.ndarray) -> None:
         """Draw device `number` at its foot (3,): what it reaches, its boresights and its field of view."""
@@ -206,10 +206,10 @@ class _Picture:
             self._draw_reach(number, device, foot)
         elif isinstance(device, Drive):
             self._draw_fan(number, device, foot)
-        self._arrow(_from(foot, _LOOK * self.zero[number]), {**look, "linewidth": 2.2})
+        self._add_arrow(_segment(foot, _BORESIGHT * self.zero[number]), {**look, "linewidth": 2.2})
         if self.turned and not isinstance(device, Instrument):
-            self._line(_from(foot, _LOOK * self.now[number]), {"color": colour, "linewidth": 1.2})
-            tip = (foot + _LOOK * self.now[number])[:, None]
+            self._add_line(_segment(foot, _BORESIGHT * self.now[number]), {"color": colour, "linewidth": 1.2})
+            tip = (foot + _BORESIGHT * self.now[number])[:, None]
             self.axes.plot(*tip, marker="o", markersize=5, color=colour, zorder=4)
         if device.field_of_view is not None:
             self._draw_field(number, device, device.field_of_view, foot)
@@ -221,43 +221,45 @@ class _Picture:
         yaws, pitches = once_around(ranges[0]), ranges[1]
 
         def place(yaw: ArrayLike, pitch: ArrayLike) -> np.ndarray:
-            return np.asarray(foot + _DOME * (pointing(*np.broadcast_arrays(yaw, pitch)) @ frame.T))
+            return np.asarray(foot + _REACH_RADIUS * (pointing(*np.broadcast_arrays(yaw, pitch)) @ frame.T))
 
         across, upward = cells_of(yaws), cells_of(pitches)
         corners = place(*np.meshgrid(across, upward, indexing="ij"))
         cells = np.stack([corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]], axis=-2)
         middles = np.stack(np.meshgrid(middles_of(across), middles_of(upward), indexing="ij"), axis=-1)
         masked = within_masks(terminal, middles)
-        self._fill(cells[~masked], colour, _REACH)
-        self._fill(cells[masked], KEEP_OUT, _MASKED)
+        self._fill(cells[~masked], colour, _REACH_ALPHA)
+        self._fill(cells[masked], KEEP_OUT, _MASK_ALPHA)
         edge: Look = {"color": colour, "linewidth": 0.9}
         low, high = (points_of(span) for span in (yaws, pitches))
         ends = [place(low, pitches[0]), place(low, pitches[1])]
         if yaws[1] - yaws[0] < TURN:
             ends += [place(yaws[0], high), place(yaws[1], high)]
         for line in ends:
-            self._line(line, edge)
-        self._arrow(place(low, np.clip(0.0, *pitches)), edge)
-        self._arrow(place(np.clip(0.0, *yaws), high), edge)
+            self._add_line(line, edge)
+        self._add_arrow(place(low, np.clip(0.0, *pitches)), edge)
+        self._add_arrow(place(np.clip(0.0, *yaws), high), edge)
         for corner in terminal.mask:
             for turn in turns(corner, *yaws):
-                self._line(
+                self._add_line(
                     place(*outline_of(corner, turn, yaws, pitches)), {"color": KEEP_OUT, "linewidth": 1.3}
                 )
-        self._line(_from(foot, _AXIS * frame[:, 2]), {"color": colour, "linewidth": 1, "linestyle": ":"})
+        self._add_line(
+            _segment(foot, _AXIS_LENGTH * frame[:, 2]), {"color": colour, "linewidth": 1, "linestyle": ":"}
+        )
 
     def _draw_fan(self, number: int, drive: Drive, foot: np.ndarray) -> None:
         """Draw the fan in which the boresight of a drive turns, and the axis of the drive."""
         frame, colour = self.craft.gimbals.frames[number], device_style(number)["color"]
         angles = points_of(once_around(np.asarray(drive.range, float)))
         own = pointing(angles, np.full_like(angles, float(drive.tilt)))
-        arc = foot + _DOME * (own @ frame.T)
+        arc = foot + _REACH_RADIUS * (own @ frame.T)
         self._fill(
-            np.stack([np.broadcast_to(foot, arc[1:].shape), arc[:-1], arc[1:]], axis=1), colour, _REACH
+            np.stack([np.broadcast_to(foot, arc[1:].shape), arc[:-1], arc[1:]], axis=1), colour, _REACH_ALPHA
         )
-        self._arrow(arc, {"color": colour, "linewidth": 0.9})
-        axis = np.array([-0.5, 1.0])[:, None] * _AXIS * frame[:, 2]
-        self._line(foot + axis, {"color": colour, "linewidth": 1, "linestyle": ":"})
+        self._add_arrow(arc, {"color": colour, "linewidth": 0.9})
+        axis = np.array([-0.5, 1.0])[:, None] * _AXIS_LENGTH * frame[:, 2]
+        self._add_line(foot + axis, {"color": colour, "linewidth": 1, "linestyle": ":"})
 
     def _draw_field(self, number: int, device: Any, full: np.ndarray, foot: np.ndarray) -> None:
         """Draw a field of view of full angles (2,), rad, as a pyramid, with an arrow up at its upper edge."""
@@ -267,18 +269,18 @@ class _Picture:
             corners, up = field_corners(FORWARD, up, full) @ turn.T, turn @ up
         else:
             up, corners = device.up, field_corners(device.boresight, device.up, full)
-        tips = foot + _FIELD * corners / (corners @ self.now[number])[:, None]
+        tips = foot + _FIELD_LENGTH * corners / (corners @ self.now[number])[:, None]
         around = tips[[0, 1, 2, 3, 0]]
         sides = np.stack([np.broadcast_to(foot, (4, 3)), around[:-1], around[1:]], axis=1)
-        self._fill(sides, colour, _REACH)
+        self._fill(sides, colour, _REACH_ALPHA)
         thin: Look = {"color": colour, "linewidth": 0.8}
         for line in (around, *(np.array([foot, tip]) for tip in tips)):
-            self._line(line, thin)
-        middle = foot + _FIELD * self.now[number]
+            self._add_line(line, thin)
+        middle = foot + _FIELD_LENGTH * self.now[number]
         end = middle + (np.max((tips - middle) @ up) + 0.15) * np.asarray(up)
-        self._arrow(np.array([middle, end]), {**thin, "linewidth": 1.2})
+        self._add_arrow(np.array([middle, end]), {**thin, "linewidth": 1.2})
 
-    def _fill_axes(self) -> None:
+    def _fit_axes(self) -> None:
         """Give all three axes one scale, with which the picture as first seen fills the page."""
         points = np.concatenate(self.drawn)
         limits = self.axes.set_xlim, self.axes.set_ylim, self.axes.set_zlim
@@ -294,42 +296,42 @@ class _Picture:
         for limit, centre in zip(limits, middle, strict=True):
             limit(centre - 1, centre + 1)
         room = np.array([np.ptp(self.axes.viewLim.intervalx), np.ptp(self.axes.viewLim.intervaly)])
-        self.axes.set_box_aspect((1, 1, 1), zoom=_FILLED * np.min(room / (high - low)))
+        self.axes.set_box_aspect((1, 1, 1), zoom=_FILLED_SHARE * np.min(room / (high - low)))
 
     def _write_names(self) -> None:
         """Write the name of each device at the end of its boresight or axis, where it covers no other name.
 
         Names of wheels stand beside their rings or at the ends of their arrows.
         """
-        letter = _LETTER * (SMALL + 1) * self.axes.figure.dpi / 72  # pixels, before the final layout
+        letter = _LETTER_SIZE * (SMALL + 1) * self.axes.figure.dpi / 72  # pixels, before the final layout
         labels = Labels(np.zeros((0, 2)))
-        labels.taken.extend((self._seen(1.06 * _FRAME * axis), 2 * letter) for axis in np.eye(3))
-        for number, foot in enumerate(_BODY * feet(self.craft)):
-            ends = [_LOOK * self.now[number], _LOOK * self.zero[number]]
+        labels.taken.extend((self._to_pixels(1.06 * _FRAME_LENGTH * axis), 2 * letter) for axis in np.eye(3))
+        for number, foot in enumerate(_HALF_EDGE * feet(self.craft)):
+            ends = [_BORESIGHT * self.now[number], _BORESIGHT * self.zero[number]]
             if number < self.craft.gimbals.count:
-                ends += [side * _AXIS * self.craft.gimbals.frames[number, :, 2] for side in (1, -0.5)]
+                ends += [side * _AXIS_LENGTH * self.craft.gimbals.frames[number, :, 2] for side in (1, -0.5)]
             places = [foot + 1.15 * end for end in ends] + [foot + share * ends[0] for share in (0.75, 0.45)]
             look = (device_style(number)["color"], SMALL + 1)
-            self._place(labels, self.craft.device_names[number], places, letter, look)
+            self._place_name(labels, self.craft.device_names[number], places, letter, look)
         letter = letter * SMALL / (SMALL + 1)
-        labels.taken.extend((self._seen(hub), np.full(2, float(letter[1]))) for hub in self.hubs)
+        labels.taken.extend((self._to_pixels(hub), np.full(2, float(letter[1]))) for hub in self.hubs)
         for wheel, hub in zip(self.craft.wheels, self.hubs, strict=True):
             places = wheel_picture.name_places(wheel, hub)
-            self._place(labels, wheel.name, places, letter, (wheel_picture.COLOUR, SMALL))
+            self._place_name(labels, wheel.name, places, letter, (wheel_picture.COLOUR, SMALL))
 
-    def _place(
+    def _place_name(
         self, labels: Labels, name: str, places: list[np.ndarray], letter: np.ndarray, look: tuple[str, float]
     ) -> None:
         """Write a name at one of several places (3,) in body axes.
 
         `letter` is the size (2,) of a letter in pixels, `look` the colour and size of the text.
         """
-        spots = [self._seen(place) for place in places]
+        spots = [self._to_pixels(place) for place in places]
         spot = labels.place(spots, letter * [len(name), 1.0], must=True)
         where = int(np.argmin([np.linalg.norm(one - spot) for one in spots]))
-        self._name(places[where], name, *look)
+        self._write_text(places[where], name, *look)
 
-    def _seen(self, point: np.ndarray) -> np.ndarray:
+    def _to_pixels(self, point: np.ndarray) -> np.ndarray:
         """Return the place (2,) in the picture, in pixels, of a point (3,) in body axes."""
         across, up, _ = proj_transform(*point, self.axes.get_proj())
         return np.asarray(self.axes.transData.transform((across, up)))
@@ -344,27 +346,27 @@ class _Picture:
         self.surfaces += list(corners if corners.shape[1] == 4 else corners[:, [0, 1, 2, 2]])
         self.colours += [to_rgba(colour, alpha)] * len(polygons)
 
-    def _line(self, points: np.ndarray, look: Look) -> None:
+    def _add_line(self, points: np.ndarray, look: Look) -> None:
         """Draw a line through points (k, 3) in body axes."""
         self.drawn.append(points)
         self.axes.plot(*points.T, zorder=3, **look)
 
-    def _arrow(self, points: np.ndarray, look: Look) -> None:
+    def _add_arrow(self, points: np.ndarray, look: Look) -> None:
         """Draw a line through points (k, 3) with an arrowhead at its end.
 
         The head is turned so that it lies flat on a surface around the middle of the platform.
         """
-        self._line(points, look)
+        self._add_line(points, look)
         back = points[-1] - points[-2]
         back = back / np.linalg.norm(back)
         aside = np.cross(back, points[-1])
         if np.linalg.norm(aside) < 1e-6:
             aside = np.cross(back, np.roll(np.eye(3)[np.argmax(np.abs(back))], 1))
         aside = aside / np.linalg.norm(aside)
-        barbs = [points[-1] - _HEAD * back + side * 0.45 * _HEAD * aside for side in (1, -1)]
-        self._line(np.array([barbs[0], points[-1], barbs[1]]), {**look, "linestyle": "-"})
+        barbs = [points[-1] - _HEAD_LENGTH * back + side * 0.45 * _HEAD_LENGTH * aside for side in (1, -1)]
+        self._add_line(np.array([barbs[0], points[-1], barbs[1]]), {**look, "linestyle": "-"})
 
-    def _name(self, place: np.ndarray, text: str, colour: str, size: float) -> None:
+    def _write_text(self, place: np.ndarray, text: str, colour: str, size: float) -> None:
         """Write a text at a point (3,) in body axes."""
         named = self.axes.text(*place, text, color=colour, fontsize=size, zorder=5, **HALO)
         plain(named)
@@ -372,7 +374,7 @@ class _Picture:
     def entries(self) -> Entries:
         """Return the legend entries: devices with their ranges, and the meanings of lines and surfaces."""
         devices = self.craft.devices
-        crowded = sum(_device_label(device).count("\n") + 1 for device in devices) > _LINES - _KINDS
+        crowded = sum(_device_label(device).count("\n") + 1 for device in devices) > _MAX_LINES - _OTHER_LINES
         found: Entries = [
             (Line2D([], [], linewidth=2.2, **device_style(number)), _device_label(device, short=crowded))
             for number, device in enumerate(devices)
@@ -394,10 +396,14 @@ class _Picture:
             ),
             (
                 bool(joints),
-                Patch(color=to_rgba(GREY, _REACH)),
+                Patch(color=to_rgba(GREY, _REACH_ALPHA)),
                 "what a device can reach;\narrows to where angles grow",
             ),
-            (masked, Patch(facecolor=to_rgba(KEEP_OUT, _MASKED), edgecolor=KEEP_OUT), "mask, cut out of it"),
+            (
+                masked,
+                Patch(facecolor=to_rgba(KEEP_OUT, _MASK_ALPHA), edgecolor=KEEP_OUT),
+                "mask, cut out of it",
+            ),
             (
                 any(device.field_of_view is not None for device in devices),
                 Line2D(
@@ -407,7 +413,7 @@ class _Picture:
             ),
             (
                 bool(self.craft.wheels),
-                Line2D([], [], marker="o", markersize=8, linestyle="none", **_RING),
+                Line2D([], [], marker="o", markersize=8, linestyle="none", **_WHEEL_ENTRY),
                 wheel_picture.label(self.craft.wheels),
             ),
         ]
@@ -421,24 +427,24 @@ def _device_label(device: Terminal | Drive | Instrument, *, short: bool = False)
     lines = [device.name]
     if isinstance(device, Terminal):
         yaw, pitch = np.asarray(device.ranges, float)
-        lines += [f"  yaw {_span(yaw)}", f"  pitch {_span(pitch)}"]
+        lines += [f"  yaw {_format_range(yaw)}", f"  pitch {_format_range(pitch)}"]
     elif isinstance(device, Drive):
-        lines.append(f"  angle {_span(np.asarray(device.range, float))}")
+        lines.append(f"  angle {_format_range(np.asarray(device.range, float))}")
     if device.field_of_view is not None:
-        lines.append("  field {} x {} deg".format(*map(_degrees, device.field_of_view)))
+        lines.append("  field {} x {} deg".format(*map(_format_degrees, device.field_of_view)))
     return "\n".join(lines)
 
 
-def _span(ends: np.ndarray) -> str:
+def _format_range(ends: np.ndarray) -> str:
     """Return a range (2,), rad, as text in degrees."""
-    return "{} to {} deg".format(*map(_degrees, ends))
+    return "{} to {} deg".format(*map(_format_degrees, ends))
 
 
-def _degrees(angle: float) -> str:
+def _format_degrees(angle: float) -> str:
     """Return an angle, rad, as text in degrees."""
     return f"{np.rad2deg(angle):.4g}".replace("-", "\N{MINUS SIGN}")
 
 
-def _from(foot: np.ndarray, vector: np.ndarray) -> np.ndarray:
+def _segment(foot: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Return both ends (2, 3) of a vector (3,) that begins at a foot (3,)."""
     return np.array([foot, foot + vector])

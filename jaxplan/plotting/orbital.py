@@ -36,8 +36,8 @@ from jaxplan.plotting.time_panels import size
 from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
 
-_NAMES = ("roll, about x", "pitch, about y", "yaw, about z")
-_TICKS = [1, 1.5, 3, 4.5, 6, 9, 10]  # steps between ticks, times powers of ten
+_ANGLE_NAMES = ("roll, about x", "pitch, about y", "yaw, about z")
+_TICK_STEPS = [1, 1.5, 3, 4.5, 6, 9, 10]  # steps between ticks, times powers of ten
 
 
 def attitude(
@@ -78,7 +78,8 @@ def attitude(
     _draw_angles(grid[0], moves.times, np.rad2deg(roll_pitch_yaw(turned)))
     plain(grid[0].set_title(f"{plan.scenario.name}: attitude{frame.words}", fontsize=TEXT + 1, loc="left"))
     entries: Entries = [
-        (Line2D([], [], linewidth=1.6, **look), name) for look, name in zip(AXIS_STYLES, _NAMES, strict=True)
+        (Line2D([], [], linewidth=1.6, **look), name)
+        for look, name in zip(AXIS_STYLES, _ANGLE_NAMES, strict=True)
     ]
     if legend:
         legend_beside(grid[0], entries)
@@ -88,7 +89,7 @@ def attitude(
             off = np.rad2deg(separation(line, np.array([0.0, 0.0, 1.0])))
             curve(grid[1], moves.times, off, **device_style(device))
         grid[1].set_ylabel("boresight\nfrom nadir (deg)", fontsize=TEXT)
-        grid[1].yaxis.set_major_locator(MaxNLocator(nbins=6, steps=_TICKS))
+        grid[1].yaxis.set_major_locator(MaxNLocator(nbins=6, steps=_TICK_STEPS))
         if legend:
             legend_beside(grid[1], device_entries(names))
     time_axis(grid, moves)
@@ -122,4 +123,4 @@ def _draw_angles(axes: Axes, times: np.ndarray, angles: Sequence[np.ndarray] | n
         parts = cut(np.column_stack([values, times]))
         curve(axes, parts[:, 1], parts[:, 0], **look)
     axes.set_ylabel("body in the frame (deg)", fontsize=TEXT)
-    axes.yaxis.set_major_locator(MaxNLocator(nbins=7, steps=_TICKS))
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=7, steps=_TICK_STEPS))

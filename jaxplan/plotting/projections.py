@@ -33,21 +33,21 @@ PALE = 0.28  # opacity of the far side of the globe, as a fraction of that of th
 # rad: angles along a circle from its northernmost point, where it begins. It may pass close to a pole only
 # near there or opposite; there the azimuth changes fast, so points are dense.
 _NEAR = np.geomspace(1e-6, 0.02, 40)
-_ROUND = np.unique(
+_CIRCLE_ANGLES = np.unique(
     [*np.linspace(0, 2 * np.pi, 721), *_NEAR, *(np.pi - _NEAR), *(np.pi + _NEAR), *(2 * np.pi - _NEAR)]
 )
-_ELEVATIONS = np.deg2rad([15, 0, -15, 30, -30, 45, -45])  # rad: elevations of the eye that are tried
-_LIMB = 0.2  # radii: depth below which a direction is too near to the limb to count as in front
-_POLE = 1.0  # deg: distance from a pole within which a line counts as over it, less than its drawn width
-_STRAIGHT = 4.0  # deg: difference of azimuth up to which a line between two points is drawn straight
-_SHORT = np.deg2rad(1.0)  # rad: angle between two points up to which it is drawn straight in any case
-_MOST_BETWEEN = 90  # most steps into which a line between two points is divided
+_EYE_ELEVATIONS = np.deg2rad([15, 0, -15, 30, -30, 45, -45])  # rad: elevations of the eye that are tried
+_LIMB_DEPTH = 0.2  # radii: depth below which a direction is too near to the limb to count as in front
+_POLE_DISTANCE = 1.0  # deg: a line that is nearer to a pole counts as over it; less than its drawn width
+_STRAIGHT_TURN = 4.0  # deg: difference of azimuth up to which a line between two points is drawn straight
+_STRAIGHT_ANGLE = np.deg2rad(1.0)  # rad: angle between two points up to which it is straight in any case
+_MAX_STEPS = 90  # most steps into which a line between two points is divided
 # Coordinates of the grids on which areas are computed: deg on flat map and discs, radii on the globe.
-_AZIMUTHS, _ELEVATION_LINES = np.linspace(-180, 180, 361), np.linspace(-90, 90, 181)
+_AZIMUTH_LINES, _ELEVATION_LINES = np.linspace(-180, 180, 361), np.linspace(-90, 90, 181)
 _GLOBE_LINES = np.linspace(-1.01, 1.01, 203)
 _DISC_LINES = np.linspace(-91.0, 91.0, 183)
-_SMALL = np.deg2rad(3.0)  # rad: half angle of a cone up to which the grid is made finer around it
-_ACROSS = np.linspace(-1.1, 1.1, 23)  # offsets of added coordinates from its centre, in its half widths
+_SMALL_CONE = np.deg2rad(3.0)  # rad: half angle of a cone up to which the grid is made finer around it
+_FINE_OFFSETS = np.linspace(-1.1, 1.1, 23)  # offsets of added coordinates from its centre, in its half widths
 
 
 def circle(axis: np.ndarray, half_angle: float) -> np.ndarray:
@@ -62,7 +62,7 @@ def circle(axis: np.ndarray, half_angle: float) -> np.ndarray:
     """
     azimuth, elevation = azimuth_elevation(axis)
     _, left, up = frame(np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation))
-    turn = _ROUND[:, None]
+    turn = _CIRCLE_ANGLES[:, None]
     around = np.cos(turn) * np.array(up) + np.sin(turn) * np.array(left)
     return np.asarray(np.cos(half_angle) * axis + np.sin(half_angle) * around)
 
@@ -113,11 +113,11 @@ def over_poles(points: np.ndarray) -> np.ndarray:
         points: (k, 2) deg, successive points of the line.
 
     Returns:
-        (k', 2) deg: points within `_POLE` of a pole are replaced by the pole at the azimuths of the points
+        (k', 2) deg: points within `_POLE_DISTANCE` of a pole are replaced by it at the azimuths of the points
         before and after, with a row of NaN between. A line that stays near a pole is returned as it is.
     """
-    near = np.abs(points[:, 1]) > 90 - _POLE
-    if not np.any(near) or np.all(np.abs(points[:, 1]) > 90 - 1.5 * _POLE):
+    near = np.abs(points[:, 1]) > 90 - _POLE_DISTANCE
+    if not np.any(near) or np.all(np.abs(points[:, 1]) > 90 - 1.5 * _POLE_DISTANCE):
         return points
     edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
     parts, done = list[np.ndarray](), 0
@@ -142,13 +142,13 @@ def fine(line: np.ndarray, wide: np.ndarray) -> np.ndarray:
         wide: (k - 1,) number of steps wanted between each two points, 1 for no points between.
 
     Returns:
-        (k', 3), among them all of the line's points. None are put between points closer than `_SHORT`, and
-        between opposite ones, since those have no unique great circle.
+        (k', 3), among them all of the line's points. None are put between points closer than
+        `_STRAIGHT_ANGLE`, and between opposite ones, since those have no unique great circle.
     """
     apart = separation(line[:-1], line[1:])
-    steps = np.where((apart > _SHORT) & (apart < np.pi - 1e-6), np.clip(wide, 1, _MOST_BETWEEN), 1).astype(
-        int
-    )
+    steps = np.where(
+        (apart > _STRAIGHT_ANGLE) & (apart < np.pi - 1e-6), np.clip(wide, 1, _MAX_STEPS), 1
+    ).astype(int)
     if not np.any(steps > 1):
         return line
     before = np.repeat(np.arange(len(steps)), steps)
@@ -205,19 +205,19 @@ class FlatMap:
         if len(line) > 1:
             turned = np.abs(np.diff(unfold(line)[:, 0]))
             turned = np.minimum(turned, 360 - turned)
-            line = fine(line, np.where(turned > _STRAIGHT, np.ceil(2 * turned / _STRAIGHT), 1))
+            line = fine(line, np.where(turned > _STRAIGHT_TURN, np.ceil(2 * turned / _STRAIGHT_TURN), 1))
         return [(cut(over_poles(unfold(line))), 1.0)]
 
     def sheets(self, axis: np.ndarray, half_angle: float) -> Iterator[Sheet]:
         """Yield the only layer of the map, on a grid that is fine enough for the given cone."""
-        if half_angle > _SMALL:
+        if half_angle > _SMALL_CONE:
             yield _flat_sheet()
             return
         (azimuth, elevation), (width, height) = self.project(axis), self.extent(axis, half_angle)
-        across, upward = _AZIMUTHS, _finer(_ELEVATION_LINES, elevation, height)
+        across, upward = _AZIMUTH_LINES, _refine_lines(_ELEVATION_LINES, elevation, height)
         for turn in (-360.0, 0.0, 360.0):  # a cone at one edge of the map is seen at the other, too
-            across = _finer(across, azimuth + turn, width)
-        yield _sheet(across, upward)
+            across = _refine_lines(across, azimuth + turn, width)
+        yield _make_sheet(across, upward)
 
     def extent(self, axis: np.ndarray, half_angle: float) -> tuple[float, float]:
         """Return half the width and height, deg, of a cone in the picture, at most those of a half sphere."""
@@ -235,7 +235,7 @@ class FlatMap:
         return np.asarray(pointing(*np.deg2rad(spots.T)))
 
 
-def _sheet(across: np.ndarray, upward: np.ndarray) -> Sheet:
+def _make_sheet(across: np.ndarray, upward: np.ndarray) -> Sheet:
     """Make the layer of the flat map for azimuths (n,) and elevations (m,), deg."""
     return Sheet(across, upward, np.asarray(pointing(*np.deg2rad(np.meshgrid(across, upward)))), 1.0)
 
@@ -243,12 +243,12 @@ def _sheet(across: np.ndarray, upward: np.ndarray) -> Sheet:
 @cache
 def _flat_sheet() -> Sheet:
     """Return the layer of the flat map on its usual grid, computed once."""
-    return _sheet(_AZIMUTHS, _ELEVATION_LINES)
+    return _make_sheet(_AZIMUTH_LINES, _ELEVATION_LINES)
 
 
-def _finer(lines: np.ndarray, centre: float, reach: float) -> np.ndarray:
+def _refine_lines(lines: np.ndarray, centre: float, reach: float) -> np.ndarray:
     """Add coordinates within about `reach` of a centre to grid coordinates (n,), for a small cone there."""
-    more = centre + reach * _ACROSS
+    more = centre + reach * _FINE_OFFSETS
     return np.union1d(lines, more[(more > lines[0]) & (more < lines[-1])])
 
 
@@ -271,7 +271,7 @@ class TwoDiscs:
 
     def project(self, directions: np.ndarray) -> np.ndarray:
         """Return points (..., 2) of the picture, deg, for directions (..., 3) in the frame."""
-        return self._on(directions, directions[..., 2] >= 0)
+        return self._to_disc(directions, directions[..., 2] >= 0)
 
     def ring_names(self) -> list[tuple[str, np.ndarray]]:
         """Return the names of the rings with their places (2,), which no other name may cover."""
@@ -281,7 +281,7 @@ class TwoDiscs:
             found.append((f"{ring}\N{DEGREE SIGN}", np.array([middle + off, -off])))
         return found
 
-    def _on(self, directions: np.ndarray, first: np.ndarray) -> np.ndarray:
+    def _to_disc(self, directions: np.ndarray, first: np.ndarray) -> np.ndarray:
         """Map directions (..., 3) to points (..., 2) of the disc about z where `first`, else about -z."""
         across = np.hypot(directions[..., 0], directions[..., 1])
         off = np.rad2deg(np.arctan2(across, np.where(first, 1, -1) * directions[..., 2]))
@@ -296,14 +296,14 @@ class TwoDiscs:
     def parts(self, line: np.ndarray) -> list[tuple[np.ndarray, float]]:
         """Convert a line (k, 3) to a line (k', 2) of the picture, cut where it leaves a disc; opacity 1."""
         if len(line) > 1:
-            line = fine(line, np.ceil(separation(line[:-1], line[1:]) / _SHORT))
+            line = fine(line, np.ceil(separation(line[:-1], line[1:]) / _STRAIGHT_ANGLE))
         first = line[:, 2] >= 0
         before = np.flatnonzero(np.diff(first))
         low, high = line[before], line[before + 1]
         share = low[:, 2] / (low[:, 2] - high[:, 2])
         edge = low + share[:, None] * (high - low)
         edge[:, 2] = 0.0
-        here, there = self._on(edge, first[before]), self._on(edge, ~first[before])
+        here, there = self._to_disc(edge, first[before]), self._to_disc(edge, ~first[before])
         extra = np.stack([here, np.full_like(here, np.nan), there], axis=1).reshape(-1, 2)
         return [(np.insert(self.project(line), np.repeat(before + 1, 3), extra, axis=0), 1.0)]
 
@@ -313,9 +313,9 @@ class TwoDiscs:
         for side in (1, -1):
             middle = np.array([-side * self.middle, 0.0])
             across = upward = _DISC_LINES
-            if half_angle <= _SMALL:
-                across, upward = (_finer(across, centre, reach) for centre in own - middle)
-            directions = _off_middle(*np.meshgrid(across, upward)) * (1, 1, side)
+            if half_angle <= _SMALL_CONE:
+                across, upward = (_refine_lines(across, centre, reach) for centre in own - middle)
+            directions = _from_disc(*np.meshgrid(across, upward)) * (1, 1, side)
             yield Sheet(across + middle[0], upward, directions, 1.0, ((float(middle[0]), 0.0), 90.0))
 
     def extent(self, axis: np.ndarray, half_angle: float) -> tuple[float, float]:
@@ -333,11 +333,11 @@ class TwoDiscs:
         """Return the directions (k, 3) at points (k, 2) of the picture; NaN beyond the discs."""
         side = np.where(spots[:, 0] < 0, 1.0, -1.0)
         right, up = spots[:, 0] + side * self.middle, spots[:, 1]
-        found = _off_middle(right, up) * np.stack([np.ones_like(side), np.ones_like(side), side], axis=-1)
+        found = _from_disc(right, up) * np.stack([np.ones_like(side), np.ones_like(side), side], axis=-1)
         return np.where(np.hypot(right, up)[:, None] <= 90 + 1e-9, found, np.nan)
 
 
-def _off_middle(right: np.ndarray, up: np.ndarray) -> np.ndarray:
+def _from_disc(right: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Return directions (..., 3) at places, deg from the middle of the disc about z; clipped to its edge."""
     off = np.hypot(right, up)
     angle = np.deg2rad(np.minimum(off, 90.0))
@@ -373,10 +373,10 @@ class GlobeView:
     @classmethod
     def facing(cls, directions: np.ndarray) -> Self:
         """Make the view with most of the directions (k, 3) in front, rather from a low elevation."""
-        angles = [(a, e) for e in _ELEVATIONS for a in np.deg2rad(range(0, 360, 15))]
+        angles = [(a, e) for e in _EYE_ELEVATIONS for a in np.deg2rad(range(0, 360, 15))]
         views = [cls.from_angles(*pair) for pair in angles]
         shares = [
-            np.mean(view.depth(directions) > _LIMB) - 0.05 * abs(pair[1])
+            np.mean(view.depth(directions) > _LIMB_DEPTH) - 0.05 * abs(pair[1])
             for view, pair in zip(views, angles, strict=True)
         ]
         return views[int(np.argmax(shares))]
@@ -410,11 +410,11 @@ class GlobeView:
     def sheets(self, axis: np.ndarray, half_angle: float) -> Iterator[Sheet]:
         """Yield layers for front and back; grid points beyond the limb have directions of the limb."""
         across = upward = _GLOBE_LINES
-        points = _whole_disc()
-        if half_angle <= _SMALL:
+        points = _whole_half_sphere()
+        if half_angle <= _SMALL_CONE:
             (right, up), (reach, _) = self.project(axis), self.extent(axis, half_angle)
-            across, upward = _finer(across, right, reach), _finer(upward, up, reach)
-            points = _disc(across, upward)
+            across, upward = _refine_lines(across, right, reach), _refine_lines(upward, up, reach)
+            points = _half_sphere_points(across, upward)
         for side, strength in ((1, 1.3), (-1, PALE)):
             yield Sheet(across, upward, points * (1, 1, side) @ self.axes, strength, ((0.0, 0.0), 1.0))
 
@@ -437,7 +437,7 @@ class GlobeView:
 Projection: TypeAlias = FlatMap | TwoDiscs | GlobeView
 
 
-def _disc(across: np.ndarray, upward: np.ndarray) -> np.ndarray:
+def _half_sphere_points(across: np.ndarray, upward: np.ndarray) -> np.ndarray:
     """Return points (m, n, 3) of the near half sphere, (right, up, depth), on a grid about the unit disc."""
     right, up = np.meshgrid(across, upward)
     radius = np.maximum(np.hypot(right, up), 1)
@@ -446,6 +446,6 @@ def _disc(across: np.ndarray, upward: np.ndarray) -> np.ndarray:
 
 
 @cache
-def _whole_disc() -> np.ndarray:
+def _whole_half_sphere() -> np.ndarray:
     """Return the points of the near half sphere on the globe's usual grid, computed once."""
-    return _disc(_GLOBE_LINES, _GLOBE_LINES)
+    return _half_sphere_points(_GLOBE_LINES, _GLOBE_LINES)

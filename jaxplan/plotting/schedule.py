@@ -32,23 +32,23 @@ Span = tuple[float, float]
 
 _BAR = 0.74  # height of bars, in heights of a row
 _LETTER = 0.56  # width of a letter, in units of the font size
-_ROOM = 3.0  # points that a bar is longer than the name in it
-_TURNED, _SIZE = 8.0, 8.6  # points: size of names turned by 90 deg, and of upright ones
-_ENOUGH = 0.75  # a row's names are upright if at least that fraction of those with room when turned has room
-_LOOSE = 1.12  # factor by which rows are higher than their names need, since the layout shrinks them
-_TALLEST = 80.0  # points: longest turned name for which rows are made higher
-_PITCH = 9.6  # points: distance between names above the rows
-_LEAD = 12.0  # points: height for the lines from these names to the rows
-_TOP = -0.6  # upper end of the rows, whose middles are at 0, 1, ...
-_LINE: Look = {"color": "0.45", "linewidth": 0.6, "zorder": 0.9}
-_NEAR = 0.02  # fraction of the day: bars of one target that are not farther apart share one name
+_NAME_PADDING = 3.0  # points that a bar is longer than the name in it
+_TURNED, _UPRIGHT = 8.0, 8.6  # points: size of names turned by 90 deg, and of upright ones
+_UPRIGHT_SHARE = 0.75  # a row's names are upright if that share of those with room when turned has room
+_ROW_STRETCH = 1.12  # factor by which rows are higher than their names need, since the layout shrinks them
+_MAX_TURNED_LENGTH = 80.0  # points: longest turned name for which rows are made higher
+_NAME_PITCH = 9.6  # points: distance between names above the rows
+_LEADER_HEIGHT = 12.0  # points: height for the lines from these names to the rows
+_ROWS_TOP = -0.6  # upper end of the rows, whose middles are at 0, 1, ...
+_LEADER_LINE: Look = {"color": "0.45", "linewidth": 0.6, "zorder": 0.9}
+_MAX_JOINED_GAP = 0.02  # fraction of the day: bars of one target that are not farther apart share one name
 _BARE = 0.25  # largest fraction of the length of a name on several bars that may lie between them
-_NARROW = 0.006  # fraction of the day: shorter bars have no white edge
-_PALE = 0.35  # opacity of bars before a window opens
+_MIN_EDGED_BAR = 0.006  # fraction of the day: shorter bars have no white edge
+_WAITING_OPACITY = 0.35  # opacity of bars before a window opens
 _NOT_PLANNED = "not planned"
-_KINDS: dict[str, str] = {"track": "0.35", "point": "0.35", "attitude": "0.55", "idle": "0.75"}
-_HIDDEN: Look = {"facecolor": "none", "edgecolor": "0.84", "hatch": "///", "linewidth": 0.0}
-_BEHIND: Look = {"zorder": 0.9, **_HIDDEN}
+_COLOURS: dict[str, str] = {"track": "0.35", "point": "0.35", "attitude": "0.55", "idle": "0.75"}
+_HIDDEN_SPAN: Look = {"facecolor": "none", "edgecolor": "0.84", "hatch": "///", "linewidth": 0.0}
+_BACKDROP: Look = {"zorder": 0.9, **_HIDDEN_SPAN}
 _GAP: Look = {"facecolor": "white", "edgecolor": "0.7", "linewidth": 0.6}
 _MEANINGS = {  # of the colours of activities, in the order of the legend
     "point": "activity with targets,\na line where it is short",
@@ -57,7 +57,7 @@ _MEANINGS = {  # of the colours of activities, in the order of the legend
 }
 _FAILED: Look = {"facecolor": to_rgba(KEEP_OUT, 0.10), "edgecolor": KEEP_OUT, "linewidth": 1.0}
 _SLEW: Look = {"facecolor": "0.92", "edgecolor": "0.84", "linewidth": 0.5, "zorder": 0.7}
-_POINT: Look = {"marker": "D", "markersize": 5.5, "linestyle": "none", "markeredgewidth": 0.6}
+_POINT_MARK: Look = {"marker": "D", "markersize": 5.5, "linestyle": "none", "markeredgewidth": 0.6}
 
 
 def device_rows(plan: TimelinePlan) -> dict[int, int]:
@@ -106,15 +106,15 @@ def draw_rows(axes: Axes, plan: TimelinePlan, end: float, lane: float = 0.0) -> 
     for device, label in zip(rows, labels[1 + len(failed) :], strict=True):
         label.set_color(device_style(device)["color"])
     axes.set_xlim(0, end)
-    axes.set_ylim(top=_TOP - lane)
+    axes.set_ylim(top=_ROWS_TOP - lane)
     axes.grid(False, axis="y")
     shade_slews(axes, plan)
-    spans = _hidden(plan, end)
+    spans = _hidden_spans(plan, end)
     for row, own in spans.items():
-        axes.broken_barh([(first, last - first) for first, last in own], (row - _BAR / 2, _BAR), **_BEHIND)
-    for bar in _bars(plan, end):
+        axes.broken_barh([(first, last - first) for first, last in own], (row - _BAR / 2, _BAR), **_BACKDROP)
+    for bar in _list_bars(plan, end):
         look = bar.look
-        if bar.end - bar.start < _NARROW * end and look is not _FAILED:  # all of it would be edge
+        if bar.end - bar.start < _MIN_EDGED_BAR * end and look is not _FAILED:  # all of it would be edge
             look = {**look, "edgecolor": look["facecolor"]}
         axes.broken_barh([(bar.start, bar.end - bar.start)], (bar.row - _BAR / 2, _BAR), **look)
     _draw_points(axes, plan)
@@ -124,22 +124,22 @@ def draw_rows(axes: Axes, plan: TimelinePlan, end: float, lane: float = 0.0) -> 
 def row_entries(plan: TimelinePlan, end: float) -> Entries:
     """Return legend entries for what the rows of a timeline show until `end`, s."""
     rows = device_rows(plan)
-    done = {_KINDS[one.kind] for one in plan.activities if one.start is not None}
+    done = {_COLOURS[one.kind] for one in plan.activities if one.start is not None}
     entries: Entries = [
-        (Patch(color=_KINDS[kind]), text) for kind, text in _MEANINGS.items() if _KINDS[kind] in done
+        (Patch(color=_COLOURS[kind]), text) for kind, text in _MEANINGS.items() if _COLOURS[kind] in done
     ]
     following = [
         (Patch(facecolor=device_style(device)["color"]), "device that follows one") for device in rows
     ]
     entries += [*following[:1], (Patch(**_SLEW), "slew"), (Patch(**_GAP), "gap: the device is free")]
-    entries += [(Patch(**_HIDDEN), "target hidden")] * bool(_hidden(plan, end))
+    entries += [(Patch(**_HIDDEN_SPAN), "target hidden")] * bool(_hidden_spans(plan, end))
     off = any(not one.ok and one.start is not None for one in plan.activities)
     entries += [(Patch(**_FAILED), "not certified")] * off
-    if any(bar.waiting for bar in _bars(plan, end)):
+    if any(bar.waiting for bar in _list_bars(plan, end)):
         colour = device_style(next(iter(rows)))["color"]
-        entries.append((Patch(color=colour, alpha=_PALE), "followed before\nits window"))
+        entries.append((Patch(color=colour, alpha=_WAITING_OPACITY), "followed before\nits window"))
     if any(one.kind == "point" and one.ok for one in plan.activities):
-        entries.append((Line2D([], [], color=GREY, **_POINT), "instant"))
+        entries.append((Line2D([], [], color=GREY, **_POINT_MARK), "instant"))
     return entries
 
 
@@ -155,19 +155,19 @@ class _Bar:
     waiting: bool = False
 
 
-def _bars(plan: TimelinePlan, end: float) -> Iterator[_Bar]:
+def _list_bars(plan: TimelinePlan, end: float) -> Iterator[_Bar]:
     """Yield the bars of all rows until `end`, s."""
     asked = {activity.name: activity for activity in plan.timeline.activities}
     rows, before = device_rows(plan), 0.0
     for one in plan.activities:
         if one.start is None or one.end is None:
             wanted = asked.get(one.name, Activity(name=one.name, idle=True, latest=end))  # the final rest
-            start, last = _allowed(wanted, before, end)
+            start, last = _allowed_span(wanted, before, end)
             yield _Bar(row=1, start=start, end=last, name=one.name, look=_FAILED)
             before = max(before, last)
             continue
         before = one.end
-        look = {"facecolor": _KINDS[one.kind], "edgecolor": "white", "linewidth": 0.5}
+        look = {"facecolor": _COLOURS[one.kind], "edgecolor": "white", "linewidth": 0.5}
         if not one.ok:
             look |= _FAILED
         yield _Bar(row=0, start=one.start, end=one.end, name=one.name, look=look)
@@ -175,12 +175,12 @@ def _bars(plan: TimelinePlan, end: float) -> Iterator[_Bar]:
         colour, start = device_style(own.device)["color"], own.start
         look = {"facecolor": colour, "edgecolor": "white", "linewidth": 0.5}
         if own.begin < start:
-            pale = {**look, "facecolor": to_rgba(colour, _PALE)}
+            pale = {**look, "facecolor": to_rgba(colour, _WAITING_OPACITY)}
             yield _Bar(row=rows[own.device], start=own.begin, end=start, name="", look=pale, waiting=True)
         yield _Bar(row=rows[own.device], start=start, end=own.end, name=own.name, look=look)
 
 
-def _allowed(activity: Activity, before: float, end: float) -> Span:
+def _allowed_span(activity: Activity, before: float, end: float) -> Span:
     """Return the span, s, in which an activity that was not planned was allowed, within [0, `end`].
 
     It begins at the earliest at `before`, s, the end of the activity in front.
@@ -197,13 +197,13 @@ def _draw_points(axes: Axes, plan: TimelinePlan) -> None:
     rows = device_rows(plan)
     for own in followings(plan):
         if own.planned.kind == "point":
-            look = {"color": device_style(own.device)["color"], "markeredgecolor": "white", **_POINT}
+            look = {"color": device_style(own.device)["color"], "markeredgecolor": "white", **_POINT_MARK}
             axes.plot([own.start], [rows[own.device]], **look)
     times = np.array([one.start for one in plan.activities if one.kind == "point" and one.ok], float)
-    axes.plot(times, np.zeros(len(times)), color=_KINDS["point"], markeredgecolor="white", **_POINT)
+    axes.plot(times, np.zeros(len(times)), color=_COLOURS["point"], markeredgecolor="white", **_POINT_MARK)
 
 
-def _hidden(plan: TimelinePlan, end: float) -> dict[int, list[Span]]:
+def _hidden_spans(plan: TimelinePlan, end: float) -> dict[int, list[Span]]:
     """Return spans, s, in which targets of devices are hidden, by row; rows without any are left out."""
     every, found = followings(plan), dict[int, list[Span]]()
     for device, row in device_rows(plan).items():
@@ -237,17 +237,17 @@ def write_names(axes: Axes, plan: TimelinePlan, end: float, size: tuple[float, f
     width, height = size[0] / end, size[1] / (high - low) * _BAR
     left_out = False
     for own in _rows_of_bars(plan, end):
-        if own[0].row == 0 and low < _TOP:
+        if own[0].row == 0 and low < _ROWS_TOP:
             left_out |= not _name_activities(axes, own, size[0], low)
             continue
-        upright, turned = (list(_placed(own, width, height, end, turned)) for turned in (False, True))
+        upright, turned = (list(_places(own, width, height, end, turned)) for turned in (False, True))
         places = turned
-        if len(upright) >= _ENOUGH * len(turned):  # and turned names in narrow bars
+        if len(upright) >= _UPRIGHT_SHARE * len(turned):  # and turned names in narrow bars
             named = [one.bar for one in upright]
             within = [one for one in turned if one.side == "center" and one.alone]
             places = [*upright, *(one for one in within if not any(one.bar is bar for bar in named))]
         for place in places:
-            _write(axes, place)
+            _write_name(axes, place)
         left_out |= len(places) < sum(bool(bar.name) for bar in own)
     if left_out:
         words = "not all bars have room for their names"
@@ -268,14 +268,14 @@ def lane_height(plan: TimelinePlan, width: float, end: float) -> float:
         Zero where no name needs it, or where so many do that they would not fit beside each other.
     """
     bars = next((own for own in _rows_of_bars(plan, end) if own[0].row == 0), [])
-    lengths = [len(bar.name) * _LETTER * _TURNED for bar in _without_room(bars, width / max(end, 1e-9), end)]
-    lengths = [length for length in lengths if length <= _TALLEST]
-    return max(lengths) + _LEAD if lengths and len(lengths) * _PITCH <= width else 0.0
+    lengths = [len(bar.name) * _LETTER * _TURNED for bar in _unnamed_bars(bars, width / max(end, 1e-9), end)]
+    lengths = [length for length in lengths if length <= _MAX_TURNED_LENGTH]
+    return max(lengths) + _LEADER_HEIGHT if lengths and len(lengths) * _NAME_PITCH <= width else 0.0
 
 
-def _without_room(bars: Sequence[_Bar], width: float, end: float) -> list[_Bar]:
+def _unnamed_bars(bars: Sequence[_Bar], width: float, end: float) -> list[_Bar]:
     """Return bars of a row, by time, whose names have no upright place; `width` is points per second."""
-    placed = [one.bar for one in _placed(bars, width, np.inf, end, turned=False)]
+    placed = [one.bar for one in _places(bars, width, np.inf, end, turned=False)]
     return [bar for bar in bars if bar.name and not any(bar is one for one in placed)]
 
 
@@ -289,17 +289,17 @@ def _name_activities(axes: Axes, bars: Sequence[_Bar], width: float, top: float)
         top: upper end of the panel on the vertical axis.
     """
     end = axes.get_xlim()[1]
-    for place in _placed(bars, width / end, np.inf, end, turned=False):
-        _write(axes, place)
-    missing = _without_room(bars, width / end, end)
-    above = [bar for bar in missing if len(bar.name) * _LETTER * _TURNED <= _TALLEST]
-    above = above[: int(width / _PITCH)]
+    for place in _places(bars, width / end, np.inf, end, turned=False):
+        _write_name(axes, place)
+    missing = _unnamed_bars(bars, width / end, end)
+    above = [bar for bar in missing if len(bar.name) * _LETTER * _TURNED <= _MAX_TURNED_LENGTH]
+    above = above[: int(width / _NAME_PITCH)]
     middles = np.array([(bar.start + bar.end) / 2 for bar in above]) * width / end
     turned: Look = {"rotation": 90, "ha": "center", "va": "bottom", "fontsize": _TURNED, "clip_on": True}
     longest = max((len(bar.name) for bar in above), default=0) * _LETTER * _TURNED
-    foot = top + (_TOP - top) * longest / (longest + _LEAD)
-    for bar, middle, place in zip(above, middles, spread(middles, _PITCH, width), strict=True):
-        axes.plot(np.array([middle, place]) * end / width, [-_BAR / 2, foot], **_LINE)
+    foot = top + (_ROWS_TOP - top) * longest / (longest + _LEADER_HEIGHT)
+    for bar, middle, place in zip(above, middles, spread(middles, _NAME_PITCH, width), strict=True):
+        axes.plot(np.array([middle, place]) * end / width, [-_BAR / 2, foot], **_LEADER_LINE)
         colour = KEEP_OUT if bar.look.get("facecolor") == _FAILED["facecolor"] else "black"
         plain(axes.text(float(place) * end / width, foot, bar.name, color=colour, **turned))
     return len(above) == len(missing)
@@ -317,7 +317,7 @@ def spread(places: np.ndarray, pitch: float, width: float) -> np.ndarray:
     return np.asarray(np.clip(free, pitch / 2, width - pitch / 2 - steps[-1]) + steps)
 
 
-def _together(bars: Sequence[_Bar], near: float) -> Iterator[_Bar]:
+def _join_bars(bars: Sequence[_Bar], near: float) -> Iterator[_Bar]:
     """Yield bars of a row, by time; those of one name within `near`, s, of each other become one bar."""
     before: _Bar | None = None
     pale: _Bar | None = None  # part before a window, which does not separate bars of one name
@@ -348,7 +348,7 @@ class _Place:
     alone: bool
 
 
-def _placed(bars: Sequence[_Bar], width: float, height: float, end: float, turned: bool) -> Iterator[_Place]:
+def _places(bars: Sequence[_Bar], width: float, height: float, end: float, turned: bool) -> Iterator[_Place]:
     """Yield the places of the names of a row's bars, for those that have room.
 
     Args:
@@ -360,13 +360,13 @@ def _placed(bars: Sequence[_Bar], width: float, height: float, end: float, turne
     """
     taken = written = 0.0  # s: ends of the space taken so far by bars and names, and by names
     for number, bar in enumerate(bars):
-        length = len(bar.name) * _LETTER * (_TURNED if turned else _SIZE)
-        needed = _TURNED if turned else length + _ROOM
+        length = len(bar.name) * _LETTER * (_TURNED if turned else _UPRIGHT)
+        needed = _TURNED if turned else length + _NAME_PADDING
         if not bar.name or (turned and length > height):
             taken = bar.end
             continue
         after = bars[number + 1].start if number + 1 < len(bars) else end
-        gap = _ROOM / 2 / width
+        gap = _NAME_PADDING / 2 / width
         place: tuple[float, str] | None = None
         middle = (bar.start + bar.end) / 2
         if needed <= (bar.end - bar.start) * width:
@@ -375,7 +375,7 @@ def _placed(bars: Sequence[_Bar], width: float, height: float, end: float, turne
             place = bar.end + gap, "left"
         elif needed <= (bar.start - taken) * width:
             place = bar.start - gap, "right"
-        elif turned and _amid(bars[max(number - 1, 0) : number + 2], middle, needed / width, written):
+        elif turned and _fits_across(bars[max(number - 1, 0) : number + 2], middle, needed / width, written):
             place = middle, "center"
         taken = bar.end
         if place is not None:
@@ -386,7 +386,7 @@ def _placed(bars: Sequence[_Bar], width: float, height: float, end: float, turne
                 taken += needed / width
 
 
-def _amid(bars: Sequence[_Bar], middle: float, length: float, written: float) -> bool:
+def _fits_across(bars: Sequence[_Bar], middle: float, length: float, written: float) -> bool:
     """Return whether a name fits upon a bar and its neighbours, `bars`, which must look the same.
 
     `middle` and `length`, s, are those of the name; until `written`, s, the row has other names.
@@ -397,7 +397,7 @@ def _amid(bars: Sequence[_Bar], middle: float, length: float, written: float) ->
     return same and bare <= _BARE * length and first >= max(written, bars[0].start) and last <= bars[-1].end
 
 
-def _write(axes: Axes, place: _Place) -> None:
+def _write_name(axes: Axes, place: _Place) -> None:
     """Write a bar's name, light on dark bars and dark elsewhere."""
     bar = place.bar
     red, green, blue = to_rgb(bar.look["facecolor"])
@@ -412,7 +412,7 @@ def _write(axes: Axes, place: _Place) -> None:
         ha=place.side,
         va="center",
         rotation=90 if place.turned else 0,
-        fontsize=_TURNED if place.turned else _SIZE,
+        fontsize=_TURNED if place.turned else _UPRIGHT,
         color=KEEP_OUT if bar.look is _FAILED else "white" if dark else "black",
         clip_on=True,
         zorder=4,
@@ -434,17 +434,17 @@ def row_height(plan: TimelinePlan, width: float, end: float) -> float:
     for bars in _rows_of_bars(plan, end):
         if above and bars[0].row == 0:
             continue
-        fitting = len(list(_placed(bars, width / max(end, 1e-9), np.inf, end, turned=False)))
+        fitting = len(list(_places(bars, width / max(end, 1e-9), np.inf, end, turned=False)))
         named = [bar for bar in bars if bar.name]
-        if named and fitting < _ENOUGH * len(named):
+        if named and fitting < _UPRIGHT_SHARE * len(named):
             longest = max(len(bar.name) for bar in named) * _LETTER * _TURNED
-            needed = max(needed, longest if longest <= _TALLEST else 0.0)
-    return _LOOSE * (needed + _ROOM) / _BAR if needed else 0.0
+            needed = max(needed, longest if longest <= _MAX_TURNED_LENGTH else 0.0)
+    return _ROW_STRETCH * (needed + _NAME_PADDING) / _BAR if needed else 0.0
 
 
 def _rows_of_bars(plan: TimelinePlan, end: float) -> Iterator[list[_Bar]]:
     """Yield the bars of each row by time; those of devices are joined where they follow one target."""
-    bars = list(_bars(plan, end))
+    bars = list(_list_bars(plan, end))
     for row in sorted({bar.row for bar in bars}):
         own = sorted((bar for bar in bars if bar.row == row), key=lambda bar: bar.start)
-        yield list(_together(own, _NEAR * end)) if row else own
+        yield list(_join_bars(own, _MAX_JOINED_GAP * end)) if row else own

@@ -63,33 +63,33 @@ from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
 
 SPHERE_SIZE, DISCS_SIZE, GLOBE_SIZE = (WIDTH, 4.1), (WIDTH, 3.5), (WIDTH, 6.0)  # inches
-_ROWS = 24  # most entries in a column of the legend, which is then not higher than the map
+_LEGEND_ROWS = 24  # most entries in a column of the legend, which is then not higher than the map
 # The square is open, and the star fits into it, so that both show where a device does not move.
-_START: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgewidth": 0.5}
-_END: Look = {
+_START_MARK: Look = {"marker": "*", "markersize": 12, "linestyle": "none", "markeredgewidth": 0.5}
+_END_MARK: Look = {
     "marker": "s",
     "markersize": 12,
     "linestyle": "none",
     "fillstyle": "none",
     "markeredgewidth": 1.8,
 }
-_TARGET: Look = {"marker": "x", "markersize": 8, "linestyle": "none", "markeredgewidth": 2}
-_WISH: Look = {
+_TARGET_MARK: Look = {"marker": "x", "markersize": 8, "linestyle": "none", "markeredgewidth": 2}
+_WISH_MARK: Look = {
     "marker": "D",
     "markersize": 7,
     "linestyle": "none",
     "fillstyle": "none",
     "markeredgewidth": 1.1,
 }
-_NOW: Look = {"marker": "o", "markersize": 7, "linestyle": "none", "markeredgewidth": 0.8}
-_NODE: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
-_FAINT: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}  # edge of a moving zone at its last place
-_FIELD: Look = {"linewidth": 1.0, "zorder": 3.1}  # outline of a field of view
+_NOW_MARK: Look = {"marker": "o", "markersize": 7, "linestyle": "none", "markeredgewidth": 0.8}
+_NODE_MARK: Look = {"marker": ".", "markersize": 4.5, "linestyle": "none"}
+_LAST_EDGE_LINE: Look = {"linewidth": 0.9, "alpha": 0.55, "zorder": 1.6}  # of a moving zone at its last place
+_FIELD_LINE: Look = {"linewidth": 1.0, "zorder": 3.1}  # outline of a field of view
 TRACK: Look = {"linewidth": 1.8, "zorder": 3}  # of a boresight
 BETWEEN: Look = {"linewidth": 0.75, "alpha": 0.55, "zorder": 2.8}  # on a day, while no target is followed
 MOST_BETWEEN = 24  # spans of following targets, beyond which a device's thin tracks between are not drawn
 FOLLOWED: Look = {"linewidth": 2.6, "solid_capstyle": "round", "zorder": 3}
-_AT_POLE = np.deg2rad(0.5)  # rad: distance from a pole within which the end of a track counts as at it
+_POLE_DISTANCE = np.deg2rad(0.5)  # rad: distance from a pole within which the end of a track counts as at it
 
 
 def sphere(
@@ -254,7 +254,7 @@ def _draw_plan(
             look = {**(BETWEEN if followed(plan) else TRACK), **device_style(device)}
             if device not in left_out:
                 draw_line(axes, projection, track, look)
-        entries += _draw_followed(axes, projection, plan, tracks)
+        entries += _draw_followed_parts(axes, projection, plan, tracks)
         tubes = draw_tubes(axes, projection, scenario, tracks)
     if plan.path is not None and craft.device_names:
         nodes = np.asarray(craft.boresights(plan.path.attitudes, plan.path.joints))
@@ -262,17 +262,17 @@ def _draw_plan(
             passed = np.asarray(plan.trajectory.node_times if plan.trajectory is not None else ())
             nodes = frame.seen(nodes, passed) if len(passed) == len(nodes) else nodes[:0]
         for device, points in enumerate(np.moveaxis(nodes, 1, 0)):
-            look = {"color": device_style(device)["color"], "zorder": 3.2, **_NODE}
+            look = {"color": device_style(device)["color"], "zorder": 3.2, **_NODE_MARK}
             if isinstance(projection, FlatMap):  # the azimuth of a pole is arbitrary
-                points = points[np.abs(points[:, 2]) < np.cos(_AT_POLE)]
+                points = points[np.abs(points[:, 2]) < np.cos(_POLE_DISTANCE)]
             _draw_points(axes, projection, points, look)
-        entries.append((Line2D([], [], color=GREY, **_NODE), "node of the path"))
+        entries.append((Line2D([], [], color=GREY, **_NODE_MARK), "node of the path"))
     if at is not None:
         entries += _draw_instant(axes, plan, projection, at, frame)
     ends = draw_ends(axes, plan, projection, frame)
     entries += [*ends, *_draw_fields(axes, plan, projection, frame), *tubes]
     if legend:
-        legend_beside(axes, [*entries, *zone_entries(scenario, frame), *(further or ())], rows=_ROWS)
+        legend_beside(axes, [*entries, *zone_entries(scenario, frame), *(further or ())], rows=_LEGEND_ROWS)
 
 
 def followed(plan: Plan) -> tuple[tuple[int, float, float], ...]:
@@ -280,7 +280,7 @@ def followed(plan: Plan) -> tuple[tuple[int, float, float], ...]:
     return plan.followed if isinstance(plan, DayPlan) else ()
 
 
-def _draw_followed(axes: Axes, projection: Projection, plan: Plan, tracks: np.ndarray) -> Entries:
+def _draw_followed_parts(axes: Axes, projection: Projection, plan: Plan, tracks: np.ndarray) -> Entries:
     """Draw bold the parts of tracks (k, D, 3) on which devices follow targets; returns the legend entries."""
     spans = followed(plan)
     if not spans:
@@ -320,9 +320,9 @@ def _draw_fields(axes: Axes, plan: Plan, projection: Projection, frame: Inertial
     for state, time in states:
         there = frame.attitude(state.attitude, time)
         for device, line in field_outlines(plan.scenario, there, state.joints):
-            draw_line(axes, projection, line, {"color": device_style(device)["color"], **_FIELD})
+            draw_line(axes, projection, line, {"color": device_style(device)["color"], **_FIELD_LINE})
             drawn = True
-    return [(Line2D([], [], color=GREY, **_FIELD), "field of view")] if drawn else []
+    return [(Line2D([], [], color=GREY, **_FIELD_LINE), "field of view")] if drawn else []
 
 
 def _draw_instant(axes: Axes, plan: Plan, projection: Projection, at: float, frame: Inertial) -> Entries:
@@ -331,13 +331,13 @@ def _draw_instant(axes: Axes, plan: Plan, projection: Projection, at: float, fra
     state = plan.trajectory.sample(at)
     looks = np.asarray(plan.scenario.spacecraft.boresights(frame.attitude(state.attitude, at), state.joints))
     for device, point in enumerate(looks):
-        own = {"color": device_style(device)["color"], "markeredgecolor": "white", "zorder": 4.4, **_NOW}
+        own = {"color": device_style(device)["color"], "markeredgecolor": "white", "zorder": 4.4, **_NOW_MARK}
         _draw_points(axes, projection, point[None], own)
     when = f"at {at:.6g} s"
     if plan.scenario.epoch is not None:
         stamp = plan.scenario.epoch.astype("datetime64[ms]") + np.timedelta64(round(1e3 * at), "ms")
         when = f"at {np.datetime_as_string(stamp, unit='s').replace('T', ' ')} UTC"
-    return [(Line2D([], [], color=GREY, **_NOW), f"{when},\nas the zones are")]
+    return [(Line2D([], [], color=GREY, **_NOW_MARK), f"{when},\nas the zones are")]
 
 
 def draw_zones(
@@ -359,7 +359,7 @@ def draw_zones(
     for there, track in ways:
         look = zone_outline(there)
         if last:
-            draw_line(axes, projection, circle(there.axis_at(), there.half_angle), look | _FAINT)
+            draw_line(axes, projection, circle(there.axis_at(), there.half_angle), look | _LAST_EDGE_LINE)
         draw_way(axes, projection, there, track)
     tracks, craft = boresight_tracks(plan, frame), plan.scenario.spacecraft
     drawn = [NOTHING if tracks is None else tracks.reshape(-1, 3), *(track for _, track in ways)]
@@ -391,10 +391,10 @@ def draw_ends(
     marks = end_marks(plan, frame)
     tracks = boresight_tracks(plan, frame)
     for look, _, devices, directions in marks:
-        star = look is _START  # drawn in front of the others
+        star = look is _START_MARK  # drawn in front of the others
         for device, point in zip(devices, directions, strict=True):
-            if isinstance(projection, FlatMap) and (star or look is _END) and tracks is not None:
-                point = _off_pole(point, tracks[:: 1 if star else -1, device])
+            if isinstance(projection, FlatMap) and (star or look is _END_MARK) and tracks is not None:
+                point = _move_off_pole(point, tracks[:: 1 if star else -1, device])
             colour = device_style(device)["color"]
             edge = "white" if star else colour
             own = {"color": colour, "markeredgecolor": edge, "zorder": 4.2 if star else 4, **look, **fading}
@@ -402,20 +402,20 @@ def draw_ends(
     return [(Line2D([], [], color=GREY, **mark.look), mark.name) for mark in marks]
 
 
-def _off_pole(point: np.ndarray, track: np.ndarray) -> np.ndarray:
+def _move_off_pole(point: np.ndarray, track: np.ndarray) -> np.ndarray:
     """Move an end of a track off a pole of the flat map, where the azimuth is arbitrary, along the track.
 
     Args:
         point: (3,) unit vector, the end; returned as it is unless at a pole.
         track: (k, 3) from that end on.
     """
-    if abs(point[2]) < np.cos(_AT_POLE):
+    if abs(point[2]) < np.cos(_POLE_DISTANCE):
         return point
-    off = np.flatnonzero(np.abs(track[:, 2]) < np.cos(2 * _AT_POLE))
+    off = np.flatnonzero(np.abs(track[:, 2]) < np.cos(2 * _POLE_DISTANCE))
     if not len(off):
         return point
     across = track[off[0], :2] / np.linalg.norm(track[off[0], :2])
-    return np.array([*(np.sin(_AT_POLE) * across), np.copysign(np.cos(_AT_POLE), point[2])])
+    return np.array([*(np.sin(_POLE_DISTANCE) * across), np.copysign(np.cos(_POLE_DISTANCE), point[2])])
 
 
 def boresight_tracks(plan: Plan, frame: Inertial = INERTIAL) -> np.ndarray | None:
@@ -457,23 +457,23 @@ def end_marks(plan: Plan, frame: Inertial = INERTIAL) -> list[Marks]:
     craft = scenario.spacecraft
     every = range(len(craft.device_names))
     then = frame.end(plan)
-    marks = [Marks(_START, "start", every, frame.seen(_given(scenario, scenario.start), 0.0))]
+    marks = [Marks(_START_MARK, "start", every, frame.seen(_given_boresights(scenario, scenario.start), 0.0))]
     if plan.goal is not None:
         points = np.asarray(craft.boresights(plan.goal.attitude, plan.goal.joints))
         word = "end" if isinstance(plan, DayPlan) else "goal"
-        marks.append(Marks(_END, word, every, frame.seen(points, then)))
+        marks.append(Marks(_END_MARK, word, every, frame.seen(points, then)))
     elif isinstance(goal, GivenState) and not isinstance(plan, DayPlan):
-        marks.append(Marks(_END, "goal", every, frame.seen(_given(scenario, goal), then)))
+        marks.append(Marks(_END_MARK, "goal", every, frame.seen(_given_boresights(scenario, goal), then)))
     if not isinstance(goal, GivenState):
         if plan.goal is None or goal.devices:
             targets = np.array([path.at(then) for path in goal.paths]).reshape(-1, 3)
-            marks.append(Marks(_TARGET, "target", goal.numbers(craft), frame.seen(targets, then)))
+            marks.append(Marks(_TARGET_MARK, "target", goal.numbers(craft), frame.seen(targets, then)))
         wishing = [craft.device_names.index(wish.device) for wish in goal.prefer]
         wishes = np.array([as_path(wish.direction).at(then) for wish in goal.prefer]).reshape(-1, 3)
-        marks.append(Marks(_WISH, "wish", wishing, frame.seen(wishes, then)))
+        marks.append(Marks(_WISH_MARK, "wish", wishing, frame.seen(wishes, then)))
     return [mark for mark in marks if len(mark.directions)]
 
 
-def _given(scenario: Scenario, state: GivenState) -> np.ndarray:
+def _given_boresights(scenario: Scenario, state: GivenState) -> np.ndarray:
     """Return the inertial boresights (D, 3) of all devices in a state."""
     return np.asarray(scenario.spacecraft.boresights(state.attitude, state.joints))

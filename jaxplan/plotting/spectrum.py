@@ -32,11 +32,11 @@ from jaxplan.plotting.time_panels import AXIS_ENTRIES, size
 from jaxplan.trajectory import measures
 from jaxplan.trajectory.spectrum import expect_frequencies
 
-_POINTS = 800  # frequencies of a curve
-_LOWEST, _HIGHEST = 0.1, 100.0  # frequencies at the ends of a curve, in units of 1 / duration
-_BEYOND = 3.0  # the curve goes on to that multiple of the highest frequency that is asked for
-_DECADES = 9  # most decades that are drawn below the highest amplitude
-_ASKED: Look = {"color": GREY, "linewidth": 1.0}
+_CURVE_POINTS = 800  # frequencies of a curve
+_LOWEST_FREQUENCY, _HIGHEST_FREQUENCY = 0.1, 100.0  # of a curve, in units of 1 / duration
+_MULTIPLE_OF_ASKED = 3.0  # the curve goes on to that multiple of the highest frequency that is asked for
+_MAX_DECADES = 9  # most decades that are drawn below the highest amplitude
+_ASKED_LINE: Look = {"color": GREY, "linewidth": 1.0}
 _DASHES: Sequence[tuple[float, ...]] = ((4, 2), (1, 1.5), (6, 2, 1, 2), (2, 2))
 
 
@@ -94,8 +94,8 @@ def spectrum(
     last = motion(plan).times[-1]
     if not last > 0:
         raise ValueError(f"the plan of {plan.scenario.name!r} takes no time, so it has no spectrum")
-    highest = max(_HIGHEST / last, _BEYOND * np.max(asked, initial=0.0))
-    across = np.geomspace(_LOWEST / last, highest, _POINTS)
+    highest = max(_HIGHEST_FREQUENCY / last, _MULTIPLE_OF_ASKED * np.max(asked, initial=0.0))
+    across = np.geomspace(_LOWEST_FREQUENCY / last, highest, _CURVE_POINTS)
     drawn, at_asked = amplitudes(plan, across), amplitudes(plan, asked)
     grid = panels(ax, len(drawn), size(len(drawn)))
     craft = plan.scenario.spacecraft
@@ -107,12 +107,12 @@ def spectrum(
         entries = list(AXIS_ENTRIES)
         if of_wheels:
             entries = device_entries(row_names(craft.wheels, craft.allocation))
-        entries += _draw_asked(axes, asked, at_asked[name], name)
+        entries += _mark_frequencies(axes, asked, at_asked[name], name)
         tidy(axes)
         axes.set(xscale="log", yscale="log", xlim=(across[0], across[-1]))
         top = float(np.max(curves, initial=0.0))
         if top > 0:
-            axes.set_ylim(max(np.min(curves[curves > 0]) / 2, top * 10.0**-_DECADES), 2 * top)
+            axes.set_ylim(max(np.min(curves[curves > 0]) / 2, top * 10.0**-_MAX_DECADES), 2 * top)
         axes.set_ylabel(f"{name}\n({unit_of(name)})", fontsize=TEXT)
         if legend:
             legend_beside(axes, entries)
@@ -120,14 +120,14 @@ def spectrum(
     return grid
 
 
-def _draw_asked(axes: Axes, frequencies: np.ndarray, values: np.ndarray, name: str) -> Entries:
+def _mark_frequencies(axes: Axes, frequencies: np.ndarray, values: np.ndarray, name: str) -> Entries:
     """Draw a line at each frequency (f,), Hz; returns legend entries with the amplitudes (f, c) there.
 
     `name` is that of the quantity in `amplitudes`.
     """
     entries: Entries = []
     for number, (frequency, own) in enumerate(zip(frequencies, values, strict=True)):
-        look = {**_ASKED, "linestyle": (0, _DASHES[number % len(_DASHES)])}
+        look = {**_ASKED_LINE, "linestyle": (0, _DASHES[number % len(_DASHES)])}
         axes.axvline(frequency, **look, zorder=1.5)
         of_wheels = name == "wheel torques"
         size, whose = (

@@ -45,13 +45,13 @@ Named: TypeAlias = dict[str, Study]
 
 OK = Status.OK.name
 _SIZE = (WIDTH, 4.2)  # inches
-_ROW, _AROUND = 0.4, 1.1  # inches: height of a study's line, and around the lines
-_BAR = 0.6  # lines: height of a bar
+_ROW_HEIGHT, _FRAME_HEIGHT = 0.4, 1.1  # inches: height of a study's line, and around the lines
+_BAR_HEIGHT = 0.6  # lines: height of a bar
 # Multiples of powers of ten at which ticks have numbers, for ratios of largest to least value below the key.
-_SUBS = {4.0: (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), 50.0: (1.0, 2.0, 5.0), np.inf: (1.0,)}
-_FAINT: Look = {"linewidth": 0.9, "linestyle": ":"}
+_TICK_MULTIPLES = {4.0: (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0), 50.0: (1.0, 2.0, 5.0), np.inf: (1.0,)}
+_UNPLANNED_LINE: Look = {"linewidth": 0.9, "linestyle": ":"}
 # Colours of statuses: blues where no planner could have found a plan, other colours where this one failed.
-_OUTCOMES = {
+_OUTCOME_COLOURS = {
     Status.OK.name: "0.87",
     Status.INVALID_START.name: "#92C5DE",
     Status.INVALID_GOAL.name: "#4393C3",
@@ -65,9 +65,9 @@ _OUTCOMES = {
     Status.UNCERTIFIED.name: "#762A83",
     "crashed": "black",
 }
-_SPREADS = ("total_s", "length_steps", "duration_s", "min_margin_deg")
-_CURVES = 2.3  # inches: height of a row of distributions
-_LINE, _ABOVE = 0.26, 0.75  # inches: height of a study's line above these, and around the lines
+_DISTRIBUTED_QUANTITIES = ("total_s", "length_steps", "duration_s", "min_margin_deg")
+_CURVES_HEIGHT = 2.3  # inches: height of a row of distributions
+_LOW_ROW_HEIGHT, _LOW_FRAME_HEIGHT = 0.26, 0.75  # inches: of a study's line above these, and around the lines
 
 
 class Quantity(NamedTuple):
@@ -118,12 +118,12 @@ def study(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> list[A
         >>> jp.plot.study([jp.run_study(range(50), planner=name) for name in ("mha", "rrt_connect")])
     """
     every = named(studies)
-    heights = [_ABOVE + _LINE * len(every), _CURVES, _CURVES]
-    grid = panels(ax, 6, _size(len(every)), columns=2, heights=heights, shared=False)
+    heights = [_LOW_FRAME_HEIGHT + _LOW_ROW_HEIGHT * len(every), _CURVES_HEIGHT, _CURVES_HEIGHT]
+    grid = panels(ax, 6, _figure_size(len(every)), columns=2, heights=heights, shared=False)
     success_rates(every, grid[0])
     outcomes(every, grid[1], legend=legend)
     grid[1].tick_params(axis="y", labelleft=False)
-    for place, (quantity, axes) in enumerate(zip(_SPREADS, grid[2:], strict=True)):
+    for place, (quantity, axes) in enumerate(zip(_DISTRIBUTED_QUANTITIES, grid[2:], strict=True)):
         distribution(every, quantity, axes, legend=legend and place == 1)
     kinds = ", ".join(sorted({one.kind or "given scenarios" for one in every.values()}))
     counts = sorted({len(one.table) for one in every.values()})
@@ -135,14 +135,14 @@ def study(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> list[A
 def study_figure(studies: Studies) -> Figure:
     """Draw `study` in a new figure that does not belong to pyplot; `studies` are as there."""
     every = named(studies)
-    figure = Figure(figsize=_size(len(every)), layout="constrained")
+    figure = Figure(figsize=_figure_size(len(every)), layout="constrained")
     study(every, figure)
     return figure
 
 
-def _size(studies: int) -> tuple[float, float]:
+def _figure_size(studies: int) -> tuple[float, float]:
     """Return width and height of the figure for a number of studies, inches."""
-    return WIDTH, _ABOVE + _LINE * studies + 2 * _CURVES + 0.3
+    return WIDTH, _LOW_FRAME_HEIGHT + _LOW_ROW_HEIGHT * studies + 2 * _CURVES_HEIGHT + 0.3
 
 
 def success_rates(studies: Studies, ax: Canvas = None) -> Axes:
@@ -160,7 +160,7 @@ def success_rates(studies: Studies, ax: Canvas = None) -> Axes:
         ValueError: if there is nothing to draw.
     """
     every = named(studies)
-    (axes,) = panels(ax, 1, (_SIZE[0], _AROUND + _ROW * len(every)))
+    (axes,) = panels(ax, 1, (_SIZE[0], _FRAME_HEIGHT + _ROW_HEIGHT * len(every)))
     name_lines(axes, list(every))
     axes.grid(False, axis="y")
     for line, (study, look) in enumerate(zip(every.values(), _looks(every), strict=True)):
@@ -198,22 +198,24 @@ def outcomes(studies: Studies, ax: Canvas = None, *, legend: bool = True) -> Axe
         ValueError: if there is nothing to draw.
     """
     every = named(studies)
-    (axes,) = panels(ax, 1, (_SIZE[0], _AROUND + _ROW * len(every)))
+    (axes,) = panels(ax, 1, (_SIZE[0], _FRAME_HEIGHT + _ROW_HEIGHT * len(every)))
     name_lines(axes, list(every))
     axes.grid(False)
     seen = set()
     for line, study in enumerate(every.values()):
         left, counts = 0.0, Counter(row["status"] for row in study.table)
-        for name in (name for name in _OUTCOMES if counts[name]):
+        for name in (name for name in _OUTCOME_COLOURS if counts[name]):
             share = 100 * counts[name] / len(study.table)
-            look: Look = {"color": _OUTCOMES[name], "edgecolor": "white", "linewidth": 0.5}
-            axes.barh(line, share, _BAR, left=left, **look)
+            look: Look = {"color": _OUTCOME_COLOURS[name], "edgecolor": "white", "linewidth": 0.5}
+            axes.barh(line, share, _BAR_HEIGHT, left=left, **look)
             left += share
             seen.add(name)
     axes.set(xlim=(0, 100), xticks=range(0, 101, 25))
     axes.set_xlabel("outcome (% of scenes)", fontsize=TEXT)
     if legend:
-        legend_beside(axes, [(Patch(color=_OUTCOMES[name]), name) for name in _OUTCOMES if name in seen])
+        legend_beside(
+            axes, [(Patch(color=_OUTCOME_COLOURS[name]), name) for name in _OUTCOME_COLOURS if name in seen]
+        )
     return axes
 
 
@@ -248,14 +250,14 @@ def distribution(
     if known:
         low, high = min(values[0] for values in known), max(values[-1] for values in known)
         if what.decades:
-            _use_decades(axes, low, high)
+            _use_log_scale(axes, low, high)
         else:
             if what.margin:
                 open_near_zero(axes, "x", low)
             axes.set_xlim(min(0.0, 1.05 * low), 1.05 * high if high > 0 else 1.0)
         for study, values, look in zip(every.values(), curves, _looks(every), strict=True):
             if len(values):
-                _curve(axes, values, len(study.table), look, what)
+                _draw_curve(axes, values, len(study.table), look, what)
     else:
         note(axes, "no plans")
     axes.set_ylim(0, 104)
@@ -269,12 +271,13 @@ def distribution(
         ]
         failures = any(row["status"] != OK for study in every.values() for row in study.table)
         legend_beside(
-            axes, entries + [(Line2D([], [], color=GREY, **_FAINT), "no plan for\nthe others")] * failures
+            axes,
+            entries + [(Line2D([], [], color=GREY, **_UNPLANNED_LINE), "no plan for\nthe others")] * failures,
         )
     return axes
 
 
-def _curve(axes: Axes, values: np.ndarray, scenes: int, look: Look, what: Quantity) -> None:
+def _draw_curve(axes: Axes, values: np.ndarray, scenes: int, look: Look, what: Quantity) -> None:
     """Draw the cumulative percentage of a study's scenes over a quantity as a step curve.
 
     Args:
@@ -293,10 +296,10 @@ def _curve(axes: Axes, values: np.ndarray, scenes: int, look: Look, what: Quanti
     else:
         axes.step([values[0], *values], shares, where="post", linewidth=1.8, **look)
         if len(values) < scenes:
-            axes.plot([values[-1], right], [top, top], color=look["color"], **_FAINT)
+            axes.plot([values[-1], right], [top, top], color=look["color"], **_UNPLANNED_LINE)
 
 
-def _use_decades(axes: Axes, low: float, high: float) -> None:
+def _use_log_scale(axes: Axes, low: float, high: float) -> None:
     """Make the horizontal axis logarithmic from `low` to `high`, with at least two numbered ticks.
 
     If `low` is 0 the axis is linear up to 1.
@@ -304,7 +307,7 @@ def _use_decades(axes: Axes, low: float, high: float) -> None:
     if low > 0:
         axes.set_xscale("log")
         axes.set_xlim(0.8 * low, 1.4 * high)
-        subs = next(subs for ratio, subs in _SUBS.items() if high < ratio * low)
+        subs = next(subs for ratio, subs in _TICK_MULTIPLES.items() if high < ratio * low)
         axes.xaxis.set_major_locator(LogLocator(subs=subs, numticks=8))
     else:
         axes.set_xscale("symlog", linthresh=1)
@@ -328,7 +331,7 @@ def named(studies: Studies) -> Named:
         places = [str(place) for place in range(len(every))]
     for place, one in zip(places, every, strict=True):
         expect_any(f"studies[{place}]", one, (Study,), "a Study, as jp.run_study returns")
-    result = dict(zip(studies if isinstance(studies, Mapping) else _names(every), every, strict=True))
+    result = dict(zip(studies if isinstance(studies, Mapping) else _unique_names(every), every, strict=True))
     if not result:
         raise ValueError("there are no studies to draw")
     for name, one in result.items():
@@ -337,7 +340,7 @@ def named(studies: Studies) -> Named:
     return result
 
 
-def _names(studies: Sequence[Study]) -> list[str]:
+def _unique_names(studies: Sequence[Study]) -> list[str]:
     """Return unique names of studies: planner, kind and settings if they differ, and perhaps a number."""
     kinds, settings = {study.kind for study in studies}, [dict(study.settings) for study in studies]
     names = []

@@ -73,8 +73,8 @@ HALO: Look = {  # of a name inside a picture: centred, with a white outline
     "va": "center",
     "path_effects": [withStroke(linewidth=2.5, foreground="white")],
 }
-_BELOW = -0.24  # top of a legend below axes, in heights of the axes: under the label of the time axis
-_LONGEST = 30  # letters in a line of a legend, beyond which it is broken
+_LEGEND_TOP = -0.24  # top of a legend below axes, in heights of the axes: under the label of the time axis
+_MAX_LINE_LETTERS = 30  # letters in a line of a legend, beyond which it is broken
 _LEGEND_ROWS = 14  # entries in a column of a legend, beyond which it gets another column
 INSTANTS = 1024  # times at which a manoeuvre is sampled; the paper's manoeuvres have 14 to 50 nodes
 
@@ -148,7 +148,7 @@ def legend_beside(
         rows: most entries in a column, used where `columns` is None.
     """
     columns = -(-len(entries) // rows) if columns is None else columns
-    _legend(axes, entries, {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "ncols": columns})
+    _add_legend(axes, entries, {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "ncols": columns})
 
 
 def legend_height(entries: Entries) -> float:
@@ -159,19 +159,19 @@ def legend_height(entries: Entries) -> float:
 
 def legend_below(axes: Axes, entries: Sequence[Entry]) -> None:
     """Put a legend below the axes and their labels, for figures without room beside the axes."""
-    _legend(axes, entries, {"loc": "upper left", "bbox_to_anchor": (-0.1, _BELOW)})
+    _add_legend(axes, entries, {"loc": "upper left", "bbox_to_anchor": (-0.1, _LEGEND_TOP)})
 
 
 def legend_at_foot(axes: Axes, entries: Sequence[Entry], columns: int) -> None:
     """Put one legend of `columns` columns at the foot of the whole figure that the axes are in."""
-    _legend(axes.figure, entries, {"loc": "outside lower center", "ncols": columns})
+    _add_legend(axes.figure, entries, {"loc": "outside lower center", "ncols": columns})
 
 
-def _legend(axes: Axes | Figure | SubFigure, entries: Sequence[Entry], place: Look) -> None:
+def _add_legend(axes: Axes | Figure | SubFigure, entries: Sequence[Entry], place: Look) -> None:
     """Add a legend to axes or a figure at a place (matplotlib's arguments); without entries do nothing."""
     if not entries:
         return
-    labels = ["\n".join(map(_broken, label.split("\n"))) for _, label in entries]
+    labels = ["\n".join(map(_break_line, label.split("\n"))) for _, label in entries]
     # a label that begins with an underscore would be left out
     labels = [f"\N{ZERO WIDTH SPACE}{label}" if label.startswith("_") else label for label in labels]
     legend = axes.legend(
@@ -187,10 +187,14 @@ def _legend(axes: Axes | Figure | SubFigure, entries: Sequence[Entry], place: Lo
         plain(text)
 
 
-def _broken(line: str) -> str:
-    """Break a line of a label between words where it is longer than `_LONGEST`, and indent what follows."""
+def _break_line(line: str) -> str:
+    """Break a label's line between words where it exceeds `_MAX_LINE_LETTERS`, and indent what follows."""
     indent = line[: len(line) - len(line.lstrip())]
-    return line if len(line) <= _LONGEST else textwrap.fill(line, _LONGEST, subsequent_indent=f"{indent}  ")
+    return (
+        line
+        if len(line) <= _MAX_LINE_LETTERS
+        else textwrap.fill(line, _MAX_LINE_LETTERS, subsequent_indent=f"{indent}  ")
+    )
 
 
 def device_entries(names: Sequence[str]) -> Entries:
@@ -294,20 +298,22 @@ class Labels:
             candidates.
         """
         every, extent = [np.asarray(place, dtype=float) for place in places], np.asarray(size, dtype=float)
-        free = [place for place in every if not any(_touch((place, extent), box) for box in self.taken)]
+        free = [
+            place for place in every if not any(_boxes_overlap((place, extent), box) for box in self.taken)
+        ]
         candidates = free or (every if must else [])
         if not candidates:
             return None
-        best = min(candidates, key=lambda place: self._covered(place, extent))  # of equals, the first
+        best = min(candidates, key=lambda place: self._count_covered(place, extent))  # of equals, the first
         self.taken.append((best, extent))
         return best
 
-    def _covered(self, centre: np.ndarray, size: np.ndarray) -> int:
+    def _count_covered(self, centre: np.ndarray, size: np.ndarray) -> int:
         """Count the drawn points that a label of size (2,) with its centre at (2,) would cover."""
         return int(np.sum(np.all(np.abs(self.points - centre) < size / 2, axis=-1)))
 
 
-def _touch(one: Box, other: Box) -> bool:
+def _boxes_overlap(one: Box, other: Box) -> bool:
     """Whether two boxes overlap."""
     return bool(np.all(np.abs(one[0] - other[0]) < (one[1] + other[1]) / 2))
 

@@ -13,14 +13,14 @@ from matplotlib.path import Path
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 from matplotlib.transforms import IdentityTransform
 
-_NODE_TICK, _DOWNWARD = 3.0, Path([(0, 0), (0, -1)])  # length of the mark of a node in points, and its shape
-_STEPS = (  # s between ticks; the shortest that gives no more than `_MOST` ticks is taken
+_NODE_TICK_LENGTH, _NODE_TICK_SHAPE = 3.0, Path([(0, 0), (0, -1)])  # length in points
+_TICK_STEPS = (  # s between ticks; the shortest that gives no more than `_MAX_TICKS` ticks is taken
     *(1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800),
     *(3600, 7200, 10800, 21600, 43200, 86400, 172800, 604800),
 )
-_MOST = 9  # most ticks of an axis of a day
-_GREY = "0.35"  # of the marks of nodes
-_TEXT = 9.5  # points, of labels
+_MAX_TICKS = 9  # most ticks of an axis of a day
+_NODE_GREY = "0.35"  # of the marks of nodes
+_LABEL_SIZE = 9.5  # points, of labels
 
 
 def day_axis(grid: Sequence[Axes], end: float, epoch: np.datetime64 | None) -> None:
@@ -35,7 +35,7 @@ def day_axis(grid: Sequence[Axes], end: float, epoch: np.datetime64 | None) -> N
     start = np.datetime64(0, "ns") if epoch is None else epoch.astype("datetime64[ns]")
     midnight = start.astype("datetime64[D]").astype("datetime64[ns]")
     into = float((start - midnight) / np.timedelta64(1, "ns")) * 1e-9  # s of the day at the start
-    step = next((step for step in _STEPS if end / step <= _MOST), _STEPS[-1])
+    step = next((step for step in _TICK_STEPS if end / step <= _MAX_TICKS), _TICK_STEPS[-1])
     ticks = np.arange(np.ceil(into / step), np.floor((into + end) / step + 1e-9) + 1) * step - into
 
     def label(time: float, _: int | None = None) -> str:
@@ -58,18 +58,18 @@ def day_axis(grid: Sequence[Axes], end: float, epoch: np.datetime64 | None) -> N
         axes.xaxis.set_major_locator(FixedLocator(ticks.tolist()))
         axes.xaxis.set_major_formatter(FuncFormatter(label))
         lowest = axes is grid[-1] or not axes.get_shared_x_axes().joined(axes, grid[-1])
-        axes.set_xlabel(words if lowest else "", fontsize=_TEXT)
+        axes.set_xlabel(words if lowest else "", fontsize=_LABEL_SIZE)
 
 
 def mark_nodes(axes: Axes, times: np.ndarray) -> None:
     """Mark times (k,) s below a panel by one artist; drawing them as minor ticks would double the time."""
     marks = PathCollection(
-        [_DOWNWARD],
-        sizes=[_NODE_TICK**2],
+        [_NODE_TICK_SHAPE],
+        sizes=[_NODE_TICK_LENGTH**2],
         offsets=np.stack([times, np.zeros_like(times)], axis=1),
         offset_transform=axes.get_xaxis_transform(),
         transform=IdentityTransform(),
-        edgecolors=_GREY,
+        edgecolors=_NODE_GREY,
         linewidths=0.6,
         clip_on=False,
         zorder=2.01,

@@ -51,21 +51,21 @@ from jaxplan.plotting.style import (
 from jaxplan.plotting.tube import band_entry, draw_band
 from jaxplan.trajectory import total_momentum
 
-_LONG = 10  # letters of a label's last word, beyond which the unit stands on a line of its own
-_HIGHEST = 10  # most entries of a legend column that is not higher than its panel
-_FAR = 4.0  # multiple of the highest value of a plan beyond which a limit is written and not drawn
+_LONG_WORD = 10  # letters of a label's last word, beyond which the unit stands on a line of its own
+_MAX_LEGEND_ROWS = 10  # most entries of a legend column that is not higher than its panel
+_FAR_LIMIT_RATIO = 4.0  # multiple of a plan's highest value beyond which a limit is written and not drawn
 BODY = ("body x", "body y", "body z")
 AXIS_ENTRIES: Entries = [
     (Line2D([], [], linewidth=1.6, **look), name) for look, name in zip(AXIS_STYLES, BODY, strict=True)
 ]
-_LESS = "limit less\nthe reserve"  # what a reserve leaves of a limit; the whole limit is then dashed
-_WHOLE: Look = {"linewidth": 1, "linestyle": (0, (5, 3))}
-_NODE: Look = {"marker": ".", "linestyle": "none"}
+_REDUCED_LIMIT_LABEL = "limit less\nthe reserve"  # what a reserve leaves; the whole limit is then dashed
+_WHOLE_LIMIT_LINE: Look = {"linewidth": 1, "linestyle": (0, (5, 3))}
+_NODE_MARK: Look = {"marker": ".", "linestyle": "none"}
 # Quantities of the platform's rate, acceleration and jerk.
 SPIN = sorted(
     (q for q in QUANTITIES if not (q.of_joints or q.by_inertia or q.of_length)), key=lambda q: q.power
 )
-_LENGTHS = {q.power: q for q in QUANTITIES if q.of_length}  # norms of these vectors, by order of derivative
+_NORMS_BY_POWER = {q.power: q for q in QUANTITIES if q.of_length}  # of these vectors, by order of derivative
 
 
 class Panel(NamedTuple):
@@ -106,17 +106,17 @@ class Panel(NamedTuple):
                 error = float(self.quantity.in_unit(self.error))
                 draw_band(axes, moves.times, values, error, style["color"])
         highest = float(np.max(np.abs(shown), initial=0.0))
-        far = _FAR if self.quantity.power else np.inf
+        far = _FAR_LIMIT_RATIO if self.quantity.power else np.inf
         ends = self.quantity.in_unit(self.limits)
         whole = ends if self.whole is None else self.quantity.in_unit(self.whole)
         reserved = not np.array_equal(whole, ends)
-        name = _LESS if reserved else "limit"
+        name = _REDUCED_LIMIT_LABEL if reserved else "limit"
         entries = limit_lines(axes, ends, self.styles, highest, far=far, name=name, owners=self.names)
         if reserved and entries:  # else the whole limit is too far away as well
-            entries += limit_lines(axes, whole, self.styles, highest, far=far, look=_WHOLE)
+            entries += limit_lines(axes, whole, self.styles, highest, far=far, look=_WHOLE_LIMIT_LINE)
         for values, style in zip(() if self.nodes is None else self.nodes, self.styles, strict=False):
             dots = self.quantity.in_unit(values)
-            axes.plot(moves.node_times, dots, color=style["color"], markersize=4.5, **_NODE)
+            axes.plot(moves.node_times, dots, color=style["color"], markersize=4.5, **_NODE_MARK)
         if not self.quantity.power:
             axes.yaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 1.5, 3, 5, 6, 9, 10]))
         axes.set_ylabel(labelled(self.words, self.quantity), fontsize=TEXT)
@@ -161,12 +161,12 @@ def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -
     It has a curve for each body axis and, if the norm of the vector is limited, one for the norm; or for a
     quantity of wheels one for each wheel.
     """
-    ends = _ends(craft, quantity)
+    ends = _allowed_range(craft, quantity)
     if quantity.of_wheels:
         curves = wheel_loads(values, craft)[0 if quantity.power == 2 else 1]
         styles = [device_style(number) for number in range(len(curves))]
         return Panel(quantity, quantity.caption, curves, ends, styles, [one.name for one in craft.wheels])
-    curves, length = quantity.values(values), _limited_length(craft, quantity)
+    curves, length = quantity.values(values), _limited_norm(craft, quantity)
     if length is None:
         return Panel(quantity, quantity.caption, curves, ends, AXIS_STYLES, BODY)
     curves = np.concatenate([curves, length.values(values)])
@@ -175,33 +175,33 @@ def _platform_panel(craft: Spacecraft, values: Kinematics, quantity: Quantity) -
 
 def _load_panel(scenario: Scenario, values: Kinematics, quantity: Quantity) -> Panel:
     """Make the panel of a load, with the limit less the reserve, which a plan keeps, and the whole one."""
-    whole = _ends(scenario.spacecraft, quantity)
+    whole = _allowed_range(scenario.spacecraft, quantity)
     return _platform_panel(scenario.usable, values, quantity)._replace(whole=whole)
 
 
-def _ends(craft: Spacecraft, quantity: Quantity) -> np.ndarray:
+def _allowed_range(craft: Spacecraft, quantity: Quantity) -> np.ndarray:
     """Return least and largest allowed values (c, 2) of the curves of `_platform_panel`, in SI units."""
     if quantity.of_wheels:
         by_time = quantity.power == 2
         return both_sides(np.array([one.torque if by_time else one.momentum for one in craft.wheels]))
-    given, length = quantity.given(craft), _limited_length(craft, quantity)
+    given, length = quantity.given(craft), _limited_norm(craft, quantity)
     bounds = np.full(3, np.inf if given is None else given)
     return both_sides(bounds if length is None else np.append(bounds, length.given(craft)))
 
 
-def _limited_length(craft: Spacecraft, quantity: Quantity) -> Quantity | None:
+def _limited_norm(craft: Spacecraft, quantity: Quantity) -> Quantity | None:
     """Return the quantity that is the norm of a vector quantity, if the spacecraft limits that; else None."""
-    length = _LENGTHS.get(quantity.power) if quantity in SPIN else None
+    length = _NORMS_BY_POWER.get(quantity.power) if quantity in SPIN else None
     return None if length is None or length.given(craft) is None else length
 
 
 def _axis_entries(craft: Spacecraft, quantity: Quantity) -> Entries:
     """Return legend entries for the curves of a panel of the platform: body axes and perhaps the norm."""
     length: Entries = [(Line2D([], [], linewidth=1.6, **LENGTH_STYLE), "length")]
-    return [*AXIS_ENTRIES, *(length if _limited_length(craft, quantity) else [])]
+    return [*AXIS_ENTRIES, *(length if _limited_norm(craft, quantity) else [])]
 
 
-def _figure(
+def _draw_groups(
     plan: Plan,
     ax: Canvas,
     groups: Sequence[tuple[Entries, Sequence[Panel]]],
@@ -228,9 +228,9 @@ def _figure(
         if legend and owners:  # a limit may be drawn on one panel and written above another
             entries = [*owners, *max(drawn, key=len)]
             # of many curves each panel has a part of the names, so that none is higher than its panel
-            each = len(entries) if len(entries) <= _HIGHEST else -(-len(entries) // len(own))
+            each = len(entries) if len(entries) <= _MAX_LEGEND_ROWS else -(-len(entries) // len(own))
             for place, axes in enumerate(own):
-                legend_beside(axes, entries[each * place : each * (place + 1)], rows=_HIGHEST)
+                legend_beside(axes, entries[each * place : each * (place + 1)], rows=_MAX_LEGEND_ROWS)
     if legend:
         titled(grid[0], plan, words)
     time_axis(grid, moves)
@@ -259,7 +259,7 @@ def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     moves, craft = motion(plan), plan.scenario.spacecraft
     values = moves.values.kinematics(craft)
     shown = [_joint_panel(craft, values, 0, kind) for kind in joint_kinds(craft)]
-    owners = _movers(craft)
+    owners = _joint_device_entries(craft)
     if not shown:
         (axes,) = panels(ax, 1, size(1))
         note(axes, "no joints")
@@ -268,12 +268,12 @@ def angles(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     if plan.path is not None and len(plan.path.joints) == len(moves.node_times):
         nodes = [plan.path.joints.T[kind.which] for kind in joint_kinds(craft)]
         shown = [panel._replace(nodes=own) for panel, own in zip(shown, nodes, strict=True)]
-        owners += [(Line2D([], [], color=GREY, **_NODE), "node of the path")]
+        owners += [(Line2D([], [], color=GREY, **_NODE_MARK), "node of the path")]
     if plan.scenario.robust is not None:
         error = float(plan.scenario.robust.joint_error)
         shown = [panel._replace(error=error) for panel in shown]
         owners += band_entry(error) if error > 0 else []
-    return _figure(plan, ax, [(owners, shown)], moves, "angles of joints", legend)
+    return _draw_groups(plan, ax, [(owners, shown)], moves, "angles of joints", legend)
 
 
 def rates(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
@@ -292,7 +292,7 @@ def rates(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
         TypeError: if it is no plan.
         ValueError: if the plan has no trajectory, or another number of axes is given.
     """
-    return _derivatives(plan, ax, 1, legend)
+    return _draw_derivatives(plan, ax, 1, legend)
 
 
 def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
@@ -310,19 +310,19 @@ def accelerations(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list
         TypeError: if it is no plan.
         ValueError: if the plan has no trajectory, or another number of axes is given.
     """
-    return _derivatives(plan, ax, 2, legend)
+    return _draw_derivatives(plan, ax, 2, legend)
 
 
-def _derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]:
+def _draw_derivatives(plan: Plan, ax: Canvas, power: int, legend: bool) -> list[Axes]:
     """Draw the rates (`power` 1) or accelerations (2) of yaws, pitches, drives and the platform."""
     plan = expect_plan(plan)
     moves, craft = motion(plan), plan.scenario.spacecraft
     values = moves.values.kinematics(craft)
     joints = [_joint_panel(craft, values, power, kind) for kind in joint_kinds(craft)]
-    groups = [(_movers(craft), joints)] * bool(joints)
+    groups = [(_joint_device_entries(craft), joints)] * bool(joints)
     spin = SPIN[power - 1]
     groups.append((_axis_entries(craft, spin), [_platform_panel(craft, values, spin)]))
-    return _figure(plan, ax, groups, moves, "rates" if power == 1 else "accelerations", legend)
+    return _draw_groups(plan, ax, groups, moves, "rates" if power == 1 else "accelerations", legend)
 
 
 def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
@@ -364,7 +364,9 @@ def torque(plan: Plan, ax: Canvas = None, *, legend: bool = True) -> list[Axes]:
     )
     entries = device_entries([wheel.name for wheel in craft.wheels]) if of_wheels else []
     groups = [(AXIS_ENTRIES, own), (entries, of_wheels)]
-    return _figure(plan, ax, [(names, group) for names, group in groups if group], moves, "loads", legend)
+    return _draw_groups(
+        plan, ax, [(names, group) for names, group in groups if group], moves, "loads", legend
+    )
 
 
 def limited_loads(craft: Spacecraft) -> list[Quantity]:
@@ -403,14 +405,14 @@ def draw_wheel_momenta(axes: Axes, plan: Plan, moves: Motion) -> Entries:
     return [*device_entries([wheel.name for wheel in craft.wheels]), *panel.draw(axes, moves)]
 
 
-def _movers(craft: Spacecraft) -> Entries:
+def _joint_device_entries(craft: Spacecraft) -> Entries:
     """Return legend entries for the devices that have joints."""
     return device_entries(craft.device_names[: craft.gimbals.count])
 
 
 def labelled(words: str, quantity: Quantity) -> str:
     """Return the label of a panel: words, then the unit, on a line of its own after a long word."""
-    below = len(words.split()[-1]) > _LONG and "\n" not in words
+    below = len(words.split()[-1]) > _LONG_WORD and "\n" not in words
     between = "\n" if below else " "
     return f"{words}{between}({quantity.printed_unit})"
 

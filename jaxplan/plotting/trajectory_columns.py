@@ -46,11 +46,11 @@ from jaxplan.tables import AttitudeTable
 from jaxplan.timeline.record import TimelinePlan
 from jaxplan.trajectory import Trajectory
 
-_FAR_OF_SEVERAL = 1.5  # multiple of the largest magnitude beyond which a limit is written and not drawn
-_INSTANTS = 880  # times of the even grid, to which both sides of some seventy breaks are added
-_SMOOTH = 3  # number of continuous derivatives of the attitude from which on the jerk has no jumps
-_GREY: Look = {"color": GREY}
-_JOIN: Look = {"color": "0.7", "linewidth": 0.9, "linestyle": (0, (1, 2))}
+_FAR_LIMIT_RATIO = 1.5  # multiple of the largest magnitude beyond which a limit is written and not drawn
+_GRID_INSTANTS = 880  # times of the even grid, to which both sides of some seventy breaks are added
+_SMOOTH_JERK_ORDER = 3  # number of continuous derivatives of the attitude from which on the jerk has no jumps
+_GREY_LINE: Look = {"color": GREY}
+_JOIN_LINE: Look = {"color": "0.7", "linewidth": 0.9, "linestyle": (0, (1, 2))}
 
 
 def compare(
@@ -89,14 +89,14 @@ def compare(
         >>> jp.plot.compare({"paper": slow.trajectory, "global": fast.trajectory}, scenario.spacecraft)
         >>> jp.plot.compare({"plan": plan, "table": jp.load_attitude("slew.aem")})
     """
-    given, craft = _taken(trajectories, spacecraft)
+    given, craft = _check_arguments(trajectories, spacecraft)
     if any(isinstance(each, AttitudeTable) for each in given.values()):
         return against(given, craft, ax, legend=legend)
     bare = {name: each.trajectory if isinstance(each, Plan) else each for name, each in given.items()}
-    return _of_trajectories(bare, craft, ax, legend=legend)
+    return _draw_trajectories(bare, craft, ax, legend=legend)
 
 
-def _taken(
+def _check_arguments(
     given: object, spacecraft: object
 ) -> tuple[dict[str, Trajectory | Plan | AttitudeTable], Spacecraft]:
     """Check the arguments of `compare` and return them; raises as `compare` does.
@@ -124,11 +124,11 @@ def _taken(
     return taken, expect("spacecraft", spacecraft, Spacecraft, "scenario.spacecraft is one")
 
 
-def _of_trajectories(
+def _draw_trajectories(
     trajectories: Mapping[str, Any], spacecraft: Spacecraft, ax: Canvas, *, legend: bool
 ) -> list[Axes]:
     """Draw what `compare` draws for trajectories without tables."""
-    sampled = _sampled(trajectories, spacecraft)
+    sampled = _sample_trajectories(trajectories, spacecraft)
     bounds = _spin_limits(spacecraft)
     titles, values = [*BODY], [one.platform for one in sampled.values()]  # each (3, k, 3)
     if spacecraft.joint_count:
@@ -151,10 +151,10 @@ def _of_trajectories(
     for axes, (row, column) in zip(every, np.ndindex(3, across), strict=True):
         for one, own, look in zip(sampled.values(), values, styles, strict=True):
             curve(axes, one.times, np.rad2deg(own[row, :, column]), **look)
-        limited = _limit(axes, bounds[row, column, None], [_GREY], highest[row, column]) or limited
+        limited = _draw_limits(axes, bounds[row, column, None], [_GREY_LINE], highest[row, column]) or limited
     for quantity, axes in zip(SPIN, every[::across], strict=True):
         axes.set_ylabel(labelled(quantity.word, quantity), fontsize=TEXT)
-    _finish(every, titles, sampled)
+    _add_titles_and_time_axis(every, titles, sampled)
     if legend:
         entries = [(Line2D([], [], **look), name) for name, look in zip(sampled, styles, strict=True)]
         legend_beside(every[across - 1], [*entries, *limited])
@@ -191,19 +191,19 @@ def segments(
         >>> fits = zip(("4 segments", "5 segments", "6 segments"), fit_batch(tries))
         >>> jp.plot.segments({name: fit.trajectory for name, fit in fits}, craft)
     """
-    sampled = _sampled(trajectories, spacecraft)
+    sampled = _sample_trajectories(trajectories, spacecraft)
     across = len(sampled)
     every = panels(ax, 2 * across, (2.7 * across + 1.6, 4.8), columns=across)
     bounds, limited, joins = _spin_limits(spacecraft), Entries(), Entries()
     highest = np.max([np.max(np.abs(one.platform), axis=(1, 2)) for one in sampled.values()], axis=0)
     for axes, (row, one) in zip(every, product((1, 2), sampled.values()), strict=True):
         for time in one.joins:
-            axes.axvline(time, zorder=1.4, **_JOIN)
-            joins = [(Line2D([], [], **_JOIN), "join")]
+            axes.axvline(time, zorder=1.4, **_JOIN_LINE)
+            joins = [(Line2D([], [], **_JOIN_LINE), "join")]
         for values, look in zip(one.platform[row].T, AXIS_STYLES, strict=True):
             curve(axes, one.times, np.rad2deg(values), **{**look, "linewidth": 1.2})
-        limited = _limit(axes, bounds[row], AXIS_STYLES, highest[row]) or limited
-    _finish(every, list(sampled), sampled)
+        limited = _draw_limits(axes, bounds[row], AXIS_STYLES, highest[row]) or limited
+    _add_titles_and_time_axis(every, list(sampled), sampled)
     for quantity, axes in zip(SPIN[1:], every[::across], strict=True):
         axes.set_ylabel(f"platform angular\n{labelled(quantity.word, quantity)}", fontsize=TEXT)
     for axes, one in zip(every[across:], sampled.values(), strict=True):
@@ -215,7 +215,7 @@ def segments(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Sampled:
+class _SampledTrajectory:
     """A trajectory sampled on a grid that has both sides of every break.
 
     Attributes:
@@ -236,12 +236,12 @@ class _Sampled:
     def of(cls, trajectory: Trajectory) -> Self:
         """Sample a trajectory."""
         end = trajectory.duration
-        grid = np.linspace(0.0, end, _INSTANTS if end > 0 else 1)
+        grid = np.linspace(0.0, end, _GRID_INSTANTS if end > 0 else 1)
         after = np.unique(np.concatenate([trajectory.breaks, trajectory.joint_breaks]))
         after = after[(after > 0) & (after < end)]
         times = np.unique(np.concatenate([grid, after, np.nextafter(after, 0.0)]))
         values = trajectory.sample(times)
-        joins = trajectory.breaks[1:-1] if trajectory.smoothness < _SMOOTH else np.zeros(0)
+        joins = trajectory.breaks[1:-1] if trajectory.smoothness < _SMOOTH_JERK_ORDER else np.zeros(0)
         jerk = values.angular_jerk
         ends = np.searchsorted(times, joins)
         return cls(
@@ -253,12 +253,14 @@ class _Sampled:
         )
 
 
-def _sampled(trajectories: Mapping[str, Trajectory], spacecraft: Spacecraft) -> dict[str, _Sampled]:
+def _sample_trajectories(
+    trajectories: Mapping[str, Trajectory], spacecraft: Spacecraft
+) -> dict[str, _SampledTrajectory]:
     """Check the arguments of a figure and sample its trajectories, by name; raises as `compare` does."""
     expect_trajectories(trajectories, spacecraft)
     if not trajectories:
         raise ValueError("there are no trajectories to draw")
-    return {name: _Sampled.of(trajectory) for name, trajectory in trajectories.items()}
+    return {name: _SampledTrajectory.of(trajectory) for name, trajectory in trajectories.items()}
 
 
 def _spin_limits(craft: Spacecraft) -> np.ndarray:
@@ -271,7 +273,7 @@ def _spin_limits(craft: Spacecraft) -> np.ndarray:
     return np.stack([np.full(3, np.inf if limit is None else limit) for limit in given])
 
 
-def _limit(axes: Axes, limits: np.ndarray, styles: Sequence[Look], highest: float) -> Entries:
+def _draw_limits(axes: Axes, limits: np.ndarray, styles: Sequence[Look], highest: float) -> Entries:
     """Draw limits of the curves of a panel; returns their legend entry, or none.
 
     Args:
@@ -281,10 +283,12 @@ def _limit(axes: Axes, limits: np.ndarray, styles: Sequence[Look], highest: floa
         highest: largest magnitude of the curves, in radians; limits far above it are written, not drawn.
     """
     ends = both_sides(np.rad2deg(limits))
-    return limit_lines(axes, ends, styles, np.rad2deg(highest), far=_FAR_OF_SEVERAL)
+    return limit_lines(axes, ends, styles, np.rad2deg(highest), far=_FAR_LIMIT_RATIO)
 
 
-def _finish(every: list[Axes], titles: list[str], sampled: Mapping[str, _Sampled]) -> None:
+def _add_titles_and_time_axis(
+    every: list[Axes], titles: list[str], sampled: Mapping[str, _SampledTrajectory]
+) -> None:
     """Write titles above the columns of panels and give all panels the same time axis."""
     end = max(float(one.times[-1]) for one in sampled.values())
     for column, title in enumerate(titles):

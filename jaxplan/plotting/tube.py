@@ -21,10 +21,10 @@ from jaxplan.plotting.style import GREY, Entries, Look, device_style
 from jaxplan.plotting.zones import draw_line
 
 NAME = "tube of errors"
-_EDGE: Look = {"linewidth": 0.8, "linestyle": (0, (1, 1.4)), "zorder": 2.9}
-_BAND = 0.22  # opacity of a band
-_STILL = 1e-9  # length of a chord below which a direction stands still
-_MOST = 400  # most squares of which a band in a map of yaw and pitch is made
+_EDGE_LINE: Look = {"linewidth": 0.8, "linestyle": (0, (1, 1.4)), "zorder": 2.9}
+_BAND_OPACITY = 0.22  # opacity of a band
+_MIN_CHORD = 1e-9  # length of a chord below which a direction stands still
+_MAX_SQUARES = 400  # most squares of which a band in a map of yaw and pitch is made
 
 
 def radii(scenario: Scenario) -> np.ndarray:
@@ -40,8 +40,8 @@ def draw_tubes(axes: Axes, projection: Projection, scenario: Scenario, tracks: n
     found = radii(scenario)
     for device, radius in enumerate(found):
         for line in edges(tracks[:, device], radius) if radius > 0 else ():
-            draw_line(axes, projection, line, {"color": device_style(device)["color"], **_EDGE})
-    return [(Line2D([], [], color=GREY, **_EDGE), told(found))] if np.any(found > 0) else []
+            draw_line(axes, projection, line, {"color": device_style(device)["color"], **_EDGE_LINE})
+    return [(Line2D([], [], color=GREY, **_EDGE_LINE), told(found))] if np.any(found > 0) else []
 
 
 def told(radii: np.ndarray | float) -> str:
@@ -59,7 +59,7 @@ def edges(track: np.ndarray, radius: float) -> Iterator[np.ndarray]:
     A track that stands still has one circle.
     """
     steps = np.diff(track, axis=0)
-    moving = np.linalg.norm(steps, axis=1) > _STILL
+    moving = np.linalg.norm(steps, axis=1) > _MIN_CHORD
     places, steps = track[1:][moving], steps[moving]
     across = np.cross(places, steps)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
@@ -71,17 +71,17 @@ def edges(track: np.ndarray, radius: float) -> Iterator[np.ndarray]:
 
 def draw_band(axes: Axes, times: np.ndarray, values: np.ndarray, error: float, colour: str) -> None:
     """Fill the band within `error` of values (k,) over times (k,), all in the units of the axes."""
-    axes.fill_between(times, values - error, values + error, color=colour, alpha=_BAND, linewidth=0)
+    axes.fill_between(times, values - error, values + error, color=colour, alpha=_BAND_OPACITY, linewidth=0)
 
 
 def draw_squares(axes: Axes, points: np.ndarray, error: float, colour: str) -> None:
     """Fill a square of half width `error` about each of the points (k, 2), in the units of the axes."""
-    own = points[np.linspace(0, len(points) - 1, min(len(points), _MOST)).astype(int)]
+    own = points[np.linspace(0, len(points) - 1, min(len(points), _MAX_SQUARES)).astype(int)]
     squares = [Rectangle((x - error, y - error), 2 * error, 2 * error) for x, y in own.tolist()]
-    pale = 1 - _BAND * (1 - np.array(to_rgb(colour)))
+    pale = 1 - _BAND_OPACITY * (1 - np.array(to_rgb(colour)))
     axes.add_collection(PatchCollection(squares, facecolor=[pale], edgecolor="none", zorder=1.4))
 
 
 def band_entry(error: float) -> Entries:
     """Return the legend entry of the band of an error, rad."""
-    return [(Patch(facecolor=GREY, alpha=_BAND, linewidth=0), told(error))]
+    return [(Patch(facecolor=GREY, alpha=_BAND_OPACITY, linewidth=0), told(error))]

@@ -42,7 +42,7 @@ from jaxplan.sky import Satellite
 from jaxplan.timeline.record import TimelinePlan
 from jaxplan.trajectory.spectrum import expect_frequencies
 
-_SPHERE, _ROW = 4.1, 1.6  # inches of an overview: heights of the sphere and of each panel below
+_SPHERE_HEIGHT, _ROW_HEIGHT = 4.1, 1.6  # inches of an overview: heights of the sphere and of each panel below
 FIGURE_NAMES = (
     "timeline",
     "overview",
@@ -61,9 +61,9 @@ FIGURE_NAMES = (
 )
 """Names of all figures that a plan may have."""
 
-_DPI = 200  # dots per inch of PNG pictures in a page
+_PAGE_DPI = 200  # dots per inch of PNG pictures in a page
 _SCREEN_DPI = 150  # dots per inch of pictures in files of their own
-_QUICKLY = 3  # level of zlib (0 to 9): files are a twentieth larger than at 6, in three quarters of the time
+_PNG_COMPRESSION = 3  # of zlib (0 to 9): files a twentieth larger than at 6, in three quarters of the time
 
 
 def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
@@ -84,7 +84,7 @@ def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
     moves, craft = motion(plan), plan.scenario.spacecraft
     kinds = len(joint_kinds(craft))
     figure = new_figure(_overview_size(kinds)) if ax is None else ax
-    halves = figure.add_gridspec(2, 1, height_ratios=(_SPHERE, _ROW * (kinds + 2)))
+    halves = figure.add_gridspec(2, 1, height_ratios=(_SPHERE_HEIGHT, _ROW_HEIGHT * (kinds + 2)))
     top = sphere(plan, ax=figure.add_subplot(halves[0]))
     below = list(np.ravel(np.asarray(halves[1].subgridspec(kinds + 2, 1).subplots(sharex=True))))
     joints, others = below[:kinds], below[kinds:]
@@ -101,7 +101,7 @@ def overview(plan: Plan, ax: Figure | SubFigure | None = None) -> list[Axes]:
 
 def _overview_size(kinds: int) -> tuple[float, float]:
     """Return width and height of an overview, inches, for a spacecraft with `kinds` kinds of joints."""
-    return WIDTH, _SPHERE + _ROW * (kinds + 2)
+    return WIDTH, _SPHERE_HEIGHT + _ROW_HEIGHT * (kinds + 2)
 
 
 def figures(
@@ -150,7 +150,7 @@ def drawings(
     kinds = len(joint_kinds(craft))
     known: dict[str, tuple[Callable[..., Any], tuple[float, float], bool]] = {
         "overview": (overview, _overview_size(kinds), moves),
-        "spacecraft": (_at_start, SPACECRAFT_SIZE, bool(craft.device_names or craft.wheels)),
+        "spacecraft": (_draw_at_start, SPACECRAFT_SIZE, bool(craft.device_names or craft.wheels)),
         "sphere": (sphere, SPHERE_SIZE, True),
         "orbital_sphere": (partial(sphere, frame="orbital", observer=observer), DISCS_SIZE, orbits),
         "attitude": (
@@ -175,21 +175,21 @@ def drawings(
     for name in FIGURE_NAMES:
         draw, inches, there = known.get(name, (timeline, SPHERE_SIZE, False))
         if name == "timeline" and day is not None:
-            found.append((name, partial(_drawn, timeline, timeline_size(day), day)))
+            found.append((name, partial(_draw_figure, timeline, timeline_size(day), day)))
         elif there:
             shown = day if name == "ground_track" and day is not None else plan
-            found.append((name, partial(_drawn, draw, inches, shown)))
+            found.append((name, partial(_draw_figure, draw, inches, shown)))
     return found
 
 
-def _drawn(draw: Callable[..., Any], inches: tuple[float, float], plan: Plan | TimelinePlan) -> Figure:
+def _draw_figure(draw: Callable[..., Any], inches: tuple[float, float], plan: Plan | TimelinePlan) -> Figure:
     """Make a figure of a size in inches, without pyplot, and draw a plan on it."""
     figure = Figure(figsize=inches, layout="constrained")
     draw(plan, ax=figure)
     return figure
 
 
-def _at_start(plan: Plan, ax: Figure) -> None:
+def _draw_at_start(plan: Plan, ax: Figure) -> None:
     """Draw the spacecraft with boresights at the joint angles of the start, on a figure."""
     spacecraft(plan.scenario.spacecraft, joints=plan.scenario.start.joints, ax=ax)
 
@@ -216,10 +216,10 @@ def inline_figures(
     """
     ball = Figure(figsize=GLOBE_SIZE, layout="constrained")
     globe(plan, ax=ball)
-    yield "globe", _address(ball)
+    yield "globe", _to_data_url(ball)
     for name, figure in figures(plan, frequencies, observer):
         if name != "overview" and (names is None or name in names):
-            yield name, _address(figure, hatched=name == "timeline")
+            yield name, _to_data_url(figure, hatched=name == "timeline")
 
 
 def write_png(figure: Figure, file: str | os.PathLike[str], software: str) -> None:
@@ -236,23 +236,23 @@ def write_png(figure: Figure, file: str | os.PathLike[str], software: str) -> No
     said = PngInfo()
     said.add_text("Software", software)
     dots, picture = (_SCREEN_DPI, _SCREEN_DPI), Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
-    picture.save(file, format="png", dpi=dots, pnginfo=said, compress_level=_QUICKLY)
+    picture.save(file, format="png", dpi=dots, pnginfo=said, compress_level=_PNG_COMPRESSION)
 
 
-def _address(figure: Figure, *, hatched: bool = False) -> str:
+def _to_data_url(figure: Figure, *, hatched: bool = False) -> str:
     """Return a figure's picture as a ``data:`` address, SVG or PNG; `hatched` saves trying SVG first."""
     kind, content = "svg+xml", b"<pattern"
     if not hatched:
-        content = _picture(figure, "svg", {"Date": None, "Creator": None})
+        content = _render_picture(figure, "svg", {"Date": None, "Creator": None})
     # hatches lose their transparency in SVG, so that zones print solid; many small surfaces are an image
     if b"<pattern" in content or b"<image" in content:
-        kind, content = "png", _picture(figure, "png", {"Software": None})
+        kind, content = "png", _render_picture(figure, "png", {"Software": None})
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
-def _picture(figure: Figure, kind: str, metadata: dict[str, None]) -> bytes:
+def _render_picture(figure: Figure, kind: str, metadata: dict[str, None]) -> bytes:
     """Return the bytes of a figure's picture in a format of matplotlib, "svg" or "png"."""
     file = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "jaxplan"}):  # else the names inside are random
-        figure.savefig(file, format=kind, metadata=metadata, transparent=True, dpi=_DPI)
+        figure.savefig(file, format=kind, metadata=metadata, transparent=True, dpi=_PAGE_DPI)
     return file.getvalue()

@@ -37,21 +37,23 @@ from jaxplan.plotting.style import (
 
 Cone = KeepOut | KeepIn
 
-_EDGE: Look = {"linewidth": 1.1, "zorder": 1.6}  # of a zone's edge
-_TRACK_POINTS, _MOST_POINTS = 33, 2000  # least and largest number of points of the track of a zone's axis
-_TRACK_TURN = 0.05  # rad: angle between them, within these numbers
-_STANDS = 1e-3  # rad: turn of a zone's axis in a moving frame, below which it counts as standing still
-_CROWD = 20  # number of zones beyond which their names are smaller and do not say what they bind
+_EDGE_LINE: Look = {"linewidth": 1.1, "zorder": 1.6}  # of a zone's edge
+_MIN_TRACK_POINTS, _MAX_TRACK_POINTS = 33, 2000  # of the track of a zone's axis
+_TRACK_STEP = 0.05  # rad: angle between them, within these numbers
+_STILL_TURN = 1e-3  # rad: turn of a zone's axis in a moving frame, below which it counts as standing still
+_CROWDED_COUNT = 20  # number of zones beyond which their names are smaller and do not say what they bind
 # Where a zone's name may stand, the best first: in units of its half width and half height.
-_SPOTS = np.array([(across, up) for across in (0, 0.6, -0.6, 1.2, -1.2) for up in (0, 0.5, -0.5, 0.8, -0.8)])
+_INNER_SPOTS = np.array(
+    [(across, up) for across in (0, 0.6, -0.6, 1.2, -1.2) for up in (0, 0.5, -0.5, 0.8, -0.8)]
+)
 _EDGE_STEP = 8  # every so many points of a zone's edge count as drawn, which names should not cover either
-_APART = np.array([1.0, 0.5])  # gap between names that say what their zones bind, in letters and in lines
-_NAME = 3.6  # zorder of names: above lines, which their halos cover, and below marks
-_WAY: Look = {"linewidth": 0.7, "zorder": 1.7}  # track of a zone's axis, lighter than those of boresights
-_AGAIN = np.deg2rad(3.0)  # rad: a track that comes nearer than that to an earlier part is not drawn again
-_INSIDE = 0.9  # fraction of a zone's half angle within which the middle of a name inside it lies
-_LARGE = np.deg2rad(45.0)  # rad: half angle of a zone from which on its name is not put beside it
-_TOLD = {FlatMap: _CROWD, TwoDiscs: 4, GlobeView: -1}  # most zones for which names say what they bind
+_NAME_GAP = np.array([1.0, 0.5])  # gap between names that say what their zones bind, in letters and in lines
+_NAME_ZORDER = 3.6  # zorder of names: above lines, which their halos cover, and below marks
+_TRACK_LINE: Look = {"linewidth": 0.7, "zorder": 1.7}  # of a zone's axis, lighter than those of boresights
+_RETRACED_ANGLE = np.deg2rad(3.0)  # rad: a track nearer than that to an earlier part is not drawn again
+_INNER_SHARE = 0.9  # fraction of a zone's half angle within which the middle of a name inside it lies
+_LARGE_ZONE = np.deg2rad(45.0)  # rad: half angle of a zone from which on its name is not put beside it
+_MAX_DETAILED_ZONES = {FlatMap: _CROWDED_COUNT, TwoDiscs: 4, GlobeView: -1}  # whose names say what they bind
 _SIDES = ((0, 1), (0, -1), (1, 0), (-1, 0), (0.7, 1), (-0.7, 1), (0.7, -1), (-0.7, -1), (0, 1.8), (0, -1.8))
 NOTHING = np.zeros((0, 3))
 
@@ -68,16 +70,16 @@ def draw_line(axes: Axes, projection: Projection, line: np.ndarray, look: Look) 
 def draw_way(axes: Axes, projection: Projection, zone: Cone, track: np.ndarray) -> None:
     """Draw the track (k, 3) of a zone's axis without parts close to earlier ones, which would form a bar."""
     for part in fresh_parts(track):
-        draw_line(axes, projection, part, {"color": zone_outline(zone)["color"], **_WAY})
+        draw_line(axes, projection, part, {"color": zone_outline(zone)["color"], **_TRACK_LINE})
 
 
 def fresh_parts(track: np.ndarray) -> list[np.ndarray]:
     """Return the parts (m, 3) of a track (k, 3) that do not run close to an earlier part.
 
-    "Close" is within `_AGAIN`. A point is always close to those just before it, so an earlier point counts
-    only if the track has been away from the place in between.
+    "Close" is within `_RETRACED_ANGLE`. A point is always close to those just before it, so an earlier point
+    counts only if the track has been away from the place in between.
     """
-    near = track @ track.T > np.cos(_AGAIN)
+    near = track @ track.T > np.cos(_RETRACED_ANGLE)
     kept = np.ones(len(track), bool)
     for number in range(1, len(track)):
         away = np.flatnonzero(~near[number, :number])
@@ -104,7 +106,7 @@ def draw_zone(axes: Axes, projection: Projection, zone: Cone) -> list[Artist]:
         edge = None if limb is None else Circle(*limb, transform=axes.transData)
         area.set(clip_path=edge, edgecolor=fill["edgecolor"], linewidth=0)
         drawn.append(area)
-    return drawn + draw_line(axes, projection, circle(axis, zone.half_angle), zone_outline(zone) | _EDGE)
+    return drawn + draw_line(axes, projection, circle(axis, zone.half_angle), zone_outline(zone) | _EDGE_LINE)
 
 
 def zone_outline(zone: Cone) -> Look:
@@ -151,24 +153,24 @@ def name_zones(
         tracks: (k, 3) directions of drawn curves, which names should not cover.
         ends: (m, 3) directions of starts and goals, which names cover only where there is no other place.
     """
-    crowded = len(zones) > _CROWD
+    crowded = len(zones) > _CROWDED_COUNT
     marks = [(spot, np.full(2, projection.mark)) for spot in projection.project(ends)]
     if isinstance(projection, TwoDiscs):
         marks += [(place, projection.letter * [len(text), 1]) for text, place in projection.ring_names()]
     # Zones in front come first, and among these the smallest, which have the least room.
     zones = sorted(zones, key=lambda zone: (-projection.opacity(zone.axis_at()), zone.half_angle))
     texts = list[Artist]()
-    edges = [circle(zone.axis_at(), zone.half_angle)[::_EDGE_STEP] for zone in zones[:_CROWD]]
+    edges = [circle(zone.axis_at(), zone.half_angle)[::_EDGE_STEP] for zone in zones[:_CROWDED_COUNT]]
     points = projection.project(np.concatenate([tracks, *edges]))
-    bound = [_bound(zone, devices) for zone in zones]
-    told = [[zone.name, *words, *_group(zone)] for zone, words in zip(zones, bound, strict=True)]
-    few, spots = not crowded and len(zones) <= _TOLD[type(projection)], None
+    bound = [_describe_bound(zone, devices) for zone in zones]
+    told = [[zone.name, *words, *_describe_group(zone)] for zone, words in zip(zones, bound, strict=True)]
+    few, spots = not crowded and len(zones) <= _MAX_DETAILED_ZONES[type(projection)], None
     if few:
-        spots = _spots(projection, zones, told, Labels(points, list(marks)), must=False)
+        spots = _place_names(projection, zones, told, Labels(points, list(marks)), must=False)
     if spots is None:  # if one has no room for that, no zone that binds devices says it
         alone = [few and not _binds_devices(zone) for zone in zones]
         told = [[zone.name, *words * only] for zone, words, only in zip(zones, bound, alone, strict=True)]
-        spots = _spots(projection, zones, told, Labels(points, list(marks)), must=True)
+        spots = _place_names(projection, zones, told, Labels(points, list(marks)), must=True)
     assert spots is not None
     for zone, spot, lines in zip(zones, spots, told, strict=True):
         near = projection.opacity(zone.axis_at()) == 1
@@ -179,14 +181,14 @@ def name_zones(
             color=zone_outline(zone)["color"],
             alpha=None if near else 0.5,
             fontsize=SMALL - 1.5 * crowded,
-            zorder=_NAME,
+            zorder=_NAME_ZORDER,
             **(HALO if near else {**HALO, "path_effects": []}),
         )
         texts.append(plain(text))
     return texts
 
 
-def _spots(
+def _place_names(
     projection: Projection,
     zones: Sequence[Cone],
     names: Sequence[Sequence[str]],
@@ -209,17 +211,17 @@ def _spots(
     found = list[np.ndarray]()
     for zone, lines in zip(zones, names, strict=True):
         size = projection.letter * (max(map(len, lines)), len(lines))
-        places = _places(projection, zone, size)
-        spot = labels.place(places, size + _APART * projection.letter * (not must))
+        places = _usual_places(projection, zone, size)
+        spot = labels.place(places, size + _NAME_GAP * projection.letter * (not must))
         if spot is None and must:
-            spot = labels.place([*places, *_about(projection, zone, size)], size, must=True)
+            spot = labels.place([*places, *_outer_places(projection, zone, size)], size, must=True)
         if spot is None:
             return None
         found.append(spot)
     return found
 
 
-def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.ndarray]:
+def _usual_places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.ndarray]:
     """Return points (2,) of the picture where the name of a zone, of size (2,), may stand, the best first.
 
     They are above and below a keep-in zone, since tracks run inside it, and else inside the zone. If a
@@ -230,18 +232,18 @@ def _places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.nda
     centre, extent = projection.project(axis), projection.extent(axis, angle)
     away = extent[1] + size[1] / 2 + projection.gap
     above = [(0.0, away), (0.0, -away)] if isinstance(zone, KeepIn) and angle <= np.pi / 2 else []
-    wanted = centre + np.array([*above, *(_SPOTS * extent)])
+    wanted = centre + np.array([*above, *(_INNER_SPOTS * extent)])
     spots = projection.fit(wanted, size)
     apart = separation(projection.directions(spots, axis), axis)
-    fits = np.where(np.arange(len(spots)) < len(above), apart >= angle, apart < _INSIDE * angle)
+    fits = np.where(np.arange(len(spots)) < len(above), apart >= angle, apart < _INNER_SHARE * angle)
     moved = spots[:, 1] != wanted[:, 1]  # places that had to be moved up or down come last
     order = np.argsort(moved, kind="stable")
     return [*spots[order][fits[order]], *projection.fit(centre[None], size)]
 
 
-def _about(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.ndarray]:
+def _outer_places(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.ndarray]:
     """Return points (2,) of the picture where a name of size (2,) stands wholly outside a small zone."""
-    if zone.half_angle >= _LARGE:
+    if zone.half_angle >= _LARGE_ZONE:
         return []
     axis = zone.axis_at()
     away = np.array(projection.extent(axis, zone.half_angle)) + size / 2 + projection.gap
@@ -250,7 +252,7 @@ def _about(projection: Projection, zone: Cone, size: np.ndarray) -> list[np.ndar
     return [spot for spot, place in zip(spots, wanted, strict=True) if np.allclose(spot, place)]
 
 
-def _bound(zone: Cone, names: Sequence[str]) -> list[str]:
+def _describe_bound(zone: Cone, names: Sequence[str]) -> list[str]:
     """Return lines on which devices and vectors a zone binds; none if it binds just all devices."""
     bound = [name for name in names if zone.binds_all or name in zone.devices]
     others = [name for name in names if name not in bound]
@@ -267,7 +269,7 @@ def _bound(zone: Cone, names: Sequence[str]) -> list[str]:
     return lines
 
 
-def _group(zone: Cone) -> list[str]:
+def _describe_group(zone: Cone) -> list[str]:
     """Return lines that name a zone's group and its entry in the group; none if it is in no group."""
     lines = [] if zone.any_of is None else [f"any of {zone.any_of}"]
     return lines if zone.entry is None else [*lines, f"with all of {zone.entry}"]
@@ -291,7 +293,9 @@ def zone_entries(scenario: Scenario, frame: Inertial = INERTIAL) -> Entries:
         edge = to_rgba(zone_outline(zone)["color"], 1.0 if inside else 0.6)
         look = {**_zone_fill(zone), "edgecolor": edge, "linestyle": zone_outline(zone)["linestyle"]}
         kinds.setdefault(text, (Patch(**look, linewidth=1), text))
-    moving: Entries = [(Line2D([], [], color=GREY, **_WAY), "way of a zone's axis,\nto its fainter edge")]
+    moving: Entries = [
+        (Line2D([], [], color=GREY, **_TRACK_LINE), "way of a zone's axis,\nto its fainter edge")
+    ]
     return [*kinds.values(), *moving * (frame.moves or any(zone.moves for zone in scenario.zones))]
 
 
@@ -324,10 +328,10 @@ def zone_tracks(plan: Plan, frame: Inertial = INERTIAL) -> list[tuple[Cone, np.n
             continue
         last = float(path.times[-1]) if plan.goal is None and not frame.moves else frame.end(plan)
         turned = (path.largest_rate(0.0, last) + frame.rate) * last
-        points = int(np.clip(turned / _TRACK_TURN, _TRACK_POINTS, _MOST_POINTS))
+        points = int(np.clip(turned / _TRACK_STEP, _MIN_TRACK_POINTS, _MAX_TRACK_POINTS))
         times = np.linspace(0.0, last, points)
         track = frame.seen(np.asarray(path.at(times)), times)
-        if frame.moves and np.max(separation(track, track[0])) < _STANDS:
+        if frame.moves and np.max(separation(track, track[0])) < _STILL_TURN:
             continue  # such as a zone about the Earth in the local orbital frame
         tracks.append((replace(zone, direction=track[-1]), track))
     return tracks

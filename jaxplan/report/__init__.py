@@ -117,7 +117,7 @@ def page(
     there = plan.trajectory is not None and plan.goal is not None
     certificate = certify(plan) if there else None
     status, message = _verdict(plan, certificate)
-    pictures = dict(_pictures(plan, frequencies, observer))
+    pictures = dict(_draw_figures(plan, frequencies, observer))
     colophon = (
         f"Made by jaxplan {__version__}. The certificate was made anew for this page, from the "
         "trajectory alone. Attitudes map body to inertial axes."
@@ -126,10 +126,10 @@ def page(
         "main",
         _header(plan, status, message, certificate),
         *([] if viewer is None else [section("space", "In space", viewer)]),
-        *_parts(plan, certificate, pictures),
+        *_page_sections(plan, certificate, pictures),
         tag("footer", tag("p", colophon)),
     )
-    title = f"{plan.scenario.name} \N{EN DASH} {_word(status)}"
+    title = f"{plan.scenario.name} \N{EN DASH} {_status_words(status)}"
     return document(title, main, running=viewer is not None)
 
 
@@ -149,12 +149,12 @@ def _verdict(plan: Plan, certificate: Certificate | None) -> tuple[Status, str]:
     return Status.UNCERTIFIED, f"{claim}: {found}"
 
 
-def _word(status: Status) -> str:
+def _status_words(status: Status) -> str:
     """Name of a status as words, such as "Node limit"; "Certified" for OK."""
     return "Certified" if status is Status.OK else status.name.replace("_", " ").capitalize()
 
 
-def _parts(plan: Plan, certificate: Certificate | None, pictures: dict[str, Markup]) -> list[Markup]:
+def _page_sections(plan: Plan, certificate: Certificate | None, pictures: dict[str, Markup]) -> list[Markup]:
     """The sections of the page; those for steps that the plan did not reach are left out."""
 
     def shown(*names: str) -> list[Markup]:
@@ -181,7 +181,9 @@ def _parts(plan: Plan, certificate: Certificate | None, pictures: dict[str, Mark
         parts.append(section("trajectory", "Trajectory", tables.trajectory_table(plan), *figures))
     if certificate is not None:
         parts.append(
-            section("certificate", "Certificate", *_certificate(plan, certificate), *shown("margins"))
+            section(
+                "certificate", "Certificate", *_certificate_contents(plan, certificate), *shown("margins")
+            )
         )
     if plan.timings:
         parts.append(section("timings", "Timings", tables.timings_table(plan)))
@@ -190,7 +192,7 @@ def _parts(plan: Plan, certificate: Certificate | None, pictures: dict[str, Mark
     return [*parts, section("settings", "Scenario file", intro, text)]
 
 
-def _certificate(plan: Plan, certificate: Certificate) -> list[Markup]:
+def _certificate_contents(plan: Plan, certificate: Certificate) -> list[Markup]:
     """Contents of the section on the certificate: verdict, what could not be proved, peaks and margins."""
     margins = check_margins(plan)
     verdict = "holds at every instant" if certificate.certified else "does not hold"
@@ -209,7 +211,7 @@ def _header(plan: Plan, status: Status, message: str, certificate: Certificate |
     text = f"{status.value[:1].upper()}{status.value[1:]}."
     if certified:
         text = "Every zone and every limit holds at every instant, not at samples alone."
-    told = [tag("strong", _word(status)), tag("p", text)]
+    told = [tag("strong", _status_words(status)), tag("p", text)]
     for label, words in (("What happened", message), ("What to change", status.advice)):
         if words:
             told.append(tag("p", tag("b", f"{label}: "), words))
@@ -218,12 +220,12 @@ def _header(plan: Plan, status: Status, message: str, certificate: Certificate |
         tag("p", "Attitude plan", class_="kicker"),
         tag("h1", plan.scenario.name),
         tag("div", *told, class_="verdict good" if certified else "verdict bad"),
-        _steps(status),
-        tiles(_tiles(plan, certificate)),
+        _steps_list(status),
+        tiles(_key_numbers(plan, certificate)),
     )
 
 
-def _steps(status: Status) -> Markup:
+def _steps_list(status: Status) -> Markup:
     """The steps of planning as an HTML list, each marked as done, failed or not reached."""
     ended, items = STEPS.index(status.step), []
     for place, step in enumerate(STEPS):
@@ -234,7 +236,7 @@ def _steps(status: Status) -> Markup:
     return tag("ol", *items, class_="steps")
 
 
-def _tiles(plan: Plan, certificate: Certificate | None) -> list[tuple[str, str, str]]:
+def _key_numbers(plan: Plan, certificate: Certificate | None) -> list[tuple[str, str, str]]:
     """The most important numbers as (label, value, unit); those that the plan lacks are left out."""
     found = []
     if plan.goal is not None:
@@ -251,7 +253,7 @@ def _tiles(plan: Plan, certificate: Certificate | None) -> list[tuple[str, str, 
     return found
 
 
-def _pictures(
+def _draw_figures(
     plan: Plan, frequencies: Sequence[float], observer: Satellite | None
 ) -> list[tuple[str, Markup]]:
     """Draw every figure of the plan; returns the name and the HTML of each.

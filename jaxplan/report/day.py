@@ -26,7 +26,7 @@ _CAPTIONS = {
     "accelerations": "Angular acceleration of the platform in body axes, and accelerations of the joints.",
     "torque": "What the actuators must give, in body axes or wheel by wheel, with their limits.",
 }
-_MOST_EVENTS = 2000  # rows of the table of events at most
+_MAX_EVENTS = 2000  # rows of the table of events at most
 
 
 def day_page(plan: TimelinePlan, viewer: Markup | None = None, observer: Satellite | None = None) -> str:
@@ -37,7 +37,7 @@ def day_page(plan: TimelinePlan, viewer: Markup | None = None, observer: Satelli
         viewer: HTML of the viewer; None for none.
         observer: the spacecraft's orbit, see `report_html`; None for no figures along it.
     """
-    found, pictures = events(plan), dict(_pictures(plan, observer))
+    found, pictures = events(plan), dict(_draw_figures(plan, observer))
     colophon = (
         f"Made by jaxplan {__version__}. The certificate is the one of the plan, from its trajectory alone. "
         "Attitudes map body to inertial axes."
@@ -46,14 +46,14 @@ def day_page(plan: TimelinePlan, viewer: Markup | None = None, observer: Satelli
         "main",
         _header(plan),
         *([] if viewer is None else [section("space", "In space", viewer)]),
-        *_parts(plan, found, pictures),
+        *_page_sections(plan, found, pictures),
         tag("footer", tag("p", colophon)),
     )
-    title = f"{plan.timeline.name} \N{EN DASH} {_word(plan.status)}"
+    title = f"{plan.timeline.name} \N{EN DASH} {_status_words(plan.status)}"
     return document(title, main, running=viewer is not None)
 
 
-def _word(status: Status) -> str:
+def _status_words(status: Status) -> str:
     """Name of a status as words, such as "Goal unreachable"; "Certified" for OK."""
     return "Certified" if status is Status.OK else status.name.replace("_", " ").capitalize()
 
@@ -63,7 +63,7 @@ def _header(plan: TimelinePlan) -> Markup:
     text = f"{plan.status.value[:1].upper()}{plan.status.value[1:]}."
     if plan.ok:
         text = "Every zone and every limit holds at every instant, and every device follows its target."
-    told = [tag("strong", _word(plan.status)), tag("p", text)]
+    told = [tag("strong", _status_words(plan.status)), tag("p", text)]
     for label, words in (("What happened", plan.message), ("What to change", plan.advice)):
         if words:
             told.append(tag("p", tag("b", f"{label}: "), words))
@@ -72,11 +72,11 @@ def _header(plan: TimelinePlan) -> Markup:
         tag("p", "Plan of a timeline", class_="kicker"),
         tag("h1", plan.timeline.name),
         tag("div", *told, class_="verdict good" if plan.ok else "verdict bad"),
-        tiles(_tiles(plan)),
+        tiles(_key_numbers(plan)),
     )
 
 
-def _tiles(plan: TimelinePlan) -> list[tuple[str, str, str]]:
+def _key_numbers(plan: TimelinePlan) -> list[tuple[str, str, str]]:
     """The most important numbers as (label, value, unit); those that the plan lacks are left out."""
     asked = {activity.name for activity in plan.timeline.activities}  # without the final rest
     done = sum(one.ok and one.name in asked for one in plan.activities)
@@ -108,7 +108,7 @@ def degrees_text(angle: float) -> str:
     return f"{float(np.rad2deg(angle)):.2g}"
 
 
-def _parts(plan: TimelinePlan, found: tuple[Event, ...], pictures: dict[str, Markup]) -> list[Markup]:
+def _page_sections(plan: TimelinePlan, found: tuple[Event, ...], pictures: dict[str, Markup]) -> list[Markup]:
     """The sections of the page; those for what the plan does not have are left out."""
 
     def shown(*names: str) -> list[Markup]:
@@ -128,7 +128,7 @@ def _parts(plan: TimelinePlan, found: tuple[Event, ...], pictures: dict[str, Mar
             )
         )
     if plan.certificate is not None:
-        parts.append(section("certificate", "Certificate", *_certificate(plan)))
+        parts.append(section("certificate", "Certificate", *_certificate_contents(plan)))
     setting = (
         *shown("spacecraft"),
         tables.spacecraft_tables(scene.spacecraft),
@@ -146,7 +146,7 @@ def _parts(plan: TimelinePlan, found: tuple[Event, ...], pictures: dict[str, Mar
 def activities_table(plan: TimelinePlan) -> Markup:
     """Table of the outcome of each activity, and a table of messages if there are any."""
     when, (_, *rows) = clock(plan), activity_rows(plan, messages=False)
-    rows = [[*row[:-1], _done(one)] for row, one in zip(rows, plan.activities, strict=True)]
+    rows = [[*row[:-1], _outcome_words(one)] for row, one in zip(rows, plan.activities, strict=True)]
     titles = ["Activity", "Kind", "Start|", "End|", "Slew|s", "Error, at most|deg", "Status"]
     tried = {one.name for one in plan.activities}
     left = [one.name for one in plan.timeline.activities if one.name not in tried]
@@ -158,14 +158,14 @@ def activities_table(plan: TimelinePlan) -> Markup:
     return join([table(titles, rows, caption), *([messages] if told else [])])
 
 
-def _done(one: PlannedActivity) -> str:
+def _outcome_words(one: PlannedActivity) -> str:
     """The outcome of an activity in words: "Planned", or its status."""
-    return "Planned" if one.ok else _word(one.status)
+    return "Planned" if one.ok else _status_words(one.status)
 
 
 def events_listed(plan: TimelinePlan, found: tuple[Event, ...]) -> Markup:
-    """Table of the events, of which at most the first `_MOST_EVENTS` are shown."""
-    kept = found[:_MOST_EVENTS]
+    """Table of the events, of which at most the first `_MAX_EVENTS` are shown."""
+    kept = found[:_MAX_EVENTS]
     rows = [
         [stamp, event.text]
         for stamp, event in zip(stamps(plan, [event.time for event in kept]), kept, strict=True)
@@ -174,7 +174,7 @@ def events_listed(plan: TimelinePlan, found: tuple[Event, ...]) -> Markup:
     return table(["Time", "Event"], rows, f"What happens, in order of time{more}; times in {clock(plan)}")
 
 
-def _certificate(plan: TimelinePlan) -> list[Markup]:
+def _certificate_contents(plan: TimelinePlan) -> list[Markup]:
     """Contents of the section on the certificate, which the plan must have."""
     proof, scene = plan.certificate, plan.timeline.scene
     assert proof is not None
@@ -192,7 +192,7 @@ def _certificate(plan: TimelinePlan) -> list[Markup]:
     return content
 
 
-def _pictures(plan: TimelinePlan, observer: Satellite | None) -> list[tuple[str, Markup]]:
+def _draw_figures(plan: TimelinePlan, observer: Satellite | None) -> list[tuple[str, Markup]]:
     """Draw the figures of the page; returns the name and the HTML of each."""
     from jaxplan.plotting import inline_figures  # imported here, since it needs matplotlib
 

@@ -8,9 +8,11 @@ from importlib.resources import files
 from jaxplan.report.markup import Markup, tag
 
 # Content security policy: a browser may use only images and styles that are in the page itself.
-_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+_STATIC_POLICY = (
+    "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+)
 # The policy of a page with a viewer, which frames inherit; the viewer's library names fonts it never uses.
-_RUNNING = f"{_POLICY}; script-src 'unsafe-inline'; font-src data: 'self' file:"
+_VIEWER_POLICY = f"{_STATIC_POLICY}; script-src 'unsafe-inline'; font-src data: 'self' file:"
 
 
 def document(title: str, main: Markup, *, running: bool = False) -> str:
@@ -25,7 +27,11 @@ def document(title: str, main: Markup, *, running: bool = False) -> str:
     head = tag(
         "head",
         tag("meta", charset="utf-8"),
-        tag("meta", http_equiv="Content-Security-Policy", content=_RUNNING if running else _POLICY),
+        tag(
+            "meta",
+            http_equiv="Content-Security-Policy",
+            content=_VIEWER_POLICY if running else _STATIC_POLICY,
+        ),
         tag("meta", name_="viewport", content="width=device-width, initial-scale=1"),
         tag("meta", name_="color-scheme", content="light dark"),
         tag("title", title),

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 NONE = "\N{EN DASH}"
-_VOID = ("img", "meta")
-_NARROW = 3  # number of columns up to which a table does not take the whole width of the page
-_MOST_TILES = 5  # number of cards in a row at most
+_VOID_TAGS = ("img", "meta")
+_MAX_NARROW_COLUMNS = 3  # number of columns up to which a table does not take the whole width of the page
+_MAX_TILES_IN_ROW = 5  # number of cards in a row at most
 Row = Sequence[Any]
 
 
@@ -34,7 +34,7 @@ def tag(name: str, *content: Any, **attributes: str | None) -> Markup:
         for key, value in attributes.items()
         if value is not None
     )
-    if name in _VOID:
+    if name in _VOID_TAGS:
         return Markup(f"<{name}{given}>")
     return Markup(f"<{name}{given}>{join(content)}</{name}>")
 
@@ -89,7 +89,7 @@ def table(titles: Sequence[str], rows: Iterable[Row], caption: str, marked: int 
         cells = [tag("th", first, scope="row"), *(tag("td", cell, class_=look) for look, cell in others)]
         lines.append(tag("tr", *cells, class_="marked" if index == marked else None))
     parts = (tag("caption", caption), tag("thead", tag("tr", *heads)), tag("tbody", *lines))
-    look = "narrow" if len(titles) <= _NARROW else None
+    look = "narrow" if len(titles) <= _MAX_NARROW_COLUMNS else None
     return tag("div", tag("table", *parts, class_=look), class_="scroll")
 
 
@@ -110,7 +110,7 @@ def tiles(found: Sequence[tuple[str, str, str]]) -> Markup:
     for label, value, unit in found:
         beside = [" ", tag("span", unit, class_="unit")] * bool(unit)
         cards.append(tag("div", tag("dt", label), tag("dd", value, *beside)))
-    rows = -(-len(cards) // _MOST_TILES)
+    rows = -(-len(cards) // _MAX_TILES_IN_ROW)
     columns = -(-len(cards) // max(rows, 1))
     return tag("dl", *cards, class_="tiles", style=f"--columns: {columns}")
 

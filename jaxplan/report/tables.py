@@ -31,37 +31,47 @@ from jaxplan.planner import Plan
 from jaxplan.report.markup import NONE, Markup, degrees, facts, join, number, share, table, tag
 
 _STEP_NAMES = {"decompose": "goal", "search": "path", "compile": "compiling", "total": "in all"}
-_AIM = ("Azimuth|deg", "Elevation|deg")
-_AIM_AT = ("azimuth|deg", "elevation|deg")
+_DIRECTION_TITLES = ("Azimuth|deg", "Elevation|deg")
+_ANGLE_TITLES = ("azimuth|deg", "elevation|deg")
 
 
-_INERTIA = "kg m\N{SUPERSCRIPT TWO}"
+_INERTIA_UNIT = "kg m\N{SUPERSCRIPT TWO}"
 _TERMINAL_STAGES = {"yaw": "yaw_inertia", "pitch": "pitch_inertia"}
 
 
 def spacecraft_tables(craft: Spacecraft) -> Markup:
     """Tables of the platform's limits, and of the devices with their mountings and limits."""
-    parts = [facts(_platform(craft), "Platform, limits of each body axis")]
+    parts = [facts(_platform_facts(craft), "Platform, limits of each body axis")]
     frames = craft.gimbals.frames
     if craft.wheels:
         rows = [
-            [one.name, *_direction(one.axis), *(f"{x:.6g}" for x in (one.torque, one.momentum, one.stored))]
+            [
+                one.name,
+                *_format_direction(one.axis),
+                *(f"{x:.6g}" for x in (one.torque, one.momentum, one.stored)),
+            ]
             for one in craft.wheels
         ]
-        titles = ["Wheel", *(f"Axis {angle}" for angle in _AIM_AT), "Torque|N m", "Momentum|N m s"]
+        titles = ["Wheel", *(f"Axis {angle}" for angle in _ANGLE_TITLES), "Torque|N m", "Momentum|N m s"]
         allocated = "by the pseudo-inverse" if craft.allocation == PSEUDO_INVERSE else "by their envelope"
         caption = f"Reaction wheels, axes in body axes; allocation {allocated}"
         parts.append(table([*titles, "Stored at the start|N m s"], rows, caption))
     if craft.terminals:
         rows = [
-            [one.name, *_direction(frame[:, 0]), *_direction(frame[:, 2])]
+            [one.name, *_format_direction(frame[:, 0]), *_format_direction(frame[:, 2])]
             for one, frame in zip(craft.terminals, frames, strict=False)
         ]
-        titles = ["Terminal", *(f"{what} {angle}" for what in ("Boresight", "Yaw axis") for angle in _AIM_AT)]
+        titles = [
+            "Terminal",
+            *(f"{what} {angle}" for what in ("Boresight", "Yaw axis") for angle in _ANGLE_TITLES),
+        ]
         parts.append(table(titles, rows, "Terminals, how they are mounted; body axes, at zero angles"))
     if craft.drives:
-        rows = [[one.name, *_direction(one.boresight), *_direction(one.axis)] for one in craft.drives]
-        titles = ["Drive", *(f"{what} {angle}" for what in ("Boresight", "Axis") for angle in _AIM_AT)]
+        rows = [
+            [one.name, *_format_direction(one.boresight), *_format_direction(one.axis)]
+            for one in craft.drives
+        ]
+        titles = ["Drive", *(f"{what} {angle}" for what in ("Boresight", "Axis") for angle in _ANGLE_TITLES)]
         parts.append(table(titles, rows, "Drives, how they are mounted; body axes, at zero angle"))
     if craft.joint_count:
         limits_of = zip(
@@ -85,22 +95,25 @@ def spacecraft_tables(craft: Spacecraft) -> Markup:
     ]
     turned = [(name, matrix_of(inertia)) for name, inertia in stages if inertia is not None]
     if turned:
-        skew = any(np.any(_products(matrix)) for _, matrix in turned)
+        skew = any(np.any(_inertia_products(matrix)) for _, matrix in turned)
         rows = [
-            [name, *(f"{x:.6g}" for x in (*np.diagonal(matrix), *(_products(matrix) if skew else ())))]
+            [
+                name,
+                *(f"{x:.6g}" for x in (*np.diagonal(matrix), *(_inertia_products(matrix) if skew else ()))),
+            ]
             for name, matrix in turned
         ]
         axes = ("boresight", "left", "axis")
-        titles = ["What turns", *(f"About {axis}|{_INERTIA}" for axis in axes)]
-        titles += [f"{a}, {b}|{_INERTIA}" for a, b in combinations(axes, 2)] if skew else []
+        titles = ["What turns", *(f"About {axis}|{_INERTIA_UNIT}" for axis in axes)]
+        titles += [f"{a}, {b}|{_INERTIA_UNIT}" for a, b in combinations(axes, 2)] if skew else []
         what = "moments and products" if skew else "moments"
         parts.append(
             table(titles, rows, f"Gimbals that push back, {what} about the devices' axes at zero angles")
         )
     if craft.instruments:
-        rows = [[one.name, *_direction(one.boresight)] for one in craft.instruments]
+        rows = [[one.name, *_format_direction(one.boresight)] for one in craft.instruments]
         caption = "Instruments, fixed to the body; boresights in body axes"
-        parts.append(table(["Instrument", *_AIM], rows, caption))
+        parts.append(table(["Instrument", *_DIRECTION_TITLES], rows, caption))
     fields = [one for one in craft.devices if one.field_of_view is not None]
     if fields:
         rows = [[one.name, *(degrees(angle) for angle in np.asarray(one.field_of_view))] for one in fields]
@@ -109,38 +122,41 @@ def spacecraft_tables(craft: Spacecraft) -> Markup:
     return join(parts)
 
 
-def _platform(craft: Spacecraft) -> list[tuple[str, str]]:
+def _platform_facts(craft: Spacecraft) -> list[tuple[str, str]]:
     """The platform's limits and moments of inertia as (label, value with unit)."""
     rows = [
-        (limit.quantity.label, f"{_span(limit.quantity.in_unit(limit.bound))} {limit.quantity.printed_unit}")
+        (
+            limit.quantity.label,
+            f"{_format_distinct(limit.quantity.in_unit(limit.bound))} {limit.quantity.printed_unit}",
+        )
         for limit in limits(craft)
         if not (limit.quantity.of_joints or limit.quantity.of_wheels)
     ]
     if (inertia := craft.whole_inertia) is not None:
-        rows.append(("Moments of inertia", f"{_list(np.diagonal(inertia), 4)} {_INERTIA}"))
-        if np.any(_products(inertia)):
+        rows.append(("Moments of inertia", f"{_format_list(np.diagonal(inertia), 4)} {_INERTIA_UNIT}"))
+        if np.any(_inertia_products(inertia)):
             label = "Products of inertia xy, xz, yz, as in the matrix"
-            rows.append((label, f"{_list(_products(inertia), 4)} {_INERTIA}"))
+            rows.append((label, f"{_format_list(_inertia_products(inertia), 4)} {_INERTIA_UNIT}"))
     return rows
 
 
-def _products(inertia: np.ndarray) -> np.ndarray:
+def _inertia_products(inertia: np.ndarray) -> np.ndarray:
     """The entries (3,) above the diagonal of an inertia (3, 3): xy, xz and yz."""
     return np.asarray(inertia)[np.triu_indices(3, 1)]
 
 
-def _span(values: Any) -> str:
+def _format_distinct(values: Any) -> str:
     """Text of numbers: a single one if all are the same, otherwise the different ones in ascending order."""
     given = np.unique(values)
     return f"{given[0]:.6g}" if len(given) == 1 else ", ".join(f"{value:.6g}" for value in values)
 
 
-def _list(values: Any, digits: int) -> str:
+def _format_list(values: Any, digits: int) -> str:
     """Text of numbers, separated by commas, with `digits` digits after the point."""
     return ",\N{NO-BREAK SPACE} ".join(number(float(value), digits) for value in values)
 
 
-def _direction(vector: Any) -> tuple[str, str]:
+def _format_direction(vector: Any) -> tuple[str, str]:
     """Texts of the azimuth and elevation (deg) of a vector (3,)."""
     azimuth, elevation = azimuth_elevation(np.asarray(vector, float))
     return degrees(azimuth), degrees(elevation)
@@ -159,7 +175,7 @@ def kind_of(zone: Zone) -> str:
     return ", ".join(words)
 
 
-def _where(zone: Zone) -> tuple[str, str, str, str]:
+def _axis_cells(zone: Zone) -> tuple[str, str, str, str]:
     """Cells of a zone in the table of zones: its axis, then azimuth, elevation and half angle in deg.
 
     Dashes stand for angles that it does not have. The first cell of a mask lists its corners, that of a joint
@@ -177,15 +193,15 @@ def _where(zone: Zone) -> tuple[str, str, str, str]:
     if zone.axis_device is not None:
         return f"boresight of {zone.axis_device}", NONE, NONE, half_angle
     if zone.axis_body is not None:
-        return "body axis", *_direction(zone.axis_body), half_angle
-    return "inertial axis", *_direction(zone.axis_at()), half_angle
+        return "body axis", *_format_direction(zone.axis_body), half_angle
+    return "inertial axis", *_format_direction(zone.axis_at()), half_angle
 
 
-def _bound(zone: Zone) -> str:
+def _bound_names(zone: Zone) -> str:
     """Text that lists the devices and vectors that a zone binds."""
     if isinstance(zone, JointBound | Mask):
         return zone.device
-    of = [f"{vector.to or 'body'} {_list(vector.along, 3)}" for vector in zone.vectors]
+    of = [f"{vector.to or 'body'} {_format_list(vector.along, 3)}" for vector in zone.vectors]
     return "all devices" if zone.binds_all else ", ".join([*zone.devices, *of])
 
 
@@ -193,8 +209,8 @@ def zones_table(scenario: Scenario) -> Markup:
     """Table of the zones; it says so if there are none."""
     if not scenario.zones:
         return facts([("Zones", "none: devices may look anywhere")], "Zones")
-    titles = ["Zone", "Kind", "About", *_AIM, "Half angle|deg", "Binds"]
-    rows = [[zone.name, kind_of(zone), *_where(zone), _bound(zone)] for zone in scenario.zones]
+    titles = ["Zone", "Kind", "About", *_DIRECTION_TITLES, "Half angle|deg", "Binds"]
+    rows = [[zone.name, kind_of(zone), *_axis_cells(zone), _bound_names(zone)] for zone in scenario.zones]
     return table(titles, rows, "Zones; axes that move as they are at first")
 
 
@@ -212,7 +228,7 @@ def motion_table(plan: Plan) -> Markup:
     rows = []
     for what, path in moving:
         name = f"{what}, {path.target}" if path.target else what
-        ends = *_direction(path.at(0.0)), *_direction(path.at(last))
+        ends = *_format_direction(path.at(0.0)), *_format_direction(path.at(last))
         rows.append([name, *ends, degrees(path.largest_rate(0.0, last), 4)])
     return table(titles, rows, "Zones and targets that move, inertial")
 
@@ -237,7 +253,7 @@ def ends_tables(plan: Plan) -> Markup:
     scenario, goal = plan.scenario, plan.goal
     attitudes = {"Start": scenario.start.attitude} | ({} if goal is None else {"Goal": goal.attitude})
     rows = [
-        (f"{name}, quaternion w x y z", _list(quaternion.from_matrix(matrix), 6))
+        (f"{name}, quaternion w x y z", _format_list(quaternion.from_matrix(matrix), 6))
         for name, matrix in attitudes.items()
     ]
     if goal is not None:
@@ -251,9 +267,11 @@ def ends_tables(plan: Plan) -> Markup:
         then = asked.at(0.0 if goal is None else goal.time)
         called = [as_path(direction).target or NONE for direction in asked.directions]
         each = zip(asked.names(scenario.spacecraft), called, then.directions, strict=True)
-        targets = [[name, target, *_direction(direction)] for name, target, direction in each]
+        targets = [[name, target, *_format_direction(direction)] for name, target, direction in each]
         when = f", after {number(goal.time)} s" if goal is not None and asked.moves else ""
-        parts.append(table(["Device", "Target", *_AIM], targets, f"Targets asked for, inertial{when}"))
+        parts.append(
+            table(["Device", "Target", *_DIRECTION_TITLES], targets, f"Targets asked for, inertial{when}")
+        )
     if not isinstance(asked, GivenState) and asked.prefer:
         parts.append(_wishes_table(plan, asked))
     if not isinstance(asked, GivenState) and asked.hold:
@@ -269,8 +287,10 @@ def _wishes_table(plan: Plan, asked: Targets) -> Markup:
         if goal is not None:
             looks = craft.boresights(goal.attitude, goal.joints)[craft.device_names.index(wish.device)]
             apart = degrees(float(separation(looks, direction)), 4)
-        rows.append([wish.device, as_path(wish.direction).target or NONE, *_direction(direction), apart])
-    titles = ["Device", "Target", *_AIM, "Off it at the goal|deg"]
+        rows.append(
+            [wish.device, as_path(wish.direction).target or NONE, *_format_direction(direction), apart]
+        )
+    titles = ["Device", "Target", *_DIRECTION_TITLES, "Off it at the goal|deg"]
     return table(titles, rows, "What devices without a target prefer, the first before the second; inertial")
 
 
@@ -340,7 +360,7 @@ def highest_peak(certificate: Certificate, craft: Spacecraft) -> tuple[str, str]
     timed = {limit.quantity.name for group in timed_limits(craft) for limit in group}
     names = [name for name in certificate.peaks if name in timed] or list(certificate.peaks)
     name = max(names, key=lambda name: certificate.peaks[name])
-    return _limited(name, craft)[0].lower(), share(certificate.peaks[name])
+    return _find_limit(name, craft)[0].lower(), share(certificate.peaks[name])
 
 
 def peaks_table(certificate: Certificate, craft: Spacecraft) -> Markup:
@@ -349,10 +369,10 @@ def peaks_table(certificate: Certificate, craft: Spacecraft) -> Markup:
     rows = []
     ranges = {limit.quantity.name: limit for limit in limits(craft) if limit.quantity.power == 0}
     for name, peak in certificate.peaks.items():
-        label, unit, bounds = _limited(name, craft)
+        label, unit, bounds = _find_limit(name, craft)
         largest, limit = NONE, NONE
         if name in ranges:
-            label, limit = f"{label}, of the way to an end of their range", _range(ranges[name])
+            label, limit = f"{label}, of the way to an end of their range", _format_range(ranges[name])
         elif len(bounds):
             ends = [number(float(end), 3) for end in (np.min(bounds), np.max(bounds))]
             if np.ptp(bounds) <= 1e-12 * np.max(bounds):
@@ -360,18 +380,18 @@ def peaks_table(certificate: Certificate, craft: Spacecraft) -> Markup:
             else:
                 limit = " to ".join(ends)
         time = number(certificate.peak_times.get(name))
-        rows.append([label, largest, limit, unit, share(peak), _bar(peak), time])
+        rows.append([label, largest, limit, unit, share(peak), _ratio_bar(peak), time])
     return table(titles, rows, "Peaks over all time, as proved")
 
 
-def _range(limit: Limit) -> str:
+def _format_range(limit: Limit) -> str:
     """Text of the range (deg) that a kind of joint angle has; a dash where joints have different ranges."""
     middle = 0.0 if limit.centre is None else limit.centre
     ends = np.unique(np.round(np.rad2deg([middle - limit.bound, middle + limit.bound]), 9), axis=1)
     return " to ".join(number(float(end), 3) for end in ends[:, 0]) if ends.shape[1] == 1 else NONE
 
 
-def _limited(name: str, craft: Spacecraft) -> tuple[str, str, np.ndarray]:
+def _find_limit(name: str, craft: Spacecraft) -> tuple[str, str, np.ndarray]:
     """Look up the limit of a peak.
 
     Args:
@@ -388,7 +408,7 @@ def _limited(name: str, craft: Spacecraft) -> tuple[str, str, np.ndarray]:
     return name.replace("_", " "), "", np.zeros(0)
 
 
-def _bar(peak: float) -> Markup:
+def _ratio_bar(peak: float) -> Markup:
     """HTML of a bar whose length shows a ratio to a limit; above 1 it is full and has another colour."""
     beyond = not peak <= 1 + 1e-9
     width = f"width:{100 if beyond else 100 * peak:.1f}%"

@@ -26,9 +26,9 @@ from jaxplan.plotting.margin_panels import margins_over_time
 from jaxplan.plotting.style import AXIS_STYLES, COLOURS, KEEP_IN, KEEP_OUT, Motion, motion
 from jaxplan.timeline.record import TimelinePlan
 
-_DIGITS = 6  # decimals of directions and curves that are drawn
-_FINE = 10  # decimals of the coefficients of the motion, rad
-_TRACK = 400  # points of the track of a moving zone's axis
+_DRAWN_DECIMALS = 6  # decimals of directions and curves that are drawn
+_MOTION_DECIMALS = 10  # decimals of the coefficients of the motion, rad
+_TRACK_POINTS = 400  # points of the track of a moving zone's axis
 _MASK_POINTS = 12  # points on each edge of a mask
 
 
@@ -53,19 +53,23 @@ def content(plan: Plan | TimelinePlan) -> dict[str, Any]:
     epoch = scene.epoch
     return {
         "name": scene.name,
-        "status": _status(plan, trajectory.duration),
+        "status": _describe_status(plan, trajectory.duration),
         "epoch_ms": None if epoch is None else int(epoch.astype("datetime64[ms]").astype(int)),
-        "motion": _motion(flight),
-        "devices": list(_devices(craft)),
-        "zones": [_zone(zone, craft) for zone in _cones(scene)],
-        "tracks": list(_tracks(scene, trajectory.duration)),
-        "targets": list(_targets(scene, plan, trajectory.duration)),
-        "trails": [_plain(moves.boresights[:, number]) for number in range(len(craft.device_names))],
-        "times_s": _plain(moves.times),
-        "charts": [
-            chart for chart in (_margins(scene, moves), _rates(craft, moves), _joints(craft, moves)) if chart
+        "motion": _describe_motion(flight),
+        "devices": list(_describe_devices(craft)),
+        "zones": [_describe_zone(zone, craft) for zone in _cones(scene)],
+        "tracks": list(_describe_tracks(scene, trajectory.duration)),
+        "targets": list(_describe_targets(scene, plan, trajectory.duration)),
+        "trails": [
+            _to_rounded_lists(moves.boresights[:, number]) for number in range(len(craft.device_names))
         ],
-        "eye": _plain(_eye(start)),
+        "times_s": _to_rounded_lists(moves.times),
+        "charts": [
+            chart
+            for chart in (_margin_chart(scene, moves), _rate_chart(craft, moves), _joint_chart(craft, moves))
+            if chart
+        ],
+        "eye": _to_rounded_lists(_choose_eye(start)),
     }
 
 
@@ -74,12 +78,12 @@ def _cones(scene: Scenario) -> tuple[KeepOut | KeepIn, ...]:
     return (*scene.keep_out, *scene.keep_in)
 
 
-def _plain(values: Any) -> Any:
-    """Return numbers as nested lists, rounded to `_DIGITS` decimals for drawing."""
-    return np.round(np.asarray(values, float), _DIGITS).tolist()
+def _to_rounded_lists(values: Any) -> Any:
+    """Return numbers as nested lists, rounded to `_DRAWN_DECIMALS` decimals for drawing."""
+    return np.round(np.asarray(values, float), _DRAWN_DECIMALS).tolist()
 
 
-def _motion(flight: Flight) -> dict[str, Any]:
+def _describe_motion(flight: Flight) -> dict[str, Any]:
     """Return the motion's polynomials, as `jaxplan.exporting.pieces.described`, with rounded coefficients.
 
     Rounding keeps the data of a day small and changes angles by less than 1e-9 rad in all.
@@ -87,11 +91,11 @@ def _motion(flight: Flight) -> dict[str, Any]:
     held = described(flight, flight.name)
     for part in ("platform", "joints"):
         powers = np.asarray(held[part]["powers_rad"], float)
-        held[part] = held[part] | {"powers_rad": np.round(powers, _FINE).tolist()}
+        held[part] = held[part] | {"powers_rad": np.round(powers, _MOTION_DECIMALS).tolist()}
     return held
 
 
-def _status(plan: Plan | TimelinePlan, duration: float) -> str:
+def _describe_status(plan: Plan | TimelinePlan, duration: float) -> str:
     """Return a line of text with status, duration (s), and certificate of a plan."""
     proof = plan.certificate
     told = [plan.status.name, f"{duration:.2f} s"]
@@ -102,7 +106,7 @@ def _status(plan: Plan | TimelinePlan, duration: float) -> str:
     return ", ".join(told)
 
 
-def _devices(craft: Spacecraft) -> Iterator[dict[str, Any]]:
+def _describe_devices(craft: Spacecraft) -> Iterator[dict[str, Any]]:
     """Yield for each device, in order, a dict with all that the page draws of it.
 
     "foot" is in body axes, where the platform is a cube with half edges of 1. "frame" (3, 3) turns into body
@@ -124,14 +128,17 @@ def _devices(craft: Spacecraft) -> Iterator[dict[str, Any]]:
             "name": device.name,
             "kind": kind,
             "colour": COLOURS[number % len(COLOURS)],
-            "foot": _plain(places[number]),
+            "foot": _to_rounded_lists(places[number]),
             "frame": np.asarray(frame, float).tolist(),
             "yaw": int(gimbals.yaws[number]) if moving else None,
             "pitch": len(craft.terminals) + number if terminal else None,
             "tilt": float(gimbals.tilts[number - len(craft.terminals)]) if kind == "drive" else 0.0,
-            "field": None if corners is None else _plain(corners),
+            "field": None if corners is None else _to_rounded_lists(corners),
             "masks": [
-                {"name": mask.name, "points": _plain(_mask_edge(mask.corners) @ np.asarray(frame).T)}
+                {
+                    "name": mask.name,
+                    "points": _to_rounded_lists(_mask_edge(mask.corners) @ np.asarray(frame).T),
+                }
                 for mask in every
                 if mask.device == device.name
             ],
@@ -148,7 +155,7 @@ def _mask_edge(corners: np.ndarray) -> np.ndarray:
     return np.asarray(pointing(points[:, 0], points[:, 1]))
 
 
-def _zone(zone: KeepOut | KeepIn, craft: Spacecraft) -> dict[str, Any]:
+def _describe_zone(zone: KeepOut | KeepIn, craft: Spacecraft) -> dict[str, Any]:
     """Return a dict with all that the page draws of a zone.
 
     "side" is 1 for keep-out and -1 for keep-in, "told" a text for people, and "on" what the axis is fixed to:
@@ -172,13 +179,13 @@ def _zone(zone: KeepOut | KeepIn, craft: Spacecraft) -> dict[str, Any]:
         "on": "inertial",
     }
     if zone.axis_body is not None:
-        return found | {"on": "body", "axis": _plain(zone.axis_body)}
+        return found | {"on": "body", "axis": _to_rounded_lists(zone.axis_body)}
     if zone.axis_device is not None:
         return found | {"on": "device", "device": craft.device_names.index(zone.axis_device)}
-    return found | {"path": _path(zone.path)}
+    return found | {"path": _describe_path(zone.path)}
 
 
-def _path(path: DirectionPath | None) -> dict[str, Any]:
+def _describe_path(path: DirectionPath | None) -> dict[str, Any]:
     """Return times, samples and slopes of a direction for cubic interpolation; one each if it is fixed."""
     assert path is not None
     if not path.moves:
@@ -191,16 +198,21 @@ def _path(path: DirectionPath | None) -> dict[str, Any]:
     return {name: np.asarray(part, float).tolist() for name, part in parts.items()}
 
 
-def _tracks(scene: Scenario, duration: float) -> Iterator[dict[str, Any]]:
+def _describe_tracks(scene: Scenario, duration: float) -> Iterator[dict[str, Any]]:
     """Yield the tracks of the axes of moving zones, inertial, with the colours of the zones."""
     for zone in _cones(scene):
         path = zone.path
         if path is not None and path.moves:
-            times = np.linspace(0, min(duration, float(path.times[-1])), _TRACK)
-            yield {"points": _plain(path.at(times)), "colour": KEEP_OUT if zone.side > 0 else KEEP_IN}
+            times = np.linspace(0, min(duration, float(path.times[-1])), _TRACK_POINTS)
+            yield {
+                "points": _to_rounded_lists(path.at(times)),
+                "colour": KEEP_OUT if zone.side > 0 else KEEP_IN,
+            }
 
 
-def _targets(scene: Scenario, plan: Plan | TimelinePlan, duration: float) -> Iterator[dict[str, Any]]:
+def _describe_targets(
+    scene: Scenario, plan: Plan | TimelinePlan, duration: float
+) -> Iterator[dict[str, Any]]:
     """Yield the targets of a single manoeuvre, inertial, where they are when it ends; none for a timeline."""
     asked = scene.goal
     if isinstance(plan, TimelinePlan) or not isinstance(asked, Targets):
@@ -210,21 +222,23 @@ def _targets(scene: Scenario, plan: Plan | TimelinePlan, duration: float) -> Ite
     for name, direction in zip(asked.names(scene.spacecraft), there, strict=True):
         yield {
             "name": name,
-            "direction": _plain(direction),
+            "direction": _to_rounded_lists(direction),
             "colour": COLOURS[names.index(name) % len(COLOURS)],
         }
 
 
-def _line(name: str, colour: str, values: np.ndarray, unit: str, places: int, **more: Any) -> dict[str, Any]:
+def _chart_curve(
+    name: str, colour: str, values: np.ndarray, unit: str, places: int, **more: Any
+) -> dict[str, Any]:
     """Return a curve of a chart; values (k,) that are not finite become gaps (None).
 
     `places` is the number of decimals with which the page writes values, `more` are further keys.
     """
-    told = [value if np.isfinite(value) else None for value in _plain(values)]
+    told = [value if np.isfinite(value) else None for value in _to_rounded_lists(values)]
     return {"name": name, "colour": colour, "values": told, "unit": unit, "places": places} | more
 
 
-def _margins(scene: Scenario, moves: Motion) -> dict[str, Any] | None:
+def _margin_chart(scene: Scenario, moves: Motion) -> dict[str, Any] | None:
     """Return the chart of the smallest margin of each device, deg; None if no zone binds any."""
     of_devices: dict[int, list[np.ndarray]] = {}
     for margin in margins_over_time(scene, moves):
@@ -233,17 +247,17 @@ def _margins(scene: Scenario, moves: Motion) -> dict[str, Any] | None:
         return None
     names = scene.sight_names
     lines = [
-        _line(names[device], COLOURS[device % len(COLOURS)], np.rad2deg(np.fmin.reduce(own)), "deg", 2)
+        _chart_curve(names[device], COLOURS[device % len(COLOURS)], np.rad2deg(np.fmin.reduce(own)), "deg", 2)
         for device, own in sorted(of_devices.items())
     ]
     return {"title": "smallest margin to zones, deg", "floor": 0.0, "limit": 0.0, "lines": lines}
 
 
-def _rates(craft: Spacecraft, moves: Motion) -> dict[str, Any]:
+def _rate_chart(craft: Spacecraft, moves: Motion) -> dict[str, Any]:
     """Return the chart of the magnitudes of rates, in percent of their limits."""
     limits = np.broadcast_to(np.asarray(craft.rate_limit, float), (3,))
     lines = [
-        _share(f"platform {axis}", str(style["color"]), values, limit)
+        _rate_curve(f"platform {axis}", str(style["color"]), values, limit)
         for axis, style, values, limit in zip(
             "xyz", AXIS_STYLES, np.asarray(moves.values.angular_velocity).T, limits, strict=True
         )
@@ -252,27 +266,29 @@ def _rates(craft: Spacecraft, moves: Motion) -> dict[str, Any]:
     for name, colour, dashes, values, limit in zip(
         craft.joint_names, *_joint_looks(craft), rates, craft.joint_rate_limits, strict=True
     ):
-        lines.append(_share(name, colour, values, float(limit), dashes=dashes))
+        lines.append(_rate_curve(name, colour, values, float(limit), dashes=dashes))
     return {"title": "rates, percent of their limits", "floor": 0.0, "limit": 100.0, "lines": lines}
 
 
-def _share(name: str, colour: str, values: np.ndarray, limit: float, dashes: bool = False) -> dict[str, Any]:
+def _rate_curve(
+    name: str, colour: str, values: np.ndarray, limit: float, dashes: bool = False
+) -> dict[str, Any]:
     """Return the curve of the magnitude of a rate, values (k,) rad/s, in percent of its limit, rad/s.
 
     The limit in deg/s is added as "scale", by which the page writes the rate itself.
     """
     scale = float(np.rad2deg(limit))
     shown = colour if colour != "black" else "#7f8b99"  # visible on light and dark backgrounds
-    return _line(name, shown, 100 * np.abs(values) / limit, "deg/s", 2, scale=scale, dashes=dashes)
+    return _chart_curve(name, shown, 100 * np.abs(values) / limit, "deg/s", 2, scale=scale, dashes=dashes)
 
 
-def _joints(craft: Spacecraft, moves: Motion) -> dict[str, Any] | None:
+def _joint_chart(craft: Spacecraft, moves: Motion) -> dict[str, Any] | None:
     """Return the chart of joint angles, deg; None without joints."""
     if not craft.joint_count:
         return None
     angles = np.rad2deg(np.asarray(moves.values.joints).T)
     lines = [
-        _line(name, colour, values, "deg", 1, dashes=dashes)
+        _chart_curve(name, colour, values, "deg", 1, dashes=dashes)
         for name, colour, dashes, values in zip(craft.joint_names, *_joint_looks(craft), angles, strict=True)
     ]
     return {"title": "joints, deg", "floor": None, "limit": None, "lines": lines}
@@ -286,7 +302,7 @@ def _joint_looks(craft: Spacecraft) -> tuple[Sequence[str], Sequence[bool]]:
     return [COLOURS[owner % len(COLOURS)] for owner in owners], dashes
 
 
-def _eye(boresights: np.ndarray) -> np.ndarray:
+def _choose_eye(boresights: np.ndarray) -> np.ndarray:
     """Return the inertial unit vector toward the eye of the first view, given boresights (D, 3) at the start.
 
     It is on the side to which most of the boresights point, and a little above.

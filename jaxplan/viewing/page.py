@@ -22,7 +22,7 @@ from jaxplan.runtime.files import replacing_file
 from jaxplan.timeline.record import TimelinePlan
 
 _SCRIPTS = ("motion.js", "world.js", "charts.js", "controls.js")
-_MISSING = "the viewer needs k3d, which brings three.js: pip install 'jaxplan[view]'"
+_K3D_MISSING = "the viewer needs k3d, which brings three.js: pip install 'jaxplan[view]'"
 HEIGHT = 760
 """Pixels: of the viewer in a notebook, unless told."""
 
@@ -44,12 +44,12 @@ class View:
         """The whole page as HTML text, put together anew at each access."""
         parts = {
             "TITLE": html.escape(self.title),
-            "STYLE": _static("page.css"),
-            "LIBRARY": _library(),
-            "SCRIPTS": "\n".join(map(_static, _SCRIPTS)),
+            "STYLE": _read_static("page.css"),
+            "LIBRARY": _read_three_js(),
+            "SCRIPTS": "\n".join(map(_read_static, _SCRIPTS)),
             "DATA": json.dumps(self.data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
         }
-        pieces = _static("page.html").split("@")
+        pieces = _read_static("page.html").split("@")
         return "".join(parts.get(piece, piece) for piece in pieces)
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
@@ -112,19 +112,19 @@ def view(plan: Plan | TimelinePlan, *, height: int = HEIGHT) -> View:
             f"the plan of {plan.scenario.name!r} has no trajectory to show; it ended as {ending}"
         )
     if find_spec("k3d") is None:
-        raise ValueError(_MISSING)
+        raise ValueError(_K3D_MISSING)
     from jaxplan.viewing.content import content  # it needs matplotlib, for its colours
 
     return View(plan.scenario.name, content(plan), height)
 
 
-def _static(name: str) -> str:
+def _read_static(name: str) -> str:
     """Return the text of a file in the folder `static` of this package."""
     return files("jaxplan.viewing").joinpath("static", name).read_text(encoding="utf-8")
 
 
 @cache
-def _library() -> str:
+def _read_three_js() -> str:
     """Return k3d's script that holds three.js, changed only so that it cannot end an HTML script tag."""
     script = files("k3d").joinpath("static", "standalone.js")
     if not script.is_file():

@@ -206,7 +206,7 @@ def test_a_film_makes_its_folder_and_needs_no_ffmpeg_for_a_gif(plan, tmp_path, n
 
 
 def test_a_film_shows_itself_as_a_small_player(plan, monkeypatch):
-    monkeypatch.setattr(film_module, "_PLAYER", 2)
+    monkeypatch.setattr(film_module, "_MAX_PLAYER_FRAMES", 2)
     film = jp.plot.animate(plan, frames=5)
     pages = film._repr_html_(), jp.plot.animate(plan, frames=2)._repr_html_()
     for page in pages:

@@ -17,7 +17,7 @@ import jaxplan as jp
 from jaxplan.plotting import mounting, style, wheel_picture
 from jaxplan.plotting.device_places import feet
 
-DOME, LOOK, FIELD = mounting._DOME, mounting._LOOK, mounting._FIELD
+DOME, LOOK, FIELD = mounting._REACH_RADIUS, mounting._BORESIGHT, mounting._FIELD_LENGTH
 
 
 def frame_of(device) -> np.ndarray:
@@ -53,7 +53,7 @@ def legend(axes) -> mpl.legend.Legend | None:
 
 
 def picture_of(craft, joints=None) -> mounting._Picture:
-    axes, _ = mounting._solid(Figure())
+    axes, _ = mounting._make_3d_axes(Figure())
     given = np.zeros(craft.joint_count) if joints is None else joints
     picture = mounting._Picture(craft, axes, given, turned=joints is not None)
     picture.draw()
@@ -81,7 +81,7 @@ def test_boresights_are_drawn_from_feet_to_where_they_look(craft):
     joints = np.mean(craft.joint_ranges, axis=1) + 0.1
     axes = jp.plot.spacecraft(craft, joints=joints)
     at_zero, there = boresights(craft, np.zeros_like(joints)), boresights(craft, joints)
-    for number, foot in enumerate(mounting._BODY * feet(craft)):
+    for number, foot in enumerate(mounting._HALF_EDGE * feet(craft)):
         own = [line for line in lines(axes, style.device_style(number)["color"]) if len(line) == 2]
         ends = [line[1] - line[0] for line in own if np.allclose(line[0], foot)]
         for wanted in (at_zero, there) if number < craft.gimbals.count else (at_zero,):
@@ -92,7 +92,7 @@ def test_boresights_are_drawn_from_feet_to_where_they_look(craft):
 def test_what_a_device_reaches_is_drawn_where_its_ranges_and_masks_let_it(craft):
     picture = picture_of(craft)
     (terminal,), frame = craft.terminals, frame_of(craft.terminals[0])
-    foot = mounting._BODY * feet(craft)[0]
+    foot = mounting._HALF_EDGE * feet(craft)[0]
     low, high = terminal.ranges[:, 0], terminal.ranges[:, 1]
     for colour, masked in ((style.device_style(0)["color"], False), (style.KEEP_OUT, True)):
         middles = surfaces(picture, colour)
@@ -124,7 +124,7 @@ def test_all_of_a_range_is_drawn():
 
 def test_a_drive_turns_its_fan_about_its_axis():
     craft = make_observer()
-    (drive,), foot = craft.drives, mounting._BODY * feet(craft)[1]
+    (drive,), foot = craft.drives, mounting._HALF_EDGE * feet(craft)[1]
     arcs = [
         line for line in lines(jp.plot.spacecraft(craft), style.device_style(1)["color"]) if len(line) > 3
     ]
@@ -148,7 +148,7 @@ def test_a_field_of_view_is_a_pyramid_of_its_angles_about_the_boresight():
     turned = frame_of(beam) @ Rotation.from_euler("ZY", joints * [1, -1]).as_matrix()
     roll = Rotation.from_rotvec(np.arctan2(-0.6, 0.8) * np.array([1.0, 0, 0])).as_matrix()
     for number, (name, axes) in enumerate({"antenna": turned @ roll, "camera": frame}.items()):
-        foot = mounting._BODY * feet(craft)[craft.device_names.index(name)]
+        foot = mounting._HALF_EDGE * feet(craft)[craft.device_names.index(name)]
         colour = style.device_style(number)["color"]
         around = [line for line in lines(picture.axes, colour) if len(line) == 5]
         own = [(line - foot) @ axes for line in around if np.allclose((line - foot) @ axes[:, 0], FIELD)]
@@ -190,7 +190,7 @@ def test_each_wheel_is_a_ring_across_its_axis_with_an_arrow_along_it_and_its_nam
     for wheel, ring in zip(wheels, rings, strict=True):
         middle = np.mean(ring[:-1], axis=0)
         np.testing.assert_allclose((ring - middle) @ wheel.axis, 0, atol=1e-12)
-        assert_each(np.max(np.abs(ring)), "<", mounting._BODY)  # it is in the platform
+        assert_each(np.max(np.abs(ring)), "<", mounting._HALF_EDGE)  # it is in the platform
         (arrow,) = [line for line in own if len(line) == 2 and np.allclose(line[0], middle)]
         np.testing.assert_allclose(unit(arrow[1] - arrow[0]), wheel.axis, atol=1e-12)
     assert [text.get_text() for text in axes.texts][-4:] == [wheel.name for wheel in wheels]
@@ -207,7 +207,7 @@ def test_wheels_about_one_axis_stand_apart():
     middles = np.array(wheel_picture.hubs(_wheels(*axes)))
     apart = np.linalg.norm(middles[:, None] - middles, axis=-1) + 9 * np.eye(len(middles))
     assert np.min(apart) > 0.19
-    assert_each(np.abs(middles), "<", mounting._BODY - 0.05)
+    assert_each(np.abs(middles), "<", mounting._HALF_EDGE - 0.05)
 
 
 @pytest.mark.parametrize("wheels", [(), ([1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1])])

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxplan as jp
 from jaxplan.plotting.coast import FILE, FINE, coasts, land, within
-from jaxplan.plotting.ground_track import _SITE, _WAY, GROUND_SIZE, _name, _Site
+from jaxplan.plotting.ground_track import _SITE_MARK, _TRACK_LINE, GROUND_SIZE, _name_sites, _Site
 from jaxplan.plotting.sky import SPHERE_SIZE
 from jaxplan.plotting.style import device_style, motion
 from jaxplan.sky.ground import geodetic, surface_point
@@ -192,7 +192,9 @@ def test_roll_pitch_and_yaw_are_those_of_the_sequence_about_z_y_x(plan):
 
 def test_the_ground_track_is_below_the_spacecraft_on_the_turning_earth(plan):
     axes = jp.plot.ground_track(plan, ORBIT)
-    (way,) = [line for line in axes.lines if line.get_color() == _WAY["color"] and len(line.get_xdata()) > 9]
+    (way,) = [
+        line for line in axes.lines if line.get_color() == _TRACK_LINE["color"] and len(line.get_xdata()) > 9
+    ]
     points = way.get_xydata()
     moves = motion(plan)
     assert_each(np.abs(np.diff(points[:, 0]))[np.isfinite(np.diff(points[:, 0]))], "<", 180)
@@ -267,7 +269,9 @@ def test_targets_on_the_ground_are_found_again_and_named_and_others_are_not(plan
     goal = jp.Targets(directions=tuple(paths.values()), devices=devices)
     axes = jp.plot.ground_track(replace(plan, scenario=replace(plan.scenario, goal=goal)), ORBIT)
     assert {text.get_text() for text in axes.texts} == set(points)
-    marks = np.array([line.get_xydata()[0] for line in axes.lines if line.get_marker() == _SITE["marker"]])
+    marks = np.array(
+        [line.get_xydata()[0] for line in axes.lines if line.get_marker() == _SITE_MARK["marker"]]
+    )
     np.testing.assert_allclose(marks, [(lon, lat) for lat, lon, _ in points.values()], atol=1e-5)
 
 
@@ -282,7 +286,7 @@ def test_names_of_places_stand_right_at_their_marks_or_have_a_line(name, covered
         sides = [(1, 0), (-1, 0), (0, 1), (0, -1)] if covered == "sides" else [covered]
         spread = np.linspace(-1, 1, 9)
         points = np.concatenate([place + np.array([15.0, 8.0]) * one + spread[:, None] for one in sides])
-    _name(axes, [_Site(name, place)], points)
+    _name_sites(axes, [_Site(name, place)], points)
     figure.draw_without_rendering()
     (text,) = axes.texts
     box, mark = text.get_window_extent(), axes.transData.transform(place)

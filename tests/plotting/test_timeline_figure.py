@@ -250,12 +250,12 @@ def test_names_are_shown_letter_by_letter_and_only_where_they_fit():
 
 def test_crowded_names_are_turned_and_in_between_stand_beside():
     bars = [schedule._Bar(row=0, start=10.0 * k, end=10.0 * k + 1, name="image", look={}) for k in range(10)]
-    wide = list(schedule._placed(bars, 10.0, 50.0, 100.0, turned=False))
+    wide = list(schedule._places(bars, 10.0, 50.0, 100.0, turned=False))
     assert [place.side for place in wide] == ["left"] * 10
-    assert not list(schedule._placed(bars, 1.0, 50.0, 100.0, turned=False))
-    turned = list(schedule._placed(bars, 1.0, 50.0, 100.0, turned=True))
+    assert not list(schedule._places(bars, 1.0, 50.0, 100.0, turned=False))
+    turned = list(schedule._places(bars, 1.0, 50.0, 100.0, turned=True))
     assert [place.side for place in turned] == ["left"] * 10
-    assert not list(schedule._placed(bars, 1.0, 5.0, 100.0, turned=True))
+    assert not list(schedule._places(bars, 1.0, 5.0, 100.0, turned=True))
 
 
 def test_bars_of_one_target_in_a_row_are_named_together_and_others_are_not():
@@ -266,28 +266,28 @@ def test_bars_of_one_target_in_a_row_are_named_together_and_others_are_not():
         ]
 
     every = bars((0, 9, "a"), (9, 10, ""), (10, 20, "a"), (21, 30, "a"), (30, 40, "b"), (60, 70, "b"))
-    found = [(bar.start, bar.end, bar.name) for bar in schedule._together(every, 5.0)]
+    found = [(bar.start, bar.end, bar.name) for bar in schedule._join_bars(every, 5.0)]
     assert found == [(0, 30, "a"), (30, 40, "b"), (60, 70, "b")]
     pale = bars((0, 9, "a"), (9, 10, ""), (10, 20, "b"))
-    assert [(bar.start, bar.name) for bar in schedule._together(pale, 5.0)] == [(0, "a"), (9, ""), (10, "b")]
+    assert [(bar.start, bar.name) for bar in schedule._join_bars(pale, 5.0)] == [(0, "a"), (9, ""), (10, "b")]
 
 
 def test_where_a_crowd_has_no_room_some_names_stand_upon_their_neighbours_that_look_the_same():
     bars = [schedule._Bar(row=0, start=3.0 * k, end=3.0 * k + 3, name="image", look={}) for k in range(10)]
-    placed = list(schedule._placed(bars, 1.0, 50.0, 30.0, turned=True))
+    placed = list(schedule._places(bars, 1.0, 50.0, 30.0, turned=True))
     middles = [place.time for place in placed]
     assert [place.side for place in placed] == ["center"] * len(placed)
     assert len(placed) == 3
     assert np.all(np.diff(middles) >= schedule._TURNED)
     mixed = [replace(bar, look={"facecolor": str(number)}) for number, bar in enumerate(bars)]
-    assert not list(schedule._placed(mixed, 1.0, 50.0, 30.0, turned=True))
+    assert not list(schedule._places(mixed, 1.0, 50.0, 30.0, turned=True))
 
 
 def test_no_name_stands_upon_bars_with_slews_between_where_it_would_not_be_read():
     look = {"facecolor": "0.35"}
     bars = [schedule._Bar(row=0, start=9.0 * k, end=9.0 * k + 1, name="image", look=look) for k in range(10)]
     near = [replace(bar, end=bar.start + 8.5) for bar in bars]
-    sides = [[place.side for place in schedule._placed(own, 0.5, 50.0, 90.0, True)] for own in (bars, near)]
+    sides = [[place.side for place in schedule._places(own, 0.5, 50.0, 90.0, True)] for own in (bars, near)]
     assert "center" not in sides[0]
     assert "center" in sides[1]
 

@@ -19,7 +19,7 @@ from jaxplan.timeline import TimelinePlan
 from jaxplan.timeline.events import events
 from jaxplan.timeline.tables import segments_csv
 
-DRAW = "jaxplan.report.day._pictures"
+DRAW = "jaxplan.report.day._draw_figures"
 
 
 @pytest.fixture(scope="module")

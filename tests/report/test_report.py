@@ -27,7 +27,7 @@ from jaxplan.report.tables import ends_tables, highest_peak, motion_table, peaks
 from jaxplan.schema import parse_scenario
 from jaxplan.search import SearchResult
 
-DRAW = "jaxplan.report._pictures"
+DRAW = "jaxplan.report._draw_figures"
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
